@@ -1,0 +1,31 @@
+# Needs python3 (>= 3.12) and make. Every target sets up its own virtual environment first.
+VENV   := .venv
+PYTHON := $(VENV)/bin/python
+STAMP  := $(VENV)/.installed
+
+.PHONY: study test test-fast lint bench clean
+
+study: $(STAMP)  ## the paper's study on the container ship -> reports/container/index.html
+	$(VENV)/bin/pymc-ship study --out reports/container
+
+test: $(STAMP) lint  ## every test
+	$(PYTHON) -m pytest -q
+
+test-fast: $(STAMP)  ## the tests that take under a minute together
+	$(PYTHON) -m pytest -q -m "not slow"
+
+lint: $(STAMP)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+
+bench: $(STAMP)  ## ratios against named peers, measured in this run
+	$(PYTHON) tests/bench.py
+
+$(STAMP): pyproject.toml constraints.txt
+	@python3 -c 'import sys; v = sys.version_info; v >= (3, 12) or sys.exit(f"pymc_ship needs Python 3.12 or newer; python3 is {v[0]}.{v[1]}: install a newer one or put it first on PATH.")'
+	python3 -m venv --clear $(VENV)
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test]"
+	@touch $(STAMP)
+
+clean:
+	rm -rf $(VENV) .pytest_cache .ruff_cache dist build

@@ -1,0 +1,1 @@
+"""Bayesian identification of ship manoeuvring models."""
