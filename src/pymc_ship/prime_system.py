@@ -1,0 +1,124 @@
+"""The prime system of SNAME: the only non-dimensionalisation in the package.
+
+Lengths are divided by L, speeds by the instantaneous speed U = sqrt(u^2 + v^2), times by L / U, forces by
+1/2 rho U^2 L^2 and moments by 1/2 rho U^2 L^3 (SNAME Technical and Research Bulletin 1-5, 1950). Angles are their own
+primes and the surge speed enters the force terms as u_a = (U - U_nom) / U.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+WATER_DENSITY = 1025.0
+"""Density of sea water [kg/m3], used only where a force or moment is wanted in N or N m."""
+
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s2]."""
+
+
+@njit(cache=True, nogil=True, inline="always")
+def rate_scale(U, L):
+    """Unit of angular rates r, p [rad/s]."""
+    return U / L
+
+
+@njit(cache=True, nogil=True, inline="always")
+def acceleration_scale(U, L):
+    """Unit of linear accelerations udot, vdot [m/s2]."""
+    return U * U / L
+
+
+@njit(cache=True, nogil=True, inline="always")
+def angular_acceleration_scale(U, L):
+    """Unit of angular accelerations rdot, pdot [rad/s2]."""
+    return U * U / (L * L)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def relative_speed(U, nominal_speed):
+    """u_a = (U - U_nom) / U."""
+    return (U - nominal_speed) / U
+
+
+@njit(cache=True, nogil=True, inline="always")
+def righting_moment(sin_phi, tan_phi, U, L, volume, GM, BM):
+    """Prime restoring moment 2 g V GZ / (U^2 L^3) with GZ = (GM + 1/2 BM tan^2 phi) sin phi."""
+    GZ = (GM + 0.5 * BM * tan_phi * tan_phi) * sin_phi
+    return 2.0 * GRAVITY * volume * GZ / (U * U * L * L * L)
+
+
+_SCALES = {
+    "length": lambda U, L, rho: L + 0.0 * U,
+    "time": lambda U, L, rho: L / U,
+    "speed": lambda U, L, rho: U,
+    "rate": lambda U, L, rho: rate_scale(U, L),
+    "acceleration": lambda U, L, rho: acceleration_scale(U, L),
+    "angular_acceleration": lambda U, L, rho: angular_acceleration_scale(U, L),
+    "force": lambda U, L, rho: 0.5 * rho * U**2 * L**2,
+    "moment": lambda U, L, rho: 0.5 * rho * U**2 * L**3,
+    "angle": lambda U, L, rho: 1.0 + 0.0 * U,
+}
+
+_KIND = {
+    "x": "length",
+    "y": "length",
+    "time": "time",
+    "u": "speed",
+    "v": "speed",
+    "r": "rate",
+    "p": "rate",
+    "udot": "acceleration",
+    "vdot": "acceleration",
+    "rdot": "angular_acceleration",
+    "pdot": "angular_acceleration",
+    "X": "force",
+    "Y": "force",
+    "N": "moment",
+    "K": "moment",
+    "phi": "angle",
+    "psi": "angle",
+    "delta": "angle",
+}
+
+QUANTITIES = tuple(_KIND)
+"""Quantities that have a prime value."""
+
+
+def scale(quantity: str, U, L: float, water_density: float = WATER_DENSITY):
+    """Unit that one prime value of a quantity stands for.
+
+    Parameters
+    ----------
+    quantity : str
+        One of :data:`QUANTITIES`.
+    U : float or ndarray
+        Instantaneous speed [m/s].
+    L : float
+        Length between perpendiculars [m].
+    water_density : float, optional
+        [kg/m3], for forces and moments.
+
+    Returns
+    -------
+    float or ndarray
+        Scale in SI units, with the shape of ``U``.
+
+    Raises
+    ------
+    ValueError
+        When the quantity has no prime value.
+    """
+    if quantity not in _KIND:
+        raise ValueError(f"Prime values exist for {', '.join(QUANTITIES)}; found {quantity!r}; use one of these.")
+    return _SCALES[_KIND[quantity]](np.asarray(U, dtype=float), L, water_density)
+
+
+def to_prime(quantity: str, value, U, L: float, water_density: float = WATER_DENSITY):
+    """SI value -> prime value; arguments and errors as :func:`scale`."""
+    return value / scale(quantity, U, L, water_density)
+
+
+def to_si(quantity: str, value, U, L: float, water_density: float = WATER_DENSITY):
+    """Prime value -> SI value; arguments and errors as :func:`scale`."""
+    return value * scale(quantity, U, L, water_density)
