@@ -119,9 +119,7 @@ class RegressionData:
         spread = float(np.sqrt(np.mean((self.response - middle) ** 2)))
         if spread == 0.0:
             raise RegressionDataError("The response must vary over the rows; it is constant: check the trial.")
-        return replace(
-            self, column_center=center, column_scale=scale, response_center=middle, response_scale=spread
-        )
+        return replace(self, column_center=center, column_scale=scale, response_center=middle, response_scale=spread)
 
     @property
     def n_rows(self) -> int:
@@ -183,7 +181,8 @@ class RegressionData:
     def to_scaled(self, original: np.ndarray) -> np.ndarray:
         """Map coefficients of the original columns, shape (..., n_terms), to the scaled ones."""
         offset, T = self.transformation
-        return np.linalg.solve(T, np.moveaxis(np.asarray(original, dtype=float) - offset, -1, 0)).T
+        shifted = np.asarray(original, dtype=float) - offset
+        return np.linalg.solve(T, shifted.reshape(-1, self.n_terms).T).T.reshape(shifted.shape)
 
     def rows(self, index: np.ndarray) -> RegressionData:
         """Return the given rows (integers or mask), with the scaling of the whole."""
@@ -194,7 +193,7 @@ class RegressionData:
 
 def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...]) -> None:
     if y.shape != (X.shape[0],):
-        raise RegressionDataError(f"The response has one value for each of the {X.shape[0]} rows, found shape {y.shape}.")
+        raise RegressionDataError(f"The response has one value for each of {X.shape[0]} rows, found shape {y.shape}.")
     if len(names) != X.shape[1]:
         raise RegressionDataError(f"Each of the {X.shape[1]} columns has one name, found {len(names)} names.")
     if len(set(names)) != len(names):

@@ -289,5 +289,5 @@ def _force(table: dict, dof: str, path: Path) -> tuple[Coefficient, ...]:
         value = _number(entry, path, where)
         force.append(Coefficient(name, value, str(more.get("source", source)), **texts, published=published))
     if not force:
-        raise VesselError(f"{path}: coefficients.{dof} must hold at least one coefficient; add one such as {LETTER[dof]}v.")
+        raise VesselError(f"{path}: coefficients.{dof} is empty; add at least one coefficient such as {LETTER[dof]}v.")
     return tuple(force)
