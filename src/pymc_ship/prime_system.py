@@ -17,31 +17,31 @@ GRAVITY = 9.81
 """Acceleration of gravity [m/s2]."""
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def rate_scale(U, L):
     """Unit of angular rates r, p [rad/s]."""
     return U / L
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def acceleration_scale(U, L):
     """Unit of linear accelerations udot, vdot [m/s2]."""
     return U * U / L
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def angular_acceleration_scale(U, L):
     """Unit of angular accelerations rdot, pdot [rad/s2]."""
     return U * U / (L * L)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def relative_speed(U, nominal_speed):
     """u_a = (U - U_nom) / U."""
     return (U - nominal_speed) / U
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def righting_moment(sin_phi, tan_phi, U, L, volume, GM, BM):
     """Prime restoring moment 2 g V GZ / (U^2 L^3) with GZ = (GM + 1/2 BM tan^2 phi) sin phi."""
     GZ = (GM + 0.5 * BM * tan_phi * tan_phi) * sin_phi

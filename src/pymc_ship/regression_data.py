@@ -7,6 +7,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import xarray as xr
+
+from pymc_ship.equations_of_motion import prime_record
+from pymc_ship.prime_system import to_prime
+from pymc_ship.terms import evaluate
+from pymc_ship.trial import check_trial, sampling_interval
+from pymc_ship.vessel import DOFS, Vessel
+
+_MOTION = ("u", "v", "r", "p")
 
 
 class RegressionDataError(ValueError):
@@ -189,6 +198,96 @@ class RegressionData:
         return replace(
             self, design_matrix=self.design_matrix[index], response=self.response[index], time=self.time[index]
         )
+
+
+def regression_data(
+    trial: xr.Dataset,
+    vessel: Vessel,
+    dof: str,
+    *,
+    interval: float | None = None,
+    derivative: str = "euler",
+) -> RegressionData:
+    """Design matrix and response of one degree of freedom, from a (denoised) trial.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; uniform time [s].
+    vessel : Vessel
+        Gives particulars, inertia and the terms of the DOF; its reference coefficients are not used.
+    dof : {"surge", "sway", "yaw", "roll"}
+    interval : float, optional
+        Interval of the rows [s], a multiple of the sampling interval; every sample by default.
+    derivative : {"euler", "central", "savgol"}, optional
+        How accelerations are formed from the samples; see :func:`pymc_ship.denoise.derivative`.
+
+    Returns
+    -------
+    RegressionData
+        Prime values, z-scored, with the rows that have an acceleration.
+
+    Raises
+    ------
+    TrialError
+        For missing channels, NaN, or time that is not uniform.
+    RegressionDataError
+        When the rudder never moves, the interval is no multiple of the sampling interval, or there are fewer rows than
+        terms.
+    VesselError
+        When the vessel has no such DOF.
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 6 and 21, doi:10.1016/j.oceaneng.2019.106612.
+    """
+    from pymc_ship.denoise import derivative as differentiate
+
+    terms = vessel.terms(dof)
+    names = ("u", "v", "r", "delta", *(("p", "phi") if "roll" in vessel.dofs else ()))
+    check_trial(trial, names)
+    record = {name: np.ascontiguousarray(trial[name].values, dtype=float) for name in names}
+    if np.ptp(record["delta"]) == 0.0:
+        raise RegressionDataError("The rudder of a trial must move, found a constant angle; use one that steers.")
+    step = sampling_interval(trial)
+    rows = _row_index(record["u"].size, step, interval)
+    motion, speed, known = prime_record(vessel, record)
+    L = vessel.particulars.L
+    acceleration = [
+        to_prime(f"{name}dot", differentiate(record[name], step, method=derivative), speed, L)
+        if name in record
+        else np.zeros_like(speed)
+        for name in _MOTION
+    ]
+    index = DOFS.index(dof)
+    response = vessel.inertia_matrix[index] @ np.array(acceleration) - known[index]
+    rows = rows[np.isfinite(response[rows])]
+    if rows.size < len(terms):
+        raise RegressionDataError(
+            f"The {dof} of {vessel.name!r} has {len(terms)} terms and needs as many rows, found {rows.size}; use a "
+            "longer trial or a shorter interval."
+        )
+    design_matrix = evaluate(terms, {name: values[rows] for name, values in motion.items()})
+    return RegressionData.from_arrays(
+        design_matrix,
+        response[rows],
+        [str(name) for name in vessel.coefficients(dof)["coefficient"].values],
+        scaling="zscore",
+        time=trial["time"].values[rows],
+        dof=dof,
+        vessel=vessel.name,
+        derivative=derivative,
+    )
+
+
+def _row_index(n_time: int, step: float, interval: float | None) -> np.ndarray:
+    ratio = 1.0 if interval is None else interval / step
+    stride = round(ratio)
+    if stride < 1 or abs(ratio - stride) > 1e-6 * ratio:
+        raise RegressionDataError(
+            f"The row interval is a multiple of the sampling interval, found {interval} s at {step:g} s; adjust it."
+        )
+    return np.arange(0, n_time, stride)
 
 
 def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...]) -> None:

@@ -117,7 +117,7 @@ def plan(terms: tuple[str, ...]) -> TermPlan:
     return TermPlan(terms, *(np.array(values, dtype=np.int64) for values in (left, right, rows)))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def fill_products(work, left, right):
     """Fill the absolute values and products of a workspace whose symbol rows are set.
 
@@ -133,11 +133,6 @@ def fill_products(work, left, right):
         a, b, target = left[k], right[k], N_BASE + k
         for lane in range(n_lanes):
             work[target, lane] = work[a, lane] * work[b, lane]
-
-
-@njit(cache=True, nogil=True)
-def _fill(work, left, right):
-    fill_products(work, left, right)
 
 
 def evaluate(terms: tuple[str, ...], motion: dict[str, np.ndarray]) -> np.ndarray:
@@ -163,5 +158,5 @@ def evaluate(terms: tuple[str, ...], motion: dict[str, np.ndarray]) -> np.ndarra
     work = np.empty((scheme.n_rows, np.size(motion["u"])))
     for row, symbol in enumerate(SYMBOLS, start=ROW_SYMBOL):
         work[row] = motion[symbol]
-    _fill(work, scheme.left, scheme.right)
+    fill_products(work, scheme.left, scheme.right)
     return np.ascontiguousarray(work[scheme.rows].T)

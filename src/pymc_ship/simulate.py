@@ -1,0 +1,256 @@
+"""Integration of the equations of motion: one ship, or one for each of many parameter vectors, in parallel."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import xarray as xr
+from numba import njit
+
+from pymc_ship.equations_of_motion import (
+    KERNEL,
+    STATE,
+    reference_coefficients,
+    scheme,
+    state_derivative,
+    work_rows,
+)
+from pymc_ship.manoeuvres import Manoeuvre, rudder_command
+from pymc_ship.trial import CHANNELS, UNITS
+from pymc_ship.vessel import Vessel
+
+METHODS = ("euler", "rk4")
+"""Integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta."""
+
+LANES = 16
+"""Ships integrated side by side by one kernel call."""
+
+_STATE_ROWS = len(STATE)
+_RK4_FRACTION = np.array([0.0, 0.5, 0.5, 1.0])
+_RK4_WEIGHT = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+
+
+class SimulationError(ValueError):
+    """Settings that no simulation can run with."""
+
+
+@njit(**KERNEL)
+def _steer(control, psi, command, delta, direction, following):
+    """Rudder angle after one step: reverse at the switching heading, follow the command at the rudder rate."""
+    is_zigzag, amplitude, heading, travel = control
+    for lane in range(psi.size):
+        target = command
+        if is_zigzag:
+            if direction[lane] * psi[lane] >= heading:
+                direction[lane] = -direction[lane]
+            target = -direction[lane] * amplitude
+        following[lane] = delta[lane] + min(max(target - delta[lane], -travel), travel)
+
+
+@njit(**KERNEL)
+def _in_range(state, nominal_speed, lane):
+    """Whether a lane is where the model means something: finite, upright, 1 to 500 % of the nominal speed."""
+    speed2 = state[0, lane] ** 2 + state[1, lane] ** 2
+    turning = abs(state[2, lane]) + abs(state[3, lane]) + abs(state[5, lane])
+    sound = (speed2 > 1e-4 * nominal_speed**2) & (speed2 < 25.0 * nominal_speed**2) & (turning < np.inf)
+    return sound & (abs(state[4, lane]) < 0.5 * np.pi)
+
+
+@njit(**KERNEL)
+def _mark_divergence(state, nominal_speed, step, diverged):
+    """Note the step at which a lane leaves the model's range and park it there; count the lanes still running."""
+    n_lanes = state.shape[1]
+    in_range = 0
+    for lane in range(n_lanes):
+        in_range += _in_range(state, nominal_speed, lane)
+    if in_range < n_lanes:
+        for lane in range(n_lanes):
+            if not _in_range(state, nominal_speed, lane):
+                diverged[lane] = step
+                state[:, lane] = 0.0
+                state[0, lane] = nominal_speed
+    running = 0
+    for lane in range(n_lanes):
+        running += diverged[lane] < 0
+    return running
+
+
+@njit(**KERNEL)
+def _add(target, base, factor, rate):
+    """Write base + factor * rate into the target."""
+    for row in range(target.shape[0]):
+        for lane in range(target.shape[1]):
+            target[row, lane] = base[row, lane] + factor * rate[row, lane]
+
+
+@njit(**KERNEL)
+def _advance(state, delta, following, coefficients, plan, hull, buffers, stages, step):
+    """One Euler step (no stages) or one Runge-Kutta step of the states, in place."""
+    rate, begin, inner, angle = buffers[3:]
+    if stages.shape[0] == 0:
+        state_derivative(state, delta, coefficients, plan, hull, buffers[:3], rate)
+        _add(state, state, step, rate)
+        return
+    begin[:] = state
+    inner[:] = state
+    for stage in range(4):
+        fraction = stages[stage, 0]
+        for lane in range(delta.size):
+            angle[lane] = delta[lane] + fraction * (following[lane] - delta[lane])
+        if stage > 0:
+            _add(inner, begin, fraction * step, rate)
+        state_derivative(inner, angle, coefficients, plan, hull, buffers[:3], rate)
+        _add(state, state, stages[stage, 1] * step, rate)
+
+
+@njit(**KERNEL)
+def _integrate(coefficients, plan, hull, n_rows, initial, control, command, stages, step, stride, start, out):
+    """Integrate the lanes into rows of ``out`` (9, n_draws, n_saved); return the steps at which they diverged."""
+    n_lanes = coefficients.shape[1]
+    state = np.empty((initial.size, n_lanes))
+    for row in range(initial.size):
+        state[row] = initial[row]
+    shape = (initial.size, n_lanes)
+    buffers = (
+        np.empty((n_rows, n_lanes)),
+        np.empty(n_lanes),
+        np.empty((4, n_lanes)),
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(n_lanes),
+    )
+    delta = np.full(n_lanes, command[0] if control[3] == np.inf else 0.0)
+    following = delta.copy()
+    direction = np.full(n_lanes, -np.sign(command[0]))
+    diverged = np.full(n_lanes, -1)
+    for k in range(command.size):
+        if _mark_divergence(state, hull[1], k, diverged) == 0:
+            break
+        if k % stride == 0:
+            for lane in range(n_lanes):
+                if diverged[lane] < 0:
+                    out[:-1, start + lane, k // stride] = state[:, lane]
+                    out[-1, start + lane, k // stride] = delta[lane]
+        ahead = command[min(k + 1, command.size - 1)] if control[3] == np.inf else command[k]
+        _steer(control, state[5], ahead, delta, direction, following)
+        _advance(state, delta, following, coefficients, plan, hull, buffers, stages, step)
+        delta[:] = following
+    return diverged
+
+
+def simulate(
+    vessel: Vessel,
+    manoeuvre: Manoeuvre,
+    *,
+    duration: float,
+    step: float = 0.02,
+    method: str = "euler",
+    record_interval: float | None = None,
+    coefficients: np.ndarray | None = None,
+) -> xr.Dataset:
+    """Simulate a manoeuvre from a straight course at the approach speed.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    manoeuvre : Manoeuvre
+    duration : float
+        [s].
+    step : float, optional
+        Integration step [s].
+    method : {"euler", "rk4"}, optional
+        Explicit Euler, as the paper, or classical Runge-Kutta.
+    record_interval : float, optional
+        Interval of the samples kept [s], a multiple of the step; every step by default.
+    coefficients : array_like, shape (n_draws, n_coefficients), optional
+        Parameter vectors, DOFs one after the other in the vessel's order; the vessel's reference values by default.
+
+    Returns
+    -------
+    Dataset, dims (time,) or (draw, time)
+        u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m], delta [rad]; ``diverged`` (bool) and ``diverged_at`` [s, NaN
+        where the run held]. A diverged run is NaN from that time on. Units and settings in attrs.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown method, a step or duration that is not positive, an interval that is no multiple of the step,
+        coefficients of the wrong shape.
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 1 to 5, doi:10.1016/j.oceaneng.2019.106612.
+    """
+    n_steps, stride = _grid(duration, step, record_interval, method)
+    reference = reference_coefficients(vessel)
+    draws = reference[None] if coefficients is None else np.asarray(coefficients, dtype=float)
+    if draws.ndim != 2 or draws.shape[1] != reference.size:
+        raise SimulationError(f"Coefficients have shape (draws, {reference.size}), found {draws.shape}; reorder them.")
+    time = np.arange(0, n_steps, stride) * step
+    out = np.full((len(CHANNELS), len(draws), len(time)), np.nan)
+    settings = _settings(vessel, manoeuvre, n_steps, step, method)
+    blocks = range(0, len(draws), LANES)
+
+    def run(start: int) -> np.ndarray:
+        lanes = np.ascontiguousarray(draws[start : start + LANES].T)
+        return _integrate(lanes, *settings, step, stride, start, out)
+
+    with ThreadPoolExecutor(min(len(blocks), os.cpu_count() or 1)) as pool:
+        diverged = np.concatenate(list(pool.map(run, blocks)))
+    attrs = _attrs(vessel, manoeuvre, step, method)
+    return _dataset(out, time, np.where(diverged >= 0, diverged * step, np.nan), attrs, coefficients is None)
+
+
+def _grid(duration: float, step: float, record_interval: float | None, method: str) -> tuple[int, int]:
+    if method not in METHODS:
+        raise SimulationError(f"The method is one of {', '.join(METHODS)}; found {method!r}; choose one of these.")
+    for name, value in (("duration", duration), ("step", step)):
+        if not 0.0 < value < np.inf:
+            raise SimulationError(f"The {name} must be positive, found {value} s; raise it.")
+    if duration < step:
+        raise SimulationError(f"The duration must hold at least one step, found {duration} s at {step} s; lengthen it.")
+    ratio = 1.0 if record_interval is None else record_interval / step
+    stride = round(ratio)
+    if stride < 1 or abs(ratio - stride) > 1e-9 * ratio:
+        raise SimulationError(
+            f"The record interval is a multiple of the step, found {record_interval} s at {step} s; adjust it."
+        )
+    return round(duration / step), stride
+
+
+def _settings(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float, method: str) -> tuple:
+    """Arguments of the kernel that all draws share."""
+    initial = np.zeros(_STATE_ROWS)
+    initial[0] = manoeuvre.approach_speed or vessel.particulars.nominal_speed
+    travel = np.deg2rad(vessel.particulars.rudder_rate_deg) * step if manoeuvre.rate_limited else np.inf
+    amplitude, heading = np.deg2rad(manoeuvre.rudder_deg), np.deg2rad(manoeuvre.heading_deg)
+    control = (manoeuvre.kind == "zigzag", amplitude, heading, travel)
+    command = rudder_command(manoeuvre, np.arange(n_steps) * step)
+    stages = np.column_stack([_RK4_FRACTION, _RK4_WEIGHT]) if method == "rk4" else np.empty((0, 2))
+    return scheme(vessel), vessel.hull, work_rows(vessel), initial, control, command, stages
+
+
+def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, step: float, method: str) -> dict:
+    return {
+        "vessel": vessel.name,
+        "manoeuvre": manoeuvre.kind,
+        "rudder_deg": manoeuvre.rudder_deg,
+        "heading_deg": manoeuvre.heading_deg,
+        "side": manoeuvre.side,
+        "approach_speed": float(manoeuvre.approach_speed or vessel.particulars.nominal_speed),
+        "step": step,
+        "method": method,
+    }
+
+
+def _dataset(out: np.ndarray, time: np.ndarray, diverged_at: np.ndarray, attrs: dict, single: bool) -> xr.Dataset:
+    variables = {name: (("draw", "time"), out[row], {"units": UNITS[name]}) for row, name in enumerate(CHANNELS)}
+    variables["diverged"] = ("draw", np.isfinite(diverged_at))
+    variables["diverged_at"] = ("draw", diverged_at, {"units": "s"})
+    coords = {"time": ("time", time, {"units": "s"})}
+    if single:
+        return xr.Dataset(variables, coords, attrs).isel(draw=0)
+    return xr.Dataset(variables, coords | {"draw": np.arange(out.shape[1])}, attrs)
