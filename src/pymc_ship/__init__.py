@@ -1,1 +1,58 @@
-"""Bayesian identification of ship manoeuvring models."""
+"""Bayesian identification of ship manoeuvring models: from a trial to coefficients, their uncertainty and a forecast.
+
+Every public name below is loaded where it is first used, so that ``import pymc_ship`` stays light.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+
+__version__ = "0.1.0"
+
+_PUBLIC = {
+    "vessel": ("load_vessel", "shipped_vessels", "Vessel", "VesselError"),
+    "manoeuvres": ("zigzag", "turning_circle", "rudder_programme", "Manoeuvre", "ManoeuvreError"),
+    "trial": ("read_trial", "write_trial", "check_trial", "TrialError"),
+    "simulate": ("simulate", "SimulationError"),
+    "noise": ("pollute",),
+    "ebayes": ("ebayes_threshold",),
+    "denoise": ("denoise", "denoise_signal", "derivative"),
+    "indices": ("indices", "imo_criteria"),
+    "regression_data": ("regression_data", "RegressionData", "RegressionDataError"),
+    "priors": ("ConjugatePrior", "SemiConjugatePrior", "PriorError"),
+    "posterior": ("write_posterior", "read_posterior"),
+    "conjugate": ("conjugate", "conjugate_posterior"),
+    "semiconjugate": ("semiconjugate", "semiconjugate_posterior"),
+    "gibbs": ("gibbs_posterior",),
+    "pymc_model": ("pymc_model", "nuts_posterior"),
+    "agreement": ("agreement",),
+    "tune": ("tune_prior", "maximise_evidence"),
+    "forecast": ("forecast",),
+    "study": ("study",),
+}
+_MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
+
+__all__ = ["__version__", *_MODULE_OF]
+
+
+class _Package(ModuleType):
+    """Package whose public functions win over submodules of the same name (``simulate``, ``denoise``, ...)."""
+
+    def __getattr__(self, name: str):
+        if name not in _MODULE_OF:
+            raise AttributeError(f"module 'pymc_ship' has no attribute {name!r}")
+        value = getattr(import_module(f"pymc_ship.{_MODULE_OF[name]}"), name)
+        self.__dict__[name] = value
+        return value
+
+    def __setattr__(self, name: str, value):
+        if not (name in _MODULE_OF and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+    def __dir__(self):
+        return sorted({*super().__dir__(), *__all__})
+
+
+sys.modules[__name__].__class__ = _Package
