@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import shutil
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.output import staged
 from pymc_ship.priors import ConjugatePrior, SemiConjugatePrior
 from pymc_ship.regression_data import RegressionData
 
@@ -149,26 +148,17 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     ------
     ValueError
         For another ending.
-    OSError
+    OutputError
         When the folder cannot be written.
     """
     path = Path(path)
     if path.suffix not in (".nc", ".zarr"):
         raise ValueError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
-    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
-    try:
+    with staged(path) as partial:
         if path.suffix == ".nc":
             tree.to_netcdf(partial, engine="netcdf4")
-            os.replace(partial, path)
         else:
-            shutil.rmtree(partial, ignore_errors=True)
             tree.to_zarr(partial, consolidated=False)
-            shutil.rmtree(path, ignore_errors=True)
-            os.replace(partial, path)
-    finally:
-        if partial.is_dir():
-            shutil.rmtree(partial)
-        partial.unlink(missing_ok=True)
     return path
 
 

@@ -156,6 +156,13 @@ class RegressionData:
         return np.linalg.svd(self.scaled_design_matrix, full_matrices=False)
 
     @property
+    def least_squares(self) -> np.ndarray:
+        """Least-squares coefficients of the original columns (of least norm on the scaled ones), shape (n_terms,)."""
+        left, s, right = self.svd
+        kept = s > s[0] * max(self.n_rows, self.n_terms) * np.finfo(float).eps
+        return self.to_original((left.T @ self.scaled_response)[kept] / s[kept] @ right[kept])
+
+    @property
     def condition_number(self) -> float:
         """Largest over smallest singular value of the scaled design; infinite for more terms than rows."""
         s = self.svd[1]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
+
+from pymc_ship.output import staged
 
 UNITS = {
     "u": "m/s",
@@ -144,16 +145,16 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     Returns
     -------
     Path
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
     """
     path = Path(path)
     names = [name for name in CHANNELS if name in trial]
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with partial.open("w", encoding="utf-8") as file:
-            file.write(",".join(["time", *names]) + "\n")
-            file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with staged(path) as partial, partial.open("w", encoding="utf-8") as file:
+        file.write(",".join(["time", *names]) + "\n")
+        file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
     return path

@@ -25,6 +25,7 @@ LETTER = {"surge": "X", "sway": "Y", "yaw": "N", "roll": "K"}
 ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Ypdot", "Nvdot", "Nrdot", "Npdot", "Kvdot", "Krdot", "Kpdot")
 """Acceleration derivatives; those a vessel without roll does not have are zero."""
 
+_PUBLISHED = ("published", "published_error")
 _HERE = Path(__file__).parent
 SHIPPED = _HERE / "models" if (_HERE / "models").is_dir() else _HERE.parents[1] / "models"
 
@@ -43,6 +44,7 @@ class Coefficient:
     sign_source: str = ""
     note: str = ""
     published: dict[str, float] = field(default_factory=dict)
+    published_error: dict[str, float] = field(default_factory=dict)
 
     @property
     def term(self) -> str:
@@ -124,6 +126,10 @@ class Vessel:
     def published(self, dof: str, which: str) -> np.ndarray:
         """Published estimates of a DOF, shape (n_terms,); NaN where none is printed."""
         return np.array([coefficient.published.get(which, np.nan) for coefficient in self._force(dof)])
+
+    def published_error(self, dof: str, which: str) -> np.ndarray:
+        """Errors [%] printed beside the published estimates, shape (n_terms,); NaN where none is printed."""
+        return np.array([coefficient.published_error.get(which, np.nan) for coefficient in self._force(dof)])
 
     def with_coefficients(self, values: dict[str, np.ndarray]) -> Vessel:
         """Copy with other coefficient values: ``{"sway": array of shape (n_terms,)}``."""
@@ -283,11 +289,14 @@ def _force(table: dict, dof: str, path: Path) -> tuple[Coefficient, ...]:
         except UnknownTerm as error:
             raise VesselError(f"{path}: {where} is no coefficient. {error}") from None
         more = entry if isinstance(entry, dict) else {}
-        _check_keys(more, {"value", "source", "sign_source", "note", "published"}, set(), path, where)
-        published = {key: _number(v, path, f"{where}.published") for key, v in more.get("published", {}).items()}
+        _check_keys(more, {"value", "source", "sign_source", "note", *_PUBLISHED}, set(), path, where)
+        published = {
+            table: {key: _number(v, path, f"{where}.{table}.{key}") for key, v in more.get(table, {}).items()}
+            for table in _PUBLISHED
+        }
         texts = {key: str(more.get(key, "")) for key in ("sign_source", "note")}
         value = _number(entry, path, where)
-        force.append(Coefficient(name, value, str(more.get("source", source)), **texts, published=published))
+        force.append(Coefficient(name, value, str(more.get("source", source)), **texts, **published))
     if not force:
         raise VesselError(f"{path}: coefficients.{dof} is empty; add at least one coefficient such as {LETTER[dof]}v.")
     return tuple(force)
