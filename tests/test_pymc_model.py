@@ -1,0 +1,286 @@
+import subprocess
+import sys
+from functools import cache
+from statistics import NormalDist
+
+import arviz as az
+import numpy as np
+import pytest
+from scipy import stats
+
+from pymc_ship.conjugate import conjugate_posterior
+from pymc_ship.posterior import read_posterior, write_posterior
+from pymc_ship.priors import ConjugatePrior, PriorError, SemiConjugatePrior
+from pymc_ship.pymc_model import nuts_posterior, pymc_model
+from pymc_ship.regression_data import RegressionData
+from pymc_ship.semiconjugate import semiconjugate
+
+N_TERMS = 5
+"""One number of terms throughout: the whitened model is compiled once."""
+
+FAMILIES = (ConjugatePrior, SemiConjugatePrior)
+CASES = ("tall", "zscored", "wide")
+
+
+@cache
+def regression(case):
+    """Rows with nearly collinear columns; z-scored around a constant column; fewer rows than terms."""
+    rng = np.random.default_rng(20200)
+    n_rows = 4 if case == "wide" else 60
+    X = rng.normal(size=(n_rows, N_TERMS))
+    X[:, 1] = X[:, 0] + 0.02 * X[:, 1]
+    if case == "zscored":
+        X[:, 0], X[:, 2] = 2.0, 40.0 + 3.0 * X[:, 2]
+    response = X @ np.array([1.0, -2.0, 0.5, 3.0, 0.0]) + 1.5 * rng.normal(size=n_rows)
+    return RegressionData.from_arrays(X, response, scaling="zscore" if case == "zscored" else "none")
+
+
+def hyperparameters(**changes):
+    mean, kappa = np.array([0.0, 0.3, -0.2, 1.0, 0.0]), np.array([4.0, 1.0, 2.0, 0.5, 3.0])
+    return {"mean": mean, "kappa": kappa, "shape": 6.0, "scale": 9.0} | changes
+
+
+def flat_functions(model):
+    """Log density of the model and its scaled parameters, as functions of one flat vector."""
+    values = model.value_vars
+    outputs = model.replace_rvs_by_values([model["coefficients"], model["noise_variance"]])
+    parameters = model.compile_fn(outputs, inputs=values, on_unused_input="ignore", mode="FAST_COMPILE")
+    log_density = model.compile_logp(mode="FAST_COMPILE")
+    start = model.initial_point()
+    splits = np.cumsum([np.size(start[value.name]) for value in values])[:-1]
+
+    def point(flat):
+        pieces = np.split(flat, splits)
+        return {v.name: piece.reshape(np.shape(start[v.name])) for v, piece in zip(values, pieces, strict=True)}
+
+    return lambda flat: float(log_density(point(flat))), lambda flat: parameters(point(flat))
+
+
+def scaled_parameters(data, coefficients, noise_variance):
+    return np.append(data.to_scaled(coefficients), noise_variance / data.response_scale**2)
+
+
+def log_volume(function, flat, step=1e-5):
+    """Log of the volume that a function stretches, by central differences."""
+    moves = step * np.eye(len(flat))
+    jacobian = [(function(flat + move) - function(flat - move)) / (2.0 * step) for move in moves]
+    return np.linalg.slogdet(np.array(jacobian))[1]
+
+
+def log_joint(data, prior, scaled, variance):
+    """Log density of the prior on the scaled columns and of the original response, from scipy."""
+    spread = np.sqrt(prior.kappa * (variance if isinstance(prior, ConjugatePrior) else 1.0))
+    density = stats.invgamma.logpdf(variance, prior.shape, scale=prior.scale)
+    density += stats.norm.logpdf(scaled, prior.mean, spread).sum()
+    noise_sd = data.response_scale * np.sqrt(variance)
+    return density + stats.norm.logpdf(data.response, data.design_matrix @ data.to_original(scaled), noise_sd).sum()
+
+
+def log_density_error(model, data, prior, rng):
+    """Largest error of the model's log density over random points, against prior, likelihood and Jacobian."""
+    log_density, parameters = flat_functions(model)
+
+    def scaled(flat):
+        return scaled_parameters(data, *parameters(flat))
+
+    errors = []
+    for flat in rng.normal(size=(4, N_TERMS + 1)):
+        *coefficients, variance = scaled(flat)
+        expected = log_joint(data, prior, np.array(coefficients), variance) + log_volume(scaled, flat)
+        errors.append(abs(log_density(flat) - expected) / max(1.0, abs(expected)))
+    return max(errors)
+
+
+@pytest.mark.parametrize("parametrisation", ["whitened", "direct"])
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("case", CASES)
+def test_log_density_is_prior_times_likelihood_with_constants(case, family, parametrisation):
+    data, prior = regression(case), family(**hyperparameters())
+    error = log_density_error(pymc_model(data, prior, parametrisation), data, prior, np.random.default_rng(1))
+    assert error < 1e-7
+
+
+@pytest.mark.parametrize("wrong", [{"scale": 1.0 / 9.0}, {"kappa": hyperparameters()["kappa"] ** 2}, {"shape": 9.0}])
+@pytest.mark.parametrize("parametrisation", ["whitened", "direct"])
+def test_log_density_of_a_wrong_prior_is_told_apart(wrong, parametrisation):
+    data, prior = regression("tall"), ConjugatePrior(**hyperparameters())
+    model = pymc_model(data, ConjugatePrior(**hyperparameters(**wrong)), parametrisation)
+    assert log_density_error(model, data, prior, np.random.default_rng(1)) > 1e-3
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("case", CASES)
+def test_whitened_directions_are_exactly_standard_normal(case, family):
+    model = pymc_model(regression(case), family(**hyperparameters(kappa=1e4)))
+    log_density, _ = flat_functions(model)
+    for flat in np.random.default_rng(2).normal(size=(4, N_TERMS + 1)):
+        center = np.append(flat[0], np.zeros(N_TERMS))
+        assert model.value_vars[0].name == "noise_coordinate"
+        assert log_density(flat) - log_density(center) == pytest.approx(-0.5 * np.sum(flat[1:] ** 2), abs=1e-9)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("case", CASES)
+def test_chains_start_at_the_mode_of_the_noise_and_the_centre_of_the_directions(case, family):
+    model = pymc_model(regression(case), family(**hyperparameters()))
+    assert all(np.all(value == 0.0) for value in model.initial_point().values())
+    log_density, _ = flat_functions(model)
+    grid = np.linspace(-6.0, 6.0, 241)
+    density = [log_density(np.append(level, np.zeros(N_TERMS))) for level in grid]
+    assert grid[np.argmax(density)] == pytest.approx(0.0, abs=0.05)
+
+
+def test_models_name_their_dims():
+    data = regression("zscored")
+    for parametrisation in ("whitened", "direct"):
+        model = pymc_model(data, ConjugatePrior(), parametrisation)
+        assert model.coords["coefficient"] == data.coefficients
+        assert model.coords["row"] == tuple(range(data.n_rows))
+        assert model.named_vars_to_dims["coefficients"] == ("coefficient",)
+    assert model.named_vars_to_dims["response"] == ("row",)
+    assert np.array_equal(model.rvs_to_values[model["response"]].data, data.response)
+
+
+@cache
+def nuts(case, family, parametrisation="whitened", nuts_sampler=None):
+    rng, prior = np.random.default_rng(7), family(**hyperparameters())
+    options = {"parametrisation": parametrisation, "nuts_sampler": nuts_sampler}
+    return nuts_posterior(regression(case), prior, draws=2000, rng=rng, **options)
+
+
+def conjugate_moments(data, prior):
+    """Mean and sd of the coefficients and the noise variance on the original scale, from the normal equations."""
+    X, y = data.scaled_design_matrix, data.scaled_response
+    precision = np.diag(1.0 / prior.kappa)
+    covariance = np.linalg.inv(precision + X.T @ X)
+    mean = covariance @ (precision @ prior.mean + X.T @ y)
+    shape = prior.shape + 0.5 * len(y)
+    scale = prior.scale + 0.5 * (np.sum((y - X @ mean) ** 2) + np.sum((mean - prior.mean) ** 2 / prior.kappa))
+    noise = scale / (shape - 1.0) * data.response_scale**2
+    T = data.transformation[1]
+    sd = np.sqrt(np.diag(T @ covariance @ T.T) * scale / (shape - 1.0))
+    return np.append(data.to_original(mean), noise), np.append(sd, noise / np.sqrt(shape - 2.0))
+
+
+def z_scores(tree, mean, sd):
+    """Errors of the means and standard deviations of draws in Monte Carlo standard errors, and their limit."""
+    posterior = tree["posterior"].dataset
+    draws = np.dstack([posterior["coefficients"], posterior["noise_variance"]])
+    errors = [draws.mean((0, 1)) - mean, draws.std((0, 1), ddof=1) - sd]
+    mcse = [[az.mcse(draws[..., j], method=method) for j in range(draws.shape[2])] for method in ("mean", "sd")]
+    z = np.abs(np.array(errors) / np.array(mcse))
+    return z, NormalDist().inv_cdf(1.0 - 0.5e-3 / z.size)
+
+
+def check_convergence(tree):
+    posterior = tree["posterior"].dataset
+    assert max(az.rhat(posterior["coefficients"]).max(), az.rhat(posterior["noise_variance"])) < 1.01
+    assert az.ess(posterior["coefficients"]).min() > 1000
+    assert not tree["sample_stats"]["diverging"].any()
+    assert not tree["sample_stats"]["reached_max_treedepth"].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_nuts_agrees_with_the_closed_form(case):
+    tree = nuts(case, ConjugatePrior)
+    z, limit = z_scores(tree, *conjugate_moments(regression(case), ConjugatePrior(**hyperparameters())))
+    assert z.max() < limit
+    check_convergence(tree)
+    assert tree["sample_stats"]["n_steps"].mean() < 8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wrong", [{"scale": 1.0 / 9.0}, {"shape": 12.0}, {"kappa": hyperparameters()["kappa"] ** 2}])
+def test_nuts_under_another_prior_is_caught(wrong):
+    mean, sd = conjugate_moments(regression("tall"), ConjugatePrior(**hyperparameters(**wrong)))
+    z, limit = z_scores(nuts("tall", ConjugatePrior), mean, sd)
+    assert z.max() > limit
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_nuts_agrees_with_quadrature(case):
+    exact = semiconjugate(regression(case), SemiConjugatePrior(**hyperparameters()))
+    tree = nuts(case, SemiConjugatePrior)
+    mean, sd = np.append(exact.mean, exact.noise_variance_mean), np.append(exact.sd, exact.noise_variance_sd)
+    z, limit = z_scores(tree, mean, sd)
+    assert z.max() < limit
+    check_convergence(tree)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("parametrisation", "nuts_sampler"), [("direct", "nutpie"), ("whitened", "pymc")])
+def test_other_routes_agree_with_the_closed_form(parametrisation, nuts_sampler):
+    tree = nuts("zscored", ConjugatePrior, parametrisation, nuts_sampler)
+    z, limit = z_scores(tree, *conjugate_moments(regression("zscored"), ConjugatePrior(**hyperparameters())))
+    assert z.max() < limit
+    check_convergence(tree)
+    assert tree["sample_stats"].attrs["inference_library"] == nuts_sampler
+    assert tree["sample_stats"].attrs["parametrisation"] == parametrisation
+    usual = nuts("zscored", ConjugatePrior)["sample_stats"].dataset
+    assert {name: value.dtype for name, value in tree["sample_stats"].data_vars.items()} == {
+        name: value.dtype for name, value in usual.data_vars.items()
+    }
+
+
+def test_draws_depend_on_seed_data_and_prior_alone():
+    data, prior = regression("tall"), SemiConjugatePrior(**hyperparameters())
+
+    def draw(seed, data=data, prior=prior):
+        tree = nuts_posterior(data, prior, draws=20, tune=100, chains=2, rng=np.random.default_rng(seed))
+        return tree["posterior"]["coefficients"].values
+
+    first = draw(3)
+    assert not np.array_equal(draw(4), first)
+    assert not np.array_equal(draw(3, regression("zscored"), ConjugatePrior()), first)
+    assert np.array_equal(draw(3), first)
+
+
+def test_layout_is_that_of_every_posterior():
+    data, prior = regression("zscored"), ConjugatePrior(**hyperparameters())
+    rng = np.random.default_rng(5)
+    tree = nuts_posterior(data, prior, draws=10, tune=100, chains=3, rng=rng)
+    exact = conjugate_posterior(data, prior, draws=30, chains=3, rng=rng)
+    assert set(tree.children) == set(exact.children) | {"sample_stats"}
+    for name, group in exact.children.items():
+        for variable, value in group.dataset.variables.items():
+            found = tree[name].dataset.variables[variable]
+            assert (found.dims, found.shape, found.dtype) == (value.dims, value.shape, value.dtype)
+    assert set(tree.attrs) == set(exact.attrs)
+    assert tree.attrs["method"] == "nuts"
+    assert {value.dims for value in tree["sample_stats"].data_vars.values()} == {("chain", "draw")}
+
+
+def test_netcdf_keeps_the_sampler_statistics(tmp_path):
+    rng = np.random.default_rng(5)
+    tree = nuts_posterior(regression("tall"), ConjugatePrior(), draws=10, tune=100, chains=2, rng=rng)
+    stats_read = read_posterior(write_posterior(tree, tmp_path / "nuts.nc"))["sample_stats"].dataset
+    assert stats_read.identical(tree["sample_stats"].dataset)
+    assert stats_read["diverging"].dtype == bool
+
+
+def test_sampling_is_silent(capfd, caplog):
+    nuts_posterior(regression("tall"), ConjugatePrior(), draws=10, tune=100, rng=np.random.default_rng(6))
+    assert tuple(capfd.readouterr()) == ("", "")
+    assert not caplog.records
+
+
+def test_what_cannot_be_sampled_is_named():
+    data, rng = regression("tall"), np.random.default_rng(1)
+    with pytest.raises(ValueError, match="whitened or direct, found 'centred'"):
+        pymc_model(data, ConjugatePrior(), "centred")
+    with pytest.raises(ValueError, match="whitened or direct, found 'centred'"):
+        nuts_posterior(data, ConjugatePrior(), rng=rng, parametrisation="centred")
+    with pytest.raises(ValueError, match="found 'stan'"):
+        nuts_posterior(data, ConjugatePrior(), rng=rng, nuts_sampler="stan")
+    with pytest.raises(ValueError, match="tune=0"):
+        nuts_posterior(data, ConjugatePrior(), rng=rng, tune=0)
+    with pytest.raises(PriorError, match="5, one for each term"):
+        nuts_posterior(data, ConjugatePrior(kappa=[1.0, 2.0]), rng=rng)
+
+
+def test_import_leaves_pymc_alone():
+    code = (
+        "import sys, pymc_ship.pymc_model, pymc_ship.agreement; print({'pymc', 'nutpie', 'arviz'} & set(sys.modules))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "set()"
