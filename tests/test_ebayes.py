@@ -15,7 +15,6 @@ from scipy.special import log_ndtr
 from pymc_ship.ebayes import (
     PRIORS,
     RULES,
-    SCALE_BOX,
     beta_cauchy,
     beta_laplace,
     ebayes_threshold,
@@ -28,6 +27,7 @@ from pymc_ship.ebayes import (
     threshold_from_weight,
     weight_from_threshold,
 )
+from pymc_ship.spike_and_slab import SCALE_BOX
 
 DATA = Path(__file__).parent / "data" / "ebayes"
 TRUTH_TOLERANCE = 1e-10  # relative above 1, absolute below

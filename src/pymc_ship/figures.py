@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 from collections.abc import Mapping
 
@@ -63,6 +64,11 @@ def png(fig: Figure, dpi: int = 150) -> bytes:
     return buffer.getvalue()
 
 
+def embedded(fig: Figure, alternative: str) -> str:
+    """Figure as an HTML image with its PNG inside, for figures with too many points for SVG."""
+    return f'<img alt="{alternative}" src="data:image/png;base64,{base64.b64encode(png(fig)).decode()}">'
+
+
 def _shown(name: str, values: np.ndarray) -> np.ndarray:
     return np.rad2deg(values) if UNITS[name] in _DEGREES else values
 
@@ -122,7 +128,7 @@ def sample_paths(tree: xr.DataTree, coefficient: str, reference: float, ax) -> N
     ax.legend(loc="upper right")
 
 
-def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree], title: str) -> Figure:
+def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]) -> Figure:
     """Fig. 5 and 6: motion of the reference ship against medians and bands of each family's forecast."""
     names = ("u", "v", "r", "p", "phi", "psi")
     turning = reference.attrs["manoeuvre"] == "turning_circle"
@@ -136,7 +142,7 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
         ax.set_xlabel("time [s]")
     _track(axes.flat[-1], reference, forecasts, equal=turning)
     handles, labels = axes.flat[0].get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside upper center", ncols=5, title=title)
+    fig.legend(handles, labels, loc="outside upper center", ncols=5)
     return fig
 
 
@@ -187,4 +193,25 @@ def tuning(tuned: Mapping[str, object]) -> Figure:
     ax.set_xlabel("evaluation")
     ax.set_ylabel("best score − evidence maximum [nats per row]")
     ax.legend(ncols=5, fontsize=8)
+    return fig
+
+
+def arviz_panels(plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapping[str, str], **settings) -> Figure:
+    """One panel for one coefficient of each tree, drawn by an ArviZ plot such as ``plot_trace`` or ``plot_rank``."""
+    import arviz as az
+    import matplotlib.pyplot as plt
+
+    draws = {
+        f"{coefficients[dof]} · 1e5": 1e5
+        * tree["posterior"]["coefficients"].sel(coefficient=coefficients[dof], drop=True)
+        for dof, tree in trees.items()
+    }
+    together = xr.DataTree.from_dict({"posterior": xr.Dataset(draws)})
+    with matplotlib.rc_context(STYLE), plt.ioff():
+        panels = getattr(az, plot)(
+            together, backend="matplotlib", col_wrap=2, figure_kwargs={"figsize": (8.0, 4.2)}, **settings
+        )
+        fig = panels.get_viz("figure")
+        fig.set_layout_engine("constrained")
+        plt.close(fig)
     return fig

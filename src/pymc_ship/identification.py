@@ -104,7 +104,7 @@ def identify(
         for dof, rows in data.items():
             progress(f"prior of {dof}, {family}")
             if selection == "evidence":
-                priors[family][dof] = maximise_evidence(rows, family)
+                priors[family][dof], _ = maximise_evidence(rows, family)
             else:
                 tuned[family][dof] = tune_prior(rows, family=family, rng=rng)
                 priors[family][dof] = tuned[family][dof].prior

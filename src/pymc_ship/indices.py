@@ -49,8 +49,9 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     Parameters
     ----------
     trial : Dataset, dims (time,) or (draw, time)
-        With psi and r, and phi, x, y, u, v where an index needs them. ``attrs`` hold ``manoeuvre``, ``heading_deg`` and
-        ``side``, as :func:`pymc_ship.simulate` writes them.
+        With u, v [m/s], r [rad/s], phi, psi [rad] and x, y [m]; psi of a zigzag counts from its base course, a turning
+        circle may start on any. ``attrs`` hold ``manoeuvre``, ``heading_deg`` and ``side``, as
+        :func:`pymc_ship.simulate` writes them.
     manoeuvre : {"zigzag", "turning_circle"}, optional
         Overrides ``attrs["manoeuvre"]``.
 
@@ -74,25 +75,32 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     if kind not in families:
         raise TrialError(f"Indices exist for a zigzag or a turning_circle, found {kind!r}; name the manoeuvre.")
     wanted = {"heading_deg", "side"} if kind == "zigzag" else {"side"}
-    if wanted - trial.attrs.keys():
-        raise TrialError(f"The attrs of a {kind} need {', '.join(sorted(wanted))}; add what is missing.")
+    if wanted - trial.attrs.keys() or trial.attrs["side"] not in SIDES:
+        raise TrialError(
+            f"The attrs of a {kind} need {', '.join(sorted(wanted))}, the side is 'starboard' or 'port'; mend them."
+        )
     measure, table = families[kind]
-    channels = ("u", "v", "r", "p", "phi", "psi", "x", "y")
-    if "draw" not in trial.dims:
-        check_trial(trial.isel(time=np.isfinite(trial["psi"].values)), channels, uniform=False)
+    channels = ("u", "v", "r", "phi", "psi", "x", "y")
+    check_trial(_before_divergence(trial.isel(draw=0, missing_dims="ignore")), channels, uniform=False)
     runs = trial if "draw" in trial.dims else trial.expand_dims("draw")
     records = {name: runs[name].transpose("draw", "time").values for name in channels}
     time = runs["time"].values
-    rows = [
-        measure(_Record(time, {name: record[draw] for name, record in records.items()}), trial.attrs)
-        for draw in range(runs.sizes["draw"])
+    ships = [
+        _Record(time, {name: record[draw] for name, record in records.items()}) for draw in range(runs.sizes["draw"])
     ]
+    rows = [measure(ship, trial.attrs) if ship.time.size > 1 else {} for ship in ships]
     values = np.array([[row.get(name, np.nan) for name in table] for row in rows])
     found = xr.Dataset(
         {name: ("draw", values[:, k], {"units": _UNITS[family]}) for k, (name, family) in enumerate(table.items())},
         attrs={**trial.attrs, "manoeuvre": kind},
     )
     return found.assign_coords(draw=runs["draw"]) if "draw" in trial.dims else found.isel(draw=0)
+
+
+def _before_divergence(trial: xr.Dataset) -> xr.Dataset:
+    """Return the samples up to the last finite heading."""
+    good = np.flatnonzero(np.isfinite(trial["psi"].values)) if "psi" in trial else np.arange(trial.sizes["time"])
+    return trial.isel(time=slice(0, good[-1] + 1 if good.size else 0))
 
 
 class _Record:
@@ -121,16 +129,17 @@ class _Record:
         """First time after ``after`` at which sign * psi rises through ``level``; NaN where it does not."""
         k0 = max(int(np.searchsorted(self.time, after, side="right")) - 1, 0)
         ahead = sign * self.motion["psi"][k0:] >= level
-        if self.time.size < 2 or not ahead[1:].any():
+        risen = ahead[1:] & ~ahead[:-1]
+        if not risen.any():
             return np.nan
-        k = k0 + int(np.argmax(ahead[1:]))
+        k = k0 + int(np.argmax(risen))
         return self._root(k, lambda a: (a[0] - sign * level, *a[1:]), after)
 
     def peak(self, after: float) -> float:
         """First time after ``after`` at which the heading turns back; NaN where it does not."""
-        k0 = int(np.searchsorted(self.time, after, side="right"))
+        k0 = max(int(np.searchsorted(self.time, after, side="right")) - 1, 0)
         rate = self.psi_dot[k0:]
-        turned = np.flatnonzero(rate[1:] * rate[:-1] <= 0.0) if rate.size > 1 else np.array([])
+        turned = np.flatnonzero(rate[1:] * rate[:-1] <= 0.0)
         if not turned.size:
             return np.nan
         return self._root(k0 + int(turned[0]), lambda a: (a[1], 2.0 * a[2], 3.0 * a[3]), after)
@@ -181,17 +190,19 @@ def _zigzag(record: _Record, attrs: dict) -> dict[str, float]:
 def _turning_circle(record: _Record, attrs: dict) -> dict[str, float]:
     side = SIDES[attrs["side"]]
     found: dict[str, float] = {"maximum_roll_angle": _largest(record, "phi")}
+    x, y, course = (record.motion[name][0] for name in ("x", "y", "psi"))
     for angle in (90, 180):
-        when = record.crossing(np.deg2rad(angle), side)
+        when = record.crossing(np.deg2rad(angle) + side * course, side)
         found[f"time_to_{angle}"] = when - record.time[0]
         if np.isfinite(when):
-            across = side * (record.at("y", when) - record.motion["y"][0])
+            north, east = record.at("x", when) - x, record.at("y", when) - y
+            across = side * (east * np.cos(course) - north * np.sin(course))
             if angle == 90:
-                found["advance"] = record.at("x", when) - record.motion["x"][0]
+                found["advance"] = north * np.cos(course) + east * np.sin(course)
                 found["transfer"] = across
             else:
                 found["tactical_diameter"] = across
-    if record.time.size and abs(record.motion["psi"][-1] - record.motion["psi"][0]) > 2.5 * np.pi:
+    if abs(record.motion["psi"][-1] - record.motion["psi"][0]) > 2.5 * np.pi:
         found |= _steady(record)
     return found
 
@@ -201,17 +212,17 @@ def _steady(record: _Record) -> dict[str, float]:
     psi = record.motion["psi"]
     last = np.abs(psi - psi[-1]) <= 0.5 * np.pi
     u, v = record.motion["u"][last], record.motion["v"][last]
-    rate, speed = np.abs(record.psi_dot[last]).mean(), np.hypot(u, v).mean()
+    rate, along = np.abs(record.psi_dot[last]).mean(), np.hypot(record.x_dot, record.y_dot)[last].mean()
     return {
-        "steady_turning_diameter": float(2.0 * speed / rate),
+        "steady_turning_diameter": float(2.0 * along / rate),
         "steady_yaw_rate": float(np.rad2deg(rate)),
-        "steady_speed": float(speed),
+        "steady_speed": float(np.hypot(u, v).mean()),
         "steady_drift_angle": float(np.rad2deg(np.abs(np.arctan2(v, u)).mean())),
     }
 
 
 def _largest(record: _Record, name: str) -> float:
-    return float(np.rad2deg(np.abs(record.motion[name]).max())) if record.time.size else np.nan
+    return float(np.rad2deg(np.abs(record.motion[name]).max()))
 
 
 def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:

@@ -133,8 +133,8 @@ def rudder_command(manoeuvre: Manoeuvre, time: np.ndarray) -> np.ndarray:
 def _check(side: str, approach_speed: float | None, **angles: float) -> None:
     if side not in SIDES:
         raise ManoeuvreError(f"The side is 'starboard' or 'port', found {side!r}; choose one of them.")
-    if approach_speed is not None and not approach_speed > 0.0:
-        raise ManoeuvreError(f"The approach speed must be positive, found {approach_speed} m/s; raise it.")
+    if approach_speed is not None and not 0.0 < approach_speed < np.inf:
+        raise ManoeuvreError(f"The approach speed must be positive and finite, found {approach_speed} m/s; correct it.")
     for name, angle in angles.items():
         if not 0.0 < angle < 90.0:
             raise ManoeuvreError(f"{name} is a magnitude between 0 and 90 deg, found {angle}; use `side` for the sign.")

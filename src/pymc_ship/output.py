@@ -65,22 +65,23 @@ def writable_folder(path: str | Path) -> Path:
 
 
 def _replace(partial: Path, path: Path) -> None:
-    if not path.is_dir():
+    if not (path.is_dir() and partial.is_dir()):
         os.replace(partial, path)
         return
     before = path.with_name(f".{path.name}.before")
     _remove(before)
-    os.replace(path, before)
     try:
+        os.replace(path, before)
         os.replace(partial, path)
     except BaseException:
-        os.replace(before, path)
+        if before.exists() and not path.exists():
+            os.replace(before, path)
         raise
     _remove(before)
 
 
 def _remove(path: Path) -> None:
-    if path.is_dir():
+    if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)

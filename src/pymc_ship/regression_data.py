@@ -16,6 +16,8 @@ from pymc_ship.trial import check_trial, sampling_interval
 from pymc_ship.vessel import DOFS, Vessel
 
 _MOTION = ("u", "v", "r", "p")
+_WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
+"""Samples at the begin and end of a record that lack a neighbour their difference needs."""
 
 
 class RegressionDataError(ValueError):
@@ -105,6 +107,8 @@ class RegressionData:
         constants = np.flatnonzero(~varies & (X[0] != 0.0))
         constant = int(constants[0]) if constants.size else -1
         rows = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
+        if rows.shape != y.shape:
+            raise RegressionDataError(f"The time has one value for each of {len(y)} rows, found shape {rows.shape}.")
         data = cls(X, y, names, np.zeros(len(names)), np.ones(len(names)), 0.0, 1.0, constant, rows, **labels)
         if scaling == "none":
             return data
@@ -126,7 +130,7 @@ class RegressionData:
             center[self.constant] = 0.0
             scale[self.constant] = abs(self.design_matrix[0, self.constant])
         spread = float(np.sqrt(np.mean((self.response - middle) ** 2)))
-        if spread == 0.0:
+        if spread <= 1e-14 * np.abs(self.response).max():
             raise RegressionDataError("The response must vary over the rows; it is constant: check the trial.")
         return replace(self, column_center=center, column_scale=scale, response_center=middle, response_scale=spread)
 
@@ -268,7 +272,8 @@ def regression_data(
     ]
     index = DOFS.index(dof)
     response = vessel.inertia_matrix[index] @ np.array(acceleration) - known[index]
-    rows = rows[np.isfinite(response[rows])]
+    begin, end = _WITHOUT_DIFFERENCE.get(derivative, (0, 0))
+    rows = rows[(rows >= begin) & (rows < speed.size - end)]
     if rows.size < len(terms):
         raise RegressionDataError(
             f"The {dof} of {vessel.name!r} has {len(terms)} terms and needs as many rows, found {rows.size}; use a "
@@ -289,7 +294,7 @@ def regression_data(
 
 def _row_index(n_time: int, step: float, interval: float | None) -> np.ndarray:
     ratio = 1.0 if interval is None else interval / step
-    stride = round(ratio)
+    stride = round(ratio) if 0.0 < ratio < np.inf else 0
     if stride < 1 or abs(ratio - stride) > 1e-6 * ratio:
         raise RegressionDataError(
             f"The row interval is a multiple of the sampling interval, found {interval} s at {step:g} s; adjust it."

@@ -68,7 +68,8 @@ def _mark_divergence(state, nominal_speed, step, diverged):
     if in_range < n_lanes:
         for lane in range(n_lanes):
             if not _in_range(state, nominal_speed, lane):
-                diverged[lane] = step
+                if diverged[lane] < 0:
+                    diverged[lane] = step
                 state[:, lane] = 0.0
                 state[0, lane] = nominal_speed
     running = 0
@@ -187,7 +188,7 @@ def simulate(
     n_steps, stride = _grid(duration, step, record_interval, method)
     reference = reference_coefficients(vessel)
     draws = reference[None] if coefficients is None else np.asarray(coefficients, dtype=float)
-    if draws.ndim != 2 or draws.shape[1] != reference.size:
+    if draws.ndim != 2 or draws.shape[1] != reference.size or not draws.size:
         raise SimulationError(f"Coefficients have shape (draws, {reference.size}), found {draws.shape}; reorder them.")
     time = np.arange(0, n_steps, stride) * step
     out = np.full((len(CHANNELS), len(draws), len(time)), np.nan)
@@ -213,7 +214,7 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
     if duration < step:
         raise SimulationError(f"The duration must hold at least one step, found {duration} s at {step} s; lengthen it.")
     ratio = 1.0 if record_interval is None else record_interval / step
-    stride = round(ratio)
+    stride = round(ratio) if 0.0 < ratio < np.inf else 0
     if stride < 1 or abs(ratio - stride) > 1e-9 * ratio:
         raise SimulationError(
             f"The record interval is a multiple of the step, found {record_interval} s at {step} s; adjust it."

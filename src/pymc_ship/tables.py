@@ -60,10 +60,18 @@ def coefficient_rows(vessel: Vessel, dof: str, exact: Mapping[str, object]) -> l
 
 
 def error_summary(errors: np.ndarray) -> dict[str, float]:
-    """Median error [%] and the shares [%] of coefficients under each limit; zeros of the reference do not count."""
+    """Median error [%] and the shares [%] of coefficients under each limit, NaN where no error is known.
+
+    Zeros of the reference have no relative error and do not count.
+    """
     known = errors[np.isfinite(errors)]
-    shares = {f"under_{limit:g}": 100.0 * float((known < limit).mean()) for limit in SHARES}
-    return {"coefficients": known.size, "median": float(np.median(known)), **shares}
+    if not known.size:
+        return {"coefficients": 0, "median": float("nan")} | {f"under_{limit:g}": float("nan") for limit in SHARES}
+    names = [f"under_{limit:g}" for limit in SHARES]
+    if not known.size:
+        return {"coefficients": 0, "median": np.nan, **dict.fromkeys(names, np.nan)}
+    shares = [100.0 * float((known < limit).mean()) for limit in SHARES]
+    return {"coefficients": known.size, "median": float(np.median(known)), **dict(zip(names, shares, strict=True))}
 
 
 def summary_rows(vessel: Vessel, exact_by_family: Mapping[str, Mapping[str, object]], **labels) -> list[dict]:
@@ -105,14 +113,16 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
     Returns
     -------
     dict
-        ``error``: RMSE of the median over the range of the channel [%], mean over :data:`FORECAST_CHANNELS`;
-        ``coverage``: share of instants inside the band [%], mean likewise; ``share_diverged`` [%]; for each index its
-        reference, median and band.
+        ``error``: RMSE of the median over the range of the channel [%], mean over those of :data:`FORECAST_CHANNELS`
+        that move; ``coverage``: share of instants inside the band [%], mean likewise; ``share_diverged`` [%]; for each
+        index its reference, median and band.
     """
     bands = tree["bands"].to_dataset()
     errors, coverages = [], []
     for name in FORECAST_CHANNELS:
         true = reference[name].values
+        if np.ptp(true) == 0.0:
+            continue
         lower, median, upper = (bands[name].sel(band=band).values for band in BANDS)
         errors.append(100.0 * np.sqrt(np.mean((median - true) ** 2)) / np.ptp(true))
         coverages.append(100.0 * np.mean((true >= lower) & (true <= upper)))

@@ -49,7 +49,8 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
     Raises
     ------
     TrialError
-        For missing channels, NaN or infinity, times that do not increase or are not uniform.
+        For channels that are missing or depend on more than time, NaN or infinity, times that do not increase or are
+        not uniform.
     """
     if "time" not in trial.coords:
         raise TrialError("A trial is a Dataset over the coordinate time [s], found none; add it.")
@@ -58,6 +59,10 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
         raise TrialError(f"The trial needs the channels {', '.join(channels)}; {', '.join(missing)} missing; add them.")
     time = trial["time"].values
     for name in channels:
+        if trial[name].dims != ("time",):
+            raise TrialError(
+                f"Channel {name} must be a function of time alone, found dims {trial[name].dims}; select one run."
+            )
         bad = np.flatnonzero(~np.isfinite(trial[name].values))
         if bad.size:
             raise TrialError(

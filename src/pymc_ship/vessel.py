@@ -5,7 +5,7 @@ Every value comes from one TOML file; the format is described in README.md and c
 
 from __future__ import annotations
 
-import math
+import sys
 import tomllib
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -26,6 +26,7 @@ ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Ypdot", "Nvdot", "Nrdot", "Npdot", "Kv
 """Acceleration derivatives; those a vessel without roll does not have are zero."""
 
 _PUBLISHED = ("published", "published_error")
+_DETAILS = {"value", "source", "sign_source", "note"}
 _HERE = Path(__file__).parent
 SHIPPED = _HERE / "models" if (_HERE / "models").is_dir() else _HERE.parents[1] / "models"
 
@@ -215,7 +216,7 @@ def load_vessel(source: str | Path) -> Vessel:
             table = tomllib.load(file)
     except OSError as error:
         raise VesselError(f"The vessel file {path} cannot be read: {error.strerror}; check the path.") from None
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
         raise VesselError(f"The vessel file {path} is not valid TOML: {error}.") from None
     return _vessel(table, path)
 
@@ -223,6 +224,7 @@ def load_vessel(source: str | Path) -> Vessel:
 def _vessel(table: dict, path: Path) -> Vessel:
     known = {"name", "title", "sources", "particulars", "inertia", "added_mass", "coefficients"}
     _check_keys(table, known, {"name", "particulars", "inertia", "coefficients"}, path, "")
+    _check_texts(table, path)
     forces = table["coefficients"]
     _check_keys(forces, set(DOFS), set(DOFS[:3]), path, "coefficients")
     has_roll = "roll" in forces
@@ -253,6 +255,7 @@ def _vessel(table: dict, path: Path) -> Vessel:
 
 
 def _check_keys(table: dict, known: set[str], required: set[str], path: Path, where: str) -> None:
+    _check_table(table, path, where)
     prefix = f"{where}." if where else ""
     for key in table:
         if key not in known:
@@ -262,20 +265,45 @@ def _check_keys(table: dict, known: set[str], required: set[str], path: Path, wh
             raise VesselError(f"{path}: {prefix}{key} is missing; add it.")
 
 
+def _check_table(table: object, path: Path, where: str) -> None:
+    if not isinstance(table, dict):
+        raise VesselError(f"{path}: {where} must be a table, found {table!r}.")
+
+
+def _check_texts(table: dict, path: Path) -> None:
+    for key in ("name", "title"):
+        if not isinstance(table.get(key, ""), str):
+            raise VesselError(f"{path}: {key} must be a text, found {table[key]!r}.")
+    sources = table.get("sources", [])
+    if not isinstance(sources, list) or not all(isinstance(text, str) for text in sources):
+        raise VesselError(f"{path}: sources must be a list of texts, found {sources!r}.")
+
+
+def _estimates(table: dict, path: Path, where: str) -> dict[str, float]:
+    _check_table(table, path, where)
+    return {key: _number(entry, path, f"{where}.{key}") for key, entry in table.items()}
+
+
 def _numbers(table: dict, path: Path, where: str, known: list[str] | tuple[str, ...]) -> dict[str, float]:
-    values = {key: entry for key, entry in table.items() if key != "source"}
-    _check_keys(values, set(known), set(), path, where)
-    return {key: _number(entry, path, f"{where}.{key}") for key, entry in values.items()}
+    _check_keys(table, {*known, "source"}, set(), path, where)
+    return {key: _value(entry, path, f"{where}.{key}") for key, entry in table.items() if key != "source"}
 
 
-def _number(entry: object, path: Path, where: str) -> float:
-    value = entry.get("value") if isinstance(entry, dict) else entry
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+def _value(entry: object, path: Path, where: str, details: set[str] = _DETAILS) -> float:
+    if not isinstance(entry, dict):
+        return _number(entry, path, where)
+    _check_keys(entry, details, {"value"}, path, where)
+    return _number(entry["value"], path, f"{where}.value")
+
+
+def _number(value: object, path: Path, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise VesselError(f"{path}: {where} must be a finite number, found {value!r}.")
     return float(value)
 
 
 def _force(table: dict, dof: str, path: Path) -> tuple[Coefficient, ...]:
+    _check_table(table, path, f"coefficients.{dof}")
     source = str(table.get("source", ""))
     force = []
     for name, entry in table.items():
@@ -288,14 +316,10 @@ def _force(table: dict, dof: str, path: Path) -> tuple[Coefficient, ...]:
             factors(name[1:])
         except UnknownTerm as error:
             raise VesselError(f"{path}: {where} is no coefficient. {error}") from None
+        value = _value(entry, path, where, _DETAILS | set(_PUBLISHED))
         more = entry if isinstance(entry, dict) else {}
-        _check_keys(more, {"value", "source", "sign_source", "note", *_PUBLISHED}, set(), path, where)
-        published = {
-            table: {key: _number(v, path, f"{where}.{table}.{key}") for key, v in more.get(table, {}).items()}
-            for table in _PUBLISHED
-        }
+        published = {key: _estimates(more.get(key, {}), path, f"{where}.{key}") for key in _PUBLISHED}
         texts = {key: str(more.get(key, "")) for key in ("sign_source", "note")}
-        value = _number(entry, path, where)
         force.append(Coefficient(name, value, str(more.get("source", source)), **texts, **published))
     if not force:
         raise VesselError(f"{path}: coefficients.{dof} is empty; add at least one coefficient such as {LETTER[dof]}v.")

@@ -1,0 +1,272 @@
+"""Command line ``pymc-ship``: parses, calls, prints; the only place that prints.
+
+Results go to standard output, progress and remarks to standard error. A command that cannot run says so in one sentence
+and ends with status 2, an interrupted one with status 130. Nothing heavy is imported before a command line is accepted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from pymc_ship import __version__
+
+FAMILIES = ("conjugate", "semiconjugate")
+"""Prior families; like the choices below a copy of the API's, so that ``--help`` need not import it."""
+
+SELECTIONS = ("evidence", "bayesian_optimisation")
+SIDES = ("port", "starboard")
+METHODS = ("euler", "rk4")
+DERIVATIVES = ("euler", "central", "savgol")
+DENOISE_PRIORS = ("laplace", "cauchy")
+SPLITS = ("blocks", "random")
+DOFS = ("surge", "sway", "yaw", "roll")
+
+_SIMULATE_EXAMPLES = """examples:
+  pymc-ship simulate container --zigzag 20/20 --noise 0.01 --out trial.csv
+  pymc-ship simulate my.toml --turn 35 --side starboard --duration 1200 --method rk4 --out circle.csv
+"""
+_DENOISE_EXAMPLES = """examples:
+  pymc-ship denoise trial.csv --out smooth.csv
+  pymc-ship denoise trial.csv --wavelet db8 --prior cauchy --out smooth.csv
+"""
+_IDENTIFY_EXAMPLES = """examples:
+  pymc-ship identify trial.csv --vessel container --out identified
+  pymc-ship identify smooth.csv --vessel my.toml --raw --select bayesian_optimisation --out identified
+"""
+_TUNE_EXAMPLES = """examples:
+  pymc-ship tune trial.csv --vessel container --dof sway --family conjugate
+  pymc-ship tune trial.csv --vessel container --dof yaw --family semiconjugate --evaluations 60 --out prior.json
+"""
+_FORECAST_EXAMPLES = """examples:
+  pymc-ship forecast identified --vessel container --zigzag 10/10 --turn 35 --out forecast
+  pymc-ship forecast identified --vessel my.toml --zigzag 20/20 --family semiconjugate --draws 1000 --out forecast
+"""
+_STUDY_EXAMPLES = """example:
+  pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/container
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Parser whose complaints are one sentence, like every other error of the program."""
+
+    def error(self, message: str):
+        self.exit(2, f"pymc-ship: {message}; see {self.prog} --help.\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Words after the program's name; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status: 0, 2 when the command cannot run, 130 when it was interrupted.
+
+    Raises
+    ------
+    SystemExit
+        Status 2 for words that cannot be parsed, 0 after ``--help`` and ``--version``.
+    """
+    try:
+        args = _parser().parse_args(argv)
+        from pymc_ship import commands
+
+        with _progress(args.quiet) as progress:
+            text, path = getattr(commands, args.command)(args, progress)
+        if text:
+            print(text, flush=True)
+        if path and not args.quiet:
+            print(f"Written to {path}.", file=sys.stderr)
+    except KeyboardInterrupt:
+        return _fail("interrupted; nothing is left half-written and earlier results stand as they were.", 130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 2
+    except MemoryError as error:
+        return _fail(f"The memory does not hold this run: {error}; make it shorter.", 2)
+    except (ValueError, OSError) as error:
+        return _fail(str(error), 2)
+    return 0
+
+
+def _fail(sentence: str, status: int) -> int:
+    """Print an error as one line that ends with a full stop; return the exit status."""
+    print(f"pymc-ship: {' '.join(sentence.split()).removesuffix('.')}.", file=sys.stderr)
+    return status
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[[str], None]]:
+    """Function that shows what is going on: a spinner on a terminal, otherwise a line for each step."""
+    if quiet:
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda text: print(text, file=sys.stderr, flush=True)
+        return
+    columns = (SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("")
+        yield lambda text: bar.update(task, description=text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="pymc-ship",
+        description="Bayesian identification of ship manoeuvring models: from a trial to coefficients and forecasts.",
+        epilog="`pymc-ship COMMAND --help` explains a command and shows worked examples.",
+    )
+    parser.add_argument("--version", action="version", version=f"pymc-ship {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for add in (_add_study, _add_simulate, _add_denoise, _add_identify, _add_tune, _add_forecast):
+        add(commands)
+    return parser
+
+
+def _command(commands, name: str, description: str, epilog: str) -> argparse.ArgumentParser:
+    """Parser of a command with the options that all have."""
+    formatter = argparse.RawDescriptionHelpFormatter
+    command = commands.add_parser(
+        name, help=description, description=description, epilog=epilog, formatter_class=formatter
+    )
+    command.add_argument(
+        "--seed", type=_seed, default=2020, help="root of every random number, recorded in the output (%(default)s)"
+    )
+    command.add_argument("--quiet", action="store_true", help="no progress and no remarks; results and errors only")
+    return command
+
+
+def _add_study(commands) -> None:
+    command = _command(commands, "study", "run the paper's study and write its report", _STUDY_EXAMPLES)
+    command.add_argument("--vessel", default="container", help="shipped vessel or TOML file (%(default)s)")
+    command.add_argument(
+        "--level", type=float, default=0.01, help="noise level shown in detail: sd over peak (%(default)s)"
+    )
+    command.add_argument("--out", help="folder of the report (reports/<vessel>)")
+
+
+def _add_simulate(commands) -> None:
+    command = _command(commands, "simulate", "simulate a trial and print its indices", _SIMULATE_EXAMPLES)
+    command.add_argument("vessel", metavar="VESSEL", help="shipped vessel or TOML file")
+    manoeuvre = command.add_mutually_exclusive_group(required=True)
+    manoeuvre.add_argument("--zigzag", type=_zigzag, metavar="RUDDER/HEADING", help="zigzag test [deg], such as 20/20")
+    manoeuvre.add_argument("--turn", type=float, metavar="RUDDER", help="turning circle [deg], such as 35")
+    manoeuvre.add_argument("--programme", metavar="FILE", help="rudder programme: CSV with the header time,delta_deg")
+    command.add_argument("--side", choices=SIDES, help="side turned to first by a zigzag or a circle (port)")
+    command.add_argument("--speed", type=float, help="approach speed [m/s] (the vessel's nominal speed)")
+    command.add_argument("--duration", type=float, default=400.0, help="[s] (%(default)s)")
+    command.add_argument("--step", type=float, default=0.02, help="integration and sampling step [s] (%(default)s)")
+    command.add_argument("--method", choices=METHODS, default="euler", help="integrator (%(default)s)")
+    command.add_argument(
+        "--noise", type=_level, help="noise level: sd over peak of sway, 0.3 of it elsewhere, or `literal` (none)"
+    )
+    command.add_argument("--out", required=True, help="CSV file of the trial")
+
+
+def _add_denoise(commands) -> None:
+    command = _command(commands, "denoise", "denoise the motion channels of a trial", _DENOISE_EXAMPLES)
+    command.add_argument(
+        "trial", metavar="TRIAL", help="CSV file: time [s], u v [m/s], r p [rad/s], phi psi delta [rad]"
+    )
+    command.add_argument("--wavelet", default="sym8", help="orthogonal wavelet of PyWavelets (%(default)s)")
+    command.add_argument("--prior", choices=DENOISE_PRIORS, default="laplace", help="prior of details (%(default)s)")
+    command.add_argument("--decimated", action="store_true", help="decimated transform, not averaged over shifts")
+    command.add_argument("--out", required=True, help="CSV file of the smooth trial")
+
+
+def _add_regression(command) -> None:
+    """Options that make regression data of a trial."""
+    command.add_argument("trial", metavar="TRIAL", help="CSV file: time [s], u v [m/s], r p [rad/s], phi delta [rad]")
+    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
+    command.add_argument("--raw", action="store_true", help="the trial is smooth already, do not denoise it")
+    command.add_argument(
+        "--interval", type=_interval, default=1.0, help="interval of the rows [s] or `all` samples (%(default)s)"
+    )
+    command.add_argument(
+        "--derivative", choices=DERIVATIVES, default="euler", help="how accelerations are formed (%(default)s)"
+    )
+
+
+def _add_identify(commands) -> None:
+    command = _command(commands, "identify", "identify a vessel's coefficients from a trial", _IDENTIFY_EXAMPLES)
+    _add_regression(command)
+    command.add_argument("--family", choices=(*FAMILIES, "both"), default="both", help="prior family (%(default)s)")
+    command.add_argument(
+        "--select", choices=SELECTIONS, default="evidence", help="how hyperparameters are chosen (%(default)s)"
+    )
+    command.add_argument("--draws", type=_draws, default=4000, help="posterior draws, a multiple of 4 (%(default)s)")
+    command.add_argument("--out", required=True, help="folder of <dof>-<family>.nc and coefficients.csv")
+
+
+def _add_tune(commands) -> None:
+    command = _command(commands, "tune", "choose hyperparameters by Bayesian optimisation", _TUNE_EXAMPLES)
+    _add_regression(command)
+    command.add_argument("--dof", choices=DOFS, required=True, help="degree of freedom")
+    command.add_argument("--family", choices=FAMILIES, required=True, help="prior family")
+    command.add_argument("--evaluations", type=int, default=40, help="priors tried (%(default)s)")
+    command.add_argument("--folds", type=int, default=5, help="folds of the cross-validation (%(default)s)")
+    command.add_argument("--split", choices=SPLITS, default="blocks", help="how rows are dealt to folds (%(default)s)")
+    command.add_argument("--out", help="JSON file of the chosen prior (not written)")
+
+
+def _add_forecast(commands) -> None:
+    command = _command(commands, "forecast", "forecast manoeuvres with bands from a posterior", _FORECAST_EXAMPLES)
+    command.add_argument("folder", metavar="FOLDER", help="folder that `identify` wrote")
+    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: the reference ship")
+    command.add_argument(
+        "--zigzag", type=_zigzag, action="append", default=[], metavar="RUDDER/HEADING", help="zigzag [deg]; repeatable"
+    )
+    command.add_argument(
+        "--turn", type=float, action="append", default=[], metavar="RUDDER", help="turning circle [deg]; repeatable"
+    )
+    command.add_argument("--family", choices=FAMILIES, default="conjugate", help="prior family (%(default)s)")
+    command.add_argument("--draws", type=int, default=300, help="simulated ships (%(default)s)")
+    command.add_argument("--duration", type=float, default=400.0, help="[s] (%(default)s)")
+    command.add_argument("--side", choices=SIDES, default="port", help="side turned to first (%(default)s)")
+    command.add_argument("--out", required=True, help="folder of <manoeuvre>-<family>.csv: bands over time")
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0 up, found {text!r}")
+    return int(text)
+
+
+def _draws(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0 or int(text) % 4:
+        raise argparse.ArgumentTypeError(f"draws come as a multiple of 4, found {text!r}")
+    return int(text)
+
+
+def _zigzag(text: str) -> tuple[float, float]:
+    try:
+        rudder, heading = (float(angle) for angle in text.split("/"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"a zigzag is RUDDER/HEADING in deg such as 20/20, found {text!r}") from None
+    return rudder, heading
+
+
+def _level(text: str) -> float | str:
+    try:
+        return text if text == "literal" else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"a noise level is a number or 'literal', found {text!r}") from None
+
+
+def _interval(text: str) -> float | None:
+    try:
+        return None if text == "all" else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"an interval is a number of seconds or 'all', found {text!r}") from None

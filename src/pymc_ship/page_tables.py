@@ -1,0 +1,51 @@
+"""Rows and formatted tables of the study's page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Table:
+    """Heads and formatted cells of one table of the page."""
+
+    heads: list[str]
+    cells: list[list[str]]
+
+
+def number(digits: int = 3) -> Callable[[object], str]:
+    """Formatter of a number to so many significant digits; a dash for NaN."""
+
+    def formatted(value: object) -> str:
+        if not isinstance(value, int | float | np.number):
+            return str(value)
+        if not np.isfinite(value):
+            return "–"
+        text = f"{value:.{digits}g}"
+        if "e" in text:
+            mantissa, exponent = text.split("e")
+            return f"{mantissa}e{int(exponent)}"
+        return text.replace("-", "−")
+
+    return formatted
+
+
+def fixed(decimals: int) -> Callable[[object], str]:
+    """Formatter of a number to so many decimals; a dash for NaN."""
+
+    def formatted(value: object) -> str:
+        if not isinstance(value, int | float | np.number) or not np.isfinite(value):
+            return "–" if isinstance(value, float) else str(value)
+        return f"{value:.{decimals}f}".replace("-", "−")
+
+    return formatted
+
+
+def table(rows: Sequence[Mapping], columns: Mapping[str, tuple[str, Callable]]) -> Table:
+    """Format the given keys of rows under their heads."""
+    return Table(
+        [head for head, _ in columns.values()], [[form(row[key]) for key, (_, form) in columns.items()] for row in rows]
+    )

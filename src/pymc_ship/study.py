@@ -1,0 +1,196 @@
+"""The paper's study on one ship, in its order: trial, noise, denoising, priors, posteriors, forecasts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship import replication
+from pymc_ship.agreement import agreement
+from pymc_ship.denoise import denoise
+from pymc_ship.forecast import forecast
+from pymc_ship.gibbs import gibbs_posterior
+from pymc_ship.identification import Identification, identify
+from pymc_ship.indices import indices
+from pymc_ship.manoeuvres import Manoeuvre, turning_circle, zigzag
+from pymc_ship.noise import LITERAL_LEVEL, pollute
+from pymc_ship.output import writable_folder
+from pymc_ship.priors import FAMILIES
+from pymc_ship.pymc_model import nuts_posterior
+from pymc_ship.simulate import simulate
+from pymc_ship.tables import forecast_row, published_rows, summary_rows
+from pymc_ship.vessel import Vessel, load_vessel
+
+LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
+"""Noise levels of the study; the last is the paper's literal one."""
+
+SWEEP = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+"""Noise levels between which the published errors are looked for."""
+
+DURATION, STEP, INTERVAL = 400.0, 0.02, 1.0
+"""The paper's record: 400 s in Euler steps of 0.02 s, one row of the regression each second."""
+
+MANOEUVRES = {"zigzag": zigzag(10, 10), "turning_circle": turning_circle(35)}
+"""What is forecast."""
+
+
+@dataclass
+class StudyResult:
+    """What the study found; the report draws it and computes nothing."""
+
+    vessel: Vessel
+    trial: xr.Dataset
+    level: float
+    seed: int
+    noisy: dict[float, xr.Dataset] = field(default_factory=dict)
+    smooth: dict[float, xr.Dataset] = field(default_factory=dict)
+    found: dict[float, Identification] = field(default_factory=dict)
+    draws: dict[str, dict[str, dict[str, xr.DataTree]]] = field(default_factory=dict)
+    agreement: dict[str, dict[str, xr.Dataset]] = field(default_factory=dict)
+    references: dict[str, xr.Dataset] = field(default_factory=dict)
+    forecasts: dict[str, dict[str, xr.DataTree]] = field(default_factory=dict)
+    tables: dict[str, list[dict]] = field(default_factory=dict)
+
+
+def study(
+    out: str | Path,
+    *,
+    vessel: str | Path = "container",
+    level: float = 0.01,
+    seed: int = 2020,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Run the study and write its report, tables and posteriors.
+
+    Parameters
+    ----------
+    out : str or Path
+        Folder of the report; created where it is missing. An earlier report is replaced when the run is complete.
+    vessel : str or Path, optional
+        Shipped vessel or TOML file.
+    level : float, optional
+        Noise level shown in detail.
+    seed : int, optional
+        Root of every random number; the same seed gives the same report.
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    Path
+        The page, ``out/index.html``.
+
+    Raises
+    ------
+    VesselError, OutputError
+        For a vessel that cannot be read or a folder that cannot be written.
+    """
+    from pymc_ship.report import write_study
+
+    out = writable_folder(out)
+    result = run_study(load_vessel(vessel), level=level, seed=seed, progress=progress)
+    progress("report")
+    return write_study(result, out)
+
+
+def run_study(
+    vessel: Vessel,
+    *,
+    level: float = 0.01,
+    seed: int = 2020,
+    levels: Sequence[float] = LEVELS,
+    sweep: Sequence[float] = SWEEP,
+    progress: Callable[[str], None] = lambda _: None,
+) -> StudyResult:
+    """Run the study in memory; parameters as :func:`study`, with the levels of the tables and of the sweep."""
+    progress("reference trial")
+    trial = simulate(vessel, zigzag(20, 20), duration=DURATION, step=STEP)
+    result = StudyResult(vessel, trial, level, seed)
+    for name, manoeuvre in MANOEUVRES.items():
+        result.references[name] = simulate(vessel, manoeuvre, duration=DURATION, step=STEP, record_interval=0.5)
+    for one in sorted({*levels, level}):
+        _level(result, one, progress)
+    _cross_check(result, progress)
+    _replication(result, sweep, progress)
+    return result
+
+
+def generator(seed: int, *purpose: float | str) -> np.random.Generator:
+    """Generator of one purpose, independent of what else runs and in which order."""
+    words = [int.from_bytes(str(word).encode()[:32], "little") for word in purpose]
+    return np.random.default_rng([seed, *words])
+
+
+def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -> None:
+    """Pollute, denoise, identify and forecast at one noise level."""
+    progress(f"noise level {level:.3g}: denoising")
+    noisy = pollute(result.trial, level=level, rng=generator(result.seed, "noise", level))
+    smooth = denoise(noisy)
+    optimised = level in (result.level, LITERAL_LEVEL)
+    found = identify(
+        smooth,
+        result.vessel,
+        interval=INTERVAL,
+        selection="bayesian_optimisation" if optimised else "evidence",
+        rng=generator(result.seed, "prior", level),
+        progress=lambda text: progress(f"noise level {level:.3g}: {text}"),
+    )
+    result.noisy[level], result.smooth[level], result.found[level] = noisy, smooth, found
+    summary = summary_rows(result.vessel, found.exact, level=level)
+    result.tables.setdefault("errors", []).extend(summary)
+    for name, manoeuvre in MANOEUVRES.items():
+        progress(f"noise level {level:.3g}: forecast of the {manoeuvre.label}")
+        trees = {family: _forecast(result, found, family, manoeuvre, level) for family in FAMILIES}
+        truth = indices(result.references[name])
+        rows = [
+            forecast_row(result.references[name], truth, tree, level=level, family=family)
+            for family, tree in trees.items()
+        ]
+        result.tables.setdefault(f"forecast_{name}", []).extend(rows)
+        if level == result.level:
+            result.forecasts[name] = trees
+
+
+def _forecast(result: StudyResult, found: Identification, family: str, manoeuvre: Manoeuvre, level: float):
+    rng = generator(result.seed, "forecast", level, family, manoeuvre.kind)
+    posteriors = found.posteriors(family, draws=400, rng=rng)
+    return forecast(result.vessel, posteriors, manoeuvre, draws=300, rng=rng, duration=DURATION, step=STEP)
+
+
+def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
+    """Exact, Gibbs and NUTS draws of every DOF and family at the level shown, side by side."""
+    found = result.found[result.level]
+    samplers = {"gibbs": gibbs_posterior, "nuts": nuts_posterior}
+    for family in FAMILIES:
+        exact = found.posteriors(family, draws=4000, rng=generator(result.seed, "exact", family))
+        result.draws[family] = {"exact": exact, **{name: {} for name in samplers}}
+        result.agreement[family] = {}
+        for dof, data in found.data.items():
+            prior = found.priors[family][dof]
+            trees = {}
+            for name, sampler in samplers.items():
+                progress(f"{name}: {dof}, {family}")
+                trees[name] = sampler(data, prior, draws=2000, chains=4, rng=generator(result.seed, name, family, dof))
+                result.draws[family][name][dof] = trees[name]
+            result.agreement[family][dof] = agreement(found.exact[family][dof], trees)
+
+
+def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable[[str], None]) -> None:
+    """Tables of what the replication found."""
+    vessel, found = result.vessel, result.found[result.level]
+    progress("cost of discretisation")
+    result.tables["discretisation"] = replication.discretisation_rows(result.trial, vessel, interval=INTERVAL)
+    result.tables["differencing"] = replication.differencing_rows(
+        result.smooth[result.level], vessel, ("euler", "central", "savgol"), (INTERVAL, None)
+    )
+    result.tables["sweep"] = replication.level_rows(
+        result.trial, vessel, sweep, rng=generator(result.seed, "sweep"), progress=progress
+    )
+    result.tables["priors"] = replication.prior_rows(vessel, found)
+    result.tables["published"] = published_rows(vessel, FAMILIES)
+    result.tables["printed_errors"] = replication.printed_error_rows(vessel, tuple(FAMILIES))
+    result.tables["full_conditional"] = replication.full_conditional_rows(found, result.draws["conjugate"]["nuts"])

@@ -1,0 +1,148 @@
+"""Ratios of this package against named peers doing the same work, measured side by side in one run: ``make bench``.
+
+Each row says what was timed, ours and the peer's median seconds over repeated runs, their ratio, and how far the two
+results differ, so that a fast wrong answer shows.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+
+import numpy as np
+import peers
+from scipy.integrate import solve_ivp
+
+import pymc_ship as ps
+
+
+def median_seconds(work: Callable[[], object], repeats: int) -> tuple[float, object]:
+    """Median wall time of a call over repeats, and its last result."""
+    seconds, result = [], None
+    for _ in range(repeats):
+        start = time.perf_counter()
+        result = work()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds), result
+
+
+def row(name: str, ours: float, peer: str, theirs: float, difference: str) -> None:
+    """Print one comparison."""
+    print(f"{name:<48} {ours:>9.4f} s   {peer:<34} {theirs:>9.3f} s   {theirs / ours:>8.1f} x   {difference}", flush=True)
+
+
+def simulation(vessel) -> None:
+    """One 20000-step zigzag against a plain NumPy loop and against scipy."""
+    manoeuvre = ps.zigzag(20, 20)
+    ps.simulate(vessel, manoeuvre, duration=1)
+    ours, trial = median_seconds(lambda: ps.simulate(vessel, manoeuvre, duration=400), 15)
+    plain, loop = median_seconds(lambda: peers.euler_loop(vessel, manoeuvre, 20000, 0.02), 1)
+    gap = np.abs(loop["psi"] - trial["psi"].values).max()
+    row("20/20 zigzag, 20000 Euler steps", ours, "the same in a Python/NumPy loop", plain, f"max |d psi| {gap:.1e} rad")
+    delta = trial["delta"].values
+    programme = ps.rudder_programme(trial["time"].values, delta, rate_limited=False)
+    ours, record = median_seconds(lambda: ps.simulate(vessel, programme, duration=400, step=0.1, method="rk4"), 15)
+    reach = record["time"].values[-1]
+
+    def scipy_run():
+        right_hand_side = peers.right_hand_side(vessel, trial["time"].values, delta)
+        start = [vessel.particulars.nominal_speed, *[0.0] * 7]
+        return solve_ivp(right_hand_side, (0.0, reach), start, rtol=1e-8, atol=1e-8, max_step=0.5)
+
+    theirs, solution = median_seconds(scipy_run, 1)
+    gap = abs(solution.y[5, -1] - record["psi"].values[-1])
+    row("the same rudder record, RK4 at 0.1 s", ours, "scipy solve_ivp (RK45, rtol 1e-8)", theirs, f"|d psi| at end {gap:.1e} rad")
+
+
+def batch(vessel) -> None:
+    """A thousand posterior draws against one at a time."""
+    rng = np.random.default_rng(0)
+    reference = np.concatenate([vessel.coefficients(dof).values for dof in vessel.dofs])
+    draws = reference * (1.0 + 0.01 * rng.standard_normal((1000, reference.size)))
+    settings = {"duration": 400, "record_interval": 0.5}
+    together, many = median_seconds(lambda: ps.simulate(vessel, ps.zigzag(10, 10), coefficients=draws, **settings), 3)
+    alone, one = median_seconds(
+        lambda: [ps.simulate(vessel, ps.zigzag(10, 10), coefficients=row[None], **settings) for row in draws[:50]], 1
+    )
+    gap = np.abs(one[-1]["psi"].values[0] - many["psi"].values[49]).max()
+    row("1000 draws x 20000 steps", together, "one draw at a time (50, scaled)", 20 * alone, f"max |d psi| {gap:.1e} rad")
+
+
+def sampling(data, prior) -> None:
+    """Exact draws and Gibbs sampler against a plain Cholesky Gibbs sampler, in effective draws a second."""
+    from arviz import ess
+
+    def rate(work, repeats, pick):
+        seconds, result = median_seconds(work, repeats)
+        coefficients = pick(result)
+        return min(float(ess(coefficients[..., j])) for j in range(coefficients.shape[-1])) / seconds, coefficients
+
+    rng = np.random.default_rng(0)
+    scaled = ps.RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response)
+    ps.gibbs_posterior(scaled, prior, draws=10, chains=1, rng=rng)
+    plain, theirs = rate(
+        lambda: peers.cholesky_gibbs(scaled.design_matrix, scaled.response, prior, 4000, rng), 1, lambda r: r[0][None]
+    )
+    exact = ps.semiconjugate(scaled, prior)
+    cases = {
+        "exact independent draws": lambda: exact.draw(40000, rng)[0][None],
+        "Gibbs, 64 chains x 1000": lambda: ps.gibbs(scaled, prior, draws=1000, chains=64, rng=rng)[0],
+    }
+    for name, work in cases.items():
+        ours, coefficients = rate(work, 3, lambda r: r)
+        gap = np.abs((coefficients.mean((0, 1)) - theirs.mean((0, 1))) / exact.sd).max()
+        print(
+            f"{name:<48} {ours:>9.3g} /s  {'Cholesky Gibbs in numpy, ESS/s':<34} {plain:>8.3g} /s  {ours / plain:>8.1f} x   "
+            f"max |d mean| {gap:.3f} sd",
+            flush=True,
+        )
+
+
+def denoising(noisy) -> None:
+    """Five channels of 20000 samples against scikit-image's wavelet denoiser where it is installed."""
+    channels = ("u", "v", "r", "p", "phi")
+    ps.denoise(noisy, channels=channels)
+    ours, smooth = median_seconds(lambda: ps.denoise(noisy, channels=channels), 3)
+    theirs, soft = median_seconds(lambda: {name: peers.universal_soft(noisy[name].values) for name in channels}, 3)
+    clean = noisy.attrs["clean"]
+    errors = [
+        np.sqrt(np.mean((record["v"] - clean) ** 2)) for record in ({"v": smooth["v"].values}, {"v": soft["v"]})
+    ]
+    row("denoise 5 x 20000, translation invariant", ours, "PyWavelets swt, universal soft", theirs, f"RMSE v {errors[0]:.2e} vs {errors[1]:.2e}")
+
+
+def whole_study() -> None:
+    """The whole study in a process of its own: wall time and peak memory."""
+    import subprocess
+
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "pymc_ship.cli", "study", "--quiet", "--out", folder], check=True)
+        seconds = time.perf_counter() - start
+    memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024**2
+    print(f"{'whole study, one process':<48} {seconds:>9.1f} s   peak memory {memory:.2f} GiB", flush=True)
+
+
+def main() -> None:
+    """Run every comparison and print it."""
+    print(f"{os.cpu_count()} cores, Python {sys.version.split()[0]}, numpy {np.__version__}, pymc_ship {ps.__version__}")
+    vessel = ps.load_vessel("container")
+    trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=400)
+    noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
+    noisy.attrs["clean"] = trial["v"].values
+    simulation(vessel)
+    batch(vessel)
+    denoising(noisy)
+    data = ps.regression_data(ps.denoise(noisy), vessel, "sway", interval=1.0)
+    prior, _ = ps.maximise_evidence(data, "semiconjugate")
+    sampling(data, prior)
+    whole_study()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,24 @@
+"""Trials and vessels shared by the tests; all are read only."""
+
+from __future__ import annotations
+
+import pytest
+
+import pymc_ship as ps
+
+
+@pytest.fixture(scope="session")
+def container():
+    return ps.load_vessel("container")
+
+
+@pytest.fixture(scope="session")
+def zigzag_trial(container):
+    """Clean 20/20 zigzag as in the paper: 400 s, 0.02 s, Euler."""
+    return ps.simulate(container, ps.zigzag(20.0, 20.0), duration=400.0)
+
+
+@pytest.fixture(scope="session")
+def circle_trial(container):
+    """35 deg turn to port until it is steady."""
+    return ps.simulate(container, ps.turning_circle(35.0), duration=1200.0)

@@ -1,0 +1,339 @@
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.special import jv
+
+import pymc_ship as ps
+
+AMPLITUDE, HEADING, PERIOD, SPEED = np.deg2rad(28.0), 20.0, 200.0, 8.0
+OMEGA = 2.0 * np.pi / PERIOD
+SWITCH = np.arcsin(np.deg2rad(HEADING) / AMPLITUDE) / OMEGA
+SIDES = {"starboard": 1.0, "port": -1.0}
+CONTAINER_LENGTH = 230.66
+
+
+def trial(time, attrs, **channels):
+    filled = {name: np.zeros_like(time) for name in ("u", "v", "r", "phi", "psi", "x", "y")} | channels
+    return xr.Dataset({name: ("time", values) for name, values in filled.items()}, {"time": time}, attrs)
+
+
+def sine(interval, *, side="starboard", offset=0.0, duration=450.0):
+    """Ship whose heading is a sine, rolling on her way; track by Jacobi's expansion of cos(A sin) and sin(A sin)."""
+    t = np.arange(offset, duration, interval)
+    angle, sign, k = OMEGA * t, SIDES[side], np.arange(1, 12)[:, None]
+    x = jv(0, AMPLITUDE) * angle + np.sum(jv(2 * k, AMPLITUDE) * np.sin(2 * k * angle) / k, axis=0)
+    odd = 2 * k - 1
+    y = np.sum(2.0 * jv(odd, AMPLITUDE) * (1.0 - np.cos(odd * angle)) / odd, axis=0)
+    phi = 0.15 * np.sin(2.0 * angle)
+    return trial(
+        t,
+        {"manoeuvre": "zigzag", "heading_deg": HEADING, "rudder_deg": 20.0, "side": side},
+        u=np.full(t.size, SPEED),
+        r=sign * AMPLITUDE * OMEGA * np.cos(angle) / np.cos(phi),
+        phi=sign * phi,
+        psi=sign * AMPLITUDE * np.sin(angle),
+        x=SPEED / OMEGA * x,
+        y=sign * SPEED / OMEGA * y,
+    )
+
+
+def circle(interval, *, side="port", offset=0.0, course=0.0, rate=0.012, drift=0.15, duration=800.0):
+    """Ship on a perfect circle, bow inwards by the drift angle, from any course."""
+    t = np.arange(0.0, duration, interval) + offset
+    sign = SIDES[side]
+    u, v = SPEED * np.cos(drift), -sign * SPEED * np.sin(drift)
+    psi = sign * rate * (t - offset)
+    path = psi - sign * drift  # direction of the track
+    x = sign * SPEED / rate * (np.sin(path) - np.sin(-sign * drift))
+    y = -sign * SPEED / rate * (np.cos(path) - np.cos(-sign * drift))
+    c, s = np.cos(course), np.sin(course)
+    return trial(
+        t,
+        {"manoeuvre": "turning_circle", "rudder_deg": 35.0, "side": side},
+        u=np.full(t.size, u),
+        v=np.full(t.size, v),
+        r=np.full(t.size, sign * rate),
+        psi=course + psi,
+        x=1000.0 + c * x - s * y,
+        y=-500.0 + s * x + c * y,
+    )
+
+
+EXACT_ZIGZAG = {
+    "first_overshoot_angle": 8.0,
+    "second_overshoot_angle": 8.0,
+    "third_overshoot_angle": 8.0,
+    "first_overshoot_time": PERIOD / 4.0 - SWITCH,
+    "second_overshoot_time": PERIOD / 4.0 - SWITCH,
+    "initial_turning_time": SWITCH,
+    "initial_turning_distance": SPEED * SWITCH,
+    "period": PERIOD,
+}
+EXACT_CIRCLE = {
+    "time_to_90": 0.5 * np.pi / 0.012,
+    "time_to_180": np.pi / 0.012,
+    "advance": SPEED / 0.012 * (np.cos(0.15) + np.sin(0.15)),
+    "transfer": SPEED / 0.012 * (np.cos(0.15) - np.sin(0.15)),
+    "tactical_diameter": 2.0 * SPEED / 0.012 * np.cos(0.15),
+    "steady_turning_diameter": 2.0 * SPEED / 0.012,
+    "steady_yaw_rate": np.rad2deg(0.012),
+    "steady_speed": SPEED,
+    "steady_drift_angle": np.rad2deg(0.15),
+    "maximum_roll_angle": 0.0,
+}
+
+
+def worst_error(name, exact, interval):
+    """Largest error of an index over records whose samples fall differently between the events."""
+    offsets = interval * np.arange(7) / 7.0
+    return max(abs(float(ps.indices(sine(interval, offset=offset))[name]) - exact(offset)) for offset in offsets)
+
+
+class TestZigzag:
+    @pytest.mark.parametrize("side", SIDES)
+    def test_a_sine_sampled_finely_has_its_exact_indices(self, side):
+        found = ps.indices(sine(0.05, side=side))
+        for name, exact in EXACT_ZIGZAG.items():
+            assert float(found[name]) == pytest.approx(exact, rel=1e-7), name
+        assert float(found["maximum_roll_angle"]) == pytest.approx(np.rad2deg(0.15), rel=1e-6)
+
+    @pytest.mark.parametrize(
+        ("name", "order"),
+        [
+            ("first_overshoot_angle", 4),
+            ("second_overshoot_angle", 4),
+            ("first_overshoot_time", 3),
+            ("initial_turning_time", 4),
+            ("initial_turning_distance", 2),
+            ("period", 4),
+        ],
+    )
+    def test_the_error_shrinks_with_the_sampling_interval(self, name, order):
+        """Heights of peaks and crossings by the fourth power of the interval, as a Hermite cubic has it."""
+
+        def exact(offset):
+            moved = {"initial_turning_time": offset, "initial_turning_distance": SPEED * offset}
+            return EXACT_ZIGZAG[name] - moved.get(name, 0.0)
+
+        errors = [worst_error(name, exact, interval) for interval in (6.0, 3.0, 1.5)]
+        slopes = [np.log2(coarse / fine) for coarse, fine in pairwise(errors)]
+        assert min(slopes) > order - 0.2
+        assert errors[-1] < {4: 1e-5, 3: 1e-3, 2: 1e-2}[order]
+
+    def test_an_event_between_samples_far_apart_is_still_found(self):
+        """Crossing and peak in one interval: 20 deg at 25.3 s and the peak at 50 s, sampled every 30 s from 24 s."""
+        sparse = sine(30.0, offset=24.0, duration=600.0)
+        found = ps.indices(sparse)
+        assert float(found["initial_turning_time"]) + 24.0 == pytest.approx(SWITCH, abs=0.2)
+        assert float(found["first_overshoot_angle"]) == pytest.approx(8.0, abs=0.1)
+        assert float(found["first_overshoot_time"]) == pytest.approx(50.0 - SWITCH, abs=0.5)
+
+    @pytest.mark.parametrize("heading", [10.0, 20.0])
+    def test_indices_hardly_depend_on_the_record_interval(self, container, heading):
+        fine, coarse = (
+            ps.indices(ps.simulate(container, ps.zigzag(heading, heading), duration=400.0, record_interval=interval))
+            for interval in (0.02, 2.0)
+        )
+        bounds = {"overshoot_angle": 2e-3, "overshoot_time": 0.05, "turning_time": 1e-3, "distance": 0.02, "roll": 0.05}
+        for name in fine.data_vars:
+            bound = next((value for key, value in bounds.items() if key in name), 0.01)
+            assert float(coarse[name]) == pytest.approx(float(fine[name]), abs=bound), name
+
+    @pytest.mark.parametrize(
+        ("end", "missing"),
+        [
+            (SWITCH - 1.0, set(EXACT_ZIGZAG)),
+            (49.0, set(EXACT_ZIGZAG) - {"initial_turning_time", "initial_turning_distance"}),
+            (149.0, {"second_overshoot_angle", "second_overshoot_time", "third_overshoot_angle", "period"}),
+            (200.0 + SWITCH - 1.0, {"third_overshoot_angle", "period"}),
+            (249.0, {"third_overshoot_angle"}),
+            (252.0, set()),
+        ],
+    )
+    def test_events_after_the_end_of_the_record_are_nan(self, end, missing):
+        found = ps.indices(sine(0.5, duration=end))
+        assert {name for name in found.data_vars if np.isnan(found[name])} == missing
+
+    def test_a_heading_that_is_never_reached(self):
+        straight = sine(1.0)
+        straight.attrs["heading_deg"] = 30.0
+        found = ps.indices(straight)
+        assert {name for name in found.data_vars if np.isfinite(found[name])} == {"maximum_roll_angle"}
+
+
+class TestTurningCircle:
+    @pytest.mark.parametrize("side", SIDES)
+    @pytest.mark.parametrize("course", [0.0, 1.1, -2.5, 7.0])
+    def test_a_perfect_circle_has_its_exact_indices_from_any_course(self, side, course):
+        found = ps.indices(circle(0.5, side=side, course=course))
+        assert set(EXACT_CIRCLE) == set(found.data_vars)
+        for name, exact in EXACT_CIRCLE.items():
+            assert float(found[name]) == pytest.approx(exact, rel=1e-7, abs=1e-12), name
+
+    @pytest.mark.parametrize("name", ["advance", "transfer", "tactical_diameter"])
+    def test_the_error_shrinks_with_the_fourth_power_of_the_sampling_interval(self, name):
+        parts = np.linspace(0.8, 1.0, 21)
+        errors = [
+            max(abs(float(ps.indices(circle(h * part))[name]) - EXACT_CIRCLE[name]) for part in parts)
+            for h in (20.0, 10.0, 5.0)
+        ]
+        slopes = [np.log2(coarse / fine) for coarse, fine in pairwise(errors)]
+        assert min(slopes) > 3.7
+        assert errors[-1] < 1e-2
+
+    @pytest.mark.parametrize("side", SIDES)
+    def test_steady_diameter_is_the_width_of_the_track(self, container, side):
+        run = ps.simulate(container, ps.turning_circle(35.0, side=side), duration=1500.0, record_interval=0.5)
+        last = np.abs(run["psi"] - run["psi"][-1]).values < 2.05 * np.pi
+        for name in ("x", "y"):
+            width = float(np.ptp(run[name].values[last]))
+            assert float(ps.indices(run)["steady_turning_diameter"]) == pytest.approx(width, rel=1e-4)
+
+    def test_indices_hardly_depend_on_the_record_interval(self, container, circle_trial):
+        fine = ps.indices(circle_trial)
+        coarse = ps.indices(circle_trial.isel(time=slice(None, None, 100)))
+        for name in fine.data_vars:
+            bound = {"maximum_roll_angle": 2e-3, "steady_turning_diameter": 1e-5}.get(name, 2e-6)
+            assert float(coarse[name]) == pytest.approx(float(fine[name]), rel=bound), name
+
+    def test_both_sides_are_mirrored(self, circle_trial):
+        odd = ("v", "r", "p", "phi", "psi", "y", "delta")
+        mirrored = circle_trial.assign({name: -circle_trial[name] for name in odd}).assign_attrs(side="starboard")
+        assert ps.indices(mirrored).drop_attrs().identical(ps.indices(circle_trial).drop_attrs())
+
+    @pytest.mark.parametrize(
+        ("turned", "missing"),
+        [
+            (80.0, set(EXACT_CIRCLE) - {"maximum_roll_angle"}),
+            (100.0, set(EXACT_CIRCLE) - {"maximum_roll_angle", "advance", "transfer", "time_to_90"}),
+            (400.0, {name for name in EXACT_CIRCLE if name.startswith("steady")}),
+            (460.0, set()),
+        ],
+    )
+    def test_events_after_the_end_of_the_record_are_nan(self, turned, missing):
+        found = ps.indices(circle(0.5, duration=np.deg2rad(turned) / 0.012))
+        assert {name for name in found.data_vars if np.isnan(found[name])} == missing
+
+
+class TestBatches:
+    def test_each_draw_has_the_indices_of_its_own_run(self, container):
+        reference = np.concatenate([container.coefficients(dof) for dof in container.dofs])
+        draws = reference * (1.0 + 0.03 * np.random.default_rng(14).standard_normal((4, reference.size)))
+        batch = ps.simulate(container, ps.zigzag(20, 20), duration=300.0, record_interval=0.5, coefficients=draws)
+        found = ps.indices(batch)
+        assert found.sizes == {"draw": 4}
+        for draw in range(4):
+            alone = ps.indices(batch.isel(draw=draw, drop=True))
+            for name in found.data_vars:
+                assert float(found[name][draw]) == float(alone[name])
+
+    def test_a_run_that_diverged_keeps_the_indices_it_reached(self):
+        whole = sine(0.5)
+        broken = whole.where(whole["time"] < 100.0)
+        batch = xr.concat([whole, broken, whole * np.nan], "draw", combine_attrs="override")
+        found = ps.indices(batch.assign_attrs(whole.attrs))
+        assert float(found["first_overshoot_angle"][1]) == float(found["first_overshoot_angle"][0])
+        assert np.isnan(found["second_overshoot_angle"][1:]).all()
+        assert all(np.isnan(found[name][2]) for name in found.data_vars)
+
+    def test_a_single_run_that_never_was_in_range(self, container):
+        run = ps.simulate(container, ps.turning_circle(35.0, approach_speed=100.0), duration=10.0)
+        assert float(run["diverged_at"]) == 0.0
+        assert all(np.isnan(value) for value in ps.indices(run).data_vars.values())
+
+
+class TestCriteria:
+    """Limits of IMO resolution MSC.137(76), 5.3."""
+
+    @staticmethod
+    def zigzag(angle, speed, **values):
+        table = {"first_overshoot_angle": 1.0, "second_overshoot_angle": 1.0, "initial_turning_distance": 1.0} | values
+        units = {"initial_turning_distance": "m"}
+        attrs = {"manoeuvre": "zigzag", "rudder_deg": angle, "heading_deg": angle, "approach_speed": speed}
+        data = {name: ((), value, {"units": units.get(name, "deg")}) for name, value in table.items()}
+        return xr.Dataset(data, attrs=attrs)
+
+    @pytest.mark.parametrize(
+        ("ratio", "first", "second"),
+        [
+            (9.0, 10.0, 25.0),
+            (10.0, 10.0, 25.0),
+            (20.0, 5.0 + 0.5 * 20.0, 17.5 + 0.75 * 20.0),
+            (29.0, 5.0 + 0.5 * 29.0, 17.5 + 0.75 * 29.0),
+            (30.0, 20.0, 40.0),
+            (45.0, 20.0, 40.0),
+        ],
+    )
+    def test_zigzag_10_10_limits_grow_with_length_over_speed(self, container, ratio, first, second):
+        for scale in (0.999, 1.001):
+            values = {"first_overshoot_angle": scale * first, "second_overshoot_angle": scale * second}
+            values["initial_turning_distance"] = scale * 2.5 * CONTAINER_LENGTH
+            rows = ps.imo_criteria(self.zigzag(10.0, CONTAINER_LENGTH / ratio, **values), container)
+            assert [row["criterion"] for row in rows] == [name.replace("_", " ") for name in values]
+            np.testing.assert_allclose([row["limit"] for row in rows], [first, second, 2.5], rtol=1e-14)
+            np.testing.assert_allclose([row["value"] for row in rows], scale * np.array([first, second, 2.5]))
+            assert [row["units"] for row in rows] == ["deg", "deg", "L"]
+            assert [row["passed"] for row in rows] == [scale < 1.0] * 3
+
+    def test_zigzag_20_20_first_overshoot_is_limited_to_25_deg(self, container):
+        for value, passed in ((24.9, True), (25.0, True), (25.1, False)):
+            (row,) = ps.imo_criteria(self.zigzag(20.0, 12.7, first_overshoot_angle=value), container)
+            assert (row["criterion"], row["limit"], row["passed"]) == ("first overshoot angle", 25.0, passed)
+
+    def test_turning_circle_limits_are_lengths(self, container, circle_trial):
+        rows = ps.imo_criteria(ps.indices(circle_trial), container)
+        assert [(row["criterion"], row["limit"], row["units"]) for row in rows] == [
+            ("advance", 4.5, "L"),
+            ("tactical diameter", 5.0, "L"),
+        ]
+        np.testing.assert_allclose([row["value"] for row in rows], [5.0, 6.7], atol=0.05)
+        assert [row["passed"] for row in rows] == [False, False]
+
+    def test_an_event_that_was_not_reached_neither_passes_nor_fails(self, container):
+        short = ps.indices(ps.simulate(container, ps.turning_circle(35.0), duration=150.0))
+        assert [row["passed"] for row in ps.imo_criteria(short, container)] == [False, None]
+
+    def test_other_zigzags_have_no_limits(self, container):
+        assert ps.imo_criteria(self.zigzag(15.0, 12.7), container) == []
+
+
+class TestErrors:
+    def test_other_manoeuvres_have_no_indices(self, container):
+        run = ps.simulate(container, ps.rudder_programme([0.0, 9.0], [0.0, 0.1]), duration=20.0)
+        with pytest.raises(ps.TrialError, match="zigzag or a turning_circle, found 'rudder_programme'"):
+            ps.indices(run)
+
+    @pytest.mark.parametrize("name", ["u", "v", "r", "phi", "psi", "x", "y"])
+    def test_missing_channels_are_named(self, name):
+        with pytest.raises(ps.TrialError, match=f"; {name} missing"):
+            ps.indices(sine(1.0).drop_vars(name))
+        with pytest.raises(ps.TrialError, match=f"; {name} missing"):
+            ps.indices(sine(1.0).drop_vars(name).expand_dims("draw"))
+
+    @pytest.mark.parametrize("name", ["heading_deg", "side"])
+    def test_missing_attrs_are_named(self, name):
+        record = sine(1.0)
+        del record.attrs[name]
+        with pytest.raises(ps.TrialError, match="The attrs of a zigzag need heading_deg, side"):
+            ps.indices(record)
+
+    def test_sides_are_port_and_starboard(self):
+        with pytest.raises(ps.TrialError, match="the side is 'starboard' or 'port'"):
+            ps.indices(sine(1.0).assign_attrs(side="left"))
+
+    def test_a_gap_in_the_record_is_an_error(self):
+        record = sine(1.0)
+        record["psi"][40] = np.nan
+        with pytest.raises(
+            ps.TrialError, match="Channel psi must be finite, found 1 bad values, the first at t = 40 s"
+        ):
+            ps.indices(record)
+
+    def test_a_manoeuvre_can_be_named(self):
+        record = sine(0.5)
+        del record.attrs["manoeuvre"]
+        assert float(ps.indices(record, manoeuvre="zigzag")["first_overshoot_angle"]) == pytest.approx(8.0, abs=1e-4)

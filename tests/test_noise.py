@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.stats import chi2, kstest
+
+import pymc_ship as ps
+
+FACTORS = {"u": 0.3, "v": 1.0, "r": 0.3, "p": 0.3, "phi": 0.3, "psi": 0.3}
+LEVEL = 0.05
+ALPHA = 1e-4
+"""Chance that a right channel lies outside its interval; the seeds are fixed, so a test fails always or never."""
+
+
+def noise_of(trial, polluted, name):
+    return polluted[name].values - trial[name].values
+
+
+def sd_is(sample, sd):
+    """Whether a sample about zero has the standard deviation sd, by its chi-square interval."""
+    low, high = chi2.ppf([ALPHA / 2.0, 1.0 - ALPHA / 2.0], sample.size)
+    return low < np.sum(sample**2) / sd**2 < high
+
+
+@pytest.fixture(scope="module")
+def polluted(zigzag_trial):
+    return ps.pollute(zigzag_trial, level=LEVEL, rng=np.random.default_rng(7))
+
+
+@pytest.mark.parametrize("channel", FACTORS)
+def test_the_standard_deviation_is_level_times_factor_times_the_largest_value(zigzag_trial, polluted, channel):
+    noise = noise_of(zigzag_trial, polluted, channel)
+    sd = LEVEL * FACTORS[channel] * float(np.abs(zigzag_trial[channel]).max())
+    assert sd_is(noise, sd)
+    assert polluted.attrs[f"noise_sd_{channel}"] == pytest.approx(sd, rel=1e-12)
+    for wrong in (0.95 * sd, 1.05 * sd, LEVEL * sd, sd / FACTORS[channel] * 1.3):
+        assert not sd_is(noise, wrong)
+
+
+@pytest.mark.parametrize("channel", FACTORS)
+def test_the_noise_is_gaussian_and_white(zigzag_trial, polluted, channel):
+    noise = noise_of(zigzag_trial, polluted, channel) / polluted.attrs[f"noise_sd_{channel}"]
+    assert kstest(noise, "norm").pvalue > ALPHA
+    assert kstest(np.abs(noise), "norm").pvalue < ALPHA  # the broken twin
+    n = noise.size
+    for lag in (1, 2, 50):
+        assert abs(np.mean(noise[lag:] * noise[:-lag])) < 4.0 / np.sqrt(n)
+
+
+def test_channels_are_independent(zigzag_trial, polluted):
+    noise = np.array([noise_of(zigzag_trial, polluted, name) for name in FACTORS])
+    correlation = np.corrcoef(noise) - np.eye(len(FACTORS))
+    assert np.abs(correlation).max() < 4.5 / np.sqrt(noise.shape[1])
+
+
+def test_the_rudder_and_the_track_carry_no_noise(zigzag_trial, polluted):
+    for name in ("delta", "x", "y", "time"):
+        np.testing.assert_array_equal(polluted[name], zigzag_trial[name])
+
+
+def test_the_literal_level_has_variance_one_fifth(zigzag_trial):
+    literal = ps.pollute(zigzag_trial, level="literal", rng=np.random.default_rng(8))
+    assert literal.attrs["noise_level"] == pytest.approx(0.447, abs=5e-4)
+    sway = noise_of(zigzag_trial, literal, "v") / float(np.abs(zigzag_trial["v"]).max())
+    assert sd_is(sway, np.sqrt(0.2))
+    assert not sd_is(sway, 0.2)
+
+
+def test_the_same_seed_gives_the_same_noise(zigzag_trial, polluted):
+    again = ps.pollute(zigzag_trial, level=LEVEL, rng=np.random.default_rng(7))
+    other = ps.pollute(zigzag_trial, level=LEVEL, rng=np.random.default_rng(8))
+    assert again.identical(polluted)
+    assert (other["u"] != polluted["u"]).all()
+
+
+def test_level_zero_is_the_clean_trial(zigzag_trial):
+    clean = ps.pollute(zigzag_trial, level=0.0, rng=np.random.default_rng(9))
+    for name in FACTORS:
+        np.testing.assert_array_equal(clean[name], zigzag_trial[name])
+
+
+def test_the_trial_itself_stays_clean(container):
+    trial = ps.simulate(container, ps.zigzag(20, 20), duration=20.0)
+    before = trial.copy(deep=True)
+    polluted = ps.pollute(trial, level=1.0, rng=np.random.default_rng(10))
+    assert trial.identical(before)
+    assert polluted["u"].attrs == trial["u"].attrs
+    assert polluted.attrs["manoeuvre"] == "zigzag"
+
+
+def test_factors_choose_the_channels(zigzag_trial):
+    polluted = ps.pollute(zigzag_trial, level=1.0, rng=np.random.default_rng(11), factors={"x": 0.01})
+    assert sd_is(noise_of(zigzag_trial, polluted, "x"), 0.01 * float(np.abs(zigzag_trial["x"]).max()))
+    for name in FACTORS:
+        np.testing.assert_array_equal(polluted[name], zigzag_trial[name])
+
+
+def test_channels_a_trial_does_not_have_are_left_out():
+    trial = xr.Dataset({"u": ("time", np.ones(10))}, {"time": np.arange(10.0)})
+    polluted = ps.pollute(trial, level=0.1, rng=np.random.default_rng(12))
+    assert list(polluted.data_vars) == ["u"]
+
+
+@pytest.mark.parametrize("level", [-0.1, np.nan, np.inf, "loud", "0.1"])
+def test_levels_that_are_none(zigzag_trial, level):
+    with pytest.raises(ps.TrialError, match=r"a number from 0 up or 'literal', found"):
+        ps.pollute(zigzag_trial, level=level, rng=np.random.default_rng(13))
+
+
+def test_unknown_channels_are_named(zigzag_trial):
+    with pytest.raises(ps.TrialError, match="found heel, n; rename"):
+        ps.pollute(zigzag_trial, level=0.1, rng=np.random.default_rng(13), factors={"heel": 1.0, "u": 1.0, "n": 1.0})
+
+
+def test_a_trial_with_gaps_cannot_be_polluted(zigzag_trial):
+    gap = zigzag_trial.copy(deep=True)
+    gap["r"][100] = np.nan
+    with pytest.raises(ps.TrialError, match="Channel r must be finite"):
+        ps.pollute(gap, level=0.1, rng=np.random.default_rng(13))

@@ -1,0 +1,125 @@
+import os
+
+import pytest
+
+from pymc_ship.output import OutputError, staged, writable_folder
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def write_half(partial, stop):
+    partial.write_text("half")
+    raise stop
+
+
+def test_a_file_appears_only_when_the_block_ends(tmp_path):
+    path = tmp_path / "table.csv"
+    with staged(path) as partial:
+        partial.write_text("new")
+        assert not path.exists()
+        assert partial.parent == tmp_path
+        assert partial.suffix == ".csv"
+    assert path.read_text() == "new"
+    assert names(tmp_path) == ["table.csv"]
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError, SystemExit])
+def test_an_interrupted_block_keeps_the_earlier_file_and_leaves_nothing_else(tmp_path, stop):
+    path = tmp_path / "table.csv"
+    path.write_text("earlier")
+    with pytest.raises(stop), staged(path) as partial:
+        write_half(partial, stop)
+    assert path.read_text() == "earlier"
+    assert names(tmp_path) == ["table.csv"]
+
+
+def test_a_folder_replaces_the_earlier_one_as_a_whole(tmp_path):
+    path = tmp_path / "tables"
+    for number in (1, 2):
+        with staged(path) as partial:
+            partial.mkdir()
+            (partial / f"{number}.csv").write_text(str(number))
+            assert names(tmp_path) == sorted({".tables.partial", *(["tables"] if number == 2 else [])})
+    assert names(path) == ["2.csv"]
+    assert names(tmp_path) == ["tables"]
+
+
+@pytest.mark.parametrize("failing_call", [1, 2])
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, OSError])
+def test_a_folder_that_cannot_be_moved_leaves_the_earlier_one(tmp_path, monkeypatch, stop, failing_call):
+    path = tmp_path / "tables"
+    path.mkdir()
+    (path / "earlier.csv").write_text("earlier")
+    replace, calls = os.replace, []
+
+    def replace_until(source, target):
+        calls.append(target)
+        if len(calls) == failing_call:
+            raise stop("stopped")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", replace_until)
+    with pytest.raises(OutputError if stop is OSError else stop), staged(path) as partial:
+        partial.mkdir()
+    assert names(path) == ["earlier.csv"]
+    assert names(tmp_path) == ["tables"]
+
+
+def test_a_file_never_takes_the_place_of_a_folder(tmp_path):
+    path = tmp_path / "results"
+    path.mkdir()
+    (path / "precious.csv").write_text("precious")
+    message = r"results cannot be written: Is a directory; choose another place"
+    with pytest.raises(OutputError, match=message), staged(path) as partial:
+        partial.write_text("file")
+    assert (path / "precious.csv").read_text() == "precious"
+    assert names(tmp_path) == ["results"]
+
+
+def test_a_folder_behind_a_link_is_left_alone(tmp_path):
+    target = tmp_path / "target"
+    target.mkdir()
+    (target / "precious.csv").write_text("precious")
+    (tmp_path / "link").symlink_to(target)
+    with staged(tmp_path / "link") as partial:
+        partial.mkdir()
+    assert names(target) == ["precious.csv"]
+    assert names(tmp_path) == ["link", "target"]
+
+
+def test_leftovers_of_a_killed_run_are_cleared(tmp_path):
+    left = tmp_path / ".tables.partial"
+    left.mkdir()
+    (left / "old.csv").write_text("old")
+    with staged(tmp_path / "tables") as partial:
+        assert not partial.exists()
+        partial.mkdir()
+    assert names(tmp_path / "tables") == []
+
+
+@pytest.mark.parametrize("place", ["file.txt/table.csv", "missing/table.csv"])
+def test_staged_says_where_nothing_can_be_written(tmp_path, place):
+    (tmp_path / "file.txt").write_text("kept")
+    message = r"table\.csv cannot be written: .+; choose another place\."
+    with pytest.raises(OutputError, match=message), staged(tmp_path / place) as partial:
+        partial.write_text("x")
+    assert (tmp_path / "file.txt").read_text() == "kept"
+    assert names(tmp_path) == ["file.txt"]
+
+
+def test_writable_folder_is_made_with_its_parents_and_left_as_it_was(tmp_path):
+    path = tmp_path / "a" / "b"
+    assert writable_folder(path) == path
+    (path / "kept.csv").write_text("kept")
+    assert writable_folder(str(path)) == path
+    assert names(path) == ["kept.csv"]
+
+
+@pytest.mark.parametrize("place", ["file.txt", "file.txt/below"])
+def test_writable_folder_refuses_a_place_taken_by_a_file(tmp_path, place):
+    (tmp_path / "file.txt").write_text("kept")
+    with pytest.raises(OutputError, match=r"file\.txt.* cannot be written: .+; choose another place\."):
+        writable_folder(tmp_path / place)
+    assert names(tmp_path) == ["file.txt"]

@@ -1,0 +1,184 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+
+DOFS = ("surge", "sway", "yaw", "roll")
+N_TERMS = {"surge": 18, "sway": 28, "yaw": 28, "roll": 28}
+
+
+def least_squares(data):
+    """Coefficients of the original columns from the scaled ones, by numpy alone."""
+    scaled = np.linalg.lstsq(data.scaled_design_matrix, data.scaled_response, rcond=None)[0]
+    return data.to_original(scaled)
+
+
+def median_error(data, vessel):
+    """Median over the coefficients that are not zero [%]."""
+    reference = vessel.coefficients(data.dof).values
+    known = reference != 0.0
+    return 100.0 * np.median(np.abs(least_squares(data)[known] / reference[known] - 1.0))
+
+
+class TestGate:
+    """A clean trial and exact differences give back the coefficients that made it: simulator and regression agree."""
+
+    @pytest.mark.parametrize("interval", [1.0, None])
+    @pytest.mark.parametrize("dof", DOFS)
+    def test_least_squares_returns_the_reference_coefficients(self, container, zigzag_trial, dof, interval):
+        data = ps.regression_data(zigzag_trial, container, dof, interval=interval, derivative="euler")
+        found, reference = least_squares(data), container.coefficients(dof).values
+        zero = reference == 0.0
+        np.testing.assert_allclose(found[~zero], reference[~zero], rtol=1e-6)
+        np.testing.assert_allclose(found[zero], 0.0, atol=1e-9)
+        assert data.coefficients == tuple(container.coefficients(dof)["coefficient"].values)
+
+    def test_all_102_coefficients_are_tried(self, container):
+        assert {dof: container.coefficients(dof).size for dof in container.dofs} == N_TERMS
+
+    @pytest.mark.parametrize("dof", DOFS)
+    def test_least_squares_of_the_data_is_that_of_numpy(self, container, zigzag_trial, dof):
+        data = ps.regression_data(zigzag_trial, container, dof, interval=1.0)
+        np.testing.assert_allclose(data.least_squares, least_squares(data), rtol=1e-7, atol=1e-12)
+
+    @pytest.mark.parametrize("dof", DOFS)
+    def test_the_response_is_the_design_times_the_reference(self, container, zigzag_trial, dof):
+        data = ps.regression_data(zigzag_trial, container, dof, interval=1.0)
+        force = data.design_matrix @ container.coefficients(dof).values
+        np.testing.assert_allclose(data.response, force, rtol=0.0, atol=1e-10 * np.abs(force).max())
+
+    def test_another_ship_on_the_same_trial_is_told_apart(self, container, zigzag_trial):
+        """The broken twin: with another mass the same trial gives other coefficients."""
+        heavier = replace(container, m=1.01 * container.m)
+        data = ps.regression_data(zigzag_trial, heavier, "sway", interval=1.0)
+        reference = container.coefficients("sway").values
+        assert np.abs(least_squares(data)[0] / reference[0] - 1.0) > 1e-4
+
+    @pytest.mark.parametrize(
+        ("derivative", "medians"), [("euler", (38.0, 197.0, 130.0, 34.0)), ("central", (10.0, 13.0, 7.0, 8.0))]
+    )
+    def test_sampling_at_1_hz_costs_what_was_measured_beforehand(self, container, zigzag_trial, derivative, medians):
+        """METHOD.md, section 9: discretisation bias alone, with differences over one second."""
+        coarse = zigzag_trial.isel(time=slice(None, None, 50))
+        found = [
+            median_error(ps.regression_data(coarse, container, dof, derivative=derivative), container) for dof in DOFS
+        ]
+        np.testing.assert_allclose(found, medians, atol=0.5)
+
+
+class TestRows:
+    def test_rows_at_1_hz(self, container, zigzag_trial):
+        data = ps.regression_data(zigzag_trial, container, "yaw", interval=1.0)
+        assert data.design_matrix.shape == (400, 28)
+        np.testing.assert_allclose(data.time, np.arange(400.0), atol=1e-9)
+        assert (data.dof, data.vessel, data.derivative) == ("yaw", "container", "euler")
+
+    @pytest.mark.parametrize(
+        ("derivative", "first", "last"), [("euler", 0.0, 399.96), ("central", 0.02, 399.96), ("savgol", 0.0, 399.98)]
+    )
+    def test_only_samples_with_an_acceleration_become_rows(self, container, zigzag_trial, derivative, first, last):
+        data = ps.regression_data(zigzag_trial, container, "surge", derivative=derivative)
+        np.testing.assert_allclose([data.time[0], data.time[-1]], [first, last])
+        assert data.n_rows == round((last - first) / 0.02) + 1
+
+    def test_rows_are_the_same_from_a_denser_record(self, container, zigzag_trial):
+        every = ps.regression_data(zigzag_trial, container, "roll")
+        second = ps.regression_data(zigzag_trial, container, "roll", interval=1.0)
+        np.testing.assert_array_equal(every.design_matrix[::50], second.design_matrix)
+        np.testing.assert_array_equal(every.response[::50], second.response)
+
+    def test_columns_and_response_have_unit_mean_square(self, container, zigzag_trial):
+        for dof in DOFS:
+            data = ps.regression_data(zigzag_trial, container, dof, interval=1.0)
+            np.testing.assert_allclose(np.mean(data.scaled_design_matrix**2, axis=0), 1.0, rtol=1e-12)
+            assert np.mean(data.scaled_response**2) == pytest.approx(1.0, rel=1e-12)
+            assert data.constant == (-1 if dof == "surge" else container.terms(dof).index("0"))
+
+    def test_the_reference_values_are_not_used(self, container, zigzag_trial):
+        other = container.with_coefficients({dof: np.zeros(n) for dof, n in N_TERMS.items()})
+        for dof in DOFS:
+            mine, theirs = (ps.regression_data(zigzag_trial, v, dof, interval=1.0) for v in (container, other))
+            np.testing.assert_array_equal(mine.design_matrix, theirs.design_matrix)
+            np.testing.assert_array_equal(mine.response, theirs.response)
+
+    def test_a_vessel_without_roll_needs_no_roll_in_the_trial(self, container):
+        forces = {dof: tuple(c for c in container.forces[dof] if "p" not in c.term) for dof in ("surge", "sway", "yaw")}
+        vessel = replace(container, forces=forces)
+        trial = ps.simulate(vessel, ps.zigzag(20.0, 20.0), duration=300.0).drop_vars(["p", "phi"])
+        for dof in ("surge", "sway", "yaw"):
+            data = ps.regression_data(trial, vessel, dof, interval=1.0)
+            reference = vessel.coefficients(dof).values
+            np.testing.assert_allclose(least_squares(data), reference, rtol=1e-6, atol=1e-9)
+
+
+class TestErrors:
+    def test_a_rudder_that_never_moves(self, container):
+        trial = ps.simulate(container, ps.rudder_programme([0.0], [0.0]), duration=60.0)
+        with pytest.raises(ps.RegressionDataError, match="The rudder of a trial must move"):
+            ps.regression_data(trial, container, "sway", interval=1.0)
+
+    @pytest.mark.parametrize("name", ["u", "v", "r", "p", "phi", "delta"])
+    def test_nan_names_the_channel_and_the_time(self, container, zigzag_trial, name):
+        trial = zigzag_trial.copy(deep=True)
+        trial[name][500] = np.nan
+        with pytest.raises(
+            ps.TrialError, match=f"Channel {name} must be finite, found 1 bad values, the first at t = 10 s"
+        ):
+            ps.regression_data(trial, container, "sway", interval=1.0)
+
+    @pytest.mark.parametrize("name", ["u", "v", "r", "p", "phi", "delta"])
+    def test_a_missing_channel_is_named(self, container, zigzag_trial, name):
+        with pytest.raises(ps.TrialError, match=f"; {name} missing"):
+            ps.regression_data(zigzag_trial.drop_vars(name), container, "surge", interval=1.0)
+
+    @pytest.mark.parametrize(
+        ("time", "message"),
+        [
+            (
+                lambda t: t + 0.001 * (t > 100.0),
+                r"sampling of a trial must be uniform, found steps of 0\.02 to 0\.021 s",
+            ),
+            (lambda t: t[::-1], "must be finite and increase"),
+            (lambda t: np.where(t == t[7], np.nan, t), "must be finite and increase"),
+        ],
+    )
+    def test_time_must_be_uniform(self, container, zigzag_trial, time, message):
+        trial = zigzag_trial.assign_coords(time=time(zigzag_trial["time"].values))
+        with pytest.raises(ps.TrialError, match=message):
+            ps.regression_data(trial, container, "sway", interval=1.0)
+
+    @pytest.mark.parametrize("interval", [0.03, 0.01, 0.0, -1.0, np.nan, np.inf])
+    def test_the_interval_is_a_multiple_of_the_sampling_interval(self, container, zigzag_trial, interval):
+        with pytest.raises(
+            ps.RegressionDataError, match=f"multiple of the sampling interval, found {interval} s at 0.02 s"
+        ):
+            ps.regression_data(zigzag_trial, container, "sway", interval=interval)
+
+    def test_a_trial_has_as_many_rows_as_terms(self, container, zigzag_trial):
+        message = "The yaw of 'container' has 28 terms and needs as many rows, found 27"
+        short = zigzag_trial.isel(time=slice(0, 27 * 50))
+        with pytest.raises(ps.RegressionDataError, match=message):
+            ps.regression_data(short, container, "yaw", interval=1.0)
+        with pytest.raises(ps.RegressionDataError, match=message):
+            ps.regression_data(zigzag_trial.isel(time=slice(0, 28)), container, "yaw")
+
+    def test_unknown_degrees_of_freedom(self, container, zigzag_trial):
+        with pytest.raises(ps.VesselError, match="surge, sway, yaw, roll; found 'pitch'"):
+            ps.regression_data(zigzag_trial, container, "pitch", interval=1.0)
+
+    def test_an_unknown_derivative(self, container, zigzag_trial):
+        with pytest.raises(ValueError, match="'spline'"):
+            ps.regression_data(zigzag_trial, container, "sway", interval=1.0, derivative="spline")
+
+    def test_terms_that_the_trial_does_not_excite_are_named(self, container):
+        """Without roll in the motion every term of p and phi is a column of zeros."""
+        trial = ps.simulate(container, ps.zigzag(20.0, 20.0), duration=100.0)
+        upright = trial.assign(p=0.0 * trial["p"], phi=0.0 * trial["phi"])
+        with pytest.raises(
+            ps.RegressionDataError, match=r"Yp, Yppp, Ypu, Ypu\|pu\|, Yphi, Yvphi, Yvphiphi, Yphivv did not"
+        ):
+            ps.regression_data(upright, container, "sway", interval=1.0)
