@@ -15,9 +15,9 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import peers
 from scipy.integrate import solve_ivp
 
+import peers
 import pymc_ship as ps
 
 
@@ -33,7 +33,9 @@ def median_seconds(work: Callable[[], object], repeats: int) -> tuple[float, obj
 
 def row(name: str, ours: float, peer: str, theirs: float, difference: str) -> None:
     """Print one comparison."""
-    print(f"{name:<48} {ours:>9.4f} s   {peer:<34} {theirs:>9.3f} s   {theirs / ours:>8.1f} x   {difference}", flush=True)
+    print(
+        f"{name:<48} {ours:>9.4f} s   {peer:<34} {theirs:>9.3f} s   {theirs / ours:>8.1f} x   {difference}", flush=True
+    )
 
 
 def simulation(vessel) -> None:
@@ -56,7 +58,13 @@ def simulation(vessel) -> None:
 
     theirs, solution = median_seconds(scipy_run, 1)
     gap = abs(solution.y[5, -1] - record["psi"].values[-1])
-    row("the same rudder record, RK4 at 0.1 s", ours, "scipy solve_ivp (RK45, rtol 1e-8)", theirs, f"|d psi| at end {gap:.1e} rad")
+    row(
+        "the same rudder record, RK4 at 0.1 s",
+        ours,
+        "scipy solve_ivp (RK45, rtol 1e-8)",
+        theirs,
+        f"|d psi| at end {gap:.1e} rad",
+    )
 
 
 def batch(vessel) -> None:
@@ -70,7 +78,13 @@ def batch(vessel) -> None:
         lambda: [ps.simulate(vessel, ps.zigzag(10, 10), coefficients=row[None], **settings) for row in draws[:50]], 1
     )
     gap = np.abs(one[-1]["psi"].values[0] - many["psi"].values[49]).max()
-    row("1000 draws x 20000 steps", together, "one draw at a time (50, scaled)", 20 * alone, f"max |d psi| {gap:.1e} rad")
+    row(
+        "1000 draws x 20000 steps",
+        together,
+        "one draw at a time (50, scaled)",
+        20 * alone,
+        f"max |d psi| {gap:.1e} rad",
+    )
 
 
 def sampling(data, prior) -> None:
@@ -97,7 +111,7 @@ def sampling(data, prior) -> None:
         ours, coefficients = rate(work, 3, lambda r: r)
         gap = np.abs((coefficients.mean((0, 1)) - theirs.mean((0, 1))) / exact.sd).max()
         print(
-            f"{name:<48} {ours:>9.3g} /s  {'Cholesky Gibbs in numpy, ESS/s':<34} {plain:>8.3g} /s  {ours / plain:>8.1f} x   "
+            f"{name:<48} {ours:>9.3g} /s  {'Cholesky Gibbs in numpy, ESS/s':<34} {plain:>8.3g} /s  {ours / plain:>8.1f} x  "
             f"max |d mean| {gap:.3f} sd",
             flush=True,
         )
@@ -110,10 +124,14 @@ def denoising(noisy) -> None:
     ours, smooth = median_seconds(lambda: ps.denoise(noisy, channels=channels), 3)
     theirs, soft = median_seconds(lambda: {name: peers.universal_soft(noisy[name].values) for name in channels}, 3)
     clean = noisy.attrs["clean"]
-    errors = [
-        np.sqrt(np.mean((record["v"] - clean) ** 2)) for record in ({"v": smooth["v"].values}, {"v": soft["v"]})
-    ]
-    row("denoise 5 x 20000, translation invariant", ours, "PyWavelets swt, universal soft", theirs, f"RMSE v {errors[0]:.2e} vs {errors[1]:.2e}")
+    errors = [np.sqrt(np.mean((record["v"] - clean) ** 2)) for record in ({"v": smooth["v"].values}, {"v": soft["v"]})]
+    row(
+        "denoise 5 x 20000, translation invariant",
+        ours,
+        "PyWavelets swt, universal soft",
+        theirs,
+        f"RMSE v {errors[0]:.2e} vs {errors[1]:.2e}",
+    )
 
 
 def whole_study() -> None:
@@ -130,7 +148,9 @@ def whole_study() -> None:
 
 def main() -> None:
     """Run every comparison and print it."""
-    print(f"{os.cpu_count()} cores, Python {sys.version.split()[0]}, numpy {np.__version__}, pymc_ship {ps.__version__}")
+    print(
+        f"{os.cpu_count()} cores, Python {sys.version.split()[0]}, numpy {np.__version__}, pymc_ship {ps.__version__}"
+    )
     vessel = ps.load_vessel("container")
     trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=400)
     noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))

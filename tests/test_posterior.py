@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 
 import arviz as az
 import numpy as np
@@ -35,11 +34,11 @@ def tree(prior=None, draws=8):
 
 class TestLayout:
     @pytest.mark.parametrize(
-        ("ways", "prior"),
+        ("way", "prior"),
         [(conjugate_posterior, ConjugatePrior()), (semiconjugate_posterior, SemiConjugatePrior())],
     )
-    def test_groups_dims_and_coordinates(self, ways, prior):
-        found = ways(centred_data(), prior, draws=8, rng=np.random.default_rng(1))
+    def test_groups_dims_and_coordinates(self, way, prior):
+        found = way(centred_data(), prior, draws=8, rng=np.random.default_rng(1))
         assert set(found.children) == {"posterior", "log_likelihood", "log_prior", "observed_data", "constant_data"}
         assert found["posterior/coefficients"].dims == ("chain", "draw", "coefficient")
         assert found["posterior/noise_variance"].dims == ("chain", "draw")
@@ -161,7 +160,7 @@ class TestStorage:
         assert list(tmp_path.iterdir()) == []
 
     def test_nothing_to_read(self, tmp_path):
-        with pytest.raises(ValueError, match="found nothing at .*; check the path"):
+        with pytest.raises(ValueError, match="found nothing at"):
             read_posterior(tmp_path / "surge.nc")
 
     @pytest.mark.parametrize("suffix", FORMATS)
@@ -174,10 +173,13 @@ class TestStorage:
         with pytest.raises(ValueError, match="is no posterior written by this package"):
             read_posterior(path)
 
-    def test_a_posterior_cut_short_is_refused(self, tmp_path):
-        path = write_posterior(tree(), tmp_path / "surge.zarr")
-        shutil.rmtree(path / "posterior")
-        assert "posterior" not in read_posterior(path).children
+    @pytest.mark.parametrize("suffix", FORMATS)
+    def test_another_record_in_the_same_format_is_refused(self, tmp_path, suffix):
+        path = tmp_path / f"trial{suffix}"
+        trial = xr.DataTree(xr.Dataset({"u": ("time", np.ones(3))}))
+        trial.to_netcdf(path) if suffix == ".nc" else trial.to_zarr(path, consolidated=False)
+        with pytest.raises(ValueError, match="is no posterior written by this package: it has no group posterior"):
+            read_posterior(path)
 
 
 class TestState:

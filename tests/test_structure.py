@@ -47,6 +47,7 @@ LAYERS = (
     "study",
     "figures",
     "page_tables",
+    "study_tables",
     "findings",
     "report",
     "commands",

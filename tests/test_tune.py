@@ -24,13 +24,13 @@ def scaled(seed=1):
     return RegressionData.from_arrays(plain.design_matrix, plain.response, scaling="zscore")
 
 
-def tuned(family="conjugate", seed=3, **options):
-    return tune_prior(scaled(), family, evaluations=15, rng=np.random.default_rng(seed), **options)
+def tuned(family="conjugate", seed=3, evaluations=8, **options):
+    return tune_prior(scaled(), family, evaluations=evaluations, rng=np.random.default_rng(seed), **options)
 
 
 @pytest.fixture(scope="module", params=list(FAMILIES))
 def found(request):
-    return request.param, tuned(request.param)
+    return request.param, tuned(request.param, evaluations=15)
 
 
 class TestResult:
@@ -64,12 +64,14 @@ class TestResult:
         _, result = found
         assert result.scores[5:].max() > result.scores[:5].max()
 
+    @pytest.mark.slow
     def test_the_generator_decides(self):
         one, same, other = tuned(seed=3), tuned(seed=3), tuned(seed=4)
         for field in fields(one):
             assert np.array_equal(getattr(one, field.name), getattr(same, field.name)), field.name
         assert not np.array_equal(one.points, other.points)
 
+    @pytest.mark.slow
     def test_random_folds_score_otherwise(self):
         assert tuned(split="random", folds=4).score != tuned(folds=4).score
 
@@ -106,7 +108,7 @@ class TestSearch:
         result = tune_prior(data, family, rng=np.random.default_rng(1))
         assert result.points.shape == (40, 3)
         assert result.score > result.evidence_score - result.score_se
-        assert result.score > np.median(result.scores) + result.score_se
+        assert result.scores[12:].max() > result.scores[:12].max()
 
 
 class TestEvidence:
@@ -119,9 +121,8 @@ class TestEvidence:
         at = np.log([prior.shape, prior.scale / prior.shape, prior.kappa])
         far, near = rng.uniform(low, high, (500, 3)), at + 0.05 * rng.standard_normal((500, 3))
         points = np.exp(np.clip(np.vstack([far, near]), low, high))
-        others = [
-            EXACT[family](data, FAMILIES[family](shape=a, scale=a * v, kappa=k)).log_evidence for a, v, k in points
-        ]
+        priors = [FAMILIES[family](shape=a, scale=a * v, kappa=k) for a, v, k in points]
+        others = [EXACT[family](data, other).log_evidence for other in priors]
         assert max(others) <= log_evidence + 1e-6
         assert np.mean(np.array(others) < log_evidence - 1e-3) > 0.9
 
@@ -152,7 +153,7 @@ class TestErrors:
 
     @pytest.mark.parametrize("box", [{}, {"shape": (1.0, 2.0), "scale": (1.0, 2.0), "kappa": (1.0, 2.0)}])
     def test_a_box_has_its_three_names(self, box):
-        with pytest.raises(TuningError, match="A box bounds shape, noise_variance, kappa, found .*; name these"):
+        with pytest.raises(TuningError, match="A box bounds shape, noise_variance, kappa, found"):
             maximise_evidence(scaled(), box=box)
 
     @pytest.mark.parametrize("pair", [(2.0, 1.0), (0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (1.0, 1.0)])

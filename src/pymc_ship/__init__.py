@@ -20,17 +20,20 @@ _PUBLIC = {
     "ebayes": ("ebayes_threshold",),
     "denoise": ("denoise", "denoise_signal", "derivative"),
     "indices": ("indices", "imo_criteria"),
+    "output": ("OutputError",),
     "regression_data": ("regression_data", "RegressionData", "RegressionDataError"),
     "priors": ("ConjugatePrior", "SemiConjugatePrior", "PriorError"),
     "posterior": ("write_posterior", "read_posterior"),
     "conjugate": ("conjugate", "conjugate_posterior"),
     "semiconjugate": ("semiconjugate", "semiconjugate_posterior"),
-    "gibbs": ("gibbs_posterior",),
+    "gibbs": ("gibbs", "gibbs_posterior"),
     "pymc_model": ("pymc_model", "nuts_posterior"),
     "agreement": ("agreement",),
     "tune": ("tune_prior", "maximise_evidence"),
     "forecast": ("forecast",),
-    "study": ("study",),
+    "identification": ("identify", "Identification"),
+    "study": ("run_study", "StudyResult"),
+    "report": ("study",),
 }
 _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Mapping
+from functools import wraps
 
 import matplotlib
 import numpy as np
@@ -34,33 +35,37 @@ _DEGREES = {"rad": "deg", "rad/s": "deg/s"}
 _LABELS = {"phi": "roll angle φ", "psi": "heading ψ", "delta": "rudder δ", "x": "x", "y": "y"}
 
 
-def figure(width: float, height: float) -> Figure:
-    """Empty figure [inch] in the house style, constrained layout; never touches pyplot."""
-    with matplotlib.rc_context(STYLE):
-        return Figure(figsize=(width, height), layout="constrained")
+def _styled(draw):
+    """Draw in the house style."""
+
+    @wraps(draw)
+    def drawn(*arguments, **settings):
+        with matplotlib.rc_context(STYLE):
+            return draw(*arguments, **settings)
+
+    return drawn
 
 
 def subplots(width: float, height: float, rows: int = 1, columns: int = 1, **settings) -> tuple[Figure, np.ndarray]:
-    """Figure and its axes, shape (rows, columns)."""
-    with matplotlib.rc_context(STYLE):
-        fig = Figure(figsize=(width, height), layout="constrained")
-        return fig, fig.subplots(rows, columns, squeeze=False, **settings)
+    """Figure [inch] with constrained layout and its axes, shape (rows, columns); never touches pyplot."""
+    fig = Figure(figsize=(width, height), layout="constrained")
+    return fig, fig.subplots(rows, columns, squeeze=False, **settings)
 
 
+@_styled
 def svg(fig: Figure) -> str:
     """Figure as SVG text, the same for the same figure."""
     buffer = io.StringIO()
-    with matplotlib.rc_context(STYLE):
-        fig.savefig(buffer, format="svg", metadata={"Date": None})
+    fig.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]
 
 
+@_styled
 def png(fig: Figure, dpi: int = 150) -> bytes:
     """Figure as PNG bytes."""
     buffer = io.BytesIO()
-    with matplotlib.rc_context(STYLE):
-        fig.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    fig.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 
@@ -77,6 +82,7 @@ def _label(name: str) -> str:
     return f"{_LABELS.get(name, name)} [{_DEGREES.get(UNITS[name], UNITS[name])}]"
 
 
+@_styled
 def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tuple[float, float]) -> Figure:
     """Fig. 2: clean, polluted and denoised channels, the whole record and a part enlarged."""
     names = [name for name in ("u", "v", "r", "p", "phi") if name in smooth]
@@ -97,18 +103,22 @@ def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tu
     return fig
 
 
+@_styled
 def noise_variance(exact: Mapping[str, object], dof: str) -> Figure:
     """Fig. 3: prior and posterior density of sigma2 of one DOF for each family, on a log axis."""
     fig, axes = subplots(8.0, 2.9, 1, len(exact))
     for ax, (family, posterior) in zip(axes[0], exact.items(), strict=True):
         low, high = posterior.noise_variance_quantiles([1e-6, 1.0 - 1e-6])
-        values = np.geomspace(low / 30.0, high * 30.0, 1500)
+        values = np.geomspace(low / 30.0, high * 30.0, 20000)
+        prior = values * posterior.prior_noise_variance_density(values)
+        seen = values[(prior > 0.01 * prior.max()) | ((values > low) & (values < high))]
         for density, label, style in (
             (posterior.prior_noise_variance_density, "prior", "--"),
             (posterior.noise_variance_density, "posterior", "-"),
         ):
             ax.plot(values, values * density(values), style, color=COLOURS[family], label=label)
-        ax.set_xscale("log")
+        ax.set_xscale("log" if seen[-1] > 10.0 * seen[0] else "linear")
+        ax.set_xlim(seen[0] / 1.02, seen[-1] * 1.02)
         ax.set_xlabel("σ² of the prime response")
         ax.set_ylabel("density of log σ²")
         ax.set_title(f"{dof}, {family}")
@@ -116,18 +126,23 @@ def noise_variance(exact: Mapping[str, object], dof: str) -> Figure:
     return fig
 
 
-def sample_paths(tree: xr.DataTree, coefficient: str, reference: float, ax) -> None:
-    """One panel of Fig. 4: path of a coefficient through the draws of every chain, with its mean and the reference."""
-    draws = tree["posterior"]["coefficients"].sel(coefficient=coefficient)
-    for chain in draws["chain"].values:
-        ax.plot(draws["draw"], 1e5 * draws.sel(chain=chain), lw=0.4, alpha=0.7)
-    ax.axhline(1e5 * float(draws.mean()), color=COLOURS["semiconjugate"], label="posterior mean")
-    ax.axhline(1e5 * reference, color=REFERENCE, ls="--", label="reference")
-    ax.set_xlabel("draw")
-    ax.set_ylabel(f"{coefficient}' · 10⁵")
-    ax.legend(loc="upper right")
+@_styled
+def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
+    """Fig. 4: path of a coefficient through the draws of every chain, with its mean and reference, for each name."""
+    fig, axes = subplots(8.0, 2.9, 1, len(paths))
+    for ax, (name, (tree, reference)) in zip(axes[0], paths.items(), strict=True):
+        draws = tree["posterior"]["coefficients"].sel(coefficient=name)
+        for chain in draws["chain"].values:
+            ax.plot(draws["draw"], 1e5 * draws.sel(chain=chain), lw=0.4, alpha=0.7)
+        ax.axhline(1e5 * float(draws.mean()), color=COLOURS["semiconjugate"], label="posterior mean")
+        ax.axhline(1e5 * reference, color=REFERENCE, ls="--", label="reference")
+        ax.set_xlabel("draw")
+        ax.set_ylabel(f"{name}' · 10⁵")
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return fig
 
 
+@_styled
 def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]) -> Figure:
     """Fig. 5 and 6: motion of the reference ship against medians and bands of each family's forecast."""
     names = ("u", "v", "r", "p", "phi", "psi")
@@ -142,7 +157,7 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
         ax.set_xlabel("time [s]")
     _track(axes.flat[-1], reference, forecasts, equal=turning)
     handles, labels = axes.flat[0].get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside upper center", ncols=5)
+    fig.legend(handles, labels, loc="outside upper center", ncols=3)
     return fig
 
 
@@ -161,11 +176,12 @@ def _track(ax, reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree], *, e
     ax.set_xlabel("y, to starboard [m]")
     ax.set_ylabel("x, ahead [m]")
     if equal:
-        ax.set_aspect("equal", adjustable="datalim")
+        ax.set_aspect("equal")
         reach = 0.15 * float(np.ptp(reference["y"].values))
         ax.set_xlim(float(reference["y"].min()) - reach, float(reference["y"].max()) + reach)
 
 
+@_styled
 def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], published: float, bound: float) -> Figure:
     """Median coefficient error of each DOF against the noise level, with the published median and its level."""
     fig, axes = subplots(8.0, 3.4)
@@ -181,6 +197,7 @@ def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], publis
     return fig
 
 
+@_styled
 def tuning(tuned: Mapping[str, object]) -> Figure:
     """Best cross-validated score so far against the evaluation, relative to the evidence maximum, for each DOF."""
     fig, axes = subplots(8.0, 2.9)
@@ -191,11 +208,12 @@ def tuning(tuned: Mapping[str, object]) -> Figure:
     ax.axhline(0.0, color=REFERENCE, ls="--", lw=0.9, label="evidence maximum")
     ax.set_yscale("symlog", linthresh=1e-3)
     ax.set_xlabel("evaluation")
-    ax.set_ylabel("best score − evidence maximum [nats per row]")
+    ax.set_ylabel("gain [nats per row]")
     ax.legend(ncols=5, fontsize=8)
     return fig
 
 
+@_styled
 def arviz_panels(plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapping[str, str], **settings) -> Figure:
     """One panel for one coefficient of each tree, drawn by an ArviZ plot such as ``plot_trace`` or ``plot_rank``."""
     import arviz as az
@@ -207,7 +225,7 @@ def arviz_panels(plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapp
         for dof, tree in trees.items()
     }
     together = xr.DataTree.from_dict({"posterior": xr.Dataset(draws)})
-    with matplotlib.rc_context(STYLE), plt.ioff():
+    with plt.ioff():
         panels = getattr(az, plot)(
             together, backend="matplotlib", col_wrap=2, figure_kwargs={"figsize": (8.0, 4.2)}, **settings
         )

@@ -10,9 +10,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Table:
-    """Heads and formatted cells of one table of the page."""
+    """Heads, whether each column is numeric, and formatted cells of one table of the page."""
 
     heads: list[str]
+    numeric: list[bool]
     cells: list[list[str]]
 
 
@@ -25,6 +26,8 @@ def number(digits: int = 3) -> Callable[[object], str]:
         if not np.isfinite(value):
             return "–"
         text = f"{value:.{digits}g}"
+        if "e" in text and 1.0 <= abs(value) < 1e5:
+            text = f"{float(text):.0f}"
         if "e" in text:
             mantissa, exponent = text.split("e")
             return f"{mantissa}e{int(exponent)}"
@@ -47,5 +50,7 @@ def fixed(decimals: int) -> Callable[[object], str]:
 def table(rows: Sequence[Mapping], columns: Mapping[str, tuple[str, Callable]]) -> Table:
     """Format the given keys of rows under their heads."""
     return Table(
-        [head for head, _ in columns.values()], [[form(row[key]) for key, (_, form) in columns.items()] for row in rows]
+        [head for head, _ in columns.values()],
+        [form is not str for _, form in columns.values()],
+        [[form(row[key]) for key, (_, form) in columns.items()] for row in rows],
     )

@@ -169,7 +169,10 @@ def read_posterior(path: str | Path) -> xr.DataTree:
         raise ValueError(f"A posterior is read from a .nc or .zarr path, found nothing at {path}; check the path.")
     engine, options = ("zarr", {"consolidated": False}) if path.suffix == ".zarr" else ("netcdf4", {})
     try:
-        with xr.open_datatree(path, engine=engine, **options) as tree:
-            return tree.load()
+        with xr.open_datatree(path, engine=engine, **options) as stored:
+            tree = stored.load()
     except (OSError, KeyError) as error:
         raise ValueError(f"{path} is no posterior written by this package: {error}.") from None
+    if "posterior" not in tree.children:
+        raise ValueError(f"{path} is no posterior written by this package: it has no group posterior.")
+    return tree

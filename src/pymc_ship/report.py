@@ -1,10 +1,9 @@
-"""Study result -> one self-contained HTML page, its tables as CSV and its posteriors as NetCDF. Fits nothing."""
+"""The study and its report: one self-contained HTML page, tables as CSV and posteriors as NetCDF."""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,23 +11,60 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from pymc_ship import figures, findings
-from pymc_ship.indices import imo_criteria, indices
-from pymc_ship.output import staged
-from pymc_ship.page_tables import Table, fixed, number, table
+from pymc_ship.output import staged, writable_folder
 from pymc_ship.posterior import CITATIONS, write_posterior
 from pymc_ship.priors import FAMILIES
-from pymc_ship.study import DURATION, INTERVAL, MANOEUVRES, STEP, StudyResult
-from pymc_ship.tables import coefficient_rows
-from pymc_ship.vessel import LETTER
+from pymc_ship.study import DURATION, STEP, StudyResult, run_study
+from pymc_ship.study_tables import agreement_blocks, csv_tables, dof_block, page_tables
+from pymc_ship.vessel import load_vessel
 
 _ARVIZ_PLOTS = {
     "trace": ({}, "trace of the coefficient of each degree of freedom with the largest |z|, one colour a chain."),
     "rank": (
         {"envelope_prob": 0.99},
-        "fractional ranks of the same draws as differences of each chain from the uniform distribution function, with the "
-        "p-value of uniformity at the 1 % level.",
+        "fractional ranks of the same draws, each chain's distribution function minus the uniform one, with the "
+        "p-value of uniformity (black: where it fails at the 1 % level).",
     ),
 }
+
+
+def study(
+    out: str | Path,
+    *,
+    vessel: str | Path = "container",
+    level: float = 0.01,
+    seed: int = 2020,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Run the study and write its report, tables and posteriors.
+
+    Parameters
+    ----------
+    out : str or Path
+        Folder of the report; created where it is missing. An earlier report is replaced when the run is complete.
+    vessel : str or Path, optional
+        Shipped vessel or TOML file.
+    level : float, optional
+        Noise level shown in detail.
+    seed : int, optional
+        Root of every random number; the same seed gives the same report.
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    Path
+        The page, ``out/index.html``.
+
+    Raises
+    ------
+    VesselError, OutputError
+        For a vessel that cannot be read or a folder that cannot be written.
+    """
+    out = writable_folder(out)
+    result = run_study(load_vessel(vessel), level=level, seed=seed, progress=progress)
+    progress("report")
+    return write_study(result, out)
 
 
 def write_study(result: StudyResult, out: Path) -> Path:
@@ -58,7 +94,7 @@ def write_study(result: StudyResult, out: Path) -> Path:
                     write_posterior(tree, folder / f"{dof}-{family}-{method}.nc")
     with staged(out / "tables") as folder:
         folder.mkdir()
-        for name, rows in _all_tables(result).items():
+        for name, rows in csv_tables(result).items():
             write_rows(rows, folder / f"{name}.csv")
     with staged(out / "index.html") as partial:
         partial.write_text(page, encoding="utf-8")
@@ -101,12 +137,12 @@ def render(result: StudyResult) -> str:
         level=f"{result.level:g}",
         rows=next(iter(result.found[result.level].data.values())).n_rows,
         gained=findings.gained(result),
-        dofs=[_dof_block(result, dof, exact) for dof in result.vessel.dofs],
-        tables=_page_tables(result),
+        dofs=[dof_block(result, dof, exact) for dof in result.vessel.dofs],
+        tables=page_tables(result),
         figures=_page_figures(result) | {name: image for name, image, _ in trace},
         trace_figures=[(name, caption) for name, _, caption in trace],
         agreement_text=findings.agreement(result),
-        agreement_blocks=_agreement_blocks(result),
+        agreement_blocks=agreement_blocks(result),
         findings=findings.all_findings(result),
         command=f"pymc-ship study --out reports/container --level {result.level:g} --seed {result.seed}",
         versions=", ".join(
@@ -123,199 +159,6 @@ def _n_coefficients(result: StudyResult) -> int:
 def _signs(result: StudyResult) -> str:
     sources = [str(s) for dof in result.vessel.dofs for s in result.vessel.coefficients(dof)["sign_source"].values]
     return ", ".join(f"{sources.count(name)} {name}" for name in dict.fromkeys(sources))
-
-
-def _dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
-    n = number(4)
-    columns = {"coefficient": ("coefficient", str), "reference": ("reference", n), "sign_source": ("sign from", str)}
-    for family, short in (("conjugate", "conj."), ("semiconjugate", "semi-c.")):
-        columns |= {
-            f"published_{family}": (f"published {short}", n),
-            f"published_error_{family}": ("error %", number(3)),
-            f"mean_{family}": (f"ours {short}", n),
-            f"sd_{family}": ("± sd", number(2)),
-            f"error_{family}": ("error %", number(3)),
-        }
-    rows = coefficient_rows(result.vessel, dof, {family: exact[family][dof] for family in FAMILIES})
-    number_of_table = "2" if dof in ("surge", "sway") else "3"
-    return {
-        "title": f"Table {number_of_table}  {dof.capitalize()}: {LETTER[dof]}-coefficients",
-        "caption": "Prime values times 1e5; the published error is recomputed from the published estimate.",
-        "table": table(rows, columns),
-    }
-
-
-def _all_tables(result: StudyResult) -> dict[str, list[dict]]:
-    exact = result.found[result.level].exact
-    coefficients = [
-        {"dof": dof, **row}
-        for dof in result.vessel.dofs
-        for row in coefficient_rows(result.vessel, dof, {family: exact[family][dof] for family in FAMILIES})
-    ]
-    own = {"coefficients": coefficients, "agreement": _agreement_rows(result)}
-    return own | {"denoising": _denoising_rows(result), "data": _data_rows(result)} | result.tables
-
-
-def _page_tables(result: StudyResult) -> dict[str, Table]:
-    p, n = fixed(1), number(3)
-    shares = {f"under_{k}": (f"< {k} %", fixed(0)) for k in (5, 20, 50)}
-    error_columns = {
-        "level": ("noise level", n),
-        "family": ("family", str),
-        "dof": ("DOF", str),
-        "median": ("median %", n),
-        **shares,
-    }
-    return {
-        "indices": _index_table(result),
-        "denoising": table(
-            _denoising_rows(result),
-            {"channel": ("channel", str), "noise": ("noise sd", n), "before": ("RMSE before", n), "after": ("RMSE after", n), "gain": ("before / after", n)},
-        ),
-        "data": table(
-            _data_rows(result),
-            {"dof": ("DOF", str), "rows": ("rows", str), "terms": ("terms", str), "condition": ("condition number", number(4)), "vif_median": ("VIF, median", n), "vif_largest": ("VIF, largest", n), "largest": ("of", str)},
-        ),
-        "priors": table(
-            result.tables["priors"],
-            {"family": ("family", str), "dof": ("DOF", str), "choice": ("choice", str), "shape": ("shape A", n), "scale": ("scale b = 1/B", n), "kappa": ("kappa", n), "score": ("score", fixed(4)), "score_se": ("± se", fixed(4)), "log_evidence": ("log evidence", p)},
-        ),
-        "errors": table(
-            [row for row in result.tables["errors"] + result.tables["published"] if row["dof"] == "all" or row["level"] in (result.level, "published")],
-            error_columns,
-        ),
-        "agreement": table(
-            _agreement_rows(result),
-            {"family": ("family", str), "dof": ("DOF", str), "method": ("method", str), "largest_z": ("largest |z|", fixed(2)), "z_limit": ("limit", fixed(2)), "r_hat": ("largest R-hat", fixed(4)), "ess_bulk": ("least bulk ESS", fixed(0)), "ess_tail": ("least tail ESS", fixed(0)), "divergences": ("divergences", fixed(0)), "agrees": ("agrees", str)},
-        ),
-        "forecast_zigzag": _forecast_table(result, "zigzag", {"first_overshoot_angle": ("1st overshoot", 1.0), "second_overshoot_angle": ("2nd overshoot", 1.0)}),
-        "forecast_turning_circle": _forecast_table(result, "turning_circle", {"advance": ("advance", result.vessel.particulars.L), "tactical_diameter": ("tactical diameter", result.vessel.particulars.L)}),
-    }  # fmt: skip
-
-
-def _index_table(result: StudyResult) -> Table:
-    rows = []
-    runs = {"zigzag 20/20": result.trial} | {MANOEUVRES[name].label: run for name, run in result.references.items()}
-    L = result.vessel.particulars.L
-    for label, run in runs.items():
-        found = indices(run)
-        limits = {row["criterion"].replace(" ", "_"): row for row in imo_criteria(found, result.vessel)}
-        for name, value in found.data_vars.items():
-            unit = value.attrs["units"]
-            shown = float(value) / (L if unit == "m" else 1.0)
-            limit = limits.get(name)
-            verdict = "" if limit is None else {True: "passes", False: "FAILS", None: "not reached"}[limit["passed"]]
-            rows.append(
-                {
-                    "run": label,
-                    "index": name.replace("_", " "),
-                    "value": shown,
-                    "unit": "L" if unit == "m" else unit,
-                    "limit": "" if limit is None else f"≤ {limit['limit']:.3g}",
-                    "verdict": verdict,
-                }
-            )
-    columns = {"run": "manoeuvre", "index": "index", "value": "value", "unit": "unit", "limit": "IMO", "verdict": ""}
-    return table(rows, {key: (head, fixed(2) if key == "value" else str) for key, head in columns.items()})
-
-
-def _denoising_rows(result: StudyResult) -> list[dict]:
-    noisy, smooth = result.noisy[result.level], result.smooth[result.level]
-    rows = []
-    for name in smooth.attrs["denoised"].split():
-        clean = result.trial[name].values
-        before, after = (float(np.sqrt(np.mean((r[name].values - clean) ** 2))) for r in (noisy, smooth))
-        unit = result.trial[name].attrs["units"]
-        sd = noisy.attrs[f"noise_sd_{name}"]
-        ratio = before / after if after > 0.0 else float("nan")
-        rows.append({"channel": f"{name} [{unit}]", "noise": sd, "before": before, "after": after, "gain": ratio})
-    return rows
-
-
-def _data_rows(result: StudyResult) -> list[dict]:
-    rows = []
-    for dof, data in result.found[result.level].data.items():
-        inflation = data.variance_inflation_factors
-        rows.append(
-            {
-                "dof": dof,
-                "rows": data.n_rows,
-                "terms": data.n_terms,
-                "condition": data.condition_number,
-                "vif_median": float(np.median(inflation)),
-                "vif_largest": float(inflation.max()),
-                "largest": data.coefficients[int(inflation.argmax())],
-            }
-        )
-    return rows
-
-
-def _agreement_rows(result: StudyResult) -> list[dict]:
-    rows = []
-    for family, by_dof in result.agreement.items():
-        for dof, dataset in by_dof.items():
-            for method in dataset["method"].values:
-                one = dataset.sel({"method": method})
-                rows.append(
-                    {
-                        "family": family,
-                        "dof": dof,
-                        "method": str(method),
-                        "largest_z": float(one["largest_z"]),
-                        "z_limit": float(dataset.attrs["z_limit"]),
-                        "r_hat": float(one["r_hat"].max()),
-                        "ess_bulk": float(one["ess_bulk"].min()),
-                        "ess_tail": float(one["ess_tail"].min()),
-                        "divergences": float(one["divergences"]),
-                        "agrees": "yes" if bool(one["agrees"]) else "NO",
-                    }
-                )
-    return rows
-
-
-def _agreement_blocks(result: StudyResult) -> list[dict]:
-    blocks = []
-    n, z = number(4), fixed(2)
-    for family, by_dof in result.agreement.items():
-        for dof, dataset in by_dof.items():
-            rows = []
-            for quantity in dataset["quantity"].values:
-                one = dataset.sel(quantity=quantity)
-                row = {"quantity": str(quantity), "mean": float(one["exact_mean"]), "sd": float(one["exact_sd"])}
-                for method in dataset["method"].values:
-                    for name in ("mean", "sd", "z_mean", "z_sd"):
-                        row[f"{method}_{name}"] = float(one[name].sel({"method": method}))
-                rows.append(row)
-            columns = {"quantity": ("", str), "mean": ("exact mean", n), "sd": ("exact sd", n)}
-            for method in dataset["method"].values:
-                columns |= {
-                    f"{method}_mean": (f"{method} mean", n),
-                    f"{method}_z_mean": ("z", z),
-                    f"{method}_sd": (f"{method} sd", n),
-                    f"{method}_z_sd": ("z", z),
-                }
-            blocks.append({"title": f"{dof}, {family}", "table": table(rows, columns)})
-    return blocks
-
-
-def _forecast_table(result: StudyResult, name: str, wanted: Mapping[str, tuple[str, float]]) -> Table:
-    rows, columns = [], {
-        "level": ("noise level", number(3)),
-        "family": ("family", str),
-        "error": ("error %", number(3)),
-        "coverage": ("coverage %", fixed(0)),
-        "share_diverged": ("diverged %", fixed(1)),
-    }  # fmt: skip
-    for row in result.tables[f"forecast_{name}"]:
-        extra = {}
-        for index, (_, unit) in wanted.items():
-            low, median, high = (row[f"{index}_{band}"] / unit for band in ("lower", "median", "upper"))
-            extra[index] = f"{median:.2f} ({low:.2f} to {high:.2f})" if np.isfinite(median) else "not reached"
-            extra[f"{index}_reference"] = row[f"{index}_reference"] / unit
-        rows.append({**row, **extra})
-    for index, (label, _) in wanted.items():
-        columns |= {index: (label, str), f"{index}_reference": ("reference", fixed(2))}
-    return table(rows, columns)
 
 
 def _page_figures(result: StudyResult) -> dict[str, str]:
@@ -337,11 +180,16 @@ def _page_figures(result: StudyResult) -> dict[str, str]:
 
 
 def _sample_paths(result: StudyResult):
-    fig, axes = figures.subplots(8.0, 2.9, 1, 2)
-    for ax, (dof, name) in zip(axes[0], (("surge", "Xu"), ("roll", "Kv|v|")), strict=True):
-        reference = float(result.vessel.coefficients(dof).sel(coefficient=name))
-        figures.sample_paths(result.draws["semiconjugate"]["gibbs"][dof], name, reference, ax)
-    return fig
+    wanted = {"Xu": "surge", "Kv|v|": "roll"}
+    return figures.sample_paths(
+        {
+            name: (
+                result.draws["semiconjugate"]["gibbs"][dof],
+                float(result.vessel.coefficients(dof).sel(coefficient=name)),
+            )
+            for name, dof in wanted.items()
+        }
+    )
 
 
 def _trace_figures(result: StudyResult) -> list[tuple[str, str, str]]:

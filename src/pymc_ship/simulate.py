@@ -51,11 +51,11 @@ def _steer(control, psi, command, delta, direction, following):
 
 @njit(**KERNEL)
 def _in_range(state, nominal_speed, lane):
-    """Whether a lane is where the model means something: finite, upright, 1 to 500 % of the nominal speed."""
+    """Whether a lane is where the model means something: finite, upright, ahead at 1 to 500 % of the nominal speed."""
     speed2 = state[0, lane] ** 2 + state[1, lane] ** 2
     turning = abs(state[2, lane]) + abs(state[3, lane]) + abs(state[5, lane])
-    sound = (speed2 > 1e-4 * nominal_speed**2) & (speed2 < 25.0 * nominal_speed**2) & (turning < np.inf)
-    return sound & (abs(state[4, lane]) < 0.5 * np.pi)
+    ahead = (state[0, lane] > 0.01 * nominal_speed) & (speed2 < 25.0 * nominal_speed**2)
+    return ahead & (turning < np.inf) & (abs(state[4, lane]) < 0.5 * np.pi)
 
 
 @njit(**KERNEL)

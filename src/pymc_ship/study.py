@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -18,12 +17,11 @@ from pymc_ship.identification import Identification, identify
 from pymc_ship.indices import indices
 from pymc_ship.manoeuvres import Manoeuvre, turning_circle, zigzag
 from pymc_ship.noise import LITERAL_LEVEL, pollute
-from pymc_ship.output import writable_folder
 from pymc_ship.priors import FAMILIES
 from pymc_ship.pymc_model import nuts_posterior
 from pymc_ship.simulate import simulate
 from pymc_ship.tables import forecast_row, published_rows, summary_rows
-from pymc_ship.vessel import Vessel, load_vessel
+from pymc_ship.vessel import Vessel
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
 """Noise levels of the study; the last is the paper's literal one."""
@@ -56,47 +54,6 @@ class StudyResult:
     tables: dict[str, list[dict]] = field(default_factory=dict)
 
 
-def study(
-    out: str | Path,
-    *,
-    vessel: str | Path = "container",
-    level: float = 0.01,
-    seed: int = 2020,
-    progress: Callable[[str], None] = lambda _: None,
-) -> Path:
-    """Run the study and write its report, tables and posteriors.
-
-    Parameters
-    ----------
-    out : str or Path
-        Folder of the report; created where it is missing. An earlier report is replaced when the run is complete.
-    vessel : str or Path, optional
-        Shipped vessel or TOML file.
-    level : float, optional
-        Noise level shown in detail.
-    seed : int, optional
-        Root of every random number; the same seed gives the same report.
-    progress : callable, optional
-        Called with a short text before each step.
-
-    Returns
-    -------
-    Path
-        The page, ``out/index.html``.
-
-    Raises
-    ------
-    VesselError, OutputError
-        For a vessel that cannot be read or a folder that cannot be written.
-    """
-    from pymc_ship.report import write_study
-
-    out = writable_folder(out)
-    result = run_study(load_vessel(vessel), level=level, seed=seed, progress=progress)
-    progress("report")
-    return write_study(result, out)
-
-
 def run_study(
     vessel: Vessel,
     *,
@@ -106,7 +63,7 @@ def run_study(
     sweep: Sequence[float] = SWEEP,
     progress: Callable[[str], None] = lambda _: None,
 ) -> StudyResult:
-    """Run the study in memory; parameters as :func:`study`, with the levels of the tables and of the sweep."""
+    """Run the study in memory; parameters as :func:`pymc_ship.study`, with the levels of the tables and the sweep."""
     progress("reference trial")
     trial = simulate(vessel, zigzag(20, 20), duration=DURATION, step=STEP)
     result = StudyResult(vessel, trial, level, seed)

@@ -75,14 +75,20 @@ def error_summary(errors: np.ndarray) -> dict[str, float]:
 
 
 def summary_rows(vessel: Vessel, exact_by_family: Mapping[str, Mapping[str, object]], **labels) -> list[dict]:
-    """Error summary of each DOF and family, with the labels in front and a row over all DOFs."""
+    """Error summary of each DOF and over all; ``coverage`` is the share [%] of references inside 90 % intervals."""
     rows = []
     for family, exact in exact_by_family.items():
-        errors = {
-            dof: relative_error(posterior.mean, vessel.coefficients(dof).values) for dof, posterior in exact.items()
-        }
-        errors["all"] = np.concatenate(list(errors.values()))
-        rows += [{**labels, "family": family, "dof": dof, **error_summary(e)} for dof, e in errors.items()]
+        errors, inside = {}, {}
+        for dof, posterior in exact.items():
+            reference = vessel.coefficients(dof).values
+            errors[dof] = relative_error(posterior.mean, reference)
+            lower, upper = posterior.quantiles([0.05, 0.95])
+            inside[dof] = (lower <= reference) & (reference <= upper)
+        errors["all"], inside["all"] = (np.concatenate(list(values.values())) for values in (errors, inside))
+        rows += [
+            {**labels, "family": family, "dof": dof, **error_summary(e), "coverage": 100.0 * float(inside[dof].mean())}
+            for dof, e in errors.items()
+        ]
     return rows
 
 
@@ -94,7 +100,10 @@ def published_rows(vessel: Vessel, families: Mapping[str, object]) -> list[dict]
             dof: relative_error(vessel.published(dof, family), vessel.coefficients(dof).values) for dof in vessel.dofs
         }
         errors["all"] = np.concatenate(list(errors.values()))
-        rows += [{"level": "published", "family": family, "dof": dof, **error_summary(e)} for dof, e in errors.items()]
+        rows += [
+            {"level": "published", "family": family, "dof": dof, **error_summary(e), "coverage": float("nan")}
+            for dof, e in errors.items()
+        ]
     return rows
 
 
