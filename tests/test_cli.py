@@ -571,6 +571,10 @@ def test_a_trial_that_cannot_be_used_is_refused(made, small, tmp_path, capsys, c
             "simulate container --programme {tmp}/rad.csv --out {out}",
             "the header is not time,delta_deg but 'time,delta'; mend it",
         ),
+        (
+            "simulate container --programme {tmp}/wide.csv --out {out}",
+            "wide.csv cannot be read: cannot reshape .*; mend it",
+        ),
         ("simulate container --programme {tmp}/rad.csv --side port --out {out}", "has its own sides, found --side"),
         ("denoise {tmp}/none.csv --out {out}", "none.csv cannot be read: No such file or directory; check the path"),
         ("denoise {tmp}/rad.csv --out {out}", "needs one of the channels u, v, r, p, phi, psi, found none"),
@@ -606,6 +610,7 @@ def test_what_cannot_run_is_one_sentence_and_leaves_no_file(made, small, tmp_pat
     (tmp_path / "odd.toml").write_text(toml(small).replace("Nv =", "Nvzz ="))
     (tmp_path / "other.toml").write_text(toml(replace(small, name="other")))
     (tmp_path / "rad.csv").write_text("time,delta\n0,0.1\n1,0.2\n")
+    (tmp_path / "wide.csv").write_text("time,delta_deg\n0,1,2,3\n4,5,6,7\n")
     (tmp_path / "junk").mkdir()
     (tmp_path / "junk" / "surge-conjugate.nc").write_text("no NetCDF")
     (tmp_path / "swapped").mkdir()

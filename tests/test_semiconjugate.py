@@ -123,6 +123,19 @@ class TestQuadrature:
         known = dense_evidence(data.design_matrix, data.response, prior)
         assert exact.log_evidence == pytest.approx(known, abs=1e-9)
 
+    def test_modes_with_nothing_between_them_are_both_covered(self):
+        """The density falls by e^-100 between them, further than the grid reaches beyond either."""
+        rng = np.random.default_rng(1)
+        X = rng.standard_normal((40, 8))
+        y = 300.0 * X.sum(axis=1) + rng.standard_normal(40)
+        prior = SemiConjugatePrior(kappa=1445.0, shape=2.0, scale=1.0)
+        log_density = dense(X, y, prior, np.linspace(-0.3, 12.6, 500))
+        assert min(log_density[0], log_density[-1]) - log_density.min() > 100.0
+        exact = semiconjugate(RegressionData.from_arrays(X, y), prior)
+        share = exact.weights[exact.log_noise_variance > 6.0].sum()
+        assert 0.01 < share < 0.99
+        assert exact.log_evidence == pytest.approx(dense_evidence(X, y, prior), abs=1e-9)
+
     def test_half_the_nodes_give_the_same(self):
         """The weights of every second node add up to one half, as they do once the trapezoid rule has converged."""
         for data, prior in (case(), two_modes(), (simulated(2, 9, seed=3), vector_prior(9))):

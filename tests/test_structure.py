@@ -33,6 +33,7 @@ LAYERS = (
     "regression_data",
     "priors",
     "posterior",
+    "rotation",
     "conjugate",
     "semiconjugate",
     "gibbs",

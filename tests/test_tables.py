@@ -21,8 +21,13 @@ ZIGZAG = ps.zigzag(20.0, 20.0)
 
 
 def posterior(mean, sd=None):
+    """Posterior with 5 and 95 % quantiles one sd from the mean."""
     mean = np.asarray(mean, dtype=float)
-    return SimpleNamespace(mean=mean, sd=np.zeros(mean.size) if sd is None else sd)
+    sd = np.zeros(mean.size) if sd is None else sd
+    sides = {0.05: -1.0, 0.95: 1.0}
+    return SimpleNamespace(
+        mean=mean, sd=sd, quantiles=lambda probabilities: [mean + sides[p] * sd for p in probabilities]
+    )
 
 
 def off_by(vessel, percent):
@@ -97,11 +102,27 @@ def test_summary_rows_have_every_dof_and_the_whole(container):
         assert row["level"] == 0.01
 
 
+def test_coverage_is_the_share_of_references_inside_the_interval(container):
+    """Intervals reach the reference for all of sway, for all but the first two of yaw and for none of the others."""
+    exact = {}
+    for dof in container.dofs:
+        reference = container.coefficients(dof).values
+        reach = np.full(reference.size, 1.001 if dof in ("sway", "yaw") else 0.999)
+        reach[:2] = 0.999 if dof == "yaw" else reach[0]
+        exact[dof] = posterior(reference + 1.0, sd=reach)
+    rows = {row["dof"]: row["coverage"] for row in summary_rows(container, {"conjugate": exact})}
+    sizes = {dof: container.coefficients(dof).size for dof in container.dofs}
+    inside = {"surge": 0, "sway": sizes["sway"], "yaw": sizes["yaw"] - 2, "roll": 0}
+    expected = {dof: 100.0 * inside[dof] / sizes[dof] for dof in sizes}
+    expected["all"] = 100.0 * sum(inside.values()) / sum(sizes.values())
+    assert rows == pytest.approx(expected)
+
+
 def test_published_rows_are_the_summary_of_the_printed_estimates(container):
     rows = published_rows(container, ("conjugate",))
     printed = {dof: posterior(container.published(dof, "conjugate")) for dof in container.dofs}
     expected = summary_rows(container, {"conjugate": printed}, level="published")
-    assert rows == expected
+    assert rows == [pytest.approx(row | {"coverage": np.nan}, nan_ok=True) for row in expected]
     assert rows[-1]["dof"] == "all"
     assert 0.0 < rows[-1]["median"] < 100.0
 

@@ -18,6 +18,7 @@ from numba import njit
 from pymc_ship.posterior import posterior_tree, rng_state
 from pymc_ship.priors import ConjugatePrior, PriorError
 from pymc_ship.regression_data import RegressionData, RegressionDataError
+from pymc_ship.rotation import rotate
 
 _LOG_2PI = math.log(2.0 * math.pi)
 
@@ -207,14 +208,15 @@ def conjugate(data: RegressionData, prior: ConjugatePrior) -> NormalInverseGamma
             f"The conjugate posterior takes a ConjugatePrior, found {type(prior).__name__}; give one or use the "
             "semi-conjugate posterior."
         )
-    s, z, residual_square, center, basis = _rotate(data, prior)
+    rotation, unit = rotate(data, prior), data.response_scale
+    s, z = rotation.singular_values, unit * rotation.projection
     spread = 1.0 / (1.0 + s**2)
-    fit = 0.5 * (residual_square + np.sum(z**2 * spread))
-    prior_scale = prior.scale * data.response_scale**2
+    fit = 0.5 * (unit**2 * rotation.residual_square + np.sum(z**2 * spread))
+    prior_scale = prior.scale * unit**2
     shape, scale = prior.shape + 0.5 * data.n_rows, prior_scale + fit
     log_evidence = math.lgamma(shape) - math.lgamma(prior.shape) - prior.shape * math.log1p(fit / prior_scale)
     log_evidence -= 0.5 * (data.n_rows * (_LOG_2PI + math.log(scale)) + np.sum(np.log1p(s**2)))
-    rotated = (data.coefficients, center, basis, s * z * spread, spread)
+    rotated = (data.coefficients, rotation.center, rotation.basis / unit, s * z * spread, spread)
     return NormalInverseGamma(*rotated, shape, scale, prior.shape, prior_scale, float(log_evidence))
 
 
@@ -250,23 +252,6 @@ def conjugate_posterior(
     coefficients, noise_variance = conjugate(data, prior).draw(draws, rng)
     laid_out = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
     return posterior_tree(data, prior, *laid_out, method="conjugate", rng_state=state)
-
-
-def _rotate(data: RegressionData, prior: ConjugatePrior):
-    """Singular values, projections, residual sum of squares, centre and basis (see the module's docstring)."""
-    root, wide = np.sqrt(prior.kappas(data.n_terms)), data.n_terms > data.n_rows
-    mean = prior.means(data.n_terms)
-    if np.ndim(prior.kappa) or wide:
-        left, s, right = np.linalg.svd(data.scaled_design_matrix * root, full_matrices=wide)
-    else:
-        left, s, right = data.svd
-        s = s * root
-    residual = data.response_scale * (data.scaled_response - data.scaled_design_matrix @ mean)
-    z = left.T @ residual
-    residual_square = float(np.sum((residual - left @ z) ** 2))
-    unseen = np.zeros(data.n_terms - len(s))
-    basis = (right * root) @ data.transformation[1].T / data.response_scale
-    return np.append(s, unseen), np.append(z, unseen), residual_square, data.to_original(mean), basis
 
 
 def _inverse_gamma_density(value: np.ndarray, shape: float, scale: float) -> np.ndarray:

@@ -1,8 +1,8 @@
-"""Gibbs sampler under the semi-conjugate prior, in coordinates where a step costs O(n_terms).
+"""Gibbs sampler under both priors, in the coordinates of :mod:`pymc_ship.rotation`, where a step costs O(n_terms).
 
-With W = X diag(kappa)^(1/2) = U S R', the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) are independent
-given sigma2, and the sum of squared residuals is |e|^2 + |z - s g|^2 with z = U' (y - X mean) and the explicit residual
-e = y - X mean - U z. So neither conditional needs the rows, a matrix, or a factorisation.
+Given sigma2 the rotated coefficients g are independent, and the sum of squared residuals is |e|^2 + |z - s g|^2:
+neither conditional needs the rows, a matrix, or a factorisation. Under the conjugate prior g'g counts as residuals
+too, which gives sigma2 the shape A + (n + c)/2 of Eq. 15 in Xue et al. (2020).
 """
 
 from __future__ import annotations
@@ -14,25 +14,30 @@ import xarray as xr
 from numba import njit
 
 from pymc_ship.posterior import posterior_tree, rng_state
-from pymc_ship.priors import PriorError, SemiConjugatePrior
+from pymc_ship.priors import ConjugatePrior, SemiConjugatePrior
 from pymc_ship.regression_data import RegressionData
+from pymc_ship.rotation import rotate
 
 
 @njit(cache=True)
 def _sweep(rng, start, likelihood, prior, rotated, noise_variance):
-    """Run every chain from its noise variance; the draws of the warm-up are overwritten."""
-    s, z, residual_square, n_rows, tune = likelihood
-    shape, scale = prior
+    """Run every chain from its noise variance; the draws of the warm-up are overwritten.
+
+    ``shape`` is that of the full conditional of sigma2; ``ridge`` is the prior precision of g in units of 1 / sigma2,
+    or 0 where it is 1 whatever sigma2.
+    """
+    s, z, residual_square, tune = likelihood
+    shape, scale, ridge = prior
     for chain in range(start.size):
         variance = start[chain]
         for step in range(-tune, noise_variance.shape[1]):
             g = rotated[chain, max(step, 0)]
             square = residual_square
             for i in range(s.size):
-                total = variance + s[i] ** 2
+                total = (ridge if ridge > 0.0 else variance) + s[i] ** 2
                 g[i] = (s[i] * z[i] + math.sqrt(variance * total) * rng.standard_normal()) / total
-                square += (z[i] - s[i] * g[i]) ** 2
-            variance = (scale + 0.5 * square) / rng.standard_gamma(shape + 0.5 * n_rows)
+                square += (z[i] - s[i] * g[i]) ** 2 + ridge * g[i] ** 2
+            variance = (scale + 0.5 * square) / rng.standard_gamma(shape)
             noise_variance[chain, max(step, 0)] = variance
 
 
@@ -51,19 +56,19 @@ def _map_back(rotated, columns, center):
 
 def gibbs(
     data: RegressionData,
-    prior: SemiConjugatePrior,
+    prior: ConjugatePrior | SemiConjugatePrior,
     *,
     draws: int = 1000,
     chains: int = 4,
     tune: int = 500,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gibbs draws under a semi-conjugate prior, without the layout.
+    """Gibbs draws, without the layout.
 
     Parameters
     ----------
     data : RegressionData
-    prior : SemiConjugatePrior
+    prior : ConjugatePrior or SemiConjugatePrior
         On the scaled columns; mean and kappa may be vectors.
     draws : int, optional
         Draws of each chain that are kept.
@@ -84,7 +89,7 @@ def gibbs(
     Raises
     ------
     PriorError
-        For a prior of the other family, or vectors of the wrong length.
+        For vectors of the wrong length.
     ValueError
         When draws or chains are not positive, or tune is negative.
 
@@ -93,44 +98,42 @@ def gibbs(
     Xue et al. (2020), Algorithm 1 and Eq. 19-20, doi:10.1016/j.oceaneng.2019.106612; Gelfand & Smith (1990),
     doi:10.1080/01621459.1990.10476213.
     """
-    if not isinstance(prior, SemiConjugatePrior):
-        raise PriorError(
-            f"The Gibbs sampler takes a SemiConjugatePrior, found {type(prior).__name__}; give one or use the "
-            "conjugate posterior, which needs no sampler."
-        )
     if draws < 1 or chains < 1 or tune < 0:
         raise ValueError(
             f"The sampler makes at least one draw in one chain, found draws {draws}, chains {chains}, tune {tune}; "
             "raise them."
         )
-    s, z, residual_square, center, basis = _rotate(data, prior)
-    scale = prior.scale * data.response_scale**2
+    rotation, unit = rotate(data, prior), data.response_scale
+    s, z = unit * rotation.singular_values, unit * rotation.projection
+    residual_square, scale = unit**2 * rotation.residual_square, unit**2 * prior.scale
     rate = scale + 0.5 * residual_square
     low = rate / (prior.shape + 0.5 * data.n_rows)
     high = (rate + 0.5 * np.sum(z**2)) / (prior.shape + 0.5 * max(data.n_rows - data.n_terms, 0))
     start = np.geomspace(low / 3.0, 3.0 * high, chains)
     rotated, noise_variance = np.empty((chains, draws, data.n_terms)), np.empty((chains, draws))
-    likelihood = (s, z, residual_square, data.n_rows, tune)
-    _sweep(rng, start, likelihood, (prior.shape, scale), rotated, noise_variance)
-    _map_back(rotated.reshape(-1, data.n_terms), np.ascontiguousarray(basis.T), center)
+    conjugate = isinstance(prior, ConjugatePrior)
+    shape = prior.shape + 0.5 * (data.n_rows + (data.n_terms if conjugate else 0))
+    full_conditional = (shape, scale, unit**2 if conjugate else 0.0)
+    _sweep(rng, start, (s, z, residual_square, tune), full_conditional, rotated, noise_variance)
+    _map_back(rotated.reshape(-1, data.n_terms), np.ascontiguousarray(rotation.basis.T), rotation.center)
     return rotated, noise_variance
 
 
 def gibbs_posterior(
     data: RegressionData,
-    prior: SemiConjugatePrior,
+    prior: ConjugatePrior | SemiConjugatePrior,
     *,
     draws: int = 1000,
     chains: int = 4,
     tune: int = 500,
     rng: np.random.Generator,
 ) -> xr.DataTree:
-    """Gibbs draws under a semi-conjugate prior, laid out as a DataTree.
+    """Gibbs draws, laid out as a DataTree.
 
     Parameters
     ----------
     data : RegressionData
-    prior : SemiConjugatePrior
+    prior : ConjugatePrior or SemiConjugatePrior
     draws, chains, tune : int, optional
         Draws kept of each chain, chains, and draws of each chain thrown away first; as :func:`gibbs`.
     rng : numpy.random.Generator
@@ -143,28 +146,10 @@ def gibbs_posterior(
     Raises
     ------
     PriorError
-        For a prior of the other family, or vectors of the wrong length.
+        For vectors of the wrong length.
     ValueError
         When draws or chains are not positive, or tune is negative.
     """
     state = rng_state(rng)
     coefficients, noise_variance = gibbs(data, prior, draws=draws, chains=chains, tune=tune, rng=rng)
     return posterior_tree(data, prior, coefficients, noise_variance, method="gibbs", rng_state=state)
-
-
-def _rotate(data: RegressionData, prior: SemiConjugatePrior):
-    """Singular values, projections, residual sum of squares, centre and basis (see the module's docstring)."""
-    root, wide = np.sqrt(prior.kappas(data.n_terms)), data.n_terms > data.n_rows
-    mean = prior.means(data.n_terms)
-    if np.ndim(prior.kappa) or wide:
-        left, s, right = np.linalg.svd(data.scaled_design_matrix * root, full_matrices=wide)
-    else:
-        left, s, right = data.svd
-        s = s * root
-    residual = data.response_scale * (data.scaled_response - data.scaled_design_matrix @ mean)
-    z = left.T @ residual
-    residual_square = float(np.sum((residual - left @ z) ** 2))
-    unseen = np.zeros(data.n_terms - len(s))
-    basis = (right * root) @ data.transformation[1].T
-    s = data.response_scale * s
-    return np.append(s, unseen), np.append(z, unseen), residual_square, data.to_original(mean), basis

@@ -22,6 +22,7 @@ import xarray as xr
 from pymc_ship.posterior import posterior_tree, rng_state
 from pymc_ship.priors import ConjugatePrior, SemiConjugatePrior
 from pymc_ship.regression_data import RegressionData
+from pymc_ship.rotation import rotate
 
 if TYPE_CHECKING:
     import pymc as pm
@@ -148,18 +149,12 @@ def _whitened_statistics(data: RegressionData, prior: ConjugatePrior | SemiConju
 
     The prior variance of g is the noise variance to the ``power`` 1 or 0; ``basis`` ends with the prior mean of b.
     """
-    n_rows, n_terms = data.n_rows, data.n_terms
-    root, mean = np.sqrt(prior.kappas(n_terms)), prior.means(n_terms)
-    left, s, right = np.linalg.svd(data.scaled_design_matrix * root, full_matrices=n_terms > n_rows)
-    error = data.scaled_response - data.scaled_design_matrix @ mean
-    z = left.T @ error
-    residual_square = float(np.sum((error - left @ z) ** 2))
-    unseen = (0, n_terms - len(s))
-    s, z = np.pad(s, unseen), np.pad(z, unseen)
-    level, width = _noise_level(prior, s, z, residual_square, n_rows)
+    rotation = rotate(data, prior)
+    s, z, residual_square = rotation.singular_values, rotation.projection, rotation.residual_square
+    level, width = _noise_level(prior, s, z, residual_square, data.n_rows)
     power = 1.0 if prior.family == "conjugate" else 0.0
-    summary = (prior.shape, prior.scale, power, level, width, n_rows, residual_square, data.response_scale)
-    basis = np.column_stack([data.transformation[1] @ (root[:, None] * right.T), data.to_original(mean)])
+    summary = (prior.shape, prior.scale, power, level, width, data.n_rows, residual_square, data.response_scale)
+    basis = np.column_stack([rotation.basis.T, rotation.center])
     return {"summary": np.array(summary, dtype=float), "singular_values": s, "projection": z, "basis": basis}
 
 

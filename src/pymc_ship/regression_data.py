@@ -159,12 +159,19 @@ class RegressionData:
         """Thin singular value decomposition (left, singular_values, right transposed) of the scaled design."""
         return np.linalg.svd(self.scaled_design_matrix, full_matrices=False)
 
+    @cached_property
+    def projection(self) -> tuple[np.ndarray, float]:
+        """Scaled response along the left singular vectors, and the square of what lies outside them."""
+        left, _, _ = self.svd
+        z = left.T @ self.scaled_response
+        return z, float(np.sum((self.scaled_response - left @ z) ** 2))
+
     @property
     def least_squares(self) -> np.ndarray:
         """Least-squares coefficients of the original columns (of least norm on the scaled ones), shape (n_terms,)."""
-        left, s, right = self.svd
+        _, s, right = self.svd
         kept = s > s[0] * max(self.n_rows, self.n_terms) * np.finfo(float).eps
-        return self.to_original((left.T @ self.scaled_response)[kept] / s[kept] @ right[kept])
+        return self.to_original(self.projection[0][kept] / s[kept] @ right[kept])
 
     @property
     def condition_number(self) -> float:

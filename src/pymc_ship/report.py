@@ -61,8 +61,8 @@ def study(
     VesselError, OutputError
         For a vessel that cannot be read or a folder that cannot be written.
     """
-    out = writable_folder(out)
-    result = run_study(load_vessel(vessel), level=level, seed=seed, progress=progress)
+    ship, out = load_vessel(vessel), writable_folder(out)
+    result = run_study(ship, level=level, seed=seed, progress=progress)
     progress("report")
     return write_study(result, out)
 

@@ -19,6 +19,7 @@ from numba import njit
 from pymc_ship.posterior import posterior_tree, rng_state
 from pymc_ship.priors import PriorError, SemiConjugatePrior
 from pymc_ship.regression_data import RegressionData, RegressionDataError
+from pymc_ship.rotation import rotate
 
 _LOG_2PI = math.log(2.0 * math.pi)
 _FALL = 60.0
@@ -312,10 +313,12 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
             f"The semi-conjugate posterior takes a SemiConjugatePrior, found {type(prior).__name__}; give one or use "
             "the conjugate posterior."
         )
-    s, z, residual_square, center, basis = _rotate(data, prior)
-    scale = prior.scale * data.response_scale**2
-    marginal = _integrate(s, z, residual_square, data.n_rows, (prior.shape, scale))
-    fixed = (data.coefficients, center, basis, s, z, residual_square, data.n_rows, prior.shape, scale)
+    rotation, unit = rotate(data, prior), data.response_scale
+    s, z, residual_square = unit * rotation.singular_values, unit * rotation.projection, rotation.residual_square
+    likelihood = (s, z, unit**2 * residual_square, data.n_rows)
+    scale = prior.scale * unit**2
+    marginal = _integrate(*likelihood, (prior.shape, scale))
+    fixed = (data.coefficients, rotation.center, rotation.basis, *likelihood, prior.shape, scale)
     return NormalMixture(*fixed, *marginal)
 
 
@@ -370,24 +373,6 @@ def _integrate(s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int
     weights = np.exp(values - values.max())
     log_evidence = values.max() + math.log(weights.sum() * (t[1] - t[0])) + constant
     return t, weights / weights.sum(), float(log_evidence)
-
-
-def _rotate(data: RegressionData, prior: SemiConjugatePrior):
-    """Singular values, projections, residual sum of squares, centre and basis (see the module's docstring)."""
-    root, wide = np.sqrt(prior.kappas(data.n_terms)), data.n_terms > data.n_rows
-    mean = prior.means(data.n_terms)
-    if np.ndim(prior.kappa) or wide:
-        left, s, right = np.linalg.svd(data.scaled_design_matrix * root, full_matrices=wide)
-    else:
-        left, s, right = data.svd
-        s = s * root
-    residual = data.response_scale * (data.scaled_response - data.scaled_design_matrix @ mean)
-    z = left.T @ residual
-    residual_square = float(np.sum((residual - left @ z) ** 2))
-    unseen = np.zeros(data.n_terms - len(s))
-    basis = (right * root) @ data.transformation[1].T
-    s = data.response_scale * s
-    return np.append(s, unseen), np.append(z, unseen), residual_square, data.to_original(mean), basis
 
 
 def _bisect(function, target: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
