@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from matplotlib.figure import Figure
 
 from pymc_ship import figures, findings
 from pymc_ship.output import staged, writable_folder
@@ -68,7 +69,7 @@ def study(
 
 
 def write_study(result: StudyResult, out: Path) -> Path:
-    """Write page, tables and posteriors to a folder; each appears under its name when complete, the page last.
+    """Write page, figures, tables and posteriors to a folder; each appears under its name when complete, the page last.
 
     Parameters
     ----------
@@ -85,7 +86,12 @@ def write_study(result: StudyResult, out: Path) -> Path:
     OutputError
         When the folder cannot be written.
     """
-    page = render(result)
+    drawn = _figures(result)
+    page = render(result, drawn)
+    with staged(out / "figures") as folder:
+        folder.mkdir()
+        for name, figure in drawn.items():
+            (folder / f"{name}.png").write_bytes(figures.png(figure, dpi=110))
     with staged(out / "posteriors") as folder:
         folder.mkdir()
         for family, methods in result.draws.items():
@@ -111,8 +117,8 @@ def write_rows(rows: Sequence[Mapping], path: Path) -> Path:
     return path
 
 
-def render(result: StudyResult) -> str:
-    """The page as text: a function of the result alone, so the same seed gives the same page."""
+def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
+    """The page as text: a function of the result and its figures alone, so the same seed gives the same page."""
     environment = Environment(
         loader=PackageLoader("pymc_ship"),
         autoescape=select_autoescape(default=True),
@@ -139,7 +145,8 @@ def render(result: StudyResult) -> str:
         gained=findings.gained(result),
         dofs=[dof_block(result, dof, exact) for dof in result.vessel.dofs],
         tables=page_tables(result),
-        figures=_page_figures(result) | {name: image for name, image, _ in trace},
+        figures={name: figures.svg(figure) for name, figure in drawn.items()}
+        | {name: image for name, image, _ in trace},
         trace_figures=[(name, caption) for name, _, caption in trace],
         agreement_text=findings.agreement(result),
         agreement_blocks=agreement_blocks(result),
@@ -161,10 +168,10 @@ def _signs(result: StudyResult) -> str:
     return ", ".join(f"{sources.count(name)} {name}" for name in dict.fromkeys(sources))
 
 
-def _page_figures(result: StudyResult) -> dict[str, str]:
+def _figures(result: StudyResult) -> dict[str, Figure]:
     level = result.level
     found = result.found[level]
-    shown = {
+    return {
         "denoising": figures.denoising(result.trial, result.noisy[level], result.smooth[level], (100.0, 130.0)),
         "noise_variance": figures.noise_variance(
             {family: found.exact[family]["surge"] for family in FAMILIES}, "surge"
@@ -172,11 +179,10 @@ def _page_figures(result: StudyResult) -> dict[str, str]:
         "tuning": figures.tuning(found.tuned["conjugate"]),
         "sample_paths": _sample_paths(result),
         "sweep": findings.sweep_figure(result),
+    } | {
+        f"forecast_{name}": figures.forecast_channels(result.references[name], trees)
+        for name, trees in result.forecasts.items()
     }
-    pages = {name: figures.svg(fig) for name, fig in shown.items()}
-    for name, trees in result.forecasts.items():
-        pages[f"forecast_{name}"] = figures.svg(figures.forecast_channels(result.references[name], trees))
-    return pages
 
 
 def _sample_paths(result: StudyResult):

@@ -191,7 +191,8 @@ def maximise_evidence(
     options = {"eps": 1e-6, "ftol": 1e-13, "maxiter": 200}
     results = [minimize(loss, x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * 3, options=options) for x in starts]
     best = min(results, key=lambda result: result.fun)
-    return _prior(prior_type, low + width * best.x), -float(best.fun)
+    prior = _prior(prior_type, low + width * np.clip(best.x, 0.0, 1.0))
+    return prior, exact(data, prior).log_evidence
 
 
 def _search(loss, bounds: np.ndarray, evaluations: int, rng: np.random.Generator):
