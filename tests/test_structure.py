@@ -34,6 +34,7 @@ LAYERS = (
     "priors",
     "posterior",
     "rotation",
+    "quadrature",
     "conjugate",
     "semiconjugate",
     "gibbs",

@@ -2,8 +2,7 @@
 
 With W = X diag(kappa)^(1/2) = U S R', the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) are independent
 given sigma2, a priori N(0, 1) and a posteriori N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)), where
-z = U' (y - X mean). They integrate out, which leaves one dimension, t = log sigma2. Its density is analytic in the
-strip |Im t| < pi/2, so the trapezoid rule converges exponentially; the grid is halved until the evidence stands still.
+z = U' (y - X mean). They integrate out, which leaves one dimension, t = log sigma2, for :mod:`pymc_ship.quadrature`.
 """
 
 from __future__ import annotations
@@ -18,80 +17,11 @@ from numba import njit
 
 from pymc_ship.posterior import posterior_tree, rng_state
 from pymc_ship.priors import PriorError, SemiConjugatePrior
+from pymc_ship.quadrature import log_kernels, quadrature
 from pymc_ship.regression_data import RegressionData, RegressionDataError
 from pymc_ship.rotation import rotate
 
 _LOG_2PI = math.log(2.0 * math.pi)
-_FALL = 60.0
-
-
-@njit(cache=True)
-def _log_kernel(t, kernel):
-    """Log of p(y, t) up to a constant; the kernel holds s^2, z^2, and the power and rate of the rest."""
-    squares, energies, power, rate = kernel
-    variance = math.exp(t)
-    total = -power * t - rate / variance
-    for i in range(squares.size):
-        total_variance = variance + squares[i]
-        total -= 0.5 * (math.log(total_variance) + energies[i] / total_variance)
-    return total
-
-
-@njit(cache=True)
-def _log_kernels(t, kernel):
-    return np.array([_log_kernel(value, kernel) for value in t])
-
-
-@njit(cache=True)
-def _slope(t, kernel):
-    """First and second derivative of the log kernel."""
-    squares, energies, power, rate = kernel
-    variance = math.exp(t)
-    first, second = rate / variance - power, -rate / variance
-    for i in range(squares.size):
-        part, energy = variance / (variance + squares[i]), energies[i] / (variance + squares[i])
-        first -= 0.5 * part * (1.0 - energy)
-        second -= 0.5 * part * (1.0 - part - energy * (1.0 - 2.0 * part))
-    return first, second
-
-
-@njit(cache=True)
-def _modes(low, high, kernel):
-    """Local modes, all of them between ``low`` and ``high``: the slope changes sign over distances of order 1 only."""
-    grid = np.linspace(low - 0.5, high + 0.5, 8 + int(4.0 * (high - low)))
-    rising = np.array([_slope(t, kernel)[0] > 0.0 for t in grid])
-    modes = grid[:-1][rising[:-1] & ~rising[1:]]
-    for k in range(modes.size):
-        width = grid[1] - grid[0]
-        while width > 1e-12:
-            width *= 0.5
-            if _slope(modes[k] + width, kernel)[0] > 0.0:
-                modes[k] += width
-    return modes
-
-
-@njit(cache=True)
-def _quadrature(low, high, kernel):
-    """Equidistant nodes t from one fall of the density by e^-60 to the other, and the log kernel there."""
-    modes = _modes(low, high, kernel)
-    tops = _log_kernels(modes, kernel)
-    top = tops.max()
-    kept = modes[tops > top - _FALL]
-    curvature = max([-_slope(mode, kernel)[1] for mode in kept])
-    step = 0.4 / math.sqrt(max(curvature, 4.0))
-    first, last = kept[0], kept[-1]
-    while _log_kernel(first, kernel) > top - _FALL:
-        first -= 2.0 * step
-    while _log_kernel(last, kernel) > top - _FALL:
-        last += 2.0 * step
-    for _ in range(8):
-        t = first + step * np.arange(2 + int((last - first) / step))
-        values = _log_kernels(t, kernel)
-        weights = np.exp(values - top)
-        if abs(2.0 * weights[::2].sum() - weights.sum()) < 1e-11 * weights.sum():
-            break
-        step *= 0.5
-    return t, values
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -230,7 +160,7 @@ class NormalMixture:
     def _log_density(self, t: np.ndarray) -> np.ndarray:
         s, z, prior = self.singular_values, self.projections, (self.prior_shape, self.prior_scale)
         kernel, constant = _kernel(s, z, self.residual_square, self.n_rows, prior)
-        return _log_kernels(t, kernel) + constant - self.log_evidence
+        return log_kernels(t, kernel) + constant - self.log_evidence
 
     def draw(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
@@ -369,7 +299,7 @@ def _integrate(s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int
     _, energies, _, rate = kernel
     low = math.log(rate / (prior[0] + 0.5 * n_rows))
     high = math.log((rate + 0.5 * energies.sum()) / (prior[0] + 0.5 * max(n_rows - len(s), 0)))
-    t, values = _quadrature(low, high, kernel)
+    t, values = quadrature(low, high, kernel)
     weights = np.exp(values - values.max())
     log_evidence = values.max() + math.log(weights.sum() * (t[1] - t[0])) + constant
     return t, weights / weights.sum(), float(log_evidence)
