@@ -37,7 +37,7 @@ def median_seconds(work: Callable[[], object], repeats: int) -> tuple[float, obj
 def row(name: str, ours: float, peer: str, theirs: float, difference: str) -> None:
     """Print one comparison."""
     print(
-        f"{name:<48} {ours:>9.4f} s   {peer:<34} {theirs:>9.3f} s   {theirs / ours:>8.1f} x   {difference}", flush=True
+        f"{name:<48} {ours:>9.4f} s   {peer:<34} {theirs:>9.3f} s   {theirs / ours:>8.2f} x   {difference}", flush=True
     )
 
 
@@ -135,8 +135,8 @@ def sampling(data, prior) -> None:
     )
     exact = ps.semiconjugate(scaled, prior)
     cases = {
-        "exact independent draws": lambda: exact.draw(40000, rng)[0][None],
-        "Gibbs, 64 chains x 1000": lambda: ps.gibbs(scaled, prior, draws=1000, chains=64, rng=rng)[0],
+        "exact independent draws, ESS": lambda: exact.draw(40000, rng)[0][None],
+        "Gibbs, 64 chains x 1000, ESS": lambda: ps.gibbs(scaled, prior, draws=1000, chains=64, rng=rng)[0],
     }
     for name, work in cases.items():
         ours, coefficients = rate(work, 3, lambda r: r)
