@@ -279,6 +279,11 @@ class TestCriteria:
             assert [row["units"] for row in rows] == ["deg", "deg", "L"]
             assert [row["passed"] for row in rows] == [scale < 1.0] * 3
 
+    @pytest.mark.parametrize(("rudder_deg", "criteria"), [(35.0, 2), (15.0, 0)])
+    def test_turning_limits_apply_to_hard_over_rudder_only(self, rudder_deg, criteria, container):
+        run = ps.simulate(container, ps.turning_circle(rudder_deg), duration=100.0, record_interval=1.0)
+        assert len(ps.imo_criteria(ps.indices(run), container)) == criteria
+
     def test_zigzag_20_20_first_overshoot_is_limited_to_25_deg(self, container):
         for value, passed in ((24.9, True), (25.0, True), (25.1, False)):
             (row,) = ps.imo_criteria(self.zigzag(20.0, 12.7, first_overshoot_angle=value), container)

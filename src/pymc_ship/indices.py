@@ -231,7 +231,7 @@ def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:
     Parameters
     ----------
     found : Dataset, dims ()
-        From :func:`indices` of a 10/10 or 20/20 zigzag or of a turning circle.
+        From :func:`indices` of a 10/10 or 20/20 zigzag or of a turning circle at 35 deg or more.
     vessel : Vessel
         Gives L; the speed is the approach speed of the trial.
 
@@ -245,7 +245,7 @@ def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:
     ratio = L / found.attrs.get("approach_speed", vessel.particulars.nominal_speed)
     angles = (found.attrs.get("rudder_deg"), found.attrs.get("heading_deg"))
     limits: list[tuple[str, float, float]] = []
-    if found.attrs["manoeuvre"] == "turning_circle":
+    if found.attrs["manoeuvre"] == "turning_circle" and found.attrs.get("rudder_deg", 35.0) >= 35.0:
         limits = [("advance", 4.5, L), ("tactical_diameter", 5.0, L)]
     elif angles == (10.0, 10.0):
         limits = [
