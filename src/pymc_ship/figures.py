@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 from collections.abc import Mapping
 from functools import wraps
+from html import escape
 
 import matplotlib
 import numpy as np
@@ -52,18 +54,27 @@ def subplots(width: float, height: float, rows: int = 1, columns: int = 1, **set
     return fig, fig.subplots(rows, columns, squeeze=False, **settings)
 
 
+def _lay_out(fig: Figure) -> None:
+    """Lay a figure out once for all: constrained layout would move it a little at every draw."""
+    if fig.get_layout_engine() is not None:
+        fig.draw_without_rendering()
+        fig.set_layout_engine("none")
+
+
 @_styled
-def svg(fig: Figure) -> str:
-    """Figure as SVG text, the same for the same figure."""
+def svg(fig: Figure, name: str) -> str:
+    """Figure as SVG text, the same for the same figure; its ids begin with the name, so figures share a page."""
+    _lay_out(fig)
     buffer = io.StringIO()
     fig.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
-    return text[text.index("<svg") :]
+    return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}.", text[text.index("<svg") :])
 
 
 @_styled
 def png(fig: Figure, dpi: int = 150) -> bytes:
     """Figure as PNG bytes."""
+    _lay_out(fig)
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
@@ -71,7 +82,7 @@ def png(fig: Figure, dpi: int = 150) -> bytes:
 
 def embedded(fig: Figure, alternative: str) -> str:
     """Figure as an HTML image with its PNG inside, for figures with too many points for SVG."""
-    return f'<img alt="{alternative}" src="data:image/png;base64,{base64.b64encode(png(fig)).decode()}">'
+    return f'<img alt="{escape(alternative)}" src="data:image/png;base64,{base64.b64encode(png(fig)).decode()}">'
 
 
 def _shown(name: str, values: np.ndarray) -> np.ndarray:

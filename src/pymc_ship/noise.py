@@ -16,6 +16,14 @@ LITERAL_LEVEL = 0.2**0.5
 """The paper's literal level: xi has variance 0.2, that is a standard deviation of 0.447."""
 
 
+def noise_sd(level: float | str) -> float:
+    """Standard deviation of xi that a level names; TrialError for anything but a number from 0 up or "literal"."""
+    size = LITERAL_LEVEL if level == "literal" else level
+    if isinstance(size, str) or not 0.0 <= size < np.inf:
+        raise TrialError(f"The noise level is a number from 0 up or 'literal', found {level!r}; correct it.")
+    return size
+
+
 def pollute(
     trial: xr.Dataset,
     *,
@@ -48,9 +56,7 @@ def pollute(
     ----------
     Xue et al. (2020), Eq. 22, doi:10.1016/j.oceaneng.2019.106612.
     """
-    size = LITERAL_LEVEL if level == "literal" else level
-    if isinstance(size, str) or not 0.0 <= size < np.inf:
-        raise TrialError(f"The noise level is a number from 0 up or 'literal', found {level!r}; correct it.")
+    size = noise_sd(level)
     unknown = [name for name in factors if name not in CHANNELS]
     if unknown:
         raise TrialError(f"Noise goes on the channels {', '.join(CHANNELS)}; found {', '.join(unknown)}; rename them.")

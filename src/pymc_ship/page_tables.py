@@ -25,13 +25,11 @@ def number(digits: int = 3) -> Callable[[object], str]:
             return str(value)
         if not np.isfinite(value):
             return "–"
-        text = f"{value:.{digits}g}"
+        text = f"{value + 0.0:.{digits}g}"
         if "e" in text and 1.0 <= abs(value) < 1e5:
             text = f"{float(text):.0f}"
-        if "e" in text:
-            mantissa, exponent = text.split("e")
-            return f"{mantissa}e{int(exponent)}"
-        return text.replace("-", "−")
+        mantissa, *exponent = text.split("e")
+        return "e".join([mantissa.replace("-", "−"), *(str(int(power)) for power in exponent)])
 
     return formatted
 
@@ -41,8 +39,9 @@ def fixed(decimals: int) -> Callable[[object], str]:
 
     def formatted(value: object) -> str:
         if not isinstance(value, int | float | np.number) or not np.isfinite(value):
-            return "–" if isinstance(value, float) else str(value)
-        return f"{value:.{decimals}f}".replace("-", "−")
+            return "–" if isinstance(value, float | np.floating) else str(value)
+        rounded = round(float(value), decimals) + 0.0
+        return f"{rounded:.{decimals}f}".replace("-", "−")
 
     return formatted
 

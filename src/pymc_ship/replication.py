@@ -139,6 +139,8 @@ def level_rows(
 def level_of_error(rows: list[dict], error: float) -> float:
     """Noise level at which the median error over all DOFs passes a value, log-log interpolated; NaN beyond."""
     overall = [(row["level"], row["median"]) for row in rows if row["dof"] == "all"]
+    if not overall or not error > 0.0:
+        return float("nan")
     level, median = np.log(np.array(overall)).T
     above = np.flatnonzero(median >= np.log(error))
     if not above.size or above[0] == 0:

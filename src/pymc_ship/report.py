@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from matplotlib.figure import Figure
 
 from pymc_ship import figures, findings
+from pymc_ship.noise import noise_sd
 from pymc_ship.output import staged, writable_folder
 from pymc_ship.posterior import CITATIONS, write_posterior
 from pymc_ship.priors import FAMILIES
@@ -62,7 +63,8 @@ def study(
     VesselError, OutputError
         For a vessel that cannot be read or a folder that cannot be written.
     """
-    ship, out = load_vessel(vessel), writable_folder(out)
+    ship, level = load_vessel(vessel), noise_sd(level)  # before the folder is made
+    out = writable_folder(out)
     result = run_study(ship, level=level, seed=seed, progress=progress)
     progress("report")
     return write_study(result, out)
@@ -145,13 +147,13 @@ def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
         gained=findings.gained(result),
         dofs=[dof_block(result, dof, exact) for dof in result.vessel.dofs],
         tables=page_tables(result),
-        figures={name: figures.svg(figure) for name, figure in drawn.items()}
+        figures={name: figures.svg(figure, name) for name, figure in drawn.items()}
         | {name: image for name, image, _ in trace},
         trace_figures=[(name, caption) for name, _, caption in trace],
         agreement_text=findings.agreement(result),
         agreement_blocks=agreement_blocks(result),
         findings=findings.all_findings(result),
-        command=f"pymc-ship study --out reports/container --level {result.level:g} --seed {result.seed}",
+        command=f"pymc-ship study --vessel {result.vessel.name} --level {result.level:g} --seed {result.seed}",
         versions=", ".join(
             f"{p} {version(p)}" for p in ("pymc-ship", "pymc", "arviz", "numpy", "scipy", "xarray", "numba")
         ),
@@ -186,7 +188,9 @@ def _figures(result: StudyResult) -> dict[str, Figure]:
 
 
 def _sample_paths(result: StudyResult):
-    wanted = {"Xu": "surge", "Kv|v|": "roll"}
+    names = {dof: list(result.vessel.coefficients(dof)["coefficient"].values) for dof in result.vessel.dofs}
+    wanted = {name: dof for name, dof in {"Xu": "surge", "Kv|v|": "roll"}.items() if name in names.get(dof, ())}
+    wanted = wanted or {names[dof][0]: dof for dof in ("surge", "sway")}
     return figures.sample_paths(
         {
             name: (

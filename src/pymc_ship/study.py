@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
 
 import numpy as np
 import xarray as xr
@@ -16,7 +17,7 @@ from pymc_ship.gibbs import gibbs_posterior
 from pymc_ship.identification import Identification, identify
 from pymc_ship.indices import indices
 from pymc_ship.manoeuvres import Manoeuvre, turning_circle, zigzag
-from pymc_ship.noise import LITERAL_LEVEL, pollute
+from pymc_ship.noise import LITERAL_LEVEL, noise_sd, pollute
 from pymc_ship.priors import FAMILIES
 from pymc_ship.pymc_model import nuts_posterior
 from pymc_ship.simulate import simulate
@@ -64,6 +65,7 @@ def run_study(
     progress: Callable[[str], None] = lambda _: None,
 ) -> StudyResult:
     """Run the study in memory; parameters as :func:`pymc_ship.study`, with the levels of the tables and the sweep."""
+    level = noise_sd(level)
     progress("reference trial")
     trial = simulate(vessel, zigzag(20, 20), duration=DURATION, step=STEP)
     result = StudyResult(vessel, trial, level, seed)
@@ -78,8 +80,8 @@ def run_study(
 
 def generator(seed: int, *purpose: float | str) -> np.random.Generator:
     """Generator of one purpose, independent of what else runs and in which order."""
-    words = [int.from_bytes(str(word).encode()[:32], "little") for word in purpose]
-    return np.random.default_rng([seed, *words])
+    digest = sha256("\n".join(map(str, purpose)).encode()).digest()
+    return np.random.default_rng([seed, int.from_bytes(digest, "little")])
 
 
 def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -> None:

@@ -65,8 +65,6 @@ def error_summary(errors: np.ndarray) -> dict[str, float]:
     Zeros of the reference have no relative error and do not count.
     """
     known = errors[np.isfinite(errors)]
-    if not known.size:
-        return {"coefficients": 0, "median": float("nan")} | {f"under_{limit:g}": float("nan") for limit in SHARES}
     names = [f"under_{limit:g}" for limit in SHARES]
     if not known.size:
         return {"coefficients": 0, "median": np.nan, **dict.fromkeys(names, np.nan)}
