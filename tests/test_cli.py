@@ -213,9 +213,9 @@ def test_simulate_writes_the_polluted_trial_and_prints_indices_of_the_clean_run(
 
 def test_simulate_passes_its_options_on(container, tmp_path, capsys):
     out = tmp_path / "circle.csv"
-    words = ("--turn", 30, "--side", "starboard", "--speed", 10, "--duration", 300, "--step", 0.05, "--method", "rk4")
+    words = ("--turn", 35, "--side", "starboard", "--speed", 10, "--duration", 300, "--step", 0.05, "--method", "rk4")
     run("simulate", "container", *words, "--out", out)
-    circle = ps.turning_circle(30.0, side="starboard", approach_speed=10.0)
+    circle = ps.turning_circle(35.0, side="starboard", approach_speed=10.0)
     expected = ps.simulate(container, circle, duration=300.0, step=0.05, method="rk4")
     np.testing.assert_array_equal(ps.read_trial(out)["psi"], expected["psi"])
     criteria = {row["criterion"]: row for row in ps.imo_criteria(ps.indices(expected), container)}
