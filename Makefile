@@ -3,7 +3,7 @@ VENV   := .venv
 PYTHON := $(VENV)/bin/python
 STAMP  := $(VENV)/.installed
 
-.PHONY: study test test-fast lint bench clean
+.PHONY: study test test-fast consistency lint bench clean
 
 study: $(STAMP)  ## the paper's study on the container ship -> reports/container/index.html
 	$(VENV)/bin/pymc-ship study --out reports/container
@@ -13,6 +13,9 @@ test: $(STAMP) lint  ## every test
 
 test-fast: $(STAMP)  ## the tests that take under a minute together
 	$(PYTHON) -m pytest -q -m "not slow"
+
+consistency: $(STAMP)  ## every path to a posterior against the others and against simulated truth, with the largest z
+	$(PYTHON) -m pytest -q -m consistency
 
 lint: $(STAMP)
 	$(VENV)/bin/ruff check .

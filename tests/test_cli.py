@@ -28,7 +28,7 @@ from pymc_ship.vessel import DOFS
 TERMS = {"surge": ("Xu", "Xuu", "Xvr", "Xdeltadelta"), "sway": ("Yv", "Yr", "Ydelta"), "yaw": ("Nv", "Nr", "Ndelta")}
 """A small vessel that is quick to identify: ten of the container ship's coefficients, without roll."""
 
-COMMANDS = ("study", "simulate", "denoise", "identify", "tune", "forecast")
+COMMANDS = ("study", "simulate", "denoise", "identify", "tune", "forecast", "report")
 HEAVY = ("numpy", "xarray", "numba", "scipy", "pymc", "pytensor", "arviz", "skopt", "sklearn", "matplotlib", "rich")
 
 

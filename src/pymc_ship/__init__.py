@@ -23,17 +23,20 @@ _PUBLIC = {
     "output": ("OutputError",),
     "regression_data": ("regression_data", "RegressionData", "RegressionDataError"),
     "priors": ("ConjugatePrior", "SemiConjugatePrior", "PriorError"),
+    "prior_table": ("informed_prior", "hold_fixed", "restore_fixed", "order_damped_prior", "sister_ship_table"),
     "posterior": ("write_posterior", "read_posterior"),
     "conjugate": ("conjugate", "conjugate_posterior"),
     "semiconjugate": ("semiconjugate", "semiconjugate_posterior"),
     "gibbs": ("gibbs", "gibbs_posterior"),
     "pymc_model": ("pymc_model", "nuts_posterior"),
     "agreement": ("agreement",),
+    "calibration": ("simulation_based_calibration", "coverage", "geweke"),
     "tune": ("tune_prior", "maximise_evidence"),
     "forecast": ("forecast",),
     "identification": ("identify", "Identification"),
     "study": ("run_study", "StudyResult"),
     "report": ("study",),
+    "diagnostic_report": ("diagnostic_report",),
 }
 _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
 

@@ -50,6 +50,14 @@ _STUDY_EXAMPLES = """example:
 """
 
 
+_REPORT_EXAMPLES = """examples:
+  pymc-ship report identified/sway-conjugate.nc --vessel container --out diagnostics
+  pymc-ship report reports/container/posteriors/sway-*-nuts.nc
+
+status 3 says that a convergence gate fails; the report is written all the same.
+"""
+
+
 class _Parser(argparse.ArgumentParser):
     """Parser whose complaints are one sentence, like every other error of the program."""
 
@@ -68,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, 2 when the command cannot run, 130 when it was interrupted.
+        Exit status: 0, 2 when the command cannot run, 3 when a gate of `report` fails, 130 when it was interrupted.
 
     Raises
     ------
@@ -80,7 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from pymc_ship import commands
 
         with _progress(args.quiet) as progress:
-            text, path = getattr(commands, args.command)(args, progress)
+            text, path, *status = getattr(commands, args.command)(args, progress)
         if text:
             print(text, flush=True)
         if path and not args.quiet:
@@ -94,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(f"The memory does not hold this run: {error}; make it shorter.", 2)
     except (ValueError, OSError) as error:
         return _fail(str(error), 2)
-    return 0
+    return status[0] if status else 0
 
 
 def _fail(sentence: str, status: int) -> int:
@@ -130,7 +138,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pymc-ship {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for add in (_add_study, _add_simulate, _add_denoise, _add_identify, _add_tune, _add_forecast):
+    for add in (_add_study, _add_simulate, _add_denoise, _add_identify, _add_tune, _add_forecast, _add_report):
         add(commands)
     return parser
 
@@ -236,6 +244,13 @@ def _add_forecast(commands) -> None:
     command.add_argument("--duration", type=float, default=400.0, help="[s] (%(default)s)")
     command.add_argument("--side", choices=SIDES, default="port", help="side turned to first (%(default)s)")
     command.add_argument("--out", required=True, help="folder of <manoeuvre>-<family>.csv: bands over time")
+
+
+def _add_report(commands) -> None:
+    command = _command(commands, "report", "diagnose saved posteriors and write a report", _REPORT_EXAMPLES)
+    command.add_argument("posteriors", metavar="POSTERIOR", nargs="+", help="posterior file, .nc or .zarr")
+    command.add_argument("--vessel", help="shipped vessel or TOML file: reference and published values (none)")
+    command.add_argument("--out", default="reports/diagnostics", help="folder of diagnostics.html (%(default)s)")
 
 
 def _seed(text: str) -> int:

@@ -1,6 +1,7 @@
 """What each command of the command line does: reads, calls the API, writes, returns the text to print.
 
-Every command takes the parsed words and a function that shows progress, and returns its text and the path it wrote.
+Every command takes the parsed words and a function that shows progress, and returns its text, the path it wrote and,
+where it is not 0, the exit status.
 Inputs are read first, then the output is tried, then the long work begins.
 """
 
@@ -31,11 +32,12 @@ if TYPE_CHECKING:
     from pymc_ship.tune import TunedPrior
 
 Progress = Callable[[str], None]
-Outcome = tuple[str, Path | None]
+Outcome = tuple[str, Path | None] | tuple[str, Path | None, int]
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 _COEFFICIENT_HEADER = ("dof", "family", "coefficient", "reference", "mean", "sd", "quantile_5", "quantile_95")
 _NOT_RECORDED = ("command", "out", "quiet")
+_GATE_FAILS = 3
 
 
 def study(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -134,6 +136,24 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
             reference = ps.simulate(vessel, manoeuvre, duration=args.duration, record_interval=0.5)
             text.append(_forecast_text(tree, ps.indices(reference)))
     return "\n\n".join(text), out
+
+
+def report(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Report on saved posteriors; the text has the verdict on each, the status is 3 when a gate fails."""
+    from pymc_ship.diagnostic_parts import verdict
+    from pymc_ship.diagnostic_report import check_trees
+    from pymc_ship.diagnostics import gates
+
+    vessel = ps.load_vessel(args.vessel) if args.vessel else None
+    paths = {Path(path).stem: path for path in args.posteriors}
+    if len(paths) < len(args.posteriors):
+        paths = {path: path for path in args.posteriors}
+    trees = {name: read_posterior(path) for name, path in paths.items()}
+    check_trees(trees, vessel)
+    page = ps.diagnostic_report(trees, args.out, vessel, seed=args.seed, progress=progress)
+    text = "\n\n".join("\n".join([name, *verdict(tree)]) for name, tree in trees.items())
+    holds = all(gate["holds"] for tree in trees.values() for gate in gates(tree))
+    return text, page, 0 if holds else _GATE_FAILS
 
 
 def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:

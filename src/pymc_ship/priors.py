@@ -20,9 +20,9 @@ class PriorError(ValueError):
     """Hyperparameters that define no prior."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Prior:
-    """Hyperparameters shared by both families.
+    """Hyperparameters shared by both families; priors of one family with the same hyperparameters are equal.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class _Prior:
     Raises
     ------
     PriorError
-        When a value is not finite, or kappa, shape or scale is not positive.
+        When a value is no finite number, or kappa, shape or scale is not positive.
     """
 
     mean: float | np.ndarray = 0.0
@@ -48,12 +48,23 @@ class _Prior:
 
     def __post_init__(self):
         for name in ("mean", "kappa", "shape", "scale"):
-            value = np.asarray(getattr(self, name), dtype=float)
+            value = _numbers(name, getattr(self, name))
             if value.ndim > (1 if name in ("mean", "kappa") else 0) or not np.isfinite(value).all():
                 raise PriorError(f"The prior's {name} must be finite, found {value.tolist()}; give a plain number.")
             if name != "mean" and (value <= 0.0).any():
                 raise PriorError(f"The prior's {name} must be positive, found {value.tolist()}; raise it above 0.")
+            value.setflags(write=False)
             object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
+
+    def __eq__(self, other: object) -> bool:
+        return self._key() == other._key() if isinstance(other, _Prior) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple:
+        values = (np.asarray(getattr(self, name)) for name in ("mean", "kappa", "shape", "scale"))
+        return (self.family, *((value.shape, *value.ravel().tolist()) for value in values))
 
     def means(self, n_terms: int) -> np.ndarray:
         """Prior means, shape (n_terms,)."""
@@ -88,7 +99,7 @@ class _Prior:
         return -0.5 * (n_terms * (_LOG_2PI + np.log(factor)) + np.sum(np.log(kappa)) + distance / factor)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ConjugatePrior(_Prior):
     """Normal inverse gamma: beta | sigma2 ~ N(mean, sigma2 V), sigma2 ~ IG(shape, scale); see the base for parameters.
 
@@ -100,7 +111,7 @@ class ConjugatePrior(_Prior):
     family: ClassVar[str] = "conjugate"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SemiConjugatePrior(_Prior):
     """Independent: beta ~ N(mean, V), sigma2 ~ IG(shape, scale); see the base for parameters.
 
@@ -110,6 +121,17 @@ class SemiConjugatePrior(_Prior):
     """
 
     family: ClassVar[str] = "semiconjugate"
+
+
+def _numbers(name: str, value: object) -> np.ndarray:
+    """Copy of a hyperparameter as floats."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "iufO":
+            raise TypeError
+        return np.array(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise PriorError(f"The prior's {name} must be finite, found {value!r}; give a plain number.") from None
 
 
 FAMILIES = {"conjugate": ConjugatePrior, "semiconjugate": SemiConjugatePrior}

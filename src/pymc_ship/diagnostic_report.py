@@ -1,0 +1,162 @@
+"""Diagnostic report of saved posteriors: one self-contained HTML page, a section for each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+
+from pymc_ship import diagnostics, figures
+from pymc_ship.diagnostic_parts import parts, verdict
+from pymc_ship.diagnostics import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
+from pymc_ship.output import staged, writable_folder
+from pymc_ship.page_tables import number
+from pymc_ship.vessel import Vessel, VesselError, load_vessel
+
+PAGE = "diagnostics.html"
+"""Name of the page in its folder."""
+
+SOURCES = (
+    "Vehtari, Gelman, Simpson, Carpenter & Buerkner (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221",
+    "Betancourt (2018), A conceptual introduction to Hamiltonian Monte Carlo, arXiv:1701.02434",
+    "Vehtari, Gelman & Gabry (2017), Statistics and Computing 27:1413, doi:10.1007/s11222-016-9696-4",
+    "Kallioinen, Paananen, Buerkner & Vehtari (2024), Statistics and Computing 34:57, doi:10.1007/s11222-023-10366-5",
+    "Ljung & Box (1978), Biometrika 65(2):297, doi:10.1093/biomet/65.2.297",
+)
+
+_n = number(3)
+
+
+def diagnostic_report(
+    trees: Mapping[str, xr.DataTree],
+    out: str | Path,
+    vessel: Vessel | str | Path | None = None,
+    *,
+    seed: int = 2020,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Write the diagnostic report of saved posteriors.
+
+    Parameters
+    ----------
+    trees : mapping of str to DataTree
+        Posteriors by the name of their section, from :func:`~pymc_ship.posterior.read_posterior` or a function that
+        draws one. A part whose groups a tree does not have says so in one sentence.
+    out : str or Path
+        Folder of the page; created where it is missing.
+    vessel : Vessel, str or Path, optional
+        Vessel of the posteriors, a shipped one's name or a TOML file; adds its reference and published values.
+    seed : int, optional
+        Root of the predictive and prior draws; the same seed gives the same page.
+    progress : callable, optional
+        Called with a short text before each section.
+
+    Returns
+    -------
+    Path
+        The page, ``out/diagnostics.html``; a gate that fails is said there and does not stop the report.
+
+    Raises
+    ------
+    ValueError
+        When there is no tree, or one is no posterior of this package.
+    VesselError
+        For a vessel that cannot be read or is another than that of a posterior.
+    OutputError
+        When the folder cannot be written.
+    """
+    ship = load_vessel(vessel) if isinstance(vessel, str | Path) else vessel
+    check_trees(trees, ship)
+    out = writable_folder(out)
+    images: dict[str, str] = {}
+    sections = []
+    for k, (name, tree) in enumerate(trees.items()):
+        progress(f"diagnosing {name}")
+        sections.append(_section(f"posterior-{k + 1}", name, tree, ship, np.random.default_rng(seed), images))
+    page = _render(sections, images)
+    with staged(out / PAGE) as partial:
+        partial.write_text(page, encoding="utf-8")
+    return out / PAGE
+
+
+def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None:
+    """Raise a ValueError when there is no tree, one is no posterior, or one is of another vessel."""
+    if not trees:
+        raise ValueError("A diagnostic report needs at least one posterior, found none; give trees by name.")
+    for name, tree in trees.items():
+        diagnostics.check_posterior(tree, name)
+        if vessel is None:
+            continue
+        if tree.attrs["vessel"] != vessel.name:
+            raise VesselError(
+                f"The posterior is to be of {vessel.name!r}, found {tree.attrs['vessel']!r} in {name}; use its vessel."
+            )
+        names = [str(value) for value in tree["posterior"]["coefficient"].values]
+        if names != [str(value) for value in vessel.coefficients(tree.attrs["dof"])["coefficient"].values]:
+            raise VesselError(
+                f"The posterior is to hold the {tree.attrs['dof']} coefficients of {vessel.name!r} in order, found "
+                f"{', '.join(names)} in {name}; use the vessel it was made with."
+            )
+
+
+def _section(
+    identifier: str,
+    name: str,
+    tree: xr.DataTree,
+    ship: Vessel | None,
+    rng: np.random.Generator,
+    images: dict[str, str],
+) -> dict:
+    shown = []
+    for part in parts(tree, ship, rng):
+        captions = []
+        for kind, figure, caption in part.images:
+            images[f"{identifier}-{kind}"] = figures.embedded(figure, part.title)
+            captions.append((f"{identifier}-{kind}", caption))
+        shown.append({"title": part.title, "text": part.text, "tables": part.tables, "figures": captions})
+    sizes, prior = tree["posterior"].sizes, json.loads(tree.attrs["prior"])
+    hyperparameters = ", ".join(f"{key} {_plain(prior[key])}" for key in ("mean", "kappa", "shape", "scale"))
+    return {
+        "id": identifier,
+        "name": name,
+        "holds": all(gate["holds"] for gate in diagnostics.gates(tree)),
+        "verdict": verdict(tree),
+        "origin": (
+            f"{tree.attrs['dof'].capitalize()} of {tree.attrs['vessel']}, method {tree.attrs['method']}, "
+            f"{sizes['chain']} chains of {sizes['draw']} draws, {sizes['coefficient']} coefficients; "
+            f"{prior['family']} prior on the scaled columns: {hyperparameters}."
+        ),
+        "parts": shown,
+    }
+
+
+def _plain(value: float | list) -> str:
+    return _n(value) if not isinstance(value, list) else f"{_n(min(value))} to {_n(max(value))}"
+
+
+def _render(sections: list[dict], images: Mapping[str, str]) -> str:
+    environment = Environment(
+        loader=PackageLoader("pymc_ship"),
+        autoescape=select_autoescape(default=True),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("diagnostics.html.j2").render(
+        title=f"Diagnostics of {len(sections)} posterior{'s' * (len(sections) > 1)}",
+        defaults=(
+            f"Intervals are equal-tailed (ci_kind eti) of {100 * CI_PROB:g} % (ci_prob {CI_PROB:g}). Gates: R-hat < "
+            f"{diagnostics.R_HAT_LIMIT:g}, bulk and tail ESS > {diagnostics.ESS_LIMIT:g}, no divergence, E-BFMI > "
+            f"{diagnostics.E_BFMI_LIMIT:g}. Whiteness at the {100 * WHITENESS_LEVEL:g} % level, "
+            f"sensitivity above {PSENSE_LIMIT:g}."
+        ),
+        sections=sections,
+        figures=images,
+        versions=", ".join(f"{name} {version(name)}" for name in ("pymc-ship", "arviz", "numpy", "scipy", "xarray")),
+        sources=SOURCES,
+    )
