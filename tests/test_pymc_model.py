@@ -241,7 +241,8 @@ def test_layout_is_that_of_every_posterior():
     rng = np.random.default_rng(5)
     tree = nuts_posterior(data, prior, draws=10, tune=100, chains=3, rng=rng)
     exact = conjugate_posterior(data, prior, draws=30, chains=3, rng=rng)
-    assert set(tree.children) == set(exact.children) | {"sample_stats"}
+    checks = {"prior", "prior_predictive", "posterior_predictive"}
+    assert set(tree.children) == set(exact.children) | checks | {"sample_stats"}
     for name, group in exact.children.items():
         for variable, value in group.dataset.variables.items():
             found = tree[name].dataset.variables[variable]

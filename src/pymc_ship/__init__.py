@@ -23,6 +23,7 @@ _PUBLIC = {
     "output": ("OutputError",),
     "regression_data": ("regression_data", "RegressionData", "RegressionDataError"),
     "priors": ("ConjugatePrior", "SemiConjugatePrior", "PriorError"),
+    "predictive": ("with_predictive",),
     "prior_table": ("informed_prior", "hold_fixed", "restore_fixed", "order_damped_prior", "sister_ship_table"),
     "posterior": ("write_posterior", "read_posterior"),
     "conjugate": ("conjugate", "conjugate_posterior"),

@@ -1,11 +1,12 @@
-"""The PyMC model of the regression and its sampling by NUTS; the only module that imports pymc, and only when called.
+"""The PyMC model of the regression and its sampling by NUTS; pymc is imported only when called.
 
 Two parametrisations of one posterior. ``direct`` states it as the paper does: coefficients with their prior, one normal
 per row. ``whitened`` states the same density in coordinates that NUTS finds isotropic, at O(n_terms) an evaluation.
 With X diag(kappa)^(1/2) = U S R' the data speak of the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) only
 through z = U' (y - X mean), and of the noise also through the square of y - X mean - U z. Given the noise variance,
 prior times likelihood gives g a centre and a spread; the coordinates are (g - centre) / spread. They are no more than
-coordinates: were centre and spread wrong, NUTS would be slower, not biased.
+coordinates: were centre and spread wrong, NUTS would be slower, not biased. Errors that are not normal have no such
+summary; their models are in :mod:`pymc_ship.error_models`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from pymc_ship import error_models
+from pymc_ship.error_laws import error_law, with_errors
 from pymc_ship.posterior import posterior_tree, rng_state
+from pymc_ship.predictive import with_predictive
 from pymc_ship.priors import ConjugatePrior, SemiConjugatePrior
 from pymc_ship.regression_data import RegressionData
 from pymc_ship.rotation import rotate
@@ -38,7 +42,10 @@ _NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
 
 
 def pymc_model(
-    data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior, parametrisation: str = "whitened"
+    data: RegressionData,
+    prior: ConjugatePrior | SemiConjugatePrior,
+    parametrisation: str = "whitened",
+    errors: str = "normal",
 ) -> pm.Model:
     """PyMC model of the regression; its log density is exactly that of prior and original response.
 
@@ -50,7 +57,11 @@ def pymc_model(
     parametrisation : {"whitened", "direct"}, optional
         ``direct``: free variables ``scaled_coefficients`` and ``scaled_noise_variance``, observed ``response`` (dims
         row). ``whitened``: free variables ``direction_coordinate`` (dims direction) and ``noise_coordinate``, which
-        are close to independent standard normal a posteriori, and the data as sufficient statistics.
+        are close to independent standard normal a posteriori, and the data as sufficient statistics (normal errors) or
+        as rotated rows.
+    errors : {"normal", "student_t", "ar1"}, optional
+        Student-t errors have the free variable ``degrees_of_freedom``, AR(1) errors ``autocorrelation``; see
+        :mod:`pymc_ship.error_laws` for their priors.
 
     Returns
     -------
@@ -61,7 +72,9 @@ def pymc_model(
     Raises
     ------
     ValueError
-        For another parametrisation.
+        For another parametrisation or other errors.
+    RegressionDataError
+        For AR(1) errors on rows that are not uniformly spaced in time.
     PriorError
         For hyperparameter vectors of the wrong length.
 
@@ -73,27 +86,10 @@ def pymc_model(
     """
     if parametrisation not in ("whitened", "direct"):
         raise ValueError(f"A parametrisation is whitened or direct, found {parametrisation!r}; choose one of these.")
-    return _direct_model(data, prior) if parametrisation == "direct" else _whitened_model(data, prior)
-
-
-def _direct_model(data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior) -> pm.Model:
-    import pymc as pm
-    import pytensor.tensor as pt
-
-    kappa = prior.kappas(data.n_terms)
-    offset, transformation = data.transformation
-    with pm.Model(coords=_coords(data)) as model:
-        design = pm.Data("scaled_design_matrix", data.scaled_design_matrix, dims=("row", "coefficient"))
-        variance = pm.InverseGamma("scaled_noise_variance", alpha=prior.shape, beta=prior.scale)
-        prior_variance = kappa * variance if prior.family == "conjugate" else kappa
-        scaled = pm.Normal(
-            "scaled_coefficients", mu=prior.means(data.n_terms), sigma=pt.sqrt(prior_variance), dims="coefficient"
-        )
-        pm.Deterministic("coefficients", offset + pt.dot(transformation, scaled), dims="coefficient")
-        noise_variance = pm.Deterministic("noise_variance", data.response_scale**2 * variance)
-        fit = data.response_center + data.response_scale * pt.dot(design, scaled)
-        pm.Normal("response", mu=fit, sigma=pt.sqrt(noise_variance), observed=data.response, dims="row")
-    return model
+    error_law(errors, data)
+    if parametrisation == "direct":
+        return error_models.direct_model(data, prior, errors)
+    return _whitened_model(data, prior) if errors == "normal" else error_models.whitened_rows_model(data, prior, errors)
 
 
 def _whitened_model(data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior) -> pm.Model:
@@ -111,7 +107,7 @@ def _whitened_model(data: RegressionData, prior: ConjugatePrior | SemiConjugateP
         basis = pm.Data("basis", statistics["basis"], dims=("coefficient", "basis_column"))
 
         noise_coordinate = pm.CustomDist(
-            "noise_coordinate", shape, scale, level, width, dist=_noise_coordinate, initval=0.0
+            "noise_coordinate", shape, scale, level, width, dist=error_models.noise_coordinate, initval=0.0
         )
         variance = pt.exp(level + width * noise_coordinate)
         prior_variance = variance**power
@@ -134,14 +130,6 @@ def _whitened_model(data: RegressionData, prior: ConjugatePrior | SemiConjugateP
         pm.Deterministic("coefficients", basis[:, -1] + (basis[:, :-1] * rotated).sum(axis=1), dims="coefficient")
         pm.Deterministic("noise_variance", response_scale**2 * variance)
     return model
-
-
-def _noise_coordinate(shape, scale, level, width, size):
-    """Standardised log of an inverse gamma variable; PyMC derives its density."""
-    import pymc as pm
-    import pytensor.tensor as pt
-
-    return (pt.log(pm.InverseGamma.dist(shape, scale, size=size)) - level) / width
 
 
 def _whitened_statistics(data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior) -> dict[str, np.ndarray]:
@@ -189,6 +177,7 @@ def nuts_posterior(
     tune: int = 1000,
     rng: np.random.Generator,
     parametrisation: str = "whitened",
+    errors: str = "normal",
     nuts_sampler: str | None = None,
     progress: bool = False,
 ) -> xr.DataTree:
@@ -204,9 +193,11 @@ def nuts_posterior(
     tune : int, optional
         Draws of each chain that adapt step size and mass matrix and are dropped.
     rng : numpy.random.Generator
-        Gives the integer seed of the sampler.
+        Gives the integer seed of the sampler, from which the predictive draws are seeded too.
     parametrisation : {"whitened", "direct"}, optional
         See :func:`pymc_model`. The whitened model is compiled once for each number of terms, whatever data and prior.
+    errors : {"normal", "student_t", "ar1"}, optional
+        See :func:`pymc_model`.
     nuts_sampler : {"nutpie", "pymc"}, optional
         nutpie where it is installed, else the sampler of PyMC.
     progress : bool, optional
@@ -217,12 +208,17 @@ def nuts_posterior(
     DataTree
         As :func:`~pymc_ship.posterior.posterior_tree`, with the group sample_stats (dims chain, draw): ``lp``,
         ``energy``, ``energy_error``, ``tree_depth``, ``reached_max_treedepth``, ``n_steps``, ``step_size``,
-        ``step_size_bar``, ``acceptance_rate``, ``diverging``.
+        ``step_size_bar``, ``acceptance_rate``, ``diverging``; and prior, prior_predictive and posterior_predictive as
+        :func:`~pymc_ship.predictive.with_predictive`. For errors that are not normal the posterior also holds
+        ``degrees_of_freedom`` or ``autocorrelation``, and the log likelihood of AR(1) is that of a row given those
+        before it.
 
     Raises
     ------
     ValueError
-        For counts that are not positive, another parametrisation or another sampler.
+        For counts that are not positive, another parametrisation, other errors or another sampler.
+    RegressionDataError
+        For AR(1) errors on rows that are not uniformly spaced in time.
     PriorError
         For hyperparameter vectors of the wrong length.
 
@@ -235,14 +231,15 @@ def nuts_posterior(
         raise ValueError(f"The NUTS sampler is nutpie or pymc, found {nuts_sampler!r}; choose one of these.")
     if min(draws, chains, tune) < 1:
         raise ValueError(f"Counts of {draws=}, {chains=}, {tune=} must be positive; raise them to 1 or more.")
-    state = rng_state(rng)
-    settings = {"draws": draws, "chains": chains, "tune": tune}
+    law = error_law(errors, data)
+    state, seed = rng_state(rng), int(rng.integers(2**31))
     sample = _sample_nutpie if sampler == "nutpie" else _sample_pymc
-    sampled = sample(data, prior, parametrisation, settings, int(rng.integers(2**31)), progress)
+    settings = {"draws": draws, "chains": chains, "tune": tune}
+    sampled = sample((data, prior, parametrisation, errors), settings, seed, progress)
     attrs = {"parametrisation": parametrisation, "tuning_steps": tune, "inference_library": sampler}
     attrs["inference_library_version"] = version(sampler)
     posterior = sampled["posterior"].dataset
-    return posterior_tree(
+    tree = posterior_tree(
         data,
         prior,
         posterior["coefficients"].transpose("chain", "draw", "coefficient").to_numpy(),
@@ -251,15 +248,23 @@ def nuts_posterior(
         rng_state=state,
         groups={"sample_stats": _sample_stats(sampled["sample_stats"].dataset, attrs)},
     )
+    if law.parameter:
+        tree = with_errors(tree, data, errors, posterior[law.parameter].transpose("chain", "draw").to_numpy())
+    return with_predictive(tree, data, prior, rng=np.random.default_rng([seed, 1]))
 
 
-def _sample_nutpie(data, prior, parametrisation: str, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+def _sample_nutpie(stated: tuple, settings: dict, seed: int, progress: bool) -> xr.DataTree:
     import nutpie
 
-    if parametrisation == "whitened":
+    data, prior, parametrisation, errors = stated
+    if parametrisation != "whitened":
+        compiled = nutpie.compile_pymc_model(pymc_model(*stated))
+    elif errors == "normal":
         compiled = _compiled_whitened(data.n_terms).with_data(**_whitened_statistics(data, prior))
     else:
-        compiled = nutpie.compile_pymc_model(pymc_model(data, prior, parametrisation))
+        compiled = error_models.compiled_rows(data.n_terms, errors).with_data(
+            **error_models.row_statistics(data, prior, errors)
+        )
     return nutpie.sample(compiled, **settings, seed=seed, progress_bar=progress, save_warmup=False)
 
 
@@ -272,10 +277,10 @@ def _compiled_whitened(n_terms: int):
     return nutpie.compile_pymc_model(_whitened_model(placeholder, ConjugatePrior()))
 
 
-def _sample_pymc(data, prior, parametrisation: str, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+def _sample_pymc(stated: tuple, settings: dict, seed: int, progress: bool) -> xr.DataTree:
     import pymc as pm
 
-    with pymc_model(data, prior, parametrisation):
+    with pymc_model(*stated):
         return pm.sample(
             **settings,
             cores=1,
