@@ -148,6 +148,24 @@ def sampling(data, prior) -> None:
         )
 
 
+def nuts(data, prior) -> None:
+    """NUTS on the whitened model against the direct one, compilation included, in least effective draws a second."""
+    from arviz import ess
+
+    rates = {}
+    for parametrisation in ("whitened", "direct"):
+        start = time.perf_counter()
+        tree = ps.nuts_posterior(data, prior, rng=np.random.default_rng(0), parametrisation=parametrisation)
+        seconds = time.perf_counter() - start
+        rates[parametrisation] = float(ess(tree["posterior"].dataset)["coefficients"].min()) / seconds
+    ours, theirs = rates["whitened"], rates["direct"]
+    print(
+        f"{'NUTS whitened, with compilation, ESS':<48} {ours:>9.3g} /s  {'direct, as the paper writes it':<34} "
+        f"{theirs:>8.3g} /s  {ours / theirs:>8.1f} x",
+        flush=True,
+    )
+
+
 def denoising(noisy) -> None:
     """Five channels of 20000 samples against universal soft thresholding with PyWavelets."""
     channels = ("u", "v", "r", "p", "phi")
@@ -192,6 +210,7 @@ def main() -> None:
     data = ps.regression_data(ps.denoise(noisy), vessel, "sway", interval=1.0)
     prior, _ = ps.maximise_evidence(data, "semiconjugate")
     sampling(data, prior)
+    nuts(data, prior)
     whole_study()
 
 
