@@ -739,6 +739,7 @@ def test_an_interrupted_forecast_moves_no_file_before_all_are_there(made, tmp_pa
 # true processes
 
 
+@pytest.mark.slow
 def test_a_true_run_keeps_results_errors_and_warnings_apart(tmp_path):
     good = subprocess.run(
         program("simulate", "container", "--turn", "35", "--duration", "30", "--quiet", "--out", "trial.csv"),
@@ -755,6 +756,7 @@ def test_a_true_run_keeps_results_errors_and_warnings_apart(tmp_path):
     assert files(tmp_path) == ["trial.csv"]
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_gone_is_no_traceback(tmp_path):
     words = program("simulate", "container", "--turn", "35", "--duration", "30", "--quiet", "--out", "trial.csv")
     with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -764,6 +766,7 @@ def test_a_reader_that_has_gone_is_no_traceback(tmp_path):
     assert files(tmp_path) == ["trial.csv"]
 
 
+@pytest.mark.slow
 def test_control_c_ends_a_true_run(made, tmp_path):
     words = ("tune", made / "trial.csv", "--vessel", made / "small.toml", "--dof", "yaw", "--family", "conjugate")
     words = program(*words, "--evaluations", 5000, "--out", tmp_path / "prior.json")

@@ -15,6 +15,8 @@ from pymc_ship.pymc_model import nuts_posterior, pymc_model
 from pymc_ship.regression_data import RegressionData, RegressionDataError
 from test_pymc_model import N_TERMS, hyperparameters, log_volume, regression, scaled_parameters
 
+pytestmark = pytest.mark.slow
+
 PARAMETER = {"student_t": "degrees_of_freedom", "ar1": "autocorrelation"}
 TRUE = np.array([1.0, -2.0, 0.5, 3.0, 0.0])
 

@@ -18,6 +18,8 @@ from pymc_ship import figures
 from pymc_ship.identification import EXACT
 from pymc_ship.priors import FAMILIES
 
+pytestmark = pytest.mark.slow
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

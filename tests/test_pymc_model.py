@@ -198,6 +198,7 @@ def test_nuts_under_another_prior_is_caught(wrong):
     assert z.max() > limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_nuts_agrees_with_quadrature(case):
     exact = semiconjugate(regression(case), SemiConjugatePrior(**hyperparameters()))
@@ -223,6 +224,7 @@ def test_other_routes_agree_with_the_closed_form(parametrisation, nuts_sampler):
     }
 
 
+@pytest.mark.slow
 def test_draws_depend_on_seed_data_and_prior_alone():
     data, prior = regression("tall"), SemiConjugatePrior(**hyperparameters())
 
@@ -236,6 +238,7 @@ def test_draws_depend_on_seed_data_and_prior_alone():
     assert np.array_equal(draw(3), first)
 
 
+@pytest.mark.slow
 def test_layout_is_that_of_every_posterior():
     data, prior = regression("zscored"), ConjugatePrior(**hyperparameters())
     rng = np.random.default_rng(5)
@@ -252,6 +255,7 @@ def test_layout_is_that_of_every_posterior():
     assert {value.dims for value in tree["sample_stats"].data_vars.values()} == {("chain", "draw")}
 
 
+@pytest.mark.slow
 def test_netcdf_keeps_the_sampler_statistics(tmp_path):
     rng = np.random.default_rng(5)
     tree = nuts_posterior(regression("tall"), ConjugatePrior(), draws=10, tune=100, chains=2, rng=rng)
@@ -260,6 +264,7 @@ def test_netcdf_keeps_the_sampler_statistics(tmp_path):
     assert stats_read["diverging"].dtype == bool
 
 
+@pytest.mark.slow
 def test_sampling_is_silent(capfd, caplog):
     nuts_posterior(regression("tall"), ConjugatePrior(), draws=10, tune=100, rng=np.random.default_rng(6))
     assert tuple(capfd.readouterr()) == ("", "")

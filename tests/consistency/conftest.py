@@ -23,7 +23,11 @@ def selected(config):
     return "consistency" in config.option.markexpr or any(path == FOLDER or FOLDER in path.parents for path in paths)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
+    for item in items:
+        if FOLDER in item.path.parents:
+            item.add_marker("slow")  # none of them belongs in `make test-fast`
     if not selected(config):
         long = [item for item in items if item.get_closest_marker("consistency")]
         items[:] = [item for item in items if item not in long]
