@@ -1,4 +1,5 @@
 import csv
+import functools
 import json
 import re
 import shlex
@@ -770,11 +771,16 @@ def test_a_reader_that_has_gone_is_no_traceback(tmp_path):
 def test_control_c_ends_a_true_run(made, tmp_path):
     words = ("tune", made / "trial.csv", "--vessel", made / "small.toml", "--dof", "yaw", "--family", "conjugate")
     words = program(*words, "--evaluations", 5000, "--out", tmp_path / "prior.json")
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        told = [process.stderr.readline() for _ in range(2)]
-        time.sleep(0.3)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=20)
+    listen = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a runner in the background ignores it
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(words, preexec_fn=listen, **pipes) as process:
+        try:
+            told = [process.stderr.readline() for _ in range(2)]
+            time.sleep(0.3)
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=20)
+        finally:
+            process.kill()
     assert told == ["denoising\n", "tuning the conjugate prior of the yaw: 5000 evaluations\n"]
     assert err == "pymc-ship: interrupted; nothing is left half-written and earlier results stand as they were.\n"
     assert (process.returncode, out) == (130, "")
