@@ -25,6 +25,7 @@ LAYERS = (
     "output",
     "trial",
     "simulate",
+    "sensitivities",
     "noise",
     "spike_and_slab",
     "ebayes",

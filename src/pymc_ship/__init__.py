@@ -16,6 +16,7 @@ _PUBLIC = {
     "manoeuvres": ("zigzag", "turning_circle", "rudder_programme", "Manoeuvre", "ManoeuvreError"),
     "trial": ("read_trial", "write_trial", "check_trial", "TrialError"),
     "simulate": ("simulate", "SimulationError"),
+    "sensitivities": ("sensitivities",),
     "noise": ("pollute",),
     "ebayes": ("ebayes_threshold",),
     "denoise": ("denoise", "denoise_signal", "derivative"),

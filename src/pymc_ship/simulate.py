@@ -28,8 +28,7 @@ LANES = 16
 """Ships integrated side by side by one kernel call."""
 
 _STATE_ROWS = len(STATE)
-_RK4_FRACTION = np.array([0.0, 0.5, 0.5, 1.0])
-_RK4_WEIGHT = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+_RK4_STAGES = np.column_stack([[0.0, 0.5, 0.5, 1.0], np.array([1.0, 2.0, 2.0, 1.0]) / 6.0])
 
 
 class SimulationError(ValueError):
@@ -230,8 +229,12 @@ def _settings(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float, m
     amplitude, heading = np.deg2rad(manoeuvre.rudder_deg), np.deg2rad(manoeuvre.heading_deg)
     control = (manoeuvre.kind == "zigzag", amplitude, heading, travel)
     command = rudder_command(manoeuvre, np.arange(n_steps) * step)
-    stages = np.column_stack([_RK4_FRACTION, _RK4_WEIGHT]) if method == "rk4" else np.empty((0, 2))
-    return scheme(vessel), vessel.hull, work_rows(vessel), initial, control, command, stages
+    return scheme(vessel), vessel.hull, work_rows(vessel), initial, control, command, runge_kutta_stages(method)
+
+
+def runge_kutta_stages(method: str) -> np.ndarray:
+    """Fraction of the step and weight of each stage, shape (n_stages, 2); no stages stand for explicit Euler."""
+    return _RK4_STAGES if method == "rk4" else np.empty((0, 2))
 
 
 def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, step: float, method: str) -> dict:
