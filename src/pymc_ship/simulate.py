@@ -106,22 +106,21 @@ def _advance(state, delta, following, coefficients, plan, hull, buffers, stages,
 
 
 @njit(**KERNEL)
+def _buffers(n_rows, n_lanes):
+    """Workspace, speed, forces, then rate, begin and inner state of a step and the rudder angle of a stage."""
+    shape = (_STATE_ROWS, n_lanes)
+    motion = (np.empty((n_rows, n_lanes)), np.empty(n_lanes), np.empty((4, n_lanes)))
+    return (*motion, np.empty(shape), np.empty(shape), np.empty(shape), np.empty(n_lanes))
+
+
+@njit(**KERNEL)
 def _integrate(coefficients, plan, hull, n_rows, initial, control, command, stages, step, stride, start, out):
     """Integrate the lanes into rows of ``out`` (9, n_draws, n_saved); return the steps at which they diverged."""
     n_lanes = coefficients.shape[1]
     state = np.empty((initial.size, n_lanes))
     for row in range(initial.size):
         state[row] = initial[row]
-    shape = (initial.size, n_lanes)
-    buffers = (
-        np.empty((n_rows, n_lanes)),
-        np.empty(n_lanes),
-        np.empty((4, n_lanes)),
-        np.empty(shape),
-        np.empty(shape),
-        np.empty(shape),
-        np.empty(n_lanes),
-    )
+    buffers = _buffers(n_rows, n_lanes)
     delta = np.full(n_lanes, command[0] if control[3] == np.inf else 0.0)
     following = delta.copy()
     direction = np.full(n_lanes, -np.sign(command[0]))
@@ -139,6 +138,119 @@ def _integrate(coefficients, plan, hull, n_rows, initial, control, command, stag
         _advance(state, delta, following, coefficients, plan, hull, buffers, stages, step)
         delta[:] = following
     return diverged
+
+
+@njit(**KERNEL)
+def _replay(coefficients, plan, hull, n_rows, initial, record, stages, step, substeps, start, out):
+    """Integrate the lanes along a rudder record; write block means to ``out`` (n_states, n_draws, n_blocks)."""
+    n_lanes = coefficients.shape[1]
+    n_states, _, n_blocks = out.shape
+    block = record.size // n_blocks
+    state = np.zeros((_STATE_ROWS, n_lanes))
+    state[:n_states] = initial
+    buffers = _buffers(n_rows, n_lanes)
+    delta, following = np.empty(n_lanes), np.empty(n_lanes)
+    diverged = np.full(n_lanes, -1)
+    for k in range(n_blocks * block):
+        if _mark_divergence(state, hull[1], k, diverged) == 0:
+            break
+        for row in range(n_states):
+            for lane in range(n_lanes):
+                out[row, start + lane, k // block] += state[row, lane] / block
+        change = (record[min(k + 1, record.size - 1)] - record[k]) / substeps
+        for part in range(substeps):
+            delta[:] = record[k] + part * change
+            following[:] = record[k] + (part + 1) * change
+            _advance(state, delta, following, coefficients, plan, hull, buffers, stages, step / substeps)
+    for lane in range(n_lanes):
+        if diverged[lane] >= 0:
+            out[:, start + lane] = np.nan
+
+
+def replay(
+    vessel: Vessel,
+    delta: np.ndarray,
+    initial_state: np.ndarray,
+    coefficients: np.ndarray,
+    *,
+    interval: float,
+    method: str = "rk4",
+    substeps: int = 1,
+    block: int = 1,
+) -> np.ndarray:
+    """Motion of many ships along one recorded rudder, each with its own coefficients and initial state.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    delta : array_like, shape (n_time,)
+        Rudder angle at the samples [rad], linear between them.
+    initial_state : array_like, shape (n_draws, n_states)
+        The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m].
+    coefficients : array_like, shape (n_draws, n_coefficients)
+        DOFs one after the other in the vessel's order.
+    interval : float
+        Sampling interval of the rudder [s].
+    method : {"euler", "rk4"}, optional
+    substeps : int, optional
+        Integration steps for each interval.
+    block : int, optional
+        Samples averaged into one; samples beyond the last whole block are left out.
+
+    Returns
+    -------
+    ndarray, shape (n_states, n_draws, n_blocks)
+        Block means, SI units and rad; a ship that left the model's range is NaN throughout.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown method, arrays of the wrong shape, counts below one or a record shorter than a block.
+    """
+    record = np.ascontiguousarray(delta, dtype=float)
+    draws = np.atleast_2d(np.asarray(coefficients, dtype=float))
+    initial = np.atleast_2d(np.asarray(initial_state, dtype=float))
+    check_replay(vessel, record, initial[0], draws[0], interval, method, substeps, block)
+    if len(initial) != len(draws):
+        raise SimulationError(f"Each draw has its initial state, found {len(draws)} and {len(initial)}; match them.")
+    out = np.zeros((initial.shape[1], len(draws), record.size // block))
+    settings = scheme(vessel), vessel.hull, work_rows(vessel)
+    integration = record, runge_kutta_stages(method), interval, substeps
+    blocks = range(0, len(draws), LANES)
+
+    def run(start: int) -> None:
+        lanes = slice(start, start + LANES)
+        columns = (np.ascontiguousarray(values[lanes].T) for values in (draws, initial))
+        _replay(next(columns), *settings, next(columns), *integration, start, out)
+
+    with ThreadPoolExecutor(min(len(blocks), os.cpu_count() or 1)) as pool:
+        list(pool.map(run, blocks))
+    return out
+
+
+def check_replay(
+    vessel: Vessel,
+    delta: np.ndarray,
+    initial_state: np.ndarray,
+    coefficients: np.ndarray,
+    interval: float,
+    method: str,
+    substeps: int,
+    block: int,
+) -> None:
+    """Raise SimulationError for settings that no rudder record can be replayed with; see :func:`replay`."""
+    n_coefficients = reference_coefficients(vessel).size
+    shapes = coefficients.shape, initial_state.shape, delta.shape
+    if shapes[0] != (n_coefficients,) or shapes[1] not in ((5,), (6,), (8,)) or delta.ndim != 1:
+        raise SimulationError(
+            f"A replay needs {n_coefficients} coefficients, 5, 6 or 8 initial states and a rudder record, found shapes "
+            f"{', '.join(map(str, shapes))}; reshape them."
+        )
+    if method not in METHODS or substeps < 1 or not 1 <= block <= delta.size or not 0.0 < interval < np.inf:
+        raise SimulationError(
+            f"A replay needs a method of {', '.join(METHODS)}, a positive interval, substeps from 1 and a block from 1 "
+            f"to the record's length, found {method!r}, {interval}, {substeps} and {block}; correct them."
+        )
 
 
 def simulate(
