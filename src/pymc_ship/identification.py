@@ -59,11 +59,12 @@ def identify(
     rng: np.random.Generator | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Identification:
-    """Identify a vessel's coefficients from a (denoised) trial.
+    """Identify a vessel's coefficients from a trial.
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
+        Denoised for differences, as it was measured for the weak form.
     vessel : Vessel
         Gives particulars, inertia and terms.
     families : sequence of str, optional
@@ -72,7 +73,8 @@ def identify(
         Hyperparameters from the maximum of the evidence or from Bayesian optimisation of the cross-validated log
         predictive density (which needs ``rng``).
     interval : float, optional
-        Interval of the rows [s]; None for every sample.
+        Interval of the rows [s]; None for every sample, or each 4 s in the weak form, whose intervals get too narrow
+        when its windows overlap more.
     derivative : str, optional
         See :func:`pymc_ship.regression_data`.
     rng : numpy.random.Generator, optional

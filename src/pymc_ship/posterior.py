@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,6 +20,8 @@ CITATIONS = {
     "conjugate": "Gelman et al. (2013), Bayesian Data Analysis, 3rd ed., ch. 14, doi:10.1201/b16018",
     "gibbs": "Gelfand & Smith (1990), JASA 85(410):398, doi:10.1080/01621459.1990.10476213",
     "nuts": "Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516",
+    "trajectory": "Maine & Iliff (1986), Application of parameter estimation to aircraft, NASA RP-1168",
+    "trajectory_nuts": "Maine & Iliff (1986), NASA RP-1168; Hoffman & Gelman (2014), JMLR 15:1593",
     "arviz": "Vehtari et al. (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221",
 }
 """Works a posterior rests on, kept in its attrs."""
@@ -92,6 +95,32 @@ def posterior_tree(
     return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
 
 
+def independent_posterior(
+    data: RegressionData,
+    prior: ConjugatePrior | SemiConjugatePrior,
+    draw: Callable[[int, np.random.Generator], tuple[np.ndarray, np.ndarray]],
+    *,
+    draws: int,
+    chains: int,
+    rng: np.random.Generator,
+) -> xr.DataTree:
+    """Lay out independent draws of an exact posterior, dealt to chains, as :func:`posterior_tree` does.
+
+    ``draw`` gives so many coefficients, shape (draws, n_terms), and noise variances, shape (draws,).
+
+    Raises
+    ------
+    ValueError
+        When ``draws`` is no positive multiple of ``chains``.
+    """
+    if draws < 1 or chains < 1 or draws % chains:
+        raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
+    state = rng_state(rng)
+    coefficients, noise_variance = draw(draws, rng)
+    laid_out = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
+    return posterior_tree(data, prior, *laid_out, method=prior.family, rng_state=state)
+
+
 def _log_prior(data: RegressionData, prior, coefficients: np.ndarray, noise_variance: np.ndarray) -> dict:
     scaled_variance = noise_variance / data.response_scale**2
     log_volume = np.linalg.slogdet(data.transformation[1])[1]
@@ -126,6 +155,13 @@ def _attrs(data: RegressionData, prior, method: str, state: str) -> dict[str, st
             }
         ),
         "rng_state": state,
+        **provenance(method),
+    }
+
+
+def provenance(method: str) -> dict[str, str]:
+    """Attrs that tell the versions and the works a posterior of this method rests on."""
+    return {
         "versions": json.dumps({package: version(package) for package in _PACKAGES}),
         "citations": json.dumps([CITATIONS[key] for key in ("method", method, "arviz") if key in CITATIONS]),
     }

@@ -12,12 +12,16 @@ import xarray as xr
 from pymc_ship.equations_of_motion import prime_record
 from pymc_ship.prime_system import to_prime
 from pymc_ship.terms import evaluate
-from pymc_ship.trial import check_trial, sampling_interval
+from pymc_ship.trial import sampling_interval
 from pymc_ship.vessel import DOFS, Vessel
+from pymc_ship.weak_form import INDEPENDENT, motion_record, weak_form
 
 _MOTION = ("u", "v", "r", "p")
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
 """Samples at the begin and end of a record that lack a neighbour their difference needs."""
+
+WEAK = {"weak": "rk4", "weak_euler": "euler"}
+"""Names of the weak form among the derivatives, and what it takes the record to be."""
 
 
 class RegressionDataError(ValueError):
@@ -226,7 +230,13 @@ def regression_data(
     interval: float | None = None,
     derivative: str = "euler",
 ) -> RegressionData:
-    """Design matrix and response of one degree of freedom, from a (denoised) trial.
+    """Design matrix and response of one degree of freedom, from a trial.
+
+    Differences want a denoised trial. The weak form takes the trial as it was measured: its rows are means under
+    test functions 10 s long, formed without a derivative, and it denoises the motion in the terms itself. Windows that
+    overlap share noise, which no posterior knows of: on a noisy zigzag intervals of 90 % held 48 to 57 % of the
+    reference values with a row each 0.5 s, 66 to 70 % at 1 s, 79 to 81 % at 2 s and 85 to 90 % at 4 s, while the median
+    error was the same.
 
     Parameters
     ----------
@@ -236,22 +246,26 @@ def regression_data(
         Gives particulars, inertia and the terms of the DOF; its reference coefficients are not used.
     dof : {"surge", "sway", "yaw", "roll"}
     interval : float, optional
-        Interval of the rows [s], a multiple of the sampling interval; every sample by default.
-    derivative : {"euler", "central", "savgol"}, optional
-        How accelerations are formed from the samples; see :func:`pymc_ship.denoise.derivative`.
+        Interval of the rows [s], a multiple of the sampling interval; by default every sample, or about 4 s between
+        the centres of test functions.
+    derivative : {"euler", "central", "savgol", "weak", "weak_euler"}, optional
+        How accelerations are formed from the samples (see :func:`pymc_ship.denoise.derivative`), or in their place the
+        weak form: "weak" for measured records, "weak_euler" exact for Euler steps of the sampling interval.
 
     Returns
     -------
     RegressionData
-        Prime values, z-scored, with the rows that have an acceleration.
+        Prime values, z-scored, with the rows that have an acceleration or a whole test function.
 
     Raises
     ------
     TrialError
-        For missing channels, NaN, or time that is not uniform.
+        For missing channels, NaN, or time that is not uniform; for the weak form, a trial too short or too coarse.
     RegressionDataError
         When the rudder never moves, the interval is no multiple of the sampling interval, or there are fewer rows than
         terms.
+    ValueError
+        For an unknown derivative.
     VesselError
         When the vessel has no such DOF.
 
@@ -259,16 +273,40 @@ def regression_data(
     ----------
     Xue et al. (2020), Eq. 6 and 21, doi:10.1016/j.oceaneng.2019.106612.
     """
-    from pymc_ship.denoise import derivative as differentiate
+    from pymc_ship.denoise import DERIVATIVES
+    from pymc_ship.ebayes import check_choice
 
-    terms = vessel.terms(dof)
-    names = ("u", "v", "r", "delta", *(("p", "phi") if "roll" in vessel.dofs else ()))
-    check_trial(trial, names)
-    record = {name: np.ascontiguousarray(trial[name].values, dtype=float) for name in names}
+    check_choice("derivative", derivative, (*DERIVATIVES, *WEAK))
+    terms, record = vessel.terms(dof), motion_record(trial, vessel)
     if np.ptp(record["delta"]) == 0.0:
         raise RegressionDataError("The rudder of a trial must move, found a constant angle; use one that steers.")
-    step = sampling_interval(trial)
-    rows = _row_index(record["u"].size, step, interval)
+    stride = _stride(sampling_interval(trial), interval)
+    rows_of = _weak_rows if derivative in WEAK else _difference_rows
+    design_matrix, response, time = rows_of(trial, vessel, dof, stride, derivative)
+    if time.size < len(terms):
+        raise RegressionDataError(
+            f"The {dof} of {vessel.name!r} has {len(terms)} terms and needs as many rows, found {time.size}; use a "
+            "longer trial or a shorter interval."
+        )
+    return RegressionData.from_arrays(
+        design_matrix,
+        response,
+        [str(name) for name in vessel.coefficients(dof)["coefficient"].values],
+        scaling="zscore",
+        time=time,
+        dof=dof,
+        vessel=vessel.name,
+        derivative=derivative,
+    )
+
+
+def _difference_rows(
+    trial: xr.Dataset, vessel: Vessel, dof: str, stride: int | None, derivative: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Terms, response and time of the samples that have an acceleration."""
+    from pymc_ship.denoise import derivative as differentiate
+
+    record, step = motion_record(trial, vessel), sampling_interval(trial)
     motion, speed, known = prime_record(vessel, record)
     L = vessel.particulars.L
     acceleration = [
@@ -280,33 +318,32 @@ def regression_data(
     index = DOFS.index(dof)
     response = vessel.inertia_matrix[index] @ np.array(acceleration) - known[index]
     begin, end = _WITHOUT_DIFFERENCE.get(derivative, (0, 0))
-    rows = rows[(rows >= begin) & (rows < speed.size - end)]
-    if rows.size < len(terms):
-        raise RegressionDataError(
-            f"The {dof} of {vessel.name!r} has {len(terms)} terms and needs as many rows, found {rows.size}; use a "
-            "longer trial or a shorter interval."
-        )
-    design_matrix = evaluate(terms, {name: values[rows] for name, values in motion.items()})
-    return RegressionData.from_arrays(
-        design_matrix,
-        response[rows],
-        [str(name) for name in vessel.coefficients(dof)["coefficient"].values],
-        scaling="zscore",
-        time=trial["time"].values[rows],
-        dof=dof,
-        vessel=vessel.name,
-        derivative=derivative,
-    )
+    rows = np.arange(0, speed.size - end, stride or 1)
+    rows = rows[rows >= begin]
+    design_matrix = evaluate(vessel.terms(dof), {name: values[rows] for name, values in motion.items()})
+    return design_matrix, response[rows], trial["time"].values[rows]
 
 
-def _row_index(n_time: int, step: float, interval: float | None) -> np.ndarray:
-    ratio = 1.0 if interval is None else interval / step
+def _weak_rows(
+    trial: xr.Dataset, vessel: Vessel, dof: str, stride: int | None, derivative: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Terms, response and centre of the test functions that lie inside the record."""
+    stride = stride or round(INDEPENDENT / sampling_interval(trial))
+    form = weak_form(trial, vessel, stride=stride, method=WEAK[derivative])
+    return form.design_matrices[dof], form.responses[dof], form.time
+
+
+def _stride(step: float, interval: float | None) -> int | None:
+    """Samples from one row to the next; None for the default."""
+    if interval is None:
+        return None
+    ratio = interval / step
     stride = round(ratio) if 0.0 < ratio < np.inf else 0
     if stride < 1 or abs(ratio - stride) > 1e-6 * ratio:
         raise RegressionDataError(
             f"The row interval is a multiple of the sampling interval, found {interval} s at {step:g} s; adjust it."
         )
-    return np.arange(0, n_time, stride)
+    return stride
 
 
 def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...]) -> None:

@@ -23,7 +23,7 @@ TAU_RANGE = (0.05, 20.0)
 """Bounds of the factors of the prior scales."""
 
 _LOG_2PI = np.log(2.0 * np.pi)
-_MOST_STEPS = 60
+_MOST_STEPS = 100
 _MOST_REFITS = 6
 _MOST_TAU_UPDATES = 100
 
@@ -34,10 +34,9 @@ class TrajectoryError(ValueError):
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of the block means of one run: sd (n_channels,), lag-one correlation (n_channels,), sensor offsets or not.
+    """Noise of the blocks of one run: sd (n_channels,), lag-one correlation (n_channels,), sensor offsets or not.
 
-    ``information`` (n_channels,) is the Fisher information of a block's location in units of 1 / sd^2: 1 for normal
-    noise. ``values`` (n_channels, n_blocks) are the block means, or what stands for them under other error laws.
+    ``values`` (n_channels, n_blocks) are the block means, or what stands for them under another error law.
     """
 
     sd: np.ndarray
@@ -128,7 +127,7 @@ class TrajectoryFit:
     residuals : tuple of ndarray, shape (n_channels, n_blocks)
         Whitened misfit of each run in standard deviations.
     log_likelihood, log_evidence : float
-        The evidence is NaN under a flat prior.
+        The evidence of a partly flat prior is up to a constant that is the same for every noise model.
     n_steps : int
         Steps of Levenberg and Marquardt.
     """
@@ -252,17 +251,20 @@ def _descend(problem: Problem, start: np.ndarray) -> _Mode:
     cost = _cost(problem, unknowns, point)
     if not np.isfinite(cost):
         raise TrajectoryError("The simulated ship leaves the model's range at the start of the fit; start elsewhere.")
-    damping = 1e-3
+    damping, growth = 1e-3, 2.0
     for n_steps in range(1, _MOST_STEPS + 1):
         H = point.matrix + np.diag(precision)
         slope = point.gradient + precision * (unknowns - center) / unit
-        trial = unknowns - unit * _solve(H + damping * np.diag(np.diag(H)), slope)
+        step = -_solve(H + damping * np.diag(np.diag(H)), slope)
+        trial = unknowns + unit * step
         ahead = linearise(problem, trial)
         gain = cost - _cost(problem, trial, ahead)
         if gain > 0.0:
-            unknowns, point, cost, damping = trial, ahead, cost - gain, damping / 8.0
+            expected = 0.5 * step @ (damping * np.diag(H) * step - slope)
+            damping *= max(1.0 / 8.0, 1.0 - (2.0 * gain / expected - 1.0) ** 3)
+            unknowns, point, cost, growth = trial, ahead, cost - gain, 2.0
         else:
-            damping *= 5.0
+            damping, growth = damping * growth, 2.0 * growth
         if abs(gain) < CHANGE or damping > 1e12:
             return _Mode(problem, unknowns, point, n_steps)
     raise TrajectoryError(f"No minimum was found in {_MOST_STEPS} steps; give a prior or a closer start.")
@@ -297,8 +299,8 @@ def fit_trajectory(problem: Problem, start: np.ndarray) -> TrajectoryFit:
 
     References
     ----------
-    Marquardt (1963), doi:10.1137/0111030; Maine & Iliff (1986), NASA RP-1168, for the output-error method; MacKay
-    (1992), Neural Computation 4:415, doi:10.1162/neco.1992.4.3.415, for the scales.
+    Marquardt (1963), doi:10.1137/0111030, with the damping of Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986),
+    NASA RP-1168, for the output-error method; MacKay (1992), doi:10.1162/neco.1992.4.3.415, for the scales.
     """
     mode = _descend(problem, start)
     n_steps = mode.n_steps
@@ -348,7 +350,7 @@ def _approximation(mode: _Mode) -> TrajectoryFit:
         blocks.append(block)
     _, s, right = np.linalg.svd(np.linalg.qr(np.vstack(blocks), mode="r"))
     distance = (unknowns - problem.center) / unit
-    log_precision = np.log(precision) if precision.all() else np.nan
+    log_precision = np.log(np.where(precision > 0.0, precision, 1.0))
     log_prior = 0.5 * np.sum(log_precision - _LOG_2PI - precision * distance**2)
     log_evidence = mode.point.log_likelihood + log_prior + 0.5 * unit.size * _LOG_2PI - np.sum(np.log(s))
     root, point = unit[:, None] * right.T / s, mode.point
