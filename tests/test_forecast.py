@@ -3,10 +3,14 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.forecast import _quantiles, coefficient_draws, forecast
+from pymc_ship.equations_of_motion import prime_record
+from pymc_ship.extrapolation import extrapolation
+from pymc_ship.forecast import _quantiles, coefficient_draws, fitted_motion, forecast, sensor_noise, stated_shares
+from pymc_ship.terms import SYMBOLS
 from pymc_ship.trial import CHANNELS
 
 ZIGZAG = ps.zigzag(20.0, 20.0)
+STEPS = ps.rudder_programme([0.0, 20.0, 60.0], [0.0, 0.3, -0.3])
 BANDS = ("lower", "median", "upper")
 
 
@@ -25,6 +29,22 @@ def scattered(vessel, dof, draws, rng, spread=0.01):
     reference = vessel.coefficients(dof)
     noise = 1.0 + spread * rng.standard_normal((draws, reference.size))
     return posterior(reference["coefficient"].values, reference.values * noise)
+
+
+def joint(vessel, draws, rng, spread=0.01, chains=1, trial=None, noise_sd=None):
+    """Joint posterior around the reference values, with the motion of a trial and the noise of the sensors."""
+    reference = reference_row(vessel)
+    names = [name for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
+    tree = posterior(names, reference * (1.0 + spread * rng.standard_normal((draws, reference.size))), chains)
+    constant = {}
+    if trial is not None:
+        motion, _, _ = prime_record(vessel, {name: trial[name].values for name in ("u", "v", "r", "p", "phi", "delta")})
+        constant["motion"] = (("row", "symbol"), np.array([motion[symbol] for symbol in SYMBOLS]).T)
+    if noise_sd is not None:
+        constant["noise_sd"] = ("channel", list(noise_sd.values()))
+    coords = {"symbol": list(SYMBOLS), "channel": list(noise_sd or {})}
+    tree["constant_data"] = xr.DataTree(xr.Dataset(constant, coords))
+    return tree
 
 
 def reference_row(vessel):
@@ -193,3 +213,152 @@ def test_posteriors_that_do_not_fit_the_vessel_are_refused(container):
 def test_settings_without_meaning_are_refused(container, settings):
     with pytest.raises(ValueError, match=r"needs two draws and 0 < ci_prob < 1, found"):
         forecast(container, {}, ZIGZAG, rng=np.random.default_rng(1), duration=10.0, **settings)
+
+
+def test_a_joint_posterior_is_drawn_in_whole_rows(container):
+    """Two coefficients of different DOFs that are one and the same stay so; drawn by DOF they come apart."""
+    rng = np.random.default_rng(15)
+    tree = joint(container, 60, rng, chains=3)
+    draws = tree["posterior"]["coefficients"]
+    names = draws["coefficient"].values
+    draws.loc[{"coefficient": "Nv"}] = 2.0 * draws.sel(coefficient="Yv")
+    shuffled = xr.DataTree.from_dict({"posterior": draws.isel(coefficient=rng.permutation(names.size)).to_dataset()})
+    first, second = (int(np.flatnonzero(names == name)[0]) for name in ("Yv", "Nv"))
+    for source, size in ((tree, 50), (shuffled, 50), (shuffled, 200)):
+        drawn = coefficient_draws(container, source, size, np.random.default_rng(16))
+        assert drawn.shape == (size, names.size)
+        np.testing.assert_array_equal(drawn[:, second], 2.0 * drawn[:, first])
+        rows = {tuple(row) for row in draws.values.reshape(60, -1)}
+        assert {tuple(row) for row in drawn} <= rows
+    apart = coefficient_draws(container, dict.fromkeys(container.dofs, tree), 50, np.random.default_rng(16))
+    assert abs(np.corrcoef(apart[:, first], apart[:, second])[0, 1]) < 0.5
+
+
+def test_a_joint_posterior_that_lacks_a_coefficient_is_refused(container):
+    lacking = joint(container, 4, np.random.default_rng(17)).isel(coefficient=slice(2, None))
+    names = container.coefficients("surge")["coefficient"].values[:2]
+    with pytest.raises(
+        ps.VesselError, match=f"The joint posterior lacks {', '.join(names)} of 'container'; use its own"
+    ):
+        coefficient_draws(container, lacking, 4, np.random.default_rng(1))
+
+
+def read_back(tree, sd, instants):
+    """Half the width of the measured bands of a channel over what its noise makes of it, mean over the instants."""
+    bands = tree["measured_bands"]["v"].isel(time=instants)
+    return float((bands.sel(band="upper") - bands.sel(band="lower")).mean()) / (2.0 * 1.6448536 * sd)
+
+
+@pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (1.05, False)])
+def test_measured_bands_of_a_ship_that_is_known_are_those_of_its_noise(container, factor, holds):
+    """The 5 and 95 % quantiles of n normal draws have the sd (p (1 - p) / n)^(1/2) / density: 0.067 sd for n = 1000.
+
+    The mean of 2 x 160 of them has 0.0037 sd, that is 0.0023 of 1.645 sd; that order statistics lie a little inside
+    adds 0.003.
+    """
+    tree = joint(container, 50, np.random.default_rng(18), spread=0.0)
+    settings = {"draws": 1000, "duration": 80.0, "step": 0.1, "noise_sd": {"v": 0.05 * factor}}
+    found = forecast(container, tree, STEPS, rng=np.random.default_rng(19), **settings)
+    assert (abs(read_back(found, 0.05, slice(None)) - 1.0) < 4.0 * 0.0023 + 0.003) == holds
+    assert list(found["measured_bands"].data_vars) == ["v"]
+    assert found["measured_bands"]["v"].attrs["units"] == "m/s"
+    ship = found["bands"]["v"]
+    np.testing.assert_allclose(ship.sel(band="upper"), ship.sel(band="lower"), **SAME)
+
+
+def test_noise_of_sensors_adds_to_the_uncertainty_of_the_coefficients_in_squares(container):
+    """Where both are alike: widths of normal bands add in squares, within the error of 600 draws."""
+    tree = joint(container, 600, np.random.default_rng(20))
+    settings = {"draws": 600, "duration": 140.0, "step": 0.1}
+    known = forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={}, **settings)
+    late = slice(120.0, None)
+    sd = float(known["trajectories"]["psi"].sel(time=late).std("draw").mean())
+    found = forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={"psi": sd}, **settings)
+    only, both = (
+        (found[group]["psi"].sel(band="upper") - found[group]["psi"].sel(band="lower")).sel(time=late)
+        for group in ("bands", "measured_bands")
+    )
+    expected = np.sqrt(only**2 + (2.0 * 1.6448536 * sd) ** 2)
+    assert float((both / expected).mean()) == pytest.approx(1.0, abs=0.04)
+    assert float((only / expected).mean()) < 0.8
+
+
+def test_noise_leaves_all_else_of_a_forecast_as_it_is(container, zigzag_trial):
+    rng = np.random.default_rng(22)
+    tree = joint(container, 40, rng, trial=zigzag_trial, noise_sd={"u": 0.1, "r": 1e-3})
+    settings = {"draws": 20, "duration": 60.0}
+    held, without, other, again = (
+        forecast(container, tree, ZIGZAG, rng=np.random.default_rng(23), **settings, **noise)
+        for noise in ({}, {"noise_sd": {}}, {"noise_sd": {"r": 2e-3, "u": 0.1}}, {"noise_sd": {"u": 0.1, "r": 1e-3}})
+    )
+    assert sensor_noise(tree) == {"u": 0.1, "r": 1e-3}
+    assert sensor_noise({"sway": tree}) == {}
+    assert "measured_bands" not in without.children
+    xr.testing.assert_identical(held, again)
+    xr.testing.assert_identical(held["measured_bands"]["u"], other["measured_bands"]["u"])
+    assert not held["measured_bands"]["r"].equals(other["measured_bands"]["r"])
+    for group in without.children:
+        xr.testing.assert_identical(without[group].to_dataset(), held[group].to_dataset())
+
+
+@pytest.mark.parametrize("noise", [{"speed": 1.0}, {"u": -1.0}, {"u": np.nan}, {"u": np.inf}])
+def test_noise_without_meaning_is_refused(container, noise):
+    with pytest.raises(ValueError, match=r"standard deviation from 0 up for any of u, v, .* found"):
+        forecast(container, {}, ZIGZAG, rng=np.random.default_rng(1), duration=10.0, noise_sd=noise)
+
+
+def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(container):
+    gentle = ps.zigzag(10.0, 10.0)
+    trial = ps.simulate(container, gentle, duration=300.0)
+    tree = joint(container, 60, np.random.default_rng(24), spread=0.002, trial=trial)
+    turn, zigzag = (
+        forecast(container, tree, manoeuvre, draws=60, rng=np.random.default_rng(25), duration=300.0)
+        for manoeuvre in (ps.turning_circle(35.0), gentle)
+    )
+    assert turn.attrs["share_extrapolated"] > 0.9
+    assert zigzag.attrs["share_extrapolated"] < 0.3
+    assert float(turn["extrapolation"]["distance"].max()) > 2.0
+    assert float(zigzag["extrapolation"]["distance"].max()) < 0.01
+    assert "speed falls to" in turn.attrs["extrapolation"]
+    assert "speed falls to" not in zigzag.attrs["extrapolation"]
+    assert stated_shares(turn).startswith("60 ships, 0 % diverged, 9")
+    assert turn["extrapolation"]["share_outside"].dims == ("time",)
+    assert turn["extrapolation"]["above"].dims == ("symbol",)
+
+
+def test_shares_outside_count_the_ships_that_run(container, zigzag_trial):
+    """Three of ten ships diverge; the shares are of the others from then on."""
+    tree = joint(container, 10, np.random.default_rng(26), trial=zigzag_trial)
+    tree["posterior"]["coefficients"][0, [1, 4, 8], 0] = 5.0
+    found = forecast(container, tree, ZIGZAG, draws=10, rng=np.random.default_rng(27), duration=200.0)
+    ships = found["trajectories"].to_dataset()
+    each = extrapolation(container, ships, fitted_motion(tree))
+    running = ships["u"].notnull()
+    assert found.attrs["share_diverged"] == 0.3
+    assert int(running.isel(time=-1).sum()) == 7
+    over_time = found["extrapolation"].to_dataset()
+    np.testing.assert_allclose(over_time["share_outside"], each["outside"].where(running).mean("draw"))
+    np.testing.assert_allclose(over_time["distance"], each["distance"].median("draw"))
+    np.testing.assert_allclose(over_time["highest"], each["highest"].median("draw"))
+    assert found.attrs["share_extrapolated"] == pytest.approx(float(each["outside"].where(running).mean()))
+    assert 0.02 < found.attrs["share_extrapolated"] < 0.9
+    assert 0.0 < float(over_time.attrs["median_distance"]) == each["distance"].where(each["outside"]).median()
+
+
+def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_trial):
+    rng = np.random.default_rng(28)
+    settings = {"draws": 4, "duration": 10.0}
+    held = joint(container, 4, rng, trial=zigzag_trial)
+    other = joint(container, 4, rng, trial=zigzag_trial.isel(time=slice(5000)))
+    unknown = ({}, joint(container, 4, rng), {"sway": scattered(container, "sway", 4, rng), "yaw": held})
+    for posteriors in (*unknown, {"sway": held, "yaw": other}):
+        assert fitted_motion(posteriors) is None
+        found = forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
+        assert "extrapolation" not in found.children
+        assert np.isnan(found.attrs["share_extrapolated"])
+        assert found.attrs["extrapolation"].startswith("Extrapolation is unknown: ")
+        assert stated_shares(found) == "4 ships, 0 % diverged"
+    for posteriors in (held, {"sway": held, "yaw": held}):
+        xr.testing.assert_identical(fitted_motion(posteriors), held["constant_data"]["motion"])
+        found = forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
+        assert np.isfinite(found.attrs["share_extrapolated"])

@@ -25,11 +25,14 @@ from pymc_ship.vessel import DOFS, Vessel
 KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
 """Compiler settings of the kernels; without numpy's error model no loop with a division vectorises."""
 
+INLINED = KERNEL | {"forceinline": True}
+"""The same for the parts of a kernel: one that makes its own arrays knows the number of lanes when it is compiled."""
+
 STATE = ("u", "v", "r", "p", "phi", "psi", "x", "y")
 """Rows of a state array, SI units and rad."""
 
 
-@njit(**KERNEL)
+@njit(**INLINED)
 def sin_cos(angle):
     """Sine and cosine by the kernels of fdlibm after a three-part reduction; vectorises over lanes, good to 2 ulp."""
     turns = np.rint(angle * (2.0 / math.pi))
@@ -48,7 +51,7 @@ def sin_cos(angle):
     return (-sine if quadrant >= 2.0 else sine), (-cosine if (quadrant == 1.0) | (quadrant == 2.0) else cosine)
 
 
-@njit(**KERNEL)
+@njit(**INLINED)
 def prime_motion(state, delta, hull, work, speed):
     """Fill the symbol rows of ``work`` and the speed U (n_lanes,)."""
     L, nominal_speed = hull[0], hull[1]
@@ -65,7 +68,7 @@ def prime_motion(state, delta, hull, work, speed):
         work[ROW_SYMBOL + 5, lane] = delta[lane]
 
 
-@njit(**KERNEL)
+@njit(**INLINED)
 def known_forces(state, hull, work, speed, force):
     """Prime forces that hold no hydrodynamic coefficient: F1, F2, M1, M2, written to ``force`` (4, n_lanes)."""
     L, m, x_G, z_G, volume, GM, BM = hull[0], hull[2], hull[3], hull[4], hull[5], hull[6], hull[7]
@@ -82,7 +85,7 @@ def known_forces(state, hull, work, speed, force):
         force[3, lane] -= righting_moment(sin_phi, sin_phi / cos_phi, speed[lane], L, volume, GM, BM)
 
 
-@njit(**KERNEL)
+@njit(**INLINED)
 def add_hydrodynamic_forces(coefficients, rows, dof, work, force):
     """Add coefficient times term to ``force`` (4, n_lanes), four terms of one DOF at a time where there are four."""
     n_lanes = force.shape[1]
@@ -106,7 +109,7 @@ def add_hydrodynamic_forces(coefficients, rows, dof, work, force):
             k += 1
 
 
-@njit(**KERNEL)
+@njit(**INLINED)
 def state_derivative(state, delta, coefficients, scheme, hull, buffers, rate):
     """Time derivative of the states, written to ``rate`` (8, n_lanes).
 

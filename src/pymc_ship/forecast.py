@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.extrapolation import UNKNOWN, extrapolation, sentence
 from pymc_ship.indices import indices
 from pymc_ship.manoeuvres import Manoeuvre
 from pymc_ship.simulate import simulate
@@ -18,15 +19,16 @@ BANDS = ("lower", "median", "upper")
 
 
 def coefficient_draws(
-    vessel: Vessel, posteriors: Mapping[str, xr.DataTree], draws: int, rng: np.random.Generator
+    vessel: Vessel, posteriors: Mapping[str, xr.DataTree] | xr.DataTree, draws: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Draw whole parameter vectors from the posteriors of the degrees of freedom.
+    """Draw whole parameter vectors from a joint posterior, or from the posteriors of the degrees of freedom.
 
     Parameters
     ----------
     vessel : Vessel
-    posteriors : mapping of str to DataTree
-        Posterior of each DOF; a DOF that is left out keeps the vessel's reference values.
+    posteriors : DataTree or mapping of str to DataTree
+        Joint posterior of the coefficients of all DOFs, or the posterior of each DOF; a DOF that a mapping leaves out
+        keeps the vessel's reference values.
     draws : int
     rng : numpy.random.Generator
 
@@ -34,40 +36,77 @@ def coefficient_draws(
     -------
     ndarray, shape (draws, n_coefficients)
         DOFs one after the other in the vessel's order; drawn without repetition where a posterior has enough draws.
+        The rows of a joint posterior stay whole; DOFs with posteriors of their own are independent.
 
     Raises
     ------
     VesselError
-        For a DOF the vessel does not have or a posterior that lacks one of its coefficients.
+        For a DOF the vessel does not have or a posterior that lacks one of the coefficients it is to have.
     """
+    if isinstance(posteriors, xr.DataTree):
+        names = [name for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
+        return _rows(posteriors, names, f"The joint posterior lacks {{}} of {vessel.name!r}", draws, rng)
     unknown = [dof for dof in posteriors if dof not in vessel.dofs]
     if unknown:
         raise VesselError(f"{vessel.name!r} has the degrees of freedom {', '.join(vessel.dofs)}; found {unknown[0]!r}.")
     blocks = []
     for dof in vessel.dofs:
         reference = vessel.coefficients(dof)
-        if dof not in posteriors:
+        if dof in posteriors:
+            lacks = f"The {dof} posterior lacks {{}} of {vessel.name!r}"
+            blocks.append(_rows(posteriors[dof], reference["coefficient"].values, lacks, draws, rng))
+        else:
             blocks.append(np.tile(reference.values, (draws, 1)))
-            continue
-        sample = posteriors[dof]["posterior"]["coefficients"].stack(sample=("chain", "draw"))
-        lacking = sorted(set(reference["coefficient"].values) - set(sample["coefficient"].values))
-        if lacking:
-            raise VesselError(f"The {dof} posterior lacks {', '.join(lacking)} of {vessel.name!r}; use its own terms.")
-        chosen = rng.choice(sample.sizes["sample"], draws, replace=sample.sizes["sample"] < draws)
-        values = sample.sel(coefficient=reference["coefficient"].values)
-        blocks.append(values.transpose("sample", "coefficient").values[chosen])
     return np.concatenate(blocks, axis=1)
+
+
+def _rows(tree: xr.DataTree, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws of the named coefficients of one posterior, each row from one draw of it."""
+    sample = tree["posterior"]["coefficients"].stack(sample=("chain", "draw"))
+    lacking = sorted(set(names) - set(sample["coefficient"].values))
+    if lacking:
+        raise VesselError(f"{lacks.format(', '.join(lacking))}; use its own terms.")
+    chosen = rng.choice(sample.sizes["sample"], draws, replace=sample.sizes["sample"] < draws)
+    return sample.sel(coefficient=names).transpose("sample", "coefficient").values[chosen]
+
+
+def fitted_motion(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> xr.DataArray | None:
+    """Prime motion that posteriors were fitted to, dims (row, symbol).
+
+    It is ``motion`` in the group constant_data of a joint posterior or of the posterior of every DOF; None where one
+    does not hold it or where they differ.
+    """
+    found = [_constant(tree, "motion") for tree in _trees(posteriors)]
+    return found[0] if found and all(motion is not None and motion.equals(found[0]) for motion in found) else None
+
+
+def sensor_noise(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> dict[str, float]:
+    """Standard deviation of the sensor noise by channel, SI: ``noise_sd`` in constant_data of a joint posterior.
+
+    Empty where it is not held: the posterior of a DOF knows the noise of its response, not that of a sensor.
+    """
+    held = _constant(posteriors, "noise_sd") if isinstance(posteriors, xr.DataTree) else None
+    return {} if held is None else dict(zip(map(str, held["channel"].values), held.values.tolist(), strict=True))
+
+
+def _trees(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> list[xr.DataTree]:
+    return [posteriors] if isinstance(posteriors, xr.DataTree) else list(posteriors.values())
+
+
+def _constant(tree: xr.DataTree, name: str) -> xr.DataArray | None:
+    return tree["constant_data"].data_vars.get(name) if "constant_data" in tree.children else None
 
 
 def forecast(
     vessel: Vessel,
-    posteriors: Mapping[str, xr.DataTree],
+    posteriors: Mapping[str, xr.DataTree] | xr.DataTree,
     manoeuvre: Manoeuvre,
     *,
     draws: int = 300,
     rng: np.random.Generator,
     duration: float = 400.0,
     ci_prob: float = 0.9,
+    noise_sd: Mapping[str, float] | None = None,
     **settings,
 ) -> xr.DataTree:
     """Forecast a manoeuvre with one simulated ship for each posterior draw.
@@ -75,8 +114,9 @@ def forecast(
     Parameters
     ----------
     vessel : Vessel
-    posteriors : mapping of str to DataTree
-        Posterior of each DOF, of any method; a DOF that is left out keeps the vessel's reference values.
+    posteriors : DataTree or mapping of str to DataTree
+        Joint posterior of all coefficients, or the posterior of each DOF, of any method; a DOF that a mapping leaves
+        out keeps the vessel's reference values.
     manoeuvre : Manoeuvre
     draws : int, optional
         Simulated ships.
@@ -85,6 +125,8 @@ def forecast(
         [s].
     ci_prob : float, optional
         Probability inside the equal-tailed bands.
+    noise_sd : mapping of str to float, optional
+        Standard deviation of the noise of the sensors by channel [SI]; by default what a joint posterior holds.
     **settings
         ``step``, ``method`` and ``record_interval`` of :func:`pymc_ship.simulate`; by default Euler at 0.02 s,
         recorded every 0.5 s.
@@ -94,20 +136,31 @@ def forecast(
     DataTree
         ``trajectories`` (dims draw, time: the simulated ships with ``diverged`` and ``diverged_at``), ``bands`` (dims
         band, time) and, for a zigzag or a turning circle, ``indices`` (dims draw) and ``index_bands`` (dims band).
-        Bands are quantiles of the ships still running at that instant; attrs tell the ``share_diverged``.
+        Bands are quantiles of the ships still running at that instant; attrs tell the ``share_diverged``. ``bands``
+        hold the uncertainty of the coefficients alone; ``measured_bands``, there where a noise is known, that of what
+        the sensors would read on top of it. ``extrapolation``, there where the posterior holds the motion it was fitted
+        to: how the ships leave it, ``share_outside`` and median ``distance`` over time, and over symbol what is in
+        :func:`pymc_ship.extrapolation`, medians over draws. Attrs tell ``share_extrapolated``, the share of outside
+        instants of running ships (NaN where unknown), and ``extrapolation``, a sentence.
 
     Raises
     ------
     VesselError, SimulationError, ValueError
         For posteriors that do not fit the vessel, settings that cannot run, fewer than two draws, ``ci_prob`` not in
-        (0, 1).
+        (0, 1), noise of an unknown channel or one that is negative or not finite.
+    TrialError
+        For a fitted motion that cannot be read.
     """
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
+    noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)
+    _check_noise(noise)
     coefficients = coefficient_draws(vessel, posteriors, draws, rng)
     settings = {"step": 0.02, "record_interval": 0.5} | settings
     ships = simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings)
     groups = {"trajectories": ships, "bands": _bands(ships[list(CHANNELS)], ci_prob)}
+    if noise:
+        groups["measured_bands"] = _bands(_measured(ships, noise, rng), ci_prob)
     if manoeuvre.kind in ("zigzag", "turning_circle"):
         groups["indices"] = indices(ships)
         groups["index_bands"] = _bands(groups["indices"], ci_prob)
@@ -118,8 +171,54 @@ def forecast(
         "ci_prob": ci_prob,
         "ci_kind": "eti",
         "share_diverged": float(ships["diverged"].mean()),
+        "share_extrapolated": np.nan,
+        "extrapolation": UNKNOWN,
     }
+    if (motion := fitted_motion(posteriors)) is not None:
+        left = _over_draws(extrapolation(vessel, ships, motion))
+        groups["extrapolation"] = left
+        attrs |= {"share_extrapolated": left.attrs["share_extrapolated"], "extrapolation": sentence(vessel, left)}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
+
+
+def stated_shares(tree: xr.DataTree) -> str:
+    """Words on a forecast to stand wherever its bands do: ships, share diverged and, where known, extrapolated."""
+    diverged, extrapolated = (100.0 * tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
+    known = f", {extrapolated:.3g} % of the instants extrapolated" if np.isfinite(extrapolated) else ""
+    return f"{tree.attrs['draws']} ships, {diverged:.3g} % diverged{known}"
+
+
+def _check_noise(noise: Mapping[str, float]) -> None:
+    for name, sd in noise.items():
+        if name not in CHANNELS or not 0.0 <= sd < np.inf:
+            raise ValueError(
+                f"Sensor noise has a standard deviation from 0 up for any of {', '.join(CHANNELS)}; found {sd} for "
+                f"{name!r}; correct it."
+            )
+
+
+def _measured(ships: xr.Dataset, noise: Mapping[str, float], rng: np.random.Generator) -> xr.Dataset:
+    """What the sensors of the ships would read: independent normal noise at every instant."""
+    read = ships[[name for name in CHANNELS if name in noise]]
+    return read.map(lambda channel: channel + noise[channel.name] * rng.standard_normal(channel.shape), keep_attrs=True)
+
+
+def _over_draws(found: xr.Dataset) -> xr.Dataset:
+    """Share of running ships outside and median distance over time, medians over symbol, shares in attrs."""
+    distance, outside = found["distance"].values, found["outside"].values
+    running = np.isfinite(distance)
+    count = running.sum(axis=0)
+    share = np.where(count > 0, outside.sum(axis=0) / np.maximum(count, 1), np.nan)
+    over_time = {
+        "share_outside": ("time", share),
+        "distance": ("time", _quantiles(distance, [0.5])[0], found["distance"].attrs),
+    }
+    over_symbol = found.drop_dims("time").median("draw", keep_attrs=True)
+    attrs = {
+        "share_extrapolated": float(outside.sum() / running.sum()),
+        "median_distance": float(np.median(distance[outside])) if outside.any() else 0.0,
+    }
+    return over_symbol.assign(over_time).assign_coords(time=found["time"]).assign_attrs(attrs)
 
 
 def _bands(values: xr.Dataset, ci_prob: float) -> xr.Dataset:

@@ -117,7 +117,7 @@ def plan(terms: tuple[str, ...]) -> TermPlan:
     return TermPlan(terms, *(np.array(values, dtype=np.int64) for values in (left, right, rows)))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def fill_products(work, left, right):
     """Fill the absolute values and products of a workspace whose symbol rows are set.
 
@@ -133,6 +133,24 @@ def fill_products(work, left, right):
         a, b, target = left[k], right[k], N_BASE + k
         for lane in range(n_lanes):
             work[target, lane] = work[a, lane] * work[b, lane]
+
+
+@njit(cache=True, nogil=True)
+def fill_product_tangents(work, left, right, tangent):
+    """Fill the tangents of absolute values and products whose symbol rows are set: product rule along the plan."""
+    n_lanes = work.shape[1]
+    for lane in range(n_lanes):
+        tangent[ROW_ONE, lane] = 0.0
+    for symbol in range(ROW_SYMBOL, ROW_ABSOLUTE):
+        for lane in range(n_lanes):
+            value, change = work[symbol, lane], tangent[symbol, lane]
+            tangent[symbol + ROW_ABSOLUTE - ROW_SYMBOL, lane] = (
+                change if value > 0.0 else (-change if value < 0.0 else 0.0)
+            )
+    for k in range(left.size):
+        a, b, target = left[k], right[k], N_BASE + k
+        for lane in range(n_lanes):
+            tangent[target, lane] = work[a, lane] * tangent[b, lane] + work[b, lane] * tangent[a, lane]
 
 
 def evaluate(terms: tuple[str, ...], motion: dict[str, np.ndarray]) -> np.ndarray:
