@@ -179,3 +179,21 @@ def test_posteriors_of_other_data_are_refused():
         agreement(exact, {"right": right(), "other": other})
     with pytest.raises(ValueError, match="at least one posterior"):
         agreement(exact, {})
+
+
+@pytest.mark.parametrize("errors", ["student_t", "ar1"])
+def test_errors_that_are_not_normal_are_refused(errors):
+    """The exact posterior is of normal errors."""
+    other = right()
+    other.attrs["errors"] = errors
+    with pytest.raises(ValueError, match=f"which is of normal errors, found {errors} errors in 'other'; leave it out"):
+        agreement(conjugate(regression(), PRIOR), {"right": right(), "other": other})
+
+
+def test_a_single_chain_is_compared_and_does_not_agree():
+    """Its R-hat is not known."""
+    single = changed("coefficients", lambda b: b)
+    draws = [single["posterior"][name].values for name in ("coefficients", "noise_variance")]
+    table = agreement(conjugate(regression(), PRIOR), {"one": tree_of(*(values[:1] for values in draws))})
+    assert np.isfinite(table["largest_z"]).all()
+    assert not table["agrees"].any()

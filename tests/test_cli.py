@@ -8,20 +8,25 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from statistics import median
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship import cli, cross_validation, identification
 from pymc_ship.cli import main
 from pymc_ship.denoise import DERIVATIVES
 from pymc_ship.ebayes import PRIORS
+from pymc_ship.equations_of_motion import prime_record
 from pymc_ship.identification import identify
 from pymc_ship.manoeuvres import SIDES
 from pymc_ship.priors import FAMILIES
+from pymc_ship.regression_data import WEAK
 from pymc_ship.simulate import METHODS
 from pymc_ship.trial import CHANNELS
 from pymc_ship.vessel import DOFS
@@ -170,7 +175,7 @@ def test_choices_are_those_of_the_api():
     assert identification.SELECTIONS == cli.SELECTIONS
     assert set(SIDES) == set(cli.SIDES)
     assert METHODS == cli.METHODS
-    assert DERIVATIVES == cli.DERIVATIVES
+    assert (*DERIVATIVES, *WEAK) == cli.DERIVATIVES
     assert PRIORS == cli.DENOISE_PRIORS
     assert DOFS == cli.DOFS
     for split in cli.SPLITS:
@@ -312,7 +317,8 @@ def test_identify_denoises_as_the_command_denoise_does(made, small, tmp_path):
         np.testing.assert_array_equal(one["posterior"]["coefficients"], two["posterior"]["coefficients"])
 
 
-def test_identify_passes_its_options_on(made, small, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("derivative", "denoised"), [("central", True), ("weak", False)])
+def test_identify_passes_its_options_on(made, small, tmp_path, monkeypatch, derivative, denoised):
     called = {}
 
     def identified(trial, vessel, **settings):
@@ -320,7 +326,7 @@ def test_identify_passes_its_options_on(made, small, tmp_path, monkeypatch):
         raise ValueError("enough.")
 
     monkeypatch.setattr(identification, "identify", identified)
-    words = ("--family", "both", "--select", "bayesian_optimisation", "--interval", 2, "--derivative", "central")
+    words = ("--family", "both", "--select", "bayesian_optimisation", "--interval", 2, "--derivative", derivative)
     main(["identify", str(made / "trial.csv"), "--vessel", "container", *map(str, words), "--out", str(tmp_path)])
     rng, _ = called.pop("rng"), called.pop("progress")
     assert rng.random() == np.random.default_rng(2020).random()
@@ -328,8 +334,8 @@ def test_identify_passes_its_options_on(made, small, tmp_path, monkeypatch):
         "families": ("conjugate", "semiconjugate"),
         "selection": "bayesian_optimisation",
         "interval": 2.0,
-        "derivative": "central",
-        "denoised": True,
+        "derivative": derivative,
+        "denoised": denoised,
     }
 
 
@@ -387,6 +393,7 @@ def test_forecast_writes_bands_and_prints_indices_beside_the_reference(made, sma
             np.testing.assert_array_equal(column(table, f"{name}_{band}"), tree["bands"][name].sel(band=band))
     printed = capsys.readouterr().out
     assert printed.startswith("zigzag 10/10 starboard: 30 ships, 0 % diverged, bands of 90%\n")
+    assert printed.count("\nExtrapolation is unknown: the posterior does not hold the motion it was fitted to.\n") == 3
     line = next(line.split() for line in printed.splitlines() if line.startswith("first overshoot angle"))
     reference = ps.indices(ps.simulate(small, manoeuvre, duration=150.0, record_interval=0.5))
     expected = [float(reference["first_overshoot_angle"]), *tree["index_bands"]["first_overshoot_angle"].values]
@@ -404,6 +411,39 @@ def test_forecast_counts_diverged_ships(made, small, tmp_path, capsys):
     words = ("--vessel", made / "small.toml", "--draws", 200, "--duration", 30, "--turn", 35)
     run("forecast", tmp_path, *words, "--out", tmp_path / "out")
     assert "200 ships, 25 % diverged" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("ending", ["nc", "zarr"])
+def test_forecast_takes_a_joint_posterior_and_says_what_it_extrapolates(made, small, tmp_path, capsys, ending):
+    """Shares stand above the indices and on the bands, the sentence below the indices."""
+    tree = joint_posterior(made, small)
+    ps.write_posterior(tree, tmp_path / f"joint.{ending}")
+    words = ("--vessel", made / "small.toml", "--draws", 30, "--duration", 100, "--turn", 35)
+    run("forecast", tmp_path / f"joint.{ending}", *words, "--out", tmp_path / "out")
+    settings = {"draws": 30, "rng": np.random.default_rng(2020), "duration": 100.0}
+    found = ps.forecast(small, tree, ps.turning_circle(35.0), **settings)
+    share = f"{100.0 * found.attrs['share_extrapolated']:.3g} % of the instants"
+    assert float(share.split()[0]) > 50.0
+    first, *_, last = capsys.readouterr().out.splitlines()
+    assert first == f"turning circle 35 port: 30 ships, 0 % diverged, {share} extrapolated, bands of 90%"
+    assert last == found.attrs["extrapolation"]
+    assert last.startswith(f"{share} lie outside the motion of the record")
+    assert "speed falls to " in last
+    assert files(tmp_path / "out") == ["turning-circle-35-port-joint.csv"]
+    written = tmp_path / "out" / "turning-circle-35-port-joint.csv"
+    assert written.read_text().splitlines()[1] == f"# 30 ships, 0 % diverged, {share} extrapolated"
+    np.testing.assert_array_equal(column(rows(written), "u_lower"), found["bands"]["u"].sel(band="lower"))
+
+
+def joint_posterior(made, small):
+    """What `identify` made as one posterior, with the motion of the trial."""
+    trees = [ps.read_posterior(made / "identified" / f"{dof}-conjugate.nc") for dof in small.dofs]
+    draws = xr.concat([tree["posterior"]["coefficients"] for tree in trees], "coefficient")
+    trial = ps.denoise(ps.read_trial(made / "trial.csv"))
+    motion, _, _ = prime_record(small, {name: trial[name].values for name in ("u", "v", "r", "delta")})
+    motion = xr.DataArray(list(motion.values()), {"symbol": list(motion)}, ("symbol", "row"), "motion")
+    groups = {"posterior": draws.to_dataset(), "constant_data": motion.to_dataset()}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs={"vessel": "small"}), **groups})
 
 
 @pytest.mark.slow
@@ -471,7 +511,12 @@ def test_a_terminal_sees_a_spinner_and_the_result_stays_clean(made, tmp_path, ca
 
 def test_study_passes_its_options_on(tmp_path, monkeypatch, capsys):
     called = []
-    monkeypatch.setattr(ps, "study", lambda out, **settings: called.append((out, settings)) or Path(out) / "index.html")
+
+    def reported_study(out, **settings):
+        called.append((out, settings))
+        return SimpleNamespace(comparisons=[]), Path(out) / "index.html"
+
+    monkeypatch.setattr(import_module("pymc_ship.report"), "reported_study", reported_study)
     run("study", "--vessel", "my/other.toml", "--level", 0.05, "--seed", 3, "--quiet")
     ((out, settings),) = called
     assert out == Path("reports/other")
@@ -480,6 +525,28 @@ def test_study_passes_its_options_on(tmp_path, monkeypatch, capsys):
     run("study", "--out", tmp_path)
     assert called[1][0] == str(tmp_path)
     assert capsys.readouterr().err == f"Written to {tmp_path / 'index.html'}.\n"
+
+
+@pytest.mark.parametrize("failed", [[], ["nuts: largest R-hat 1.02 (Yv), to be < 1.01"]])
+def test_a_study_whose_check_fails_writes_its_pages_and_ends_with_status_3(tmp_path, monkeypatch, capsys, failed):
+    report = import_module("pymc_ship.report")
+    good, poor = (
+        SimpleNamespace(name=name, failed_gates=said, disagreements=[])
+        for name, said in zip("ab", ([], failed), strict=True)
+    )
+    result = SimpleNamespace(comparisons=[good, poor], vessel=None, seed=3, draws={})
+    for name, value in {"run_study": result, "_figures": {}, "render": "new", "csv_tables": {}}.items():
+        monkeypatch.setattr(report, name, lambda *args, value=value, **settings: value)
+    monkeypatch.setattr(report, "diagnostic_page", lambda *args, **settings: "diagnosed")
+    assert main(["study", "--quiet", "--out", str(tmp_path)]) == (3 if failed else 0)
+    printed = capsys.readouterr()
+    sentence = (
+        "pymc-ship: A convergence gate or the agreement with the exact posterior fails in 1 of 2 posteriors, first in "
+        "b: nuts: largest R-hat 1.02 (Yv), to be < 1.01; the page is written and names them all.\n"
+    )
+    assert (printed.out, printed.err) == ("", sentence if failed else "")
+    pages = [(tmp_path / name).read_text() for name in ("index.html", "diagnostics.html")]
+    assert pages == ["new", "diagnosed"]
 
 
 # what cannot run
@@ -603,6 +670,14 @@ def test_a_trial_that_cannot_be_used_is_refused(made, small, tmp_path, capsys, c
         ("forecast {tmp}/junk --vessel {small} --turn 35 --out {out}", "surge-conjugate.nc is no posterior"),
         ("forecast {tmp}/swapped --vessel {small} --turn 35 --out {out}", "is no posterior of the surge"),
         ("forecast {made}/identified --vessel {small} --turn 35 --draws 1 --out {out}", "needs two draws"),
+        (
+            "forecast {made}/identified/yaw-conjugate.nc --vessel {small} --turn 35 --out {out}",
+            "The joint posterior lacks Xdeltadelta, .* of 'small'; use its own terms",
+        ),
+        (
+            "forecast {made}/identified/yaw-conjugate.nc --vessel {other} --turn 35 --out {out}",
+            "is to be of 'other', found 'small' in .*yaw-conjugate.nc",
+        ),
         ("sail", r"argument COMMAND: invalid choice: 'sail' \(choose from"),
         ("", "the following arguments are required: COMMAND"),
     ],

@@ -196,6 +196,17 @@ def test_angles_are_drawn_in_the_unit_of_their_label():
     assert np.abs(values).max() == pytest.approx(20.0)
 
 
+@pytest.mark.parametrize(("known", "words"), [(0.25, ", 25 % of the instants extrapolated"), (float("nan"), "")])
+def test_a_forecast_states_its_shares_below_its_bands(known, words):
+    reference, forecasts = forecast_inputs("zigzag")
+    forecasts = {family: tree.copy() for family, tree in forecasts.items()}
+    for tree, diverged in zip(forecasts.values(), (0.0, 0.5), strict=True):
+        tree.attrs |= {"share_extrapolated": known, "share_diverged": diverged}
+    conjugate, semiconjugate = figures.forecast_channels(reference, forecasts).get_supxlabel().splitlines()
+    assert conjugate == f"conjugate: 6 ships, 0 % diverged{words}"
+    assert semiconjugate == f"semiconjugate: 6 ships, 50 % diverged{words}"
+
+
 def test_errors_and_gains_carry_their_unit():
     assert drawn("errors_by_level").axes[0].get_ylabel() == "median |error| [%]"
     assert drawn("tuning").axes[0].get_ylabel() == "gain [nats per row]"

@@ -127,6 +127,18 @@ def test_interval_and_derivative_reach_the_rows(trial, small, monkeypatch):
     assert errors[0] < 1e-9 < 1e-4 < errors[1]
 
 
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_weak_form_goes_the_same_way(trial, noisy, small, family):
+    """On the clean record only the prior's pull is left; under noise the posterior is narrower than that of Euler."""
+    settings = {"families": (family,), "interval": 4.0}
+    clean, rough = (identify(run, small, derivative="weak_euler", **settings) for run in (trial, noisy))
+    euler = identify(noisy, small, derivative="euler", **settings)
+    for dof in small.dofs:
+        np.testing.assert_allclose(clean.coefficients(family)[dof], small.coefficients(dof), rtol=1e-6)
+        assert rough.data[dof].n_rows == 47
+        assert (rough.exact[family][dof].sd < 0.5 * euler.exact[family][dof].sd).all()
+
+
 def test_progress_names_every_step(trial, small, monkeypatch):
     monkeypatch.setattr(identification, "maximise_evidence", lambda rows, family: (FAMILIES[family](), 0.0))
     told = []

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.agreement import failure
 from pymc_ship.noise import LITERAL_LEVEL
 from pymc_ship.output import OutputError
 from pymc_ship.priors import FAMILIES
@@ -30,6 +31,7 @@ def module(name):
 
 
 study, report, findings, identification = (module(name) for name in ("study", "report", "findings", "identification"))
+diagnostic_report = module("diagnostic_report")
 
 DOFS = ("surge", "sway", "yaw", "roll")
 LEVEL, SEED, SWEEP = 0.01, 3, (1e-4, 1e-2)
@@ -45,10 +47,18 @@ def result(container):
         return study.run_study(container, level=LEVEL, levels=(LITERAL_LEVEL,), sweep=SWEEP, seed=SEED)
 
 
+def parts_of(*names):
+    """Parts of the sections of these names, none of the others, which take long to draw."""
+    parts = diagnostic_report.parts
+    return lambda one, ship, rng: parts(one, ship, rng) if one.name in names else []
+
+
 @pytest.fixture(scope="module")
 def folder(result, tmp_path_factory):
     out = tmp_path_factory.mktemp("study")
-    assert report.write_study(result, out) == out / "index.html"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(diagnostic_report, "parts", parts_of("surge, conjugate"))
+        assert report.write_study(result, out) == out / "index.html"
     return out
 
 
@@ -176,7 +186,7 @@ def test_agreement_blocks_show_every_quantity(result):
     assert [block["title"] for block in blocks] == [f"{dof}, {family}" for family in FAMILIES for dof in DOFS]
     for block, dof in zip(blocks, 2 * DOFS, strict=True):
         names = [cells[0] for cells in block["table"].cells]
-        assert names == [*result.vessel.coefficients(dof)["coefficient"].values, "noise_variance"]
+        assert names == [*result.vessel.coefficients(dof)["coefficient"].values, "σ²"]
 
 
 @pytest.mark.slow
@@ -284,6 +294,7 @@ def test_the_folder_holds_page_figures_tables_and_posteriors(folder):
     methods = ("exact", "gibbs", "nuts")
     assert names == {
         "index.html",
+        "diagnostics.html",
         *(f"figures/{name}.png" for name in FIGURES),
         *(f"tables/{name}.csv" for name in TABLES),
         *(f"posteriors/{d}-{family}-{method}.nc" for d in DOFS for family in FAMILIES for method in methods),
@@ -393,7 +404,7 @@ def test_the_page_is_well_formed(page, text):
 
 @pytest.mark.slow
 def test_the_page_is_self_contained(page, text):
-    assert page.fetched == []
+    assert set(page.fetched) == {"diagnostics.html"}
     assert page.all("script") == page.all("link") == page.all("iframe") == []
     style = re.findall(r"<style.*?</style>", text, flags=re.DOTALL)
     assert not any("@import" in part or "http" in part for part in style)
@@ -409,7 +420,7 @@ def test_the_page_names_no_place_on_this_machine(text, page, folder):
 
 @pytest.mark.slow
 def test_every_link_of_the_page_has_its_place(page):
-    targets = [attrs["href"] for attrs in page.all("a")]
+    targets = [attrs["href"] for attrs in page.all("a") if attrs["href"] != "diagnostics.html"]
     assert len(targets) == 9
     assert {target.removeprefix("#") for target in targets} <= set(page.ids)
 
@@ -477,6 +488,63 @@ def test_the_page_follows_its_result(result, text, monkeypatch):
     assert f"seed {SEED}." not in other.text
 
 
+# diagnostics ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def diagnosed(folder):
+    return Page((folder / "diagnostics.html").read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow
+def test_the_pages_link_to_each_other(page, diagnosed, folder):
+    for one, other in ((page, "diagnostics.html"), (diagnosed, "index.html")):
+        assert [attrs["href"] for attrs in one.all("a")].count(other) == 1
+        assert (folder / other).is_file()
+
+
+@pytest.mark.slow
+def test_the_diagnostics_have_a_section_for_each_dof_and_family(diagnosed):
+    names = [f"{dof}, {family}" for dof in DOFS for family in FAMILIES]
+    heads = re.findall(r"\d (\w+, \w+conjugate|\w+, conjugate) All convergence gates hold\.", diagnosed.text)
+    assert heads == names
+    assert diagnosed.text.count("Against the exact posterior: gibbs agrees (largest |z|") == len(names)
+    assert "exact, 4 chains of 1000 draws; gibbs, 4 chains of 2000 draws; nuts, 4 chains of 2000" in diagnosed.text
+    assert "gate fails" not in diagnosed.text
+
+
+@pytest.mark.slow
+def test_a_section_draws_the_exact_posterior_and_the_chains_of_nuts(diagnosed, result):
+    kinds = "forest trace rank ess energy noise predictive pair correlation residuals pareto pit"
+    assert [attrs["id"] for attrs in diagnosed.all("figure")] == [f"posterior-1-{kind}" for kind in kinds.split()]
+    assert diagnosed.faults == []
+    assert diagnosed.fetched == ["index.html"]
+    assert "The chains are those of nuts." in diagnosed.text
+    assert "Leave-one-out cross-validation elpd" in diagnosed.text
+    assert "quantities move with the prior" in diagnosed.text
+
+
+@pytest.mark.slow
+def test_a_study_whose_chains_fail_says_where_and_writes_both_pages(result, tmp_path, monkeypatch):
+    """One chain of NUTS stands elsewhere; the study itself holds."""
+    tree = result.draws["conjugate"]["nuts"]["yaw"]
+    torn = tree.assign({"posterior": tree["posterior"].copy(deep=True)})
+    torn["posterior"]["coefficients"][3, :, 0] += 1.0
+    trees = result.draws["conjugate"]["nuts"] | {"yaw": torn}
+    draws = result.draws | {"conjugate": result.draws["conjugate"] | {"nuts": trees}}
+    broken = replace(result, draws=draws)
+    assert failure(result.comparisons) == ""
+    assert re.match(
+        r".* in 1 of 8 posteriors, first in yaw, conjugate: nuts: largest R-hat ", failure(broken.comparisons)
+    )
+    monkeypatch.setattr(diagnostic_report, "parts", parts_of())
+    monkeypatch.setattr(report, "_trace_figures", lambda result: [])
+    report.write_study(broken, tmp_path)
+    pages = [(tmp_path / name).read_text(encoding="utf-8") for name in ("index.html", "diagnostics.html")]
+    assert "yaw, conjugate</a> (a gate fails)" in pages[1]
+    assert pages[1].count("a gate fails") == 1
+
+
 # interrupted writes ---------------------------------------------------------------------------------------------------
 
 
@@ -485,12 +553,13 @@ def earlier(tmp_path, monkeypatch):
     """Folder with an earlier report, and a report that takes no time."""
     monkeypatch.setattr(report, "_figures", lambda result: {})
     monkeypatch.setattr(report, "render", lambda result, drawn: "new")
+    monkeypatch.setattr(report, "diagnostic_page", lambda *arguments, **settings: "diagnosed")
     monkeypatch.setattr(report, "csv_tables", lambda result: {"errors": [{"dof": "surge", "median": 1.0}]})
     (tmp_path / "index.html").write_text("earlier")
     return tmp_path
 
 
-NOTHING = SimpleNamespace(draws={})
+NOTHING = SimpleNamespace(draws={}, comparisons=[], vessel=None, seed=SEED)
 
 
 def names(folder):
@@ -501,22 +570,24 @@ def test_a_complete_write_replaces_the_earlier_page(earlier):
     report.write_study(NOTHING, earlier)
     assert (earlier / "index.html").read_text() == "new"
     assert (earlier / "tables" / "errors.csv").read_text() == "dof,median\nsurge,1.0\n"
-    assert names(earlier) == ["figures", "index.html", "posteriors", "tables"]
+    assert (earlier / "diagnostics.html").read_text() == "diagnosed"
+    assert names(earlier) == ["diagnostics.html", "figures", "index.html", "posteriors", "tables"]
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, RuntimeError])
-def test_a_page_that_cannot_be_rendered_leaves_everything_as_it_was(earlier, monkeypatch, stop):
-    def fail(result, drawn):
+@pytest.mark.parametrize("page", ["render", "diagnostic_page"])
+def test_a_page_that_cannot_be_rendered_leaves_everything_as_it_was(earlier, monkeypatch, page, stop):
+    def fail(*arguments, **settings):
         raise stop("stopped")
 
-    monkeypatch.setattr(report, "render", fail)
+    monkeypatch.setattr(report, page, fail)
     with pytest.raises(stop, match="stopped"):
         report.write_study(NOTHING, earlier)
     assert names(earlier) == ["index.html"]
     assert (earlier / "index.html").read_text() == "earlier"
 
 
-@pytest.mark.parametrize("step", ["figures", "posteriors", "tables", "index.html"])
+@pytest.mark.parametrize("step", ["figures", "posteriors", "tables", "diagnostics.html", "index.html"])
 @pytest.mark.parametrize(("stop", "raised"), [(KeyboardInterrupt, KeyboardInterrupt), (OSError, OutputError)])
 def test_an_interrupted_write_keeps_the_earlier_page_and_no_partial(earlier, monkeypatch, step, stop, raised):
     output, moved = module("output"), []
@@ -544,7 +615,7 @@ def test_the_page_is_moved_into_place_last(earlier, monkeypatch):
 
     monkeypatch.setattr(output.os, "replace", move)
     report.write_study(NOTHING, earlier)
-    assert moved[-1] == "index.html"
+    assert moved[-2:] == ["diagnostics.html", "index.html"]
 
 
 # bad input ------------------------------------------------------------------------------------------------------------

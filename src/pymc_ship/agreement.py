@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.diagnostics import DESIGN, R_HAT_LIMIT, data_of, gates, missing, prior_of, quantities, summary
+from pymc_ship.identification import EXACT
+
 PROBABILITIES = (0.05, 0.5, 0.95)
 """Probabilities of the quantiles compared."""
 
 LEVEL = 1e-3
 """Chance that one of all the comparisons of a table exceeds its limit when every chain is right."""
-
-R_HAT_LIMIT = 1.01
-"""Largest R-hat of chains that have mixed (Vehtari et al. 2021)."""
 
 _SAMPLE = ("chain", "draw")
 
@@ -60,7 +62,8 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     Raises
     ------
     ValueError
-        When there is no posterior, or one holds other coefficients than the rest or the exact posterior.
+        When there is no posterior, one holds other coefficients than the rest or the exact posterior, or one is of
+        errors that are not normal.
 
     References
     ----------
@@ -79,12 +82,23 @@ def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTr
     found = {method: list(tree["posterior"]["coefficient"].values) for method, tree in posteriors.items()}
     names = list(getattr(exact, "coefficients", next(iter(found.values()))))
     for method, given in found.items():
+        if errors_of(posteriors[method]) != "normal":
+            raise ValueError(
+                "An agreement is held against the exact posterior, which is of normal errors, found "
+                f"{errors_of(posteriors[method])} errors in "
+                f"{method!r}; leave it out."
+            )
         if given != names or len(given) != len(exact.mean):
             raise ValueError(
                 f"All posteriors must hold the {len(exact.mean)} coefficients of the exact one in its order, found "
                 f"{', '.join(given)} in {method!r}; compare posteriors of the same data."
             )
     return names
+
+
+def errors_of(tree: xr.DataTree) -> str:
+    """Law of the errors that a posterior records."""
+    return tree.attrs.get("errors", "normal")
 
 
 def _exact_values(exact: ExactPosterior, quantities: list[str]) -> xr.Dataset:
@@ -107,18 +121,7 @@ def _compare(tree: xr.DataTree, exact: xr.Dataset) -> xr.Dataset:
     """Estimates, z-scores and diagnostics of one posterior; a chain that stands still has z-scores infinite or NaN."""
     import arviz as az
 
-    posterior = tree["posterior"].dataset
-    noise_variance = posterior["noise_variance"].expand_dims(coefficient=["noise_variance"])
-    draws = xr.concat([posterior["coefficients"], noise_variance], "coefficient").rename(coefficient="quantity")
-    values = {
-        "mean": draws.mean(_SAMPLE),
-        "sd": draws.std(_SAMPLE, ddof=1),
-        "mcse_mean": az.mcse(draws, method="mean"),
-        "mcse_sd": az.mcse(draws, method="sd"),
-        "r_hat": az.rhat(draws),
-        "ess_bulk": az.ess(draws, method="bulk"),
-        "ess_tail": az.ess(draws, method="tail"),
-    }
+    draws, values = quantities(tree), dict(summary(tree).drop_vars(("lower", "upper")).data_vars)
     values["z_mean"] = (values["mean"] - exact["exact_mean"]) / values["mcse_mean"]
     values["z_sd"] = (values["sd"] - exact["exact_sd"]) / values["mcse_sd"]
     if "exact_quantile" in exact:
@@ -143,11 +146,122 @@ def _judge(table: xr.Dataset) -> xr.Dataset:
     r_hat = table["r_hat"].max("quantity", skipna=False)
     agrees = (largest <= limit) & (r_hat <= R_HAT_LIMIT) & ~(table["divergences"] > 0)
     table = table.assign(largest_z=("method", largest), agrees=agrees)
-    verdict = "; ".join(
-        f"{method} {'agrees' if table['agrees'].values[k] else 'DISAGREES'} (largest |z| {largest[k]:.1f}, "
-        f"largest R-hat {r_hat.values[k]:.4f}, divergences {table['divergences'].values[k]:.0f})"
-        for k, method in enumerate(table["method"].values)
-    )
+    verdict = "; ".join(_said(table.isel(method=k)) for k in range(table.sizes["method"]))
     return table.assign_attrs(
         z_limit=limit, level=LEVEL, comparisons=z.size, r_hat_limit=R_HAT_LIMIT, verdict=f"{verdict}; limit {limit:.2f}"
+    )
+
+
+def _said(one: xr.Dataset) -> str:
+    """Verdict on one method."""
+    r_hat, count = float(one["r_hat"].max(skipna=False)), float(one["divergences"])
+    counted = "" if np.isnan(count) else f", divergences {count:.0f}"
+    numbers = f"largest |z| {float(one['largest_z']):.1f}, largest R-hat {r_hat:.4f}{counted}"
+    return f"{one['method'].item()} {'agrees' if one['agrees'] else 'DISAGREES'} ({numbers})"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One posterior by one method or several, and what fails in it.
+
+    Attributes
+    ----------
+    name : str
+    trees : mapping of str to DataTree
+        Draws by the name of their method; the first are those whose posterior is reported, the exact ones where given.
+    agreement : Dataset or None
+        Of the other methods with the exact posterior, from :func:`agreement`.
+    """
+
+    name: str
+    trees: Mapping[str, xr.DataTree]
+    agreement: xr.Dataset | None = None
+
+    @property
+    def posterior(self) -> xr.DataTree:
+        """The draws whose posterior is reported."""
+        return next(iter(self.trees.values()))
+
+    @property
+    def sampler(self) -> str:
+        """Method whose chains are reported: the last with ``sample_stats``, otherwise the last."""
+        return max(reversed(self.trees), key=lambda method: "sample_stats" in self.trees[method].children)
+
+    @cached_property
+    def gates(self) -> dict[str, list[dict]]:
+        """Convergence gates of every method."""
+        return {method: gates(tree) for method, tree in self.trees.items()}
+
+    @property
+    def failed_gates(self) -> list[str]:
+        """The gates that fail, in words."""
+        return [
+            f"{f'{method}: ' if len(self.trees) > 1 else ''}{gate['gate']} {_value(gate['value'])} ({gate['where']}), "
+            f"to be {gate['limit']}"
+            for method, rows in self.gates.items()
+            for gate in rows
+            if not gate["holds"]
+        ]
+
+    @property
+    def disagreements(self) -> list[str]:
+        """The methods that disagree with the exact posterior, in words."""
+        if self.agreement is None:
+            return []
+        methods = (self.agreement.isel(method=k) for k in range(self.agreement.sizes["method"]))
+        return [_said(one) for one in methods if not one["agrees"]]
+
+
+def _value(value: float) -> str:
+    return f"{value:.4g}" if np.isfinite(value) else "not finite"
+
+
+def comparisons(trees: Mapping[str, xr.DataTree]) -> list[Comparison]:
+    """Posteriors by name, each beside the exact one of the same data and prior where that is among them.
+
+    The exact posterior behind an agreement is computed from the data and the prior that its draws record.
+    """
+    exact = [name for name, tree in trees.items() if tree.attrs["method"] in EXACT]
+    groups: dict[str, list[str]] = {}
+    for name, tree in trees.items():
+        same = (other for other in exact if name not in exact and _same_posterior(trees[other], tree))
+        groups.setdefault(next(same, name), []).append(name)
+    return [_compared({name: trees[name] for name in dict.fromkeys([first, *rest])}) for first, rest in groups.items()]
+
+
+def _same_posterior(exact: xr.DataTree, other: xr.DataTree) -> bool:
+    """Whether draws are meant to be of the posterior that the exact ones are of."""
+    if errors_of(other) != "normal" or missing(exact, *DESIGN) or missing(other, *DESIGN):
+        return False
+    labels = all(exact.attrs[key] == other.attrs[key] for key in ("vessel", "dof", "prior", "scaling"))
+    names = [tree["posterior"]["coefficient"].values.tolist() for tree in (exact, other)]
+    data = all(exact[group].dataset.equals(other[group].dataset) for group in ("constant_data", "observed_data"))
+    return labels and names[0] == names[1] and data
+
+
+def _compared(trees: Mapping[str, xr.DataTree]) -> Comparison:
+    name = ", ".join(trees)
+    if len(trees) == 1:
+        return Comparison(name, trees)
+    first, *rest = trees.values()
+    methods = ["exact", *(tree.attrs["method"] for tree in rest)]
+    labels = methods if len(set(methods)) == len(methods) else list(trees)
+    prior = prior_of(first)
+    exact = EXACT[prior.family](data_of(first), prior)
+    return Comparison(
+        name,
+        dict(zip(labels, trees.values(), strict=True)),
+        agreement(exact, dict(zip(labels[1:], rest, strict=True))),
+    )
+
+
+def failure(compared: Sequence[Comparison]) -> str:
+    """One sentence that says where a convergence gate or the agreement fails; empty where all holds."""
+    failed = [(one.name, [*one.failed_gates, *one.disagreements]) for one in compared]
+    failed = [f"{name}: {'; '.join(said)}" for name, said in failed if said]
+    if not failed:
+        return ""
+    return (
+        f"A convergence gate or the agreement with the exact posterior fails in {len(failed)} of {len(compared)} "
+        f"posteriors, first in {failed[0]}; the page is written and names them all."
     )

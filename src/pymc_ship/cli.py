@@ -1,7 +1,8 @@
 """Command line ``pymc-ship``: parses, calls, prints; the only place that prints.
 
 Results go to standard output, progress and remarks to standard error. A command that cannot run says so in one sentence
-and ends with status 2, an interrupted one with status 130. Nothing heavy is imported before a command line is accepted.
+and ends with status 2, an interrupted one with status 130; results that fail a check are written, and one sentence and
+status 3 say that they do. Nothing heavy is imported before a command line is accepted.
 """
 
 from __future__ import annotations
@@ -20,10 +21,13 @@ FAMILIES = ("conjugate", "semiconjugate")
 SELECTIONS = ("evidence", "bayesian_optimisation")
 SIDES = ("port", "starboard")
 METHODS = ("euler", "rk4")
-DERIVATIVES = ("euler", "central", "savgol")
+DERIVATIVES = ("euler", "central", "savgol", "weak", "weak_euler")
 DENOISE_PRIORS = ("laplace", "cauchy")
 SPLITS = ("blocks", "random")
 DOFS = ("surge", "sway", "yaw", "roll")
+TRAJECTORY_PRIORS = ("order_damped", "sister_ship", "flat")
+NOISE_MODELS = ("auto", "white", "ar1", "student_t")
+CRITERIA = ("information", "forecast")
 
 _SIMULATE_EXAMPLES = """examples:
   pymc-ship simulate container --zigzag 20/20 --noise 0.01 --out trial.csv
@@ -37,16 +41,26 @@ _IDENTIFY_EXAMPLES = """examples:
   pymc-ship identify trial.csv --vessel container --out identified
   pymc-ship identify smooth.csv --vessel my.toml --raw --select bayesian_optimisation --out identified
 """
+_FIT_EXAMPLES = """examples:
+  pymc-ship fit trial.csv --vessel container --out fitted
+  pymc-ship fit zigzag.csv circle.csv --vessel my.toml --prior sister_ship --channels u,v,r,psi --out fitted
+"""
 _TUNE_EXAMPLES = """examples:
   pymc-ship tune trial.csv --vessel container --dof sway --family conjugate
   pymc-ship tune trial.csv --vessel container --dof yaw --family semiconjugate --evaluations 60 --out prior.json
 """
 _FORECAST_EXAMPLES = """examples:
   pymc-ship forecast identified --vessel container --zigzag 10/10 --turn 35 --out forecast
-  pymc-ship forecast identified --vessel my.toml --zigzag 20/20 --family semiconjugate --draws 1000 --out forecast
+  pymc-ship forecast trajectory.nc --vessel my.toml --zigzag 20/20 --draws 1000 --out forecast
+"""
+_DESIGN_EXAMPLES = """examples:
+  pymc-ship design trajectory.nc --vessel container --n 2 --out design
+  pymc-ship design trajectory.nc --vessel my.toml --criterion forecast --out design
 """
 _STUDY_EXAMPLES = """example:
   pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/container
+
+status 3 says that a convergence gate or the agreement of the methods fails; the report is written all the same.
 """
 
 
@@ -54,7 +68,8 @@ _REPORT_EXAMPLES = """examples:
   pymc-ship report identified/sway-conjugate.nc --vessel container --out diagnostics
   pymc-ship report reports/container/posteriors/sway-*-nuts.nc
 
-status 3 says that a convergence gate fails; the report is written all the same.
+draws are compared with an exact posterior of the same data and prior that is given, too.
+status 3 says that a convergence gate or that agreement fails; the report is written all the same.
 """
 
 
@@ -76,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, 2 when the command cannot run, 3 when a gate of `report` fails, 130 when it was interrupted.
+        Exit status: 0, 2 when the command cannot run, 3 when a check of the results fails, 130 when it was interrupted.
 
     Raises
     ------
@@ -88,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from pymc_ship import commands
 
         with _progress(args.quiet) as progress:
-            text, path, *status = getattr(commands, args.command)(args, progress)
+            text, path, *failures = getattr(commands, args.command)(args, progress)
         if text:
             print(text, flush=True)
         if path and not args.quiet:
@@ -102,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(f"The memory does not hold this run: {error}; make it shorter.", 2)
     except (ValueError, OSError) as error:
         return _fail(str(error), 2)
-    return status[0] if status else 0
+    return _fail(failures[0], 3) if any(failures) else 0
 
 
 def _fail(sentence: str, status: int) -> int:
@@ -138,7 +153,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pymc-ship {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for add in (_add_study, _add_simulate, _add_denoise, _add_identify, _add_tune, _add_forecast, _add_report):
+    for add in (
+        _add_study,
+        _add_simulate,
+        _add_denoise,
+        _add_identify,
+        _add_fit,
+        _add_tune,
+        _add_forecast,
+        _add_design,
+        _add_report,
+    ):
         add(commands)
     return parser
 
@@ -200,10 +225,16 @@ def _add_regression(command) -> None:
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
     command.add_argument("--raw", action="store_true", help="the trial is smooth already, do not denoise it")
     command.add_argument(
-        "--interval", type=_interval, default=1.0, help="interval of the rows [s] or `all` samples (%(default)s)"
+        "--interval",
+        type=_interval,
+        default=1.0,
+        help="interval of the rows [s] or `all` samples (%(default)s); 4 suits the weak form, whose windows overlap",
     )
     command.add_argument(
-        "--derivative", choices=DERIVATIVES, default="euler", help="how accelerations are formed (%(default)s)"
+        "--derivative",
+        choices=DERIVATIVES,
+        default="euler",
+        help="how accelerations are formed, or the weak form, which does without and is not denoised (%(default)s)",
     )
 
 
@@ -216,6 +247,30 @@ def _add_identify(commands) -> None:
     )
     command.add_argument("--draws", type=_draws, default=4000, help="posterior draws, a multiple of 4 (%(default)s)")
     command.add_argument("--out", required=True, help="folder of <dof>-<family>.nc and coefficients.csv")
+
+
+def _add_fit(commands) -> None:
+    command = _command(commands, "fit", "fit the simulated trajectory to raw trials", _FIT_EXAMPLES)
+    command.add_argument("trials", metavar="TRIAL", nargs="+", help="CSV file: time [s], delta [rad], channels in SI")
+    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
+    command.add_argument(
+        "--prior",
+        choices=TRAJECTORY_PRIORS,
+        default="order_damped",
+        help="of the coefficients: small for high orders, near the vessel file's values, or none (%(default)s)",
+    )
+    command.add_argument(
+        "--channels", type=_names, metavar="NAME,...", help="channels to fit (those of u, v, r, p, phi there are)"
+    )
+    command.add_argument(
+        "--noise-model", choices=NOISE_MODELS, default="auto", help="auto tests the residuals (%(default)s)"
+    )
+    command.add_argument(
+        "--offsets", choices=("auto", "yes", "no"), default="auto", help="constant sensor offsets (%(default)s)"
+    )
+    command.add_argument("--method", choices=METHODS, default="rk4", help="integrator (%(default)s)")
+    command.add_argument("--draws", type=_draws, default=1000, help="posterior draws, a multiple of 4 (%(default)s)")
+    command.add_argument("--out", required=True, help="folder of trajectory.nc and coefficients.csv")
 
 
 def _add_tune(commands) -> None:
@@ -231,7 +286,9 @@ def _add_tune(commands) -> None:
 
 def _add_forecast(commands) -> None:
     command = _command(commands, "forecast", "forecast manoeuvres with bands from a posterior", _FORECAST_EXAMPLES)
-    command.add_argument("folder", metavar="FOLDER", help="folder that `identify` wrote")
+    command.add_argument(
+        "posterior", metavar="POSTERIOR", help="folder that `identify` wrote, or joint posterior, .nc or .zarr"
+    )
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: the reference ship")
     command.add_argument(
         "--zigzag", type=_zigzag, action="append", default=[], metavar="RUDDER/HEADING", help="zigzag [deg]; repeatable"
@@ -239,11 +296,28 @@ def _add_forecast(commands) -> None:
     command.add_argument(
         "--turn", type=float, action="append", default=[], metavar="RUDDER", help="turning circle [deg]; repeatable"
     )
-    command.add_argument("--family", choices=FAMILIES, default="conjugate", help="prior family (%(default)s)")
+    command.add_argument(
+        "--family", choices=FAMILIES, default="conjugate", help="prior family, of a folder (%(default)s)"
+    )
     command.add_argument("--draws", type=int, default=300, help="simulated ships (%(default)s)")
     command.add_argument("--duration", type=float, default=400.0, help="[s] (%(default)s)")
     command.add_argument("--side", choices=SIDES, default="port", help="side turned to first (%(default)s)")
-    command.add_argument("--out", required=True, help="folder of <manoeuvre>-<family>.csv: bands over time")
+    command.add_argument("--out", required=True, help="folder of <manoeuvre>-<family or file>.csv: bands")
+
+
+def _add_design(commands) -> None:
+    command = _command(commands, "design", "choose the runs that will tell most about a ship", _DESIGN_EXAMPLES)
+    command.add_argument("posterior", metavar="POSTERIOR", help="joint posterior of a trajectory fit, .nc or .zarr")
+    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: terms and reference values")
+    command.add_argument("--n", type=int, default=2, help="runs to choose (%(default)s)")
+    command.add_argument(
+        "--criterion",
+        choices=CRITERIA,
+        default="information",
+        help="precision of the coefficients, or of a 10/10 zigzag and a 35 deg turn (%(default)s)",
+    )
+    command.add_argument("--duration", type=float, default=400.0, help="of each run [s] (%(default)s)")
+    command.add_argument("--out", required=True, help="folder of design.csv, predicted_sd.csv and rudder programmes")
 
 
 def _add_report(commands) -> None:
@@ -271,6 +345,10 @@ def _zigzag(text: str) -> tuple[float, float]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"a zigzag is RUDDER/HEADING in deg such as 20/20, found {text!r}") from None
     return rudder, heading
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _level(text: str) -> float | str:

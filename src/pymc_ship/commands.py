@@ -1,7 +1,7 @@
 """What each command of the command line does: reads, calls the API, writes, returns the text to print.
 
 Every command takes the parsed words and a function that shows progress, and returns its text, the path it wrote and,
-where it is not 0, the exit status.
+where a check of the results can fail, the sentence that says so.
 Inputs are read first, then the output is tried, then the long work begins.
 """
 
@@ -9,41 +9,55 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.forecast import BANDS
+from pymc_ship.command_texts import (
+    coefficient_rows,
+    coefficient_table,
+    criteria_table,
+    design_text,
+    divergence,
+    forecast_text,
+    index_table,
+    table,
+    trajectory_rows,
+    trajectory_text,
+    tuning_text,
+)
+from pymc_ship.forecast import BANDS, stated_shares
 from pymc_ship.manoeuvres import Manoeuvre, ManoeuvreError
 from pymc_ship.output import OutputError, staged, writable_folder
 from pymc_ship.posterior import read_posterior, write_posterior
 from pymc_ship.trial import CHANNELS, UNITS, TrialError
 from pymc_ship.vessel import Vessel
 
-if TYPE_CHECKING:
-    from pymc_ship.tune import TunedPrior
-
 Progress = Callable[[str], None]
-Outcome = tuple[str, Path | None] | tuple[str, Path | None, int]
+Outcome = tuple[str, Path | None] | tuple[str, Path | None, str]
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 _COEFFICIENT_HEADER = ("dof", "family", "coefficient", "reference", "mean", "sd", "quantile_5", "quantile_95")
+OFFSETS = {"auto": None, "yes": True, "no": False}
+"""Whether sensors may have constant offsets, by the words of the command line."""
+
 _NOT_RECORDED = ("command", "out", "quiet")
-_GATE_FAILS = 3
 
 
 def study(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run the paper's study; the text is empty, the page says it all."""
+    from pymc_ship.agreement import failure
+    from pymc_ship.report import reported_study
+
     out = args.out or Path("reports", Path(args.vessel).stem)
-    return "", ps.study(out, vessel=args.vessel, level=args.level, seed=args.seed, progress=progress)
+    result, page = reported_study(out, vessel=args.vessel, level=args.level, seed=args.seed, progress=progress)
+    return "", page, failure(result.comparisons)
 
 
 def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -52,10 +66,10 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     out = _output_file(args.out)
     progress(f"simulating the {manoeuvre.label}")
     run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
-    text = [_divergence(run)] if run["diverged"] else []
+    text = [divergence(run)] if run["diverged"] else []
     if manoeuvre.kind != "rudder_programme":
         found = ps.indices(run)
-        text += [_index_table(found, {"value": found}), _criteria_table(ps.imo_criteria(found, vessel))]
+        text += [index_table(found, {"value": found}), criteria_table(ps.imo_criteria(found, vessel))]
     trial = run.isel(time=np.isfinite(run["psi"].values))
     if trial.sizes["time"] < 2:
         raise TrialError(f"A trial has at least two samples, found {trial.sizes['time']}; change duration or step.")
@@ -73,7 +87,7 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     smooth = ps.denoise(trial, args.wavelet, args.prior, not args.decimated)
     names = smooth.attrs["denoised"].split()
     _write_trial(smooth, out, args)
-    return _table(("channel", "noise sd", ""), [(n, smooth[n].attrs["noise_sdev"], UNITS[n]) for n in names]), out
+    return table(("channel", "noise sd", ""), [(n, smooth[n].attrs["noise_sdev"], UNITS[n]) for n in names]), out
 
 
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -95,9 +109,27 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
             for dof, tree in found.posteriors(family, draws=args.draws, rng=rng).items():
                 tree.attrs |= {"seed": args.seed, "made_by": _provenance(args)}
                 write_posterior(tree, folder / f"{dof}-{family}.nc")
-            rows += _coefficient_rows(vessel, family, found.exact[family])
+            rows += coefficient_rows(vessel, family, found.exact[family])
         _write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
-    return _coefficient_table(rows, families), out
+    return coefficient_table(rows, families), out
+
+
+def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
+    vessel, trials = ps.load_vessel(args.vessel), [ps.read_trial(path) for path in args.trials]
+    out = writable_folder(args.out)
+    settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
+    progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
+    rng = np.random.default_rng(args.seed)
+    tree = ps.trajectory_posterior(
+        trials, vessel, args.prior, draws=args.draws, rng=rng, method=args.method, **settings
+    )
+    tree.attrs |= {"seed": args.seed, "made_by": _provenance(args)}
+    rows = trajectory_rows(vessel, tree)
+    with _staged_files(out) as folder:
+        write_posterior(tree, folder / "trajectory.nc")
+        _write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
+    return "\n\n".join([trajectory_text(tree), coefficient_table(rows, ("trajectory",))]), out
 
 
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -114,7 +146,7 @@ def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
         table = {**tuned.prior.hyperparameters(), **scores, "dof": args.dof, "made_by": _provenance(args)}
         with staged(out) as partial:
             partial.write_text(json.dumps(table, indent=2) + "\n", encoding="utf-8")
-    return _tuning_text(tuned), out
+    return tuning_text(tuned), out
 
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -124,7 +156,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     manoeuvres += [ps.turning_circle(rudder, side=args.side) for rudder in args.turn]
     if not manoeuvres:
         raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10 or --turn 35.")
-    posteriors = {dof: _posterior(Path(args.folder), dof, args.family, vessel) for dof in vessel.dofs}
+    posteriors, ending = _posteriors(Path(args.posterior), args.family, vessel)
     out, text = writable_folder(args.out), []
     with _staged_files(out) as folder:
         for manoeuvre in manoeuvres:
@@ -132,17 +164,40 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
             rng = np.random.default_rng(args.seed)
             tree = ps.forecast(vessel, posteriors, manoeuvre, draws=args.draws, rng=rng, duration=args.duration)
             name = manoeuvre.label.replace(" ", "-").replace("/", "-")
-            _write_bands(folder / f"{name}-{args.family}.csv", tree["bands"].to_dataset(), args)
+            _write_bands(folder / f"{name}-{ending}.csv", tree, args)
             reference = ps.simulate(vessel, manoeuvre, duration=args.duration, record_interval=0.5)
-            text.append(_forecast_text(tree, ps.indices(reference)))
+            text.append(forecast_text(tree, ps.indices(reference)))
     return "\n\n".join(text), out
 
 
+def design(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Design the next runs; the text has the gain of each candidate and the accuracy that the chosen ones promise."""
+    vessel, rng = ps.load_vessel(args.vessel), np.random.default_rng(args.seed)
+    posterior = _of_vessel(read_posterior(args.posterior), Path(args.posterior), vessel)
+    candidates = ps.candidate_trials(vessel, duration=args.duration, rng=rng)
+    out, settings = writable_folder(args.out), {"criterion": args.criterion, "duration": args.duration}
+    progress(f"simulating {len(candidates)} candidates")
+    found = ps.design_trials(vessel, posterior, candidates, args.n, rng=rng, **settings)
+    with _staged_files(out) as folder:
+        for label in np.unique(found["chosen"].values):
+            if (manoeuvre := candidates[label]).kind == "rudder_programme":
+                rows = zip(manoeuvre.time, np.rad2deg(manoeuvre.delta).round(6).tolist(), strict=True)
+                path = folder / f"{label.replace('m/s', 'mps').replace(' ', '-')}.csv"
+                _write_csv(path, _PROGRAMME_HEADER, rows, args, remark=label)
+        table = found.drop_dims(("stage", "coefficient")).to_dataframe().reset_index()
+        _write_csv(folder / "design.csv", tuple(table), table.itertuples(index=False), args)
+        sd = found["sd"].transpose("coefficient", "stage")
+        header = ("coefficient", "sd", *(f"sd_after_{k}" for k in sd["stage"].values[1:]))
+        rows = zip(sd["coefficient"].values, *sd.values.T.tolist(), strict=True)
+        _write_csv(folder / "predicted_sd.csv", header, rows, args)
+    return design_text(found), out
+
+
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report on saved posteriors; the text has the verdict on each, the status is 3 when a gate fails."""
+    """Report on saved posteriors; the text has the verdict on each."""
+    from pymc_ship.agreement import comparisons, failure
     from pymc_ship.diagnostic_parts import verdict
-    from pymc_ship.diagnostic_report import check_trees
-    from pymc_ship.diagnostics import gates
+    from pymc_ship.diagnostic_report import check_trees, write_diagnostics
 
     vessel = ps.load_vessel(args.vessel) if args.vessel else None
     paths = {Path(path).stem: path for path in args.posteriors}
@@ -150,10 +205,9 @@ def report(args: argparse.Namespace, progress: Progress) -> Outcome:
         paths = {path: path for path in args.posteriors}
     trees = {name: read_posterior(path) for name, path in paths.items()}
     check_trees(trees, vessel)
-    page = ps.diagnostic_report(trees, args.out, vessel, seed=args.seed, progress=progress)
-    text = "\n\n".join("\n".join([name, *verdict(tree)]) for name, tree in trees.items())
-    holds = all(gate["holds"] for tree in trees.values() for gate in gates(tree))
-    return text, page, 0 if holds else _GATE_FAILS
+    out, compared = writable_folder(args.out), comparisons(trees)
+    page = write_diagnostics(compared, out, vessel, seed=args.seed, progress=progress)
+    return "\n\n".join("\n".join([one.name, *verdict(one)]) for one in compared), page, failure(compared)
 
 
 def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:
@@ -180,22 +234,36 @@ def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
-    if args.raw:
+    """Denoised trial; as it is where it was smooth before or the weak form smooths for itself."""
+    from pymc_ship.regression_data import WEAK
+
+    if args.raw or args.derivative in WEAK:
         return trial
     progress("denoising")
     return ps.denoise(trial)
+
+
+def _posteriors(path: Path, family: str, vessel: Vessel) -> tuple[xr.DataTree | dict[str, xr.DataTree], str]:
+    """Joint posterior of a file or those of each DOF that `identify` wrote, and how a result of them is called."""
+    if path.suffix in (".nc", ".zarr"):
+        return _of_vessel(read_posterior(path), path, vessel), path.stem
+    return {dof: _posterior(path, dof, family, vessel) for dof in vessel.dofs}, family
 
 
 def _posterior(folder: Path, dof: str, family: str, vessel: Vessel) -> xr.DataTree:
     """Posterior that `identify` wrote, of the vessel asked for."""
     path = folder / f"{dof}-{family}.nc"
     tree = read_posterior(path)
-    if "posterior" not in tree.children or tree.attrs.get("dof") != dof:
+    if tree.attrs.get("dof") != dof:
         raise ValueError(f"{path} is no posterior of the {dof}; run `pymc-ship identify` first.")
-    if tree.attrs["vessel"] != vessel.name:
-        raise ValueError(
-            f"The posterior is to be of {vessel.name!r}, found {tree.attrs['vessel']!r} in {path}; use its own vessel."
-        )
+    return _of_vessel(tree, path, vessel)
+
+
+def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
+    """The posterior itself, where it is of the vessel."""
+    found = tree.attrs.get("vessel")
+    if found != vessel.name:
+        raise ValueError(f"The posterior is to be of {vessel.name!r}, found {found!r} in {path}; use its own vessel.")
     return tree
 
 
@@ -219,7 +287,7 @@ def _staged_files(folder: Path) -> Iterator[Path]:
 def _provenance(args: argparse.Namespace) -> str:
     """What made a file: version, command and options, but not where it was written."""
     options = {key: value for key, value in sorted(vars(args).items()) if key not in _NOT_RECORDED}
-    for key in ("trial", "folder", "programme", "vessel"):
+    for key in ("trial", "posterior", "programme", "vessel"):
         if options.get(key):
             options[key] = Path(options[key]).name
     return f"pymc-ship {ps.__version__} {args.command} {json.dumps(options)}"
@@ -231,96 +299,17 @@ def _write_trial(trial: xr.Dataset, path: Path, args: argparse.Namespace) -> Non
         partial.write_text(f"# {_provenance(args)}\n{text}", encoding="utf-8")
 
 
-def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence], args: argparse.Namespace) -> None:
-    lines = [f"# {_provenance(args)}", ",".join(header), *(",".join(map(str, row)) for row in rows)]
+def _write_csv(
+    path: Path, header: Sequence[str], rows: Iterable[Sequence], args: argparse.Namespace, remark: str = ""
+) -> None:
+    remarks = [f"# {text}" for text in (_provenance(args), remark) if text]
+    lines = [*remarks, ",".join(header), *(",".join(map(str, row)) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _write_bands(path: Path, bands: xr.Dataset, args: argparse.Namespace) -> None:
+def _write_bands(path: Path, forecast: xr.DataTree, args: argparse.Namespace) -> None:
+    bands = forecast["bands"].to_dataset()
     names = [f"{channel}_{band}" for channel in CHANNELS for band in BANDS]
     columns = [bands[channel].sel(band=band).values for channel in CHANNELS for band in BANDS]
-    _write_csv(path, ("time", *names), np.column_stack([bands["time"].values, *columns]).tolist(), args)
-
-
-def _coefficient_rows(vessel: Vessel, family: str, exact: Mapping[str, object]) -> list[tuple]:
-    rows = []
-    for dof, posterior in exact.items():
-        reference = vessel.coefficients(dof)
-        columns = (reference.values, posterior.mean, posterior.sd, *posterior.quantiles([0.05, 0.95]))
-        names = reference["coefficient"].values.tolist()
-        rows += [(dof, family, name, *values) for name, *values in zip(names, *np.array(columns).tolist(), strict=True)]
-    return rows
-
-
-def _tuning_text(tuned: TunedPrior) -> str:
-    """Chosen prior and its rivals with their scores, and what the optimisation gained over the evidence."""
-    rivals = {
-        "chosen": (tuned.prior, tuned.score),
-        "best seen": (tuned.seen_prior, tuned.seen_score),
-        "best of the Gaussian process": (tuned.surrogate_prior, tuned.surrogate_score),
-        "evidence maximum": (tuned.evidence_prior, tuned.evidence_score),
-    }
-    rows = [(name, prior.shape, prior.scale, prior.kappa, f"{score:.4f}") for name, (prior, score) in rivals.items()]
-    return (
-        f"{_table(('prior', 'shape', 'scale', 'kappa', 'score'), rows)}\n\n"
-        f"Score (log predictive density per held-out row): {tuned.score:.4f} ± {tuned.score_se:.4f}.\n"
-        f"Log evidence at its maximum: {tuned.log_evidence:.2f}.\n"
-        f"Bayesian optimisation gained {tuned.score - tuned.evidence_score:+.4f} a row over the evidence maximum."
-    )
-
-
-def _coefficient_table(rows: list[tuple], families: Sequence[str]) -> str:
-    """One line for each coefficient, the families side by side."""
-    lines: dict[tuple, list] = {}
-    for dof, _, name, reference, *values in rows:
-        lines.setdefault((name, dof), [1e5 * reference]).extend(1e5 * value for value in values)
-    columns = [column for family in families for column in (f"{family} mean", "sd", "5 %", "95 %")]
-    return _table(("times 1e5", "dof", "reference", *columns), [(*key, *line) for key, line in lines.items()])
-
-
-def _divergence(run: xr.Dataset) -> str:
-    return f"The run diverged at t = {float(run['diverged_at']):g} s; the trial holds what was before."
-
-
-def _index_table(found: xr.Dataset, columns: Mapping[str, xr.Dataset]) -> str:
-    rows = [
-        (name.replace("_", " "), *(float(values[name]) for values in columns.values()), found[name].attrs["units"])
-        for name in found.data_vars
-    ]
-    return _table(("index", *columns, ""), rows)
-
-
-def _criteria_table(criteria: list[dict]) -> str:
-    words = {True: "pass", False: "fail", None: "not reached"}
-    rows = [(c["criterion"], c["value"], c["limit"], c["units"], words[c["passed"]]) for c in criteria]
-    return _table(("IMO MSC.137(76)", "value", "limit", "", ""), rows) if rows else ""
-
-
-def _forecast_text(tree: xr.DataTree, reference: xr.Dataset) -> str:
-    """Reference, median and band of each index, under the manoeuvre and the share of ships that diverged."""
-    bands = tree["index_bands"].to_dataset()
-    columns = {band: bands.sel(band=band) for band in BANDS}
-    share, draws = tree.attrs["share_diverged"], tree.attrs["draws"]
-    title = (
-        f"{tree.attrs['label']}: {draws} ships, {100.0 * share:.3g} % diverged, bands of {tree.attrs['ci_prob']:.0%}"
-    )
-    return f"{title}\n{_index_table(reference, {'reference': reference, **columns})}"
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence]) -> str:
-    """Columns of text, the first one flush left and the others flush right."""
-    cells = [list(header), *([_cell(value) for value in row] for row in rows)]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
-    lines = (
-        "  ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True))])
-        for row in cells
-    )
-    return "\n".join(line.rstrip() for line in lines)
-
-
-def _cell(value: str | float) -> str:
-    if isinstance(value, str):
-        return value
-    if not math.isfinite(value):
-        return "-"
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+    rows = np.column_stack([bands["time"].values, *columns]).tolist()
+    _write_csv(path, ("time", *names), rows, args, remark=stated_shares(forecast))

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.posterior import posterior_tree, rng_state
+from pymc_ship.posterior import independent_posterior
 from pymc_ship.priors import ConjugatePrior, PriorError
 from pymc_ship.regression_data import RegressionData, RegressionDataError
 from pymc_ship.rotation import rotate
@@ -246,12 +246,7 @@ def conjugate_posterior(
     ValueError
         When ``draws`` is no positive multiple of ``chains``.
     """
-    if draws < 1 or chains < 1 or draws % chains:
-        raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
-    state = rng_state(rng)
-    coefficients, noise_variance = conjugate(data, prior).draw(draws, rng)
-    laid_out = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
-    return posterior_tree(data, prior, *laid_out, method="conjugate", rng_state=state)
+    return independent_posterior(data, prior, conjugate(data, prior).draw, draws=draws, chains=chains, rng=rng)
 
 
 def _inverse_gamma_density(value: np.ndarray, shape: float, scale: float) -> np.ndarray:

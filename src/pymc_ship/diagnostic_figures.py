@@ -88,6 +88,7 @@ def energy(tree: xr.DataTree) -> Figure:
     for ax, (x, y) in zip(fig.axes, labels, strict=False):
         ax.set_xlabel(x)
         ax.set_ylabel(y)
+    fig.axes[0].set_yticks(range(tree["posterior"].sizes["chain"]))
     return fig
 
 
@@ -118,10 +119,10 @@ def forest(tree: xr.DataTree, reference: np.ndarray | None, published: Mapping[s
     heights = _heights(ax, shown.mean(("chain", "draw")).values)
     if reference is not None:
         ax.axvline(1.0, color=_INK, ls="--", lw=0.9, label="reference")
-        for (family, values), colour, marker in zip(published.items(), (_RUST, _BLUE), "dx", strict=False):
+        for (family, values), colour, marker in zip(published.items(), (_RUST, _INK), "dx", strict=False):
             ratio = np.asarray(values, dtype=float)[kept] / unit[kept]
             ax.plot(ratio, heights, marker, color=colour, ms=4.5, ls="none", label=f"published, {family}")
-        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
     ax.set_xscale("symlog", linthresh=3.0)
     ax.set_xlabel(f"{label} (linear between −3 and 3, logarithmic beyond)")
     return fig
@@ -162,7 +163,10 @@ def pair(tree: xr.DataTree, names: Sequence[str]) -> Figure:
     """Draws of the most correlated coefficients against each other."""
     thin = max(1, tree["posterior"]["noise_variance"].size // PAIR_DRAWS)
     drawn = chosen_draws(tree, names).isel(draw=slice(None, None, thin))
-    return arviz_figure("plot_pair", drawn, (8.0, 5.6), marginal=True, marginal_kind="kde")
+    fig = arviz_figure("plot_pair", drawn, (8.0, 5.6), marginal=True, marginal_kind="kde")
+    for ax in fig.axes:
+        ax.locator_params(axis="x", nbins=5)
+    return fig
 
 
 def correlation(tree: xr.DataTree) -> Figure:
@@ -195,6 +199,8 @@ def pareto_k(loo: object) -> Figure:
 def loo_pit(tree: xr.DataTree) -> Figure:
     """Leave-one-out probability integral transform, ECDF minus uniform."""
     fig = arviz_figure("plot_loo_pit", tree, (8.0, 3.2), var_names=["response"], envelope_prob=diagnostics.ENVELOPE)
+    low, high = fig.axes[0].get_ylim()
+    fig.axes[0].set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     return _labelled(fig, "LOO-PIT", "ECDF minus uniform")
 
 

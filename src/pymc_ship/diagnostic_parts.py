@@ -1,8 +1,10 @@
-"""Parts of a section of the diagnostic report: what each says, tabulates and draws of one posterior."""
+"""Parts of a section of the diagnostic report: what each says, tabulates and draws of one posterior.
+
+Of a posterior by several methods the first is what is said of it, and the sampler's chains are what is drawn of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,8 +13,20 @@ from matplotlib.figure import Figure
 
 from pymc_ship import diagnostic_figures as drawn
 from pymc_ship import diagnostics, figures
+from pymc_ship.agreement import LEVEL, Comparison, errors_of
 from pymc_ship.diagnostics import CI_PROB, CONTRACTION_LIMIT, DESIGN, ENVELOPE, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
-from pymc_ship.page_tables import Table, fixed, number, table
+from pymc_ship.identification import EXACT
+from pymc_ship.page_tables import (
+    AGREEMENT,
+    Table,
+    agreement_rows,
+    agreement_table,
+    chain_table,
+    coefficient_table,
+    fixed,
+    number,
+    table,
+)
 from pymc_ship.vessel import Vessel
 
 _n = number(3)
@@ -30,13 +44,14 @@ class Part:
     images: list[tuple[str, Figure, str]] = field(default_factory=list)
 
 
-def verdict(tree: xr.DataTree) -> list[str]:
-    """What heads a section: the gates, what the data determine, and whether the residuals are white."""
-    failed = [gate for gate in diagnostics.gates(tree) if not gate["holds"]]
+def verdict(one: Comparison) -> list[str]:
+    """What heads a section: gates and agreement, what the data determine, and whether the residuals are white."""
     lines = ["All convergence gates hold."]
-    if failed:
-        said = "; ".join(f"{g['gate']} {_n(g['value'])} ({g['where']}), to be {g['limit']}" for g in failed)
-        lines = [f"A convergence gate fails: {said}. The numbers below are not to be relied on."]
+    if failed := one.failed_gates:
+        lines = [f"A convergence gate fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
+    if one.agreement is not None:
+        lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
+    tree = one.posterior
     if lacking := _lacking(tree, *DESIGN):
         return [*lines, f"What the data determine and the residuals are not known: {lacking}"]
     return [*lines, _determined(tree), _white(tree)]
@@ -75,13 +90,15 @@ def _lacking(tree: xr.DataTree, *wanted: str) -> str:
     return f"the tree has no {' and no '.join(lacking)}." if lacking else ""
 
 
-def parts(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
-    """Every part of a posterior's section, in order; a part whose variables the tree lacks says so."""
+def parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
+    """Every part of a section, in order; a part whose variables the tree lacks says so."""
+    tree, chains = one.posterior, one.trees[one.sampler]
     return [
-        _convergence(tree),
+        _convergence(one),
+        _agreement(one),
         _coefficients(tree, ship),
-        _chains(tree),
-        _energy(tree),
+        _chains(chains, one.sampler if len(one.trees) > 1 else ""),
+        _energy(chains),
         _noise_variance(tree, rng),
         _predictive(tree, rng),
         _correlation(tree),
@@ -92,21 +109,44 @@ def parts(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> l
     ]
 
 
-def _convergence(tree: xr.DataTree) -> Part:
+def _convergence(one: Comparison) -> Part:
     columns = {
+        "method": ("method", str),
         "gate": ("gate", str),
         "value": ("value", number(4)),
         "where": ("of", str),
         "limit": ("limit", str),
-        "holds": ("holds", lambda holds: "yes" if holds else "NO"),
+        "judged": ("holds", str),
     }
-    rows = table(diagnostics.gates(tree), columns)
-    stats = (
-        ""
-        if "sample_stats" in tree.children
-        else "Divergences and E-BFMI are not judged: the tree has no sample_stats."
+    if len(one.trees) == 1:
+        del columns["method"]
+    rows = [
+        {"method": method, **gate, "judged": "yes" if gate["holds"] else "NO"}
+        for method, gates in one.gates.items()
+        for gate in gates
+    ]
+    unknown = [method for method, tree in one.trees.items() if "sample_stats" not in tree.children]
+    whose = f" of {' and '.join(unknown)}" if len(one.trees) > 1 else ""
+    text = f"Divergences and E-BFMI{whose} are not judged: there are no sample_stats." if unknown else ""
+    caption = "Worst value over all quantities against its limit."
+    return Part("Convergence gates", text, [(table(rows, columns), caption)])
+
+
+def _agreement(one: Comparison) -> Part:
+    title, tree = "Agreement with the exact posterior", one.posterior
+    if one.agreement is None:
+        lacking = "no exact posterior of the same data and prior is given"
+        if errors_of(tree) != "normal":
+            lacking = f"the exact posterior is of normal errors, these are {errors_of(tree)}"
+        elif tree.attrs["method"] in EXACT:
+            lacking = "no draws of the same data and prior by another method are given"
+        return Part(title, f"Not shown: {lacking}.")
+    worst = (
+        "Largest |z| of means, standard deviations and quantiles, z from the run's own Monte Carlo error; the limit is "
+        f"the two-sided normal quantile at {LEVEL:g} over {one.agreement.attrs['comparisons']} comparisons."
     )
-    return Part("Convergence gates", stats, [(rows, "Worst value over all quantities against its limit.")])
+    summary, every = table(agreement_rows(one.agreement), AGREEMENT), agreement_table(one.agreement)
+    return Part(title, "", [(summary, worst), (every, f"{_PRIME}; |z| q: the largest of the quantiles.")])
 
 
 def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
@@ -115,72 +155,34 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     reference = ship.coefficients(dof).values if ship else None
     published = {family: ship.published(dof, family) for family in figures.COLOURS} if ship else {}
     published = {family: values for family, values in published.items() if np.isfinite(values).any()}
-    rows = _coefficient_rows(found, narrowing, reference, published)
-    columns = {"quantity": ("coefficient", str)}
-    columns |= {"reference": ("reference", number(4))} if ship else {}
-    columns |= {f"published_{family}": (f"publ. {family}", number(4)) for family in published}
-    columns |= {
-        "mean": ("mean", number(4)),
-        "sd": ("sd", _n),
-        "lower": (f"{50 - 50 * CI_PROB:g} %", number(4)),
-        "upper": (f"{50 + 50 * CI_PROB:g} %", number(4)),
-    }
-    if narrowing is not None:
-        columns |= {"contraction": ("contraction", fixed(3)), "judged": ("judged", str)}
-    chains = {
-        "quantity": ("quantity", str),
-        "mean": ("mean", number(4)),
-        "mcse_mean": ("MCSE of mean", _n),
-        "mcse_sd": ("MCSE of sd", _n),
-        "r_hat": ("R-hat", fixed(4)),
-        "ess_bulk": ("bulk ESS", fixed(0)),
-        "ess_tail": ("tail ESS", fixed(0)),
-    }
-    caption = f"{_PRIME}; equal-tailed (eti) intervals of {_CI}."
-    meant = (
-        "Contraction is 1 − posterior variance / prior variance (that of the conjugate prior at the posterior mean of "
-        f"σ²). Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not "
-        f"above {CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
-    )
+    rows = coefficient_table(found, narrowing, reference, published)
     relative = (
-        "Coefficients over their reference: 1 is the reference, 0 is none; those with a reference of zero left out"
-        if ship
-        else "Coefficients over their posterior standard deviation, since no vessel was given"
+        "Coefficients over their posterior standard deviation, since no vessel was given"
+        if reference is None
+        else "Coefficients over their reference: 1 is the reference, 0 is none; those with a reference of zero left out"
     )
-    text = "" if narrowing is None else meant
-    if reference is not None:
-        lower, upper = found["lower"].values[:-1], found["upper"].values[:-1]
-        inside = int(np.sum((lower <= reference) & (reference <= upper)))
-        text += f" The {_CI} intervals hold {inside} of {reference.size} reference values."
     note = f"{relative}; mean, 50 % and {_CI} equal-tailed (eti) intervals."
     images = []
     if np.any(found["sd"].values[:-1] if reference is None else reference):
         images = [("forest", drawn.forest(tree, reference, published), note)]
-    tables = [(table(rows, columns), caption), (table(rows, chains), f"{_PRIME}; Monte Carlo errors of the chains.")]
-    return Part("Coefficients", text.strip(), tables, images)
+    caption = f"{_PRIME}; equal-tailed (eti) intervals of {_CI}."
+    return Part("Coefficients", _meant(found, narrowing, reference), [(rows, caption)], images)
 
 
-_SCALED = ("mean", "sd", "lower", "upper", "mcse_mean", "mcse_sd")
-
-
-def _coefficient_rows(
-    found: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None, published: Mapping[str, np.ndarray]
-) -> list[dict]:
-    rows = []
-    for k, name in enumerate(map(str, found["quantity"].values)):
-        last = k == found.sizes["quantity"] - 1
-        scale = 1e10 if last else 1e5
-        row = {key: float(found[key].values[k]) for key in ("r_hat", "ess_bulk", "ess_tail")}
-        row |= {key: scale * float(found[key].values[k]) for key in _SCALED}
-        row |= {"quantity": "σ²" if last else name, "contraction": float("nan"), "judged": ""}
-        row |= {f"published_{family}": float("nan") if last else 1e5 * v[k] for family, v in published.items()}
-        row["reference"] = float("nan") if last or reference is None else 1e5 * float(reference[k])
-        if narrowing is not None and not last:
-            one = narrowing.isel(coefficient=k)
-            row["contraction"] = float(one["contraction"])
-            row["judged"] = "determined" if one["determined"] else "not from zero" if one["narrowed"] else "prior"
-        rows.append(row)
-    return rows
+def _meant(found: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None) -> str:
+    """What contraction and judgement mean, and how many reference values the intervals hold."""
+    said = []
+    if narrowing is not None:
+        said.append(
+            "Contraction is 1 − posterior variance / prior variance (that of the conjugate prior at the posterior mean "
+            f"of σ²). Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction "
+            f"not above {CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
+        )
+    if reference is not None:
+        lower, upper = found["lower"].values[:-1], found["upper"].values[:-1]
+        inside = int(np.sum((lower <= reference) & (reference <= upper)))
+        said.append(f"The {_CI} intervals hold {inside} of {reference.size} reference values.")
+    return " ".join(said)
 
 
 def _chosen(tree: xr.DataTree) -> list[str]:
@@ -194,31 +196,34 @@ def _chosen(tree: xr.DataTree) -> list[str]:
     return [name for name in dict.fromkeys([*wanted, "noise_variance"]) if varies[name]]
 
 
-def _chains(tree: xr.DataTree) -> Part:
-    names = _chosen(tree)
+def _chains(tree: xr.DataTree, method: str) -> Part:
+    """Chains of one method, named where there are several."""
+    names, errors = _chosen(tree), f"{_PRIME}; Monte Carlo errors of the chains."
+    tables = [(chain_table(diagnostics.summary(tree)), errors)]
+    whose = f"The chains are those of {method}. " if method else ""
     if not names:
-        return Part("Chains", "Not drawn: none of the chosen quantities varies.")
-    text = "Drawn are the coefficient of largest R-hat, the most correlated pair and the noise variance."
+        return Part("Chains", f"{whose}Not drawn: none of the chosen quantities varies.", tables)
+    text = f"{whose}Drawn are the coefficient of largest R-hat, the most correlated pair and the noise variance."
     limit = f"{diagnostics.ESS_LIMIT:g}"
     images = [
         ("trace", drawn.trace(tree, names), "Trace, one colour a chain."),
         (
             "ess",
             drawn.effective_sample_size(tree, names),
-            f"Bulk (first colour) and tail ESS against the number of draws at {drawn.ESS_POINTS} points; "
+            f"Bulk (blue) and tail ESS (orange) against the number of draws at {drawn.ESS_POINTS} points; "
             f"dashed: {limit}.",
         ),
     ]
     if tree["posterior"].sizes["chain"] < 2:
-        return Part("Chains", f"{text} Ranks are not drawn: they need two chains.", [], images)
+        return Part("Chains", f"{text} Ranks are not drawn: they need two chains.", tables, images)
     ranks = (
         "rank",
         drawn.rank(tree, names),
-        "Fractional ranks, each chain's distribution function minus the uniform one, with the p-value of "
-        f"uniformity at the {100 * (1 - ENVELOPE):.0f} % level (envelope_prob {ENVELOPE:g}).",
+        "Fractional ranks, each chain's distribution function minus the uniform one, with the p-value of uniformity "
+        f"(black: where it fails at the {100 * (1 - ENVELOPE):.0f} % level; envelope_prob {ENVELOPE:g}).",
     )
     images.insert(1, ranks)
-    return Part("Chains", text, [], images)
+    return Part("Chains", text, tables, images)
 
 
 def _energy(tree: xr.DataTree) -> Part:
@@ -339,7 +344,8 @@ def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
         (
             "pit",
             drawn.loo_pit(full),
-            f"LOO-PIT, its distribution function minus the uniform one (envelope {ENVELOPE:g}).",
+            f"LOO-PIT, its distribution function minus the uniform one; orange: what most tells it from uniform "
+            f"(envelope_prob {ENVELOPE:g}).",
         ),
     ]
     return Part(title, text, [], images)

@@ -1,21 +1,21 @@
-"""Diagnostic report of saved posteriors: one self-contained HTML page, a section for each."""
+"""Diagnostic report of posteriors: one self-contained HTML page, a section for each and the methods that drew it."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from pymc_ship import diagnostics, figures
+from pymc_ship.agreement import LEVEL, Comparison, comparisons
 from pymc_ship.diagnostic_parts import parts, verdict
 from pymc_ship.diagnostics import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
 from pymc_ship.output import staged, writable_folder
-from pymc_ship.page_tables import number
+from pymc_ship.page_tables import number, rendered
 from pymc_ship.vessel import Vessel, VesselError, load_vessel
 
 PAGE = "diagnostics.html"
@@ -46,7 +46,8 @@ def diagnostic_report(
     ----------
     trees : mapping of str to DataTree
         Posteriors by the name of their section, from :func:`~pymc_ship.posterior.read_posterior` or a function that
-        draws one. A part whose groups a tree does not have says so in one sentence.
+        draws one. A part whose groups a tree does not have says so in one sentence. Draws of the data and prior of an
+        exact posterior that is given, too, share its section and are compared with it.
     out : str or Path
         Folder of the page; created where it is missing.
     vessel : Vessel, str or Path, optional
@@ -72,16 +73,34 @@ def diagnostic_report(
     """
     ship = load_vessel(vessel) if isinstance(vessel, str | Path) else vessel
     check_trees(trees, ship)
-    out = writable_folder(out)
-    images: dict[str, str] = {}
-    sections = []
-    for k, (name, tree) in enumerate(trees.items()):
-        progress(f"diagnosing {name}")
-        sections.append(_section(f"posterior-{k + 1}", name, tree, ship, np.random.default_rng(seed), images))
-    page = _render(sections, images)
+    return write_diagnostics(comparisons(trees), writable_folder(out), ship, seed=seed, progress=progress)
+
+
+def write_diagnostics(
+    compared: Sequence[Comparison], out: Path, ship: Vessel | None, *, seed: int, progress: Callable[[str], None]
+) -> Path:
+    """Write the report of compared posteriors to a folder; parameters and errors as :func:`diagnostic_report`."""
+    page = diagnostic_page(compared, ship, seed=seed, progress=progress)
     with staged(out / PAGE) as partial:
         partial.write_text(page, encoding="utf-8")
     return out / PAGE
+
+
+def diagnostic_page(
+    compared: Sequence[Comparison],
+    ship: Vessel | None,
+    *,
+    seed: int,
+    progress: Callable[[str], None],
+    back: str = "",
+) -> str:
+    """The page as text, one section a comparison; ``back`` is the page that it belongs to."""
+    images: dict[str, str] = {}
+    sections = []
+    for k, one in enumerate(compared):
+        progress(f"diagnosing {one.name}")
+        sections.append(_section(f"posterior-{k + 1}", one, ship, np.random.default_rng(seed), images))
+    return _render(sections, images, back)
 
 
 def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None:
@@ -105,56 +124,58 @@ def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None
 
 
 def _section(
-    identifier: str,
-    name: str,
-    tree: xr.DataTree,
-    ship: Vessel | None,
-    rng: np.random.Generator,
-    images: dict[str, str],
+    identifier: str, one: Comparison, ship: Vessel | None, rng: np.random.Generator, images: dict[str, str]
 ) -> dict:
     shown = []
-    for part in parts(tree, ship, rng):
+    for part in parts(one, ship, rng):
         captions = []
         for kind, figure, caption in part.images:
             images[f"{identifier}-{kind}"] = figures.embedded(figure, part.title)
             captions.append((f"{identifier}-{kind}", caption))
         shown.append({"title": part.title, "text": part.text, "tables": part.tables, "figures": captions})
-    sizes, prior = tree["posterior"].sizes, json.loads(tree.attrs["prior"])
-    hyperparameters = ", ".join(f"{key} {_plain(prior[key])}" for key in ("mean", "kappa", "shape", "scale"))
+    failed = ["a gate fails"] * bool(one.failed_gates) + ["methods disagree"] * bool(one.disagreements)
     return {
         "id": identifier,
-        "name": name,
-        "holds": all(gate["holds"] for gate in diagnostics.gates(tree)),
-        "verdict": verdict(tree),
-        "origin": (
-            f"{tree.attrs['dof'].capitalize()} of {tree.attrs['vessel']}, method {tree.attrs['method']}, "
-            f"{sizes['chain']} chains of {sizes['draw']} draws, {sizes['coefficient']} coefficients; "
-            f"{prior['family']} prior on the scaled columns: {hyperparameters}."
-        ),
+        "name": one.name,
+        "failed": ", ".join(failed),
+        "verdict": verdict(one),
+        "origin": _origin(one),
         "parts": shown,
     }
+
+
+def _origin(one: Comparison) -> str:
+    """What was estimated, how the draws were made, and under which prior."""
+    tree = one.posterior
+    prior, sizes = json.loads(tree.attrs["prior"]), tree["posterior"].sizes
+    hyperparameters = ", ".join(f"{key} {_plain(prior[key])}" for key in ("mean", "kappa", "shape", "scale"))
+    drawn = "; ".join(
+        f"{name if len(one.trees) > 1 else f'method {given.attrs["method"]}'}, "
+        f"{given['posterior'].sizes['chain']} chains of {given['posterior'].sizes['draw']} draws"
+        for name, given in one.trees.items()
+    )
+    return (
+        f"{tree.attrs['dof'].capitalize()} of {tree.attrs['vessel']}, {drawn}; {sizes['coefficient']} coefficients; "
+        f"{prior['family']} prior on the scaled columns: {hyperparameters}."
+    )
 
 
 def _plain(value: float | list) -> str:
     return _n(value) if not isinstance(value, list) else f"{_n(min(value))} to {_n(max(value))}"
 
 
-def _render(sections: list[dict], images: Mapping[str, str]) -> str:
-    environment = Environment(
-        loader=PackageLoader("pymc_ship"),
-        autoescape=select_autoescape(default=True),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("diagnostics.html.j2").render(
+def _render(sections: list[dict], images: Mapping[str, str], back: str) -> str:
+    return rendered(
+        "diagnostics.html.j2",
         title=f"Diagnostics of {len(sections)} posterior{'s' * (len(sections) > 1)}",
         defaults=(
             f"Intervals are equal-tailed (ci_kind eti) of {100 * CI_PROB:g} % (ci_prob {CI_PROB:g}). Gates: R-hat < "
             f"{diagnostics.R_HAT_LIMIT:g}, bulk and tail ESS > {diagnostics.ESS_LIMIT:g}, no divergence, E-BFMI > "
-            f"{diagnostics.E_BFMI_LIMIT:g}. Whiteness at the {100 * WHITENESS_LEVEL:g} % level, "
+            f"{diagnostics.E_BFMI_LIMIT:g}. Agreement: |z| within the two-sided normal quantile at {LEVEL:g} over the "
+            f"number of comparisons. Whiteness at the {100 * WHITENESS_LEVEL:g} % level, "
             f"sensitivity above {PSENSE_LIMIT:g}."
         ),
+        back=back,
         sections=sections,
         figures=images,
         versions=", ".join(f"{name} {version(name)}" for name in ("pymc-ship", "arviz", "numpy", "scipy", "xarray")),

@@ -13,7 +13,9 @@ import matplotlib
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
+from pymc_ship.forecast import stated_shares
 from pymc_ship.trial import UNITS
 
 STYLE = {
@@ -128,7 +130,12 @@ def noise_variance(exact: Mapping[str, object], dof: str) -> Figure:
             (posterior.noise_variance_density, "posterior", "-"),
         ):
             ax.plot(values, values * density(values), style, color=COLOURS[family], label=label)
-        ax.set_xscale("log" if seen[-1] > 10.0 * seen[0] else "linear")
+        if seen[-1] > 10.0 * seen[0]:
+            ax.set_xscale("log")
+            ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+            ax.xaxis.set_minor_formatter(NullFormatter())
+        else:
+            ax.locator_params(axis="x", nbins=5)
         ax.set_xlim(seen[0] / 1.02, seen[-1] * 1.02)
         ax.set_xlabel("σ² of the prime response")
         ax.set_ylabel("density of log σ²")
@@ -155,7 +162,7 @@ def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
 
 @_styled
 def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]) -> Figure:
-    """Fig. 5 and 6: motion of the reference ship against medians and bands of each family's forecast."""
+    """Fig. 5 and 6: motion of the reference ship against medians and bands of each forecast, and their shares."""
     names = ("u", "v", "r", "p", "phi", "psi")
     turning = reference.attrs["manoeuvre"] == "turning_circle"
     fig, axes = subplots(8.0, 7.4, 4, 2)
@@ -169,6 +176,7 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
     _track(axes.flat[-1], reference, forecasts, equal=turning)
     handles, labels = axes.flat[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside upper center", ncols=3)
+    fig.supxlabel("\n".join(f"{family}: {stated_shares(tree)}" for family, tree in forecasts.items()), fontsize=9.0)
     return fig
 
 

@@ -177,10 +177,10 @@ def _forecasts(result: StudyResult) -> dict:
     columns = {
         "level": ("noise level", number(3)),
         "family": ("family", str),
-        "coefficients": ("coefficients, median error %", _n),
-        "zigzag": ("10/10 zigzag, RMSE/range %", _n),
-        "turn": ("35 deg turn, RMSE/range %", _n),
-        "diverged": ("draws diverged in the turn %", fixed(1)),
+        "coefficients": ("coefficient error %", _n),
+        "zigzag": ("zigzag RMSE/range %", _n),
+        "turn": ("turn RMSE/range %", _n),
+        "diverged": ("turn diverged %", fixed(1)),
     }
     return _finding("Forecasts can be good where coefficients are not", text, table=table(rows, columns))
 

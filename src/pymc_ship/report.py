@@ -8,12 +8,13 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from matplotlib.figure import Figure
 
 from pymc_ship import figures, findings
+from pymc_ship.diagnostic_report import PAGE, diagnostic_page
 from pymc_ship.noise import noise_sd
 from pymc_ship.output import staged, writable_folder
+from pymc_ship.page_tables import rendered
 from pymc_ship.posterior import CITATIONS, write_posterior
 from pymc_ship.priors import FAMILIES
 from pymc_ship.study import DURATION, STEP, StudyResult, run_study
@@ -38,7 +39,7 @@ def study(
     seed: int = 2020,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Run the study and write its report, tables and posteriors.
+    """Run the study and write its report, diagnostics, tables and posteriors.
 
     Parameters
     ----------
@@ -56,38 +57,50 @@ def study(
     Returns
     -------
     Path
-        The page, ``out/index.html``.
+        The page, ``out/index.html``; a convergence gate that fails is said there and in ``out/diagnostics.html``.
 
     Raises
     ------
     VesselError, OutputError
         For a vessel that cannot be read or a folder that cannot be written.
     """
+    return reported_study(out, vessel=vessel, level=level, seed=seed, progress=progress)[1]
+
+
+def reported_study(
+    out: str | Path, *, vessel: str | Path, level: float, seed: int, progress: Callable[[str], None]
+) -> tuple[StudyResult, Path]:
+    """Result and page of a study; parameters and errors as :func:`study`."""
     ship, level = load_vessel(vessel), noise_sd(level)  # before the folder is made
     out = writable_folder(out)
     result = run_study(ship, level=level, seed=seed, progress=progress)
-    progress("report")
-    return write_study(result, out)
+    return result, write_study(result, out, progress=progress)
 
 
-def write_study(result: StudyResult, out: Path) -> Path:
-    """Write page, figures, tables and posteriors to a folder; each appears under its name when complete, the page last.
+def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], None] = lambda _: None) -> Path:
+    """Write pages, figures, tables and posteriors to a folder; each appears under its name when complete.
 
     Parameters
     ----------
     result : StudyResult
     out : Path
+    progress : callable, optional
+        Called with a short text before each step.
 
     Returns
     -------
     Path
-        ``out/index.html``.
+        ``out/index.html``, which is moved into place last, after ``out/diagnostics.html``.
 
     Raises
     ------
     OutputError
         When the folder cannot be written.
     """
+    diagnosed = diagnostic_page(
+        result.comparisons, result.vessel, seed=result.seed, progress=progress, back="index.html"
+    )
+    progress("report")
     drawn = _figures(result)
     page = render(result, drawn)
     with staged(out / "figures") as folder:
@@ -104,8 +117,9 @@ def write_study(result: StudyResult, out: Path) -> Path:
         folder.mkdir()
         for name, rows in csv_tables(result).items():
             write_rows(rows, folder / f"{name}.csv")
-    with staged(out / "index.html") as partial:
-        partial.write_text(page, encoding="utf-8")
+    for name, text in ((PAGE, diagnosed), ("index.html", page)):
+        with staged(out / name) as partial:
+            partial.write_text(text, encoding="utf-8")
     return out / "index.html"
 
 
@@ -121,16 +135,10 @@ def write_rows(rows: Sequence[Mapping], path: Path) -> Path:
 
 def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
     """The page as text: a function of the result and its figures alone, so the same seed gives the same page."""
-    environment = Environment(
-        loader=PackageLoader("pymc_ship"),
-        autoescape=select_autoescape(default=True),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     exact = result.found[result.level].exact
     trace = _trace_figures(result)
-    return environment.get_template("study.html.j2").render(
+    return rendered(
+        "study.html.j2",
         title=f"{result.vessel.name.capitalize()} ship: coefficients and forecasts from a noisy 20/20 zigzag",
         subtitle=(
             f"Noise level shown {result.level:g}, seed {result.seed}. Bayesian regression of {_n_coefficients(result)} "
@@ -150,6 +158,7 @@ def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
         figures={name: figures.svg(figure, name) for name, figure in drawn.items()}
         | {name: image for name, image, _ in trace},
         trace_figures=[(name, caption) for name, _, caption in trace],
+        diagnostics=PAGE,
         agreement_text=findings.agreement(result),
         agreement_blocks=agreement_blocks(result),
         findings=findings.all_findings(result),

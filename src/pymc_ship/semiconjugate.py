@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.posterior import posterior_tree, rng_state
+from pymc_ship.posterior import independent_posterior
 from pymc_ship.priors import PriorError, SemiConjugatePrior
 from pymc_ship.quadrature import log_kernels, quadrature
 from pymc_ship.regression_data import RegressionData, RegressionDataError
@@ -278,12 +278,7 @@ def semiconjugate_posterior(
     ValueError
         When ``draws`` is no positive multiple of ``chains``.
     """
-    if draws < 1 or chains < 1 or draws % chains:
-        raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
-    state = rng_state(rng)
-    coefficients, noise_variance = semiconjugate(data, prior).draw(draws, rng)
-    laid_out = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
-    return posterior_tree(data, prior, *laid_out, method="semiconjugate", rng_state=state)
+    return independent_posterior(data, prior, semiconjugate(data, prior).draw, draws=draws, chains=chains, rng=rng)
 
 
 def _kernel(s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int, prior: tuple[float, float]):

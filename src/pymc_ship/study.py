@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from hashlib import sha256
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship import replication
-from pymc_ship.agreement import agreement
+from pymc_ship.agreement import Comparison, agreement
 from pymc_ship.denoise import denoise
 from pymc_ship.forecast import forecast
 from pymc_ship.gibbs import gibbs_posterior
@@ -53,6 +54,19 @@ class StudyResult:
     references: dict[str, xr.Dataset] = field(default_factory=dict)
     forecasts: dict[str, dict[str, xr.DataTree]] = field(default_factory=dict)
     tables: dict[str, list[dict]] = field(default_factory=dict)
+
+    @cached_property
+    def comparisons(self) -> list[Comparison]:
+        """Exact, Gibbs and NUTS draws of each DOF and family with their agreement."""
+        return [
+            Comparison(
+                f"{dof}, {family}",
+                {method: trees[dof] for method, trees in methods.items()},
+                self.agreement[family][dof],
+            )
+            for dof in self.vessel.dofs
+            for family, methods in self.draws.items()
+        ]
 
 
 def run_study(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pymc_ship.indices import imo_criteria, indices
-from pymc_ship.page_tables import Table, fixed, number, table
+from pymc_ship.page_tables import AGREEMENT, Table, agreement_rows, agreement_table, fixed, number, table
 from pymc_ship.priors import FAMILIES
 from pymc_ship.study import MANOEUVRES, StudyResult
 from pymc_ship.tables import coefficient_rows
@@ -20,7 +20,7 @@ def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
     columns = {"coefficient": ("coefficient", str), "reference": ("reference", n), "sign_source": ("sign from", str)}
     for family, short in (("conjugate", "conj."), ("semiconjugate", "semi-c.")):
         columns |= {
-            f"published_{family}": (f"published {short}", n),
+            f"published_{family}": (f"publ. {short}", n),
             f"published_error_{family}": ("error %", number(3)),
             f"mean_{family}": (f"ours {short}", n),
             f"sd_{family}": ("± sd", number(2)),
@@ -107,18 +107,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
         ),
         "agreement": table(
             _agreement_rows(result),
-            {
-                "family": ("family", str),
-                "dof": ("DOF", str),
-                "method": ("method", str),
-                "largest_z": ("largest |z|", fixed(2)),
-                "z_limit": ("limit", fixed(2)),
-                "r_hat": ("largest R-hat", fixed(4)),
-                "ess_bulk": ("least bulk ESS", fixed(0)),
-                "ess_tail": ("least tail ESS", fixed(0)),
-                "divergences": ("divergences", fixed(0)),
-                "agrees": ("agrees", str),
-            },
+            {"family": ("family", str), "dof": ("DOF", str), **AGREEMENT},
         ),
         "forecast_zigzag": _forecast_table(
             result,
@@ -196,52 +185,21 @@ def _data_rows(result: StudyResult) -> list[dict]:
 
 
 def _agreement_rows(result: StudyResult) -> list[dict]:
-    rows = []
-    for family, by_dof in result.agreement.items():
-        for dof, dataset in by_dof.items():
-            for method in dataset["method"].values:
-                one = dataset.sel({"method": method})
-                rows.append(
-                    {
-                        "family": family,
-                        "dof": dof,
-                        "method": str(method),
-                        "largest_z": float(one["largest_z"]),
-                        "z_limit": float(dataset.attrs["z_limit"]),
-                        "r_hat": float(one["r_hat"].max()),
-                        "ess_bulk": float(one["ess_bulk"].min()),
-                        "ess_tail": float(one["ess_tail"].min()),
-                        "divergences": float(one["divergences"]),
-                        "agrees": "yes" if bool(one["agrees"]) else "NO",
-                    }
-                )
-    return rows
+    return [
+        {"family": family, "dof": dof, **row}
+        for family, by_dof in result.agreement.items()
+        for dof, dataset in by_dof.items()
+        for row in agreement_rows(dataset)
+    ]
 
 
 def agreement_blocks(result: StudyResult) -> list[dict]:
     """Title and table of every quantity for each family and DOF."""
-    blocks = []
-    n, z = number(4), fixed(2)
-    for family, by_dof in result.agreement.items():
-        for dof, dataset in by_dof.items():
-            rows = []
-            for quantity in dataset["quantity"].values:
-                one = dataset.sel(quantity=quantity)
-                row = {"quantity": str(quantity), "mean": float(one["exact_mean"]), "sd": float(one["exact_sd"])}
-                for method in dataset["method"].values:
-                    for name in ("mean", "sd", "z_mean", "z_sd"):
-                        row[f"{method}_{name}"] = float(one[name].sel({"method": method}))
-                rows.append(row)
-            columns = {"quantity": ("", str), "mean": ("exact mean", n), "sd": ("exact sd", n)}
-            for method in dataset["method"].values:
-                columns |= {
-                    f"{method}_mean": (f"{method} mean", n),
-                    f"{method}_z_mean": ("z", z),
-                    f"{method}_sd": (f"{method} sd", n),
-                    f"{method}_z_sd": ("z", z),
-                }
-            blocks.append({"title": f"{dof}, {family}", "table": table(rows, columns)})
-    return blocks
+    return [
+        {"title": f"{dof}, {family}", "table": agreement_table(dataset)}
+        for family, by_dof in result.agreement.items()
+        for dof, dataset in by_dof.items()
+    ]
 
 
 def _forecast_table(result: StudyResult, name: str, wanted: Mapping[str, tuple[str, float]]) -> Table:
