@@ -3,10 +3,13 @@ VENV   := .venv
 PYTHON := $(VENV)/bin/python
 STAMP  := $(VENV)/.installed
 
-.PHONY: study test test-fast consistency lint bench clean
+.PHONY: study frontier test test-fast consistency lint bench clean
 
 study: $(STAMP)  ## the paper's study on the container ship -> reports/container/index.html
 	$(VENV)/bin/pymc-ship study --out reports/container
+
+frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> reports/frontier/index.html
+	$(VENV)/bin/pymc-ship frontier --out reports/frontier
 
 test: $(STAMP) lint  ## every test
 	$(PYTHON) -m pytest -q

@@ -18,7 +18,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship import cli, cross_validation, identification
+from pymc_ship import cli, commands, cross_validation, identification
 from pymc_ship.cli import main
 from pymc_ship.denoise import DERIVATIVES
 from pymc_ship.ebayes import PRIORS
@@ -469,6 +469,58 @@ def test_the_round_trip_forecasts_the_reference_ship(tmp_path, capsys, monkeypat
         assert middle == pytest.approx(reference, rel=0.05)
 
 
+# files as facilities write them
+
+
+@pytest.fixture
+def foreign(made, tmp_path):
+    """The trial with its rudder in degrees to starboard under another heading, a line missing; and its format."""
+    header, *lines = [line for line in (made / "trial.csv").read_text().splitlines() if line[0] != "#"]
+    names = header.split(",")
+    del lines[100]
+    table = [dict(zip(names, map(float, line.split(",")), strict=True)) for line in lines]
+    rows = [{**row, "delta": -float(np.rad2deg(row["delta"]))} for row in table]
+    text = (
+        ";".join(names).replace("delta", "RUD") + "\n" + "".join(";".join(map(repr, r.values())) + "\n" for r in rows)
+    )
+    (tmp_path / "run.csv").write_text(text)
+    layout = '[columns]\ndelta = { column = "RUD", unit = "deg" }\n[frame]\nrudder_positive = "starboard"\n'
+    (tmp_path / "basin.toml").write_text(layout)
+    return tmp_path / "run.csv", tmp_path / "basin.toml"
+
+
+@pytest.mark.parametrize("command", ["denoise", "identify", "tune", "fit"])
+def test_commands_read_a_trial_by_its_format_and_tell(made, foreign, tmp_path, capsys, monkeypatch, command):
+    """Each fails at what comes after the reading; its remarks are there all the same."""
+    trial, layout = foreign
+
+    def stop(_):
+        raise ValueError("stopped")
+
+    monkeypatch.setattr(commands, "writable_folder", stop)
+    monkeypatch.setattr(commands, "_output_file", stop)
+    vessel = () if command == "denoise" else ("--vessel", made / "small.toml")
+    more = ("--dof", "yaw", "--family", "conjugate") if command == "tune" else ()
+    words = [command, trial, "--format", layout, *vessel, *more, "--out", tmp_path / "out"]
+    assert main(list(map(str, words))) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        f"{trial}: Columns read: delta from 'RUD' in deg.",
+        f"{trial}: delta changed in sign: the file counts it positive to starboard.",
+        f"{trial}: 1 gap of up to 1 sample: 1 filled by interpolation.",
+        "pymc-ship: stopped.",
+    ]
+    assert main([*map(str, words), "--quiet"]) == 2
+    assert capsys.readouterr().err == "pymc-ship: stopped.\n"
+
+
+def test_remarks_on_a_trial_stay_on_a_terminal(foreign, tmp_path, capsys, monkeypatch):
+    trial, layout = foreign
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    run("denoise", trial, "--format", layout, "--out", tmp_path / "smooth.csv")
+    assert f"{trial}: Columns read: delta from 'RUD' in deg.\n" in capsys.readouterr().err.replace("\r", "")
+    assert '"format": "basin.toml"' in (tmp_path / "smooth.csv").read_text().splitlines()[0]
+
+
 # the same seed, silence, progress
 
 
@@ -557,9 +609,9 @@ def spoil(trial, how):
     header, *lines = [line for line in trial.read_text().splitlines() if line[0] != "#"]
     table = [dict(zip(header.split(","), line.split(","), strict=True)) for line in lines]
     if how == "nan":
-        table[57]["v"] = "nan"
+        table = [row | {"v": "nan"} for row in table]
     elif how == "time":
-        table[57]["time"] = "5.73"
+        table = [row | {"time": "5.7"} for row in table]
     elif how == "missing":
         table = [{name: cell for name, cell in row.items() if name != "r"} for row in table]
     elif how == "short":
@@ -575,12 +627,12 @@ def spoil(trial, how):
 @pytest.mark.parametrize(
     ("how", "sentence"),
     [
-        ("nan", "Channel v must be finite, found 1 bad values, the first at t = 5.7 s; cut or fill them."),
-        ("time", "The sampling of a trial must be uniform, found steps of 0.07 to 0.13 s; resample the record."),
+        ("nan", "The trial needs the channels u, v, r, delta; v missing; add them."),
+        ("time", "the time of a trial must increase, found 5.7 s in every row; correct it."),
         ("missing", "The trial needs the channels u, v, r, delta; r missing; add them."),
         ("short", "The {dof} of 'small' has {n} terms and needs as many rows, found 2; use a longer trial or"),
         ("rudder", "The rudder of a trial must move, found a constant angle; use one that steers."),
-        ("text", "line 59, column v: a number is needed, found 'fast'."),
+        ("text", "line 59, column v: a number is needed, found 'fast'; correct or empty the cell."),
     ],
 )
 def test_a_trial_that_cannot_be_used_is_refused(made, small, tmp_path, capsys, command, how, sentence):

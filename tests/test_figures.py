@@ -82,6 +82,23 @@ def errors_by_level(bound=1e-4):
     return figures.errors_by_level(levels, {"surge": 1e3 * levels, "all": 2e3 * levels}, 2.0, bound)
 
 
+METHODS = {
+    "Cramer-Rao bound": 1.0,
+    "trajectory fit, flat prior": 1.1,
+    "trajectory fit, order-damped prior": 0.7,
+    "weak form": 3.0,
+    "best differencing": 4.0,
+    "paper's pipeline": 6.0,
+}
+
+
+def errors_by_method(published=True):
+    levels = np.array([1e-3, 1e-2, 1e-1])
+    errors = {name: 1e3 * factor * levels for name, factor in METHODS.items()}
+    errors["weak form"][1] = np.nan
+    return figures.errors_by_method(levels, errors, {"conjugate": 2.0, "semi-conjugate": 3.7} if published else {}, 0.4)
+
+
 def tuning():
     scores = np.array([1.0, -3.0, 4.0, 3.9, 4.5])
     tuned = {
@@ -106,6 +123,7 @@ OWN = {
     "forecast_zigzag": forecast_zigzag,
     "forecast_turning_circle": forecast_turning_circle,
     "errors_by_level": errors_by_level,
+    "errors_by_method": errors_by_method,
     "tuning": tuning,
 }
 LARGE = ("denoising", "noise_variance", "sample_paths", "forecast_zigzag", "forecast_turning_circle")
@@ -116,6 +134,7 @@ LEGENDS = {
     "noise_variance": {"prior", "posterior"},
     "sample_paths": {"posterior mean", "reference"},
     "errors_by_level": {"surge", "all", "published, median of all", "published errors at level 1.0e-04"},
+    "errors_by_method": {*METHODS, "published, conjugate", "published, semi-conjugate"},
     "tuning": {"yaw", "roll", "evidence maximum"},
 }
 BANDS = {"reference", *(f"{family}: {part}" for family in FAMILIES for part in ("band", "median"))}
@@ -169,6 +188,7 @@ def test_axes_with_data_are_labelled(name):
         "forecast_zigzag": 8,
         "forecast_turning_circle": 8,
         "errors_by_level": 1,
+        "errors_by_method": 1,
         "tuning": 1,
     }.get(name)
     assert missing_labels(fig) == []
@@ -208,7 +228,8 @@ def test_a_forecast_states_its_shares_below_its_bands(known, words):
 
 
 def test_errors_and_gains_carry_their_unit():
-    assert drawn("errors_by_level").axes[0].get_ylabel() == "median |error| [%]"
+    for name in ("errors_by_level", "errors_by_method"):
+        assert drawn(name).axes[0].get_ylabel() == "median |error| [%]"
     assert drawn("tuning").axes[0].get_ylabel() == "gain [nats per row]"
 
 
@@ -222,6 +243,21 @@ def test_a_legend_names_every_line(name):
 def test_the_legend_leaves_out_a_level_that_is_unknown():
     (texts,) = legend_texts(errors_by_level(bound=float("nan")))
     assert texts == {"surge", "all", "published, median of all"}
+
+
+def test_methods_have_a_line_each_on_two_log_axes_and_the_bound_is_dashed():
+    ax = drawn("errors_by_method").axes[0]
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+    lines = {line.get_label(): line for line in ax.get_lines()}
+    assert [name for name in METHODS if lines[name].get_linestyle() == "--"] == ["Cramer-Rao bound"]
+    assert len({lines[name].get_color() for name in METHODS}) == len(METHODS)
+    np.testing.assert_allclose(lines["paper's pipeline"].get_ydata(), [6.0, 60.0, 600.0])
+    assert lines["published, conjugate"].get_xydata().tolist() == [[0.4, 2.0]]
+
+
+def test_nothing_published_leaves_the_methods():
+    (texts,) = legend_texts(errors_by_method(published=False))
+    assert texts == set(METHODS)
 
 
 def test_tuning_shows_the_best_score_so_far_above_the_evidence():

@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 import pytest
 
 import pymc_ship as ps
@@ -37,7 +38,7 @@ def test_every_block_has_a_language_that_is_tested():
     opened = re.findall(r"^```(\w*)$", TEXT, flags=re.MULTILINE)
     assert set(opened[::2]) <= {"python", "sh", "toml", "text"}
     assert len(blocks("python")) >= 2
-    assert len(blocks("toml")) == 1
+    assert len(blocks("toml")) == 2
 
 
 @pytest.mark.parametrize("words", command_lines(), ids=" ".join)
@@ -96,6 +97,18 @@ def test_a_wrong_key_in_the_vessel_is_named(tmp_path):
     path.write_text(blocks("toml")[0].replace("rudder_rate_deg", "rudder_rate"), encoding="utf-8")
     with pytest.raises(ps.VesselError, match="rudder_rate"):
         ps.load_vessel(path)
+
+
+def test_the_format_of_the_readme_reads_a_trial(tmp_path):
+    path = tmp_path / "basin.toml"
+    path.write_text(blocks("toml")[1], encoding="utf-8")
+    header = "time [s];Speed [kn];v;r [deg/s];Gyro [deg];RUD\n"
+    (tmp_path / "run.csv").write_text("Basin\n\n" + header + "0;14;0,5;1;359;-10\n1;14;0,5;1;0;-10\n2;14;0,5;1;1;-10\n")
+    trial = ps.read_trial(tmp_path / "run.csv", format=path)
+    assert float(trial["time"][1]) == pytest.approx(45.714**0.5)
+    assert np.diff(np.rad2deg(trial["psi"])) == pytest.approx([1.0, 1.0])
+    assert float(np.rad2deg(trial["delta"][0])) == pytest.approx(-10.4)
+    assert float(trial["v"][0]) == pytest.approx((0.5 + 3.2 * np.deg2rad(1.0)) * 45.714**0.5)
 
 
 def test_links_into_the_repository_lead_to_something():

@@ -9,6 +9,8 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 
 import plain_hull
 import pymc_ship as ps
+from pymc_ship.equations_of_motion import reference_coefficients
+from pymc_ship.simulate import replay
 
 CHANNELS = ("u", "v", "r", "p", "phi", "psi", "x", "y", "delta")
 ODD = ("v", "r", "p", "phi", "psi", "y", "delta")
@@ -56,6 +58,13 @@ def one_by_one(container, draws):
         ps.simulate(container, ps.zigzag(20, 20), duration=60.0, step=0.05, coefficients=draw[None]) for draw in draws
     ]
     return {name: np.concatenate([run[name].values for run in runs]) for name in CHANNELS}
+
+
+@pytest.fixture(scope="module")
+def smooth_run(container):
+    """A run under Runge-Kutta steps along a rudder that is linear between the samples."""
+    programme = ps.rudder_programme([0.0, 20.0, 45.0, 60.0], [0.0, 0.4, -0.3, 0.1], rate_limited=False)
+    return ps.simulate(container, programme, duration=80.0, step=0.1, method="rk4")
 
 
 def state_at_end(vessel, step, method, duration=60.0):
@@ -258,6 +267,79 @@ class TestBatches:
         assert bool(run["diverged"])
         assert np.isnan(run["u"].sel(time=float(run["diverged_at"]), method="nearest"))
         assert np.isfinite(run["u"].sel(time=float(run["diverged_at"]) - 0.02, method="nearest"))
+
+
+class TestReplay:
+    """Recorded rudders from any initial state."""
+
+    STATES = CHANNELS[:-1]
+
+    def motion(self, run):
+        return np.array([run[name].values for name in self.STATES])
+
+    def test_it_is_the_simulated_run(self, container, smooth_run, zigzag_trial):
+        for run, step, method in ((smooth_run, 0.1, "rk4"), (zigzag_trial, 0.02, "euler")):
+            states, theta = self.motion(run), reference_coefficients(container)
+            found = replay(container, run["delta"].values, states[:, 0], theta, interval=step, method=method)[:, 0]
+            np.testing.assert_allclose(found, states, rtol=0.0, atol=1e-12 * np.abs(states).max())
+
+    def test_it_goes_on_from_any_sample(self, container, smooth_run):
+        states, theta = self.motion(smooth_run), reference_coefficients(container)
+        late = replay(container, smooth_run["delta"].values[300:], states[:, 300], theta, interval=0.1)[:, 0]
+        np.testing.assert_allclose(late, states[:, 300:], rtol=0.0, atol=1e-12 * np.abs(states).max())
+
+    def test_substeps_are_steps_between_the_samples(self, container, smooth_run):
+        """Five steps a sample of every fifth sample, along a rudder that is straight in between."""
+        states, theta = self.motion(smooth_run), reference_coefficients(container)
+        rudder = smooth_run["delta"].values[::5]
+        coarse, one = (
+            replay(container, rudder, states[:, 0], theta, interval=0.5, substeps=substeps)[:, 0] for substeps in (5, 1)
+        )
+        np.testing.assert_allclose(coarse, states[:, ::5], rtol=0.0, atol=1e-11 * np.abs(states).max())
+        assert np.abs(one - coarse).max() > 1e-9
+
+    def test_blocks_are_means_and_the_rest_is_left_out(self, container, smooth_run):
+        states, theta = self.motion(smooth_run), reference_coefficients(container)
+        found = replay(container, smooth_run["delta"].values, states[:, 0], theta, interval=0.1, block=7)[:, 0]
+        expected = states[:, :798].reshape(8, 114, 7).mean(axis=2)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(states).max())
+
+    @pytest.mark.parametrize("n_states", [5, 6, 8])
+    def test_each_ship_has_its_coefficients_and_its_start(self, container, smooth_run, draws, n_states):
+        rudder, rng = smooth_run["delta"].values, np.random.default_rng(6)
+        start = self.motion(smooth_run)[:n_states, 0] + 0.01 * rng.standard_normal((33, n_states))
+        together = replay(container, rudder, start, draws, interval=0.1, block=10)
+        assert together.shape == (n_states, 33, 80)
+        for k in (0, 15, 16, 32):
+            alone = replay(container, rudder, start[k], draws[k], interval=0.1, block=10)[:, 0]
+            np.testing.assert_allclose(together[:, k], alone, rtol=1e-12, atol=1e-12)
+
+    def test_a_ship_that_leaves_the_models_range_is_nan_and_its_neighbours_are_not(self, container, smooth_run, draws):
+        rudder, start = smooth_run["delta"].values, np.tile(self.motion(smooth_run)[:5, 0], (3, 1))
+        start[1, 0] = 0.05
+        found = replay(container, rudder, start, draws[:3], interval=0.1)
+        assert np.isnan(found[:, 1]).all()
+        assert np.isfinite(found[:, [0, 2]]).all()
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"coefficients": np.zeros(101)}, r"needs 102 coefficients.*\(101,\)"),
+            ({"initial_state": np.zeros(7)}, r"5, 6 or 8 initial states.*\(7,\)"),
+            ({"delta": np.zeros((2, 9))}, r"a rudder record.*\(2, 9\)"),
+            ({"method": "heun"}, "euler, rk4.*found 'heun'"),
+            ({"interval": np.nan}, "positive interval.*nan"),
+            ({"substeps": 0}, "substeps from 1.* 0 and 1;"),
+            ({"block": 10}, "to the record's length.* 1 and 10;"),
+            ({"coefficients": np.zeros((2, 102))}, "Each draw has its initial state, found 2 and 1; match them"),
+        ],
+    )
+    def test_settings_that_cannot_be_replayed(self, container, change, message):
+        settings = {"delta": np.zeros(9), "initial_state": np.r_[12.7, np.zeros(4)], "interval": 0.1}
+        settings |= {"coefficients": reference_coefficients(container)} | change
+        with pytest.raises(ps.SimulationError, match=message) as error:
+            replay(container, **settings)
+        assert str(error.value).endswith(".")
 
 
 class TestRecord:

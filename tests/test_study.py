@@ -70,7 +70,7 @@ def text(folder):
 # tables ---------------------------------------------------------------------------------------------------------------
 
 SUMMARY = {"family", "dof", "coefficients", "median", "under_5", "under_20", "under_50", "coverage"}
-FORECAST = {"level", "family", "manoeuvre", "error", "coverage", "share_diverged"}
+FORECAST = {"level", "manoeuvre", "error", "coverage", "share_diverged", "share_extrapolated", "extrapolation"}
 TABLES = {
     "errors": (2 * 2 * 5, SUMMARY | {"level"}),
     "sweep": (2 * 5, SUMMARY | {"level"}),
@@ -80,19 +80,38 @@ TABLES = {
     "priors": (2 * 4 * 4, {"family", "dof", "choice", "shape", "scale", "kappa", "score", "score_se", "log_evidence"}),
     "printed_errors": (4, {"dof", "printed", "fit_own", "fit_other"}),
     "full_conditional": (4, {"dof", "mcmc", "mcse", "z_marginal", "z_full_conditional"}),
-    "forecast_zigzag": (4, FORECAST | {"first_overshoot_angle_median", "second_overshoot_angle_reference"}),
-    "forecast_turning_circle": (4, FORECAST | {"advance_median", "tactical_diameter_reference"}),
-    "coefficients": (102, {"dof", "coefficient", "reference", "sign_source", "mean_conjugate", "sd_semiconjugate"}),
+    "forecast_zigzag": (4, FORECAST | {"family", "first_overshoot_angle_median", "second_overshoot_angle_reference"}),
+    "forecast_turning_circle": (4, FORECAST | {"family", "advance_median", "tactical_diameter_reference"}),
+    "coefficients": (
+        102,
+        {
+            "dof",
+            "coefficient",
+            "reference",
+            "sign_source",
+            "mean_conjugate",
+            "sd_semiconjugate",
+            "bound",
+            "bound_literal",
+        },
+    ),
     "agreement": (16, {"family", "dof", "method", "largest_z", "z_limit", "r_hat", "divergences", "agrees"}),
     "denoising": (6, {"channel", "noise", "before", "after", "gain"}),
+    "methods": (2 * 6, (SUMMARY - {"family", "dof"}) | {"level", "method", "detail"}),
+    "published_bound": (2, {"family", "errors", "median", "below", "on_bound", "level"}),
+    "trajectory_zigzag": (2, FORECAST | {"pareto_khat", "first_overshoot_angle_median"}),
+    "trajectory_turning_circle": (2, FORECAST | {"pareto_khat", "advance_median"}),
     "data": (4, {"dof", "rows", "terms", "condition", "vif_median", "vif_largest", "largest"}),
 }
 UNKNOWN = {
     "published": {"coverage"},
     "agreement": {"divergences"},
-    "coefficients": {f"{name}_{family}" for name in ("published", "published_error", "error") for family in FAMILIES},
+    "coefficients": {f"{name}_{family}" for name in ("published", "published_error", "error") for family in FAMILIES}
+    | {"bound", "bound_literal"},
+    "methods": {"coverage"},
 }
-"""What may be NaN: no intervals are printed, Gibbs knows no divergence, a zero has no relative error."""
+"""What may be NaN: no intervals are printed, nor are there of the bound, Gibbs knows no divergence, a zero has no
+relative error."""
 
 
 @pytest.mark.slow
@@ -111,7 +130,7 @@ def test_every_table_is_known(result):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in TABLES if not name.startswith("forecast")])
+@pytest.mark.parametrize("name", [name for name in TABLES if not name.startswith(("forecast", "trajectory"))])
 def test_a_table_is_finite_but_for_what_cannot_be_known(result, name):
     wrong = [
         (key, value)
@@ -127,6 +146,7 @@ def test_relative_errors_are_unknown_for_zeros_only(result):
     for row in csv_tables(result)["coefficients"]:
         for family in FAMILIES:
             assert np.isnan(row[f"error_{family}"]) == (row["reference"] == 0.0)
+        assert np.isnan([row["bound"], row["bound_literal"]]).tolist() == 2 * [row["reference"] == 0.0]
 
 
 @pytest.mark.slow
@@ -139,6 +159,62 @@ def test_forecasts_at_the_level_shown_are_scored_and_shares_are_shares(result):
                 assert 0.0 <= row["coverage"] <= 100.0
     row = result.tables["forecast_turning_circle"][0]
     assert row["advance_lower"] <= row["advance_median"] <= row["advance_upper"]
+
+
+def median_errors(result):
+    return {(row["level"], row["method"]): row["median"] for row in result.tables["methods"]}
+
+
+@pytest.mark.slow
+def test_the_bound_is_that_of_the_noise_on_the_record(result):
+    """Of the record as it was polluted, and 1 % of noise has a hundredth of the bound of all."""
+    noisy = result.noisy[LEVEL]
+    sd = {name: noisy.attrs[f"noise_sd_{name}"] for name in ("u", "v", "r", "p", "phi")}
+    bound = module("estimates").cramer_rao_bound(result.trial, result.vessel, sd, method="euler")
+    np.testing.assert_allclose(LEVEL * result.bound, bound, rtol=1e-9)
+    for row in csv_tables(result)["coefficients"]:
+        if row["reference"] != 0.0:
+            expected = 100.0 * float(bound.sel(coefficient=row["coefficient"])) / abs(1e-5 * row["reference"])
+            assert row["bound"] == pytest.approx(expected, rel=1e-9)
+            assert row["bound_literal"] == pytest.approx(expected * LITERAL_LEVEL / LEVEL, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_the_methods_stand_where_their_use_of_the_record_puts_them(result):
+    """At 1 % of noise: the fit near the bound, the order-damped one below both, the others far above."""
+    median = {method: value for (level, method), value in median_errors(result).items() if level == LEVEL}
+    bound, flat, damped, *others = median.values()
+    assert 0.5 * bound < flat < 2.0 * bound
+    assert damped < flat
+    assert min(others) > 1.5 * bound
+    assert median["paper's pipeline"] > 3.0 * flat
+    shown = next(
+        row
+        for row in result.tables["errors"]
+        if (row["level"], row["family"], row["dof"]) == (LEVEL, "conjugate", "all")
+    )
+    assert median["paper's pipeline"] == shown["median"]
+
+
+@pytest.mark.slow
+def test_the_published_errors_cannot_come_from_the_printed_noise(result):
+    for row in result.tables["published_bound"]:
+        assert row["below"] > 0.95 * row["errors"]
+        assert row["on_bound"] > 100.0 * row["median"]
+        assert row["level"] < 0.01 * LITERAL_LEVEL
+    bound = median_errors(result)[LITERAL_LEVEL, "Cramer-Rao bound"]
+    assert bound == pytest.approx(row["on_bound"], rel=0.1)
+
+
+@pytest.mark.slow
+def test_the_trajectory_fit_forecasts_better_than_the_pipeline(result):
+    for name in ("zigzag", "turning_circle"):
+        fit, pipeline = (
+            next(row for row in result.tables[f"{kind}_{name}"] if row["level"] == LEVEL)
+            for kind in ("trajectory", "forecast")
+        )
+        assert fit["error"] < 0.3 * pipeline["error"]
+        assert "outside the motion of the record" in fit["extrapolation"]
 
 
 @pytest.mark.slow
@@ -222,6 +298,9 @@ def unpublished(result):
     tables = {name: [row for row in rows if row.get("dof") != "roll"] for name, rows in result.tables.items()}
     tables["published"] = module("tables").published_rows(vessel, FAMILIES)
     tables["printed_errors"] = module("replication").printed_error_rows(vessel, tuple(FAMILIES))
+    names = [str(name) for dof in kept for name in vessel.coefficients(dof)["coefficient"].values]
+    unit_bound = result.bound.sel(coefficient=names).values
+    tables["published_bound"] = module("replication").published_bound_rows(vessel, unit_bound, tuple(FAMILIES))
     return replace(result, vessel=vessel, draws=draws, tables=tables)
 
 
@@ -250,6 +329,7 @@ PURPOSES = [
     ("gibbs", "conjugate", "surge"),
     ("nuts", "conjugate", "sway"),
     ("sweep",),
+    ("trajectory", 0.01),
 ]
 
 
@@ -283,6 +363,7 @@ FIGURES = {
     "tuning",
     "sample_paths",
     "sweep",
+    "methods",
     "forecast_zigzag",
     "forecast_turning_circle",
 }
@@ -421,7 +502,7 @@ def test_the_page_names_no_place_on_this_machine(text, page, folder):
 @pytest.mark.slow
 def test_every_link_of_the_page_has_its_place(page):
     targets = [attrs["href"] for attrs in page.all("a") if attrs["href"] != "diagnostics.html"]
-    assert len(targets) == 9
+    assert len(targets) == 10
     assert {target.removeprefix("#") for target in targets} <= set(page.ids)
 
 
@@ -442,7 +523,7 @@ def test_ids_inside_the_figures_are_unique(page):
 def test_every_figure_has_a_caption_and_every_image_its_words(page):
     drawn = [attrs["id"] for attrs in page.all("figure")]
     assert set(drawn) == FIGURES | {f"{kind}_{family}" for kind in ("trace", "rank") for family in FAMILIES}
-    assert len(drawn) == 11
+    assert len(drawn) == 12
     assert all(len(page.captions[name]) > 20 for name in drawn)
     assert all(attrs["alt"] for attrs in page.all("img"))
     assert len(page.all("svg")) + len(page.all("img")) == len(drawn)
@@ -470,6 +551,15 @@ def test_the_page_says_what_was_run(page):
     assert "Bayesian regression of 102 coefficients" in page.text
     assert "16 of 16 comparisons" in page.text
     assert f"--level {LEVEL:g} --seed {SEED}" in page.text
+
+
+@pytest.mark.slow
+def test_the_page_goes_from_the_bound_down(page, result):
+    assert "9 From the bound down" in page.text
+    below = sum(row["below"] for row in result.tables["published_bound"])
+    assert f"{below} of 186 published errors lie below" in page.text
+    assert "bound % at 0.447" in page.text
+    assert page.text.count("outside the motion of the record") >= 3
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def without_roll(vessel):
 
 
 def record(vessel, manoeuvre, *, duration=120.0, interval=0.1, initial_state=None, begin=0.0) -> xr.Dataset:
-    """Clean record that the fit can reproduce to the last digit: Runge-Kutta steps of at most 0.1 s along its rudder."""
+    """Clean record that a fit can follow to the last digit: Runge-Kutta steps of at most 0.1 s along its rudder."""
     run = ps.simulate(vessel, manoeuvre, duration=duration, step=0.05, record_interval=interval, method="rk4")
     delta, start = run["delta"].values, np.zeros(8)
     start[0] = run.attrs["approach_speed"]

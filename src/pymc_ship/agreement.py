@@ -13,6 +13,8 @@ import xarray as xr
 
 from pymc_ship.diagnostics import DESIGN, R_HAT_LIMIT, data_of, gates, missing, prior_of, quantities, summary
 from pymc_ship.identification import EXACT
+from pymc_ship.trajectory_diagnostics import gates as trajectory_gates
+from pymc_ship.trajectory_diagnostics import of_trajectories
 
 PROBABILITIES = (0.05, 0.5, 0.95)
 """Probabilities of the quantiles compared."""
@@ -189,8 +191,10 @@ class Comparison:
 
     @cached_property
     def gates(self) -> dict[str, list[dict]]:
-        """Convergence gates of every method."""
-        return {method: gates(tree) for method, tree in self.trees.items()}
+        """Convergence gates of every method, or those of whole trajectories."""
+        return {
+            method: (trajectory_gates if of_trajectories(tree) else gates)(tree) for method, tree in self.trees.items()
+        }
 
     @property
     def failed_gates(self) -> list[str]:

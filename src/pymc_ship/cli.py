@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from pymc_ship import __version__
+from pymc_ship.command_words import draws, interval, level, names, seed, zigzag
 
 FAMILIES = ("conjugate", "semiconjugate")
 """Prior families; like the choices below a copy of the API's, so that ``--help`` need not import it."""
@@ -37,6 +38,12 @@ _DENOISE_EXAMPLES = """examples:
   pymc-ship denoise trial.csv --out smooth.csv
   pymc-ship denoise trial.csv --wavelet db8 --prior cauchy --out smooth.csv
 """
+_CHECK_EXAMPLES = """examples:
+  pymc-ship check trial.csv --vessel container
+  pymc-ship check trial.txt --format columns.toml --vessel my.toml --out corrected.csv
+
+status 3 says that a check is bad: the trial is not to be fitted, and no corrected one is written.
+"""
 _IDENTIFY_EXAMPLES = """examples:
   pymc-ship identify trial.csv --vessel container --out identified
   pymc-ship identify smooth.csv --vessel my.toml --raw --select bayesian_optimisation --out identified
@@ -56,6 +63,10 @@ _FORECAST_EXAMPLES = """examples:
 _DESIGN_EXAMPLES = """examples:
   pymc-ship design trajectory.nc --vessel container --n 2 --out design
   pymc-ship design trajectory.nc --vessel my.toml --criterion forecast --out design
+"""
+_FRONTIER_EXAMPLES = """examples:
+  pymc-ship frontier --out reports/frontier
+  pymc-ship frontier --seeds 4 --seed 7 --quiet --out frontier
 """
 _STUDY_EXAMPLES = """example:
   pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/container
@@ -127,22 +138,32 @@ def _fail(sentence: str, status: int) -> int:
 
 
 @contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str], None]]:
-    """Function that shows what is going on: a spinner on a terminal, otherwise a line for each step."""
+def _progress(quiet: bool) -> Iterator[Callable[..., None]]:
+    """Function that shows what is going on: a spinner on a terminal, otherwise a line for each step.
+
+    With ``remark=True`` the text is to stay, on a terminal, too.
+    """
     if quiet:
-        yield lambda _: None
+        yield lambda text, remark=False: None
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda text: print(text, file=sys.stderr, flush=True)
+        yield lambda text, remark=False: print(text, file=sys.stderr, flush=True)
         return
     columns = (SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("")
-        yield lambda text: bar.update(task, description=text)
+
+        def show(text: str, remark: bool = False) -> None:
+            if remark:
+                console.print(text, markup=False, highlight=False, soft_wrap=True)
+            else:
+                bar.update(task, description=text)
+
+        yield show
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -156,12 +177,14 @@ def _parser() -> argparse.ArgumentParser:
     for add in (
         _add_study,
         _add_simulate,
+        _add_check,
         _add_denoise,
         _add_identify,
         _add_fit,
         _add_tune,
         _add_forecast,
         _add_design,
+        _add_frontier,
         _add_report,
     ):
         add(commands)
@@ -175,7 +198,7 @@ def _command(commands, name: str, description: str, epilog: str) -> argparse.Arg
         name, help=description, description=description, epilog=epilog, formatter_class=formatter
     )
     command.add_argument(
-        "--seed", type=_seed, default=2020, help="root of every random number, recorded in the output (%(default)s)"
+        "--seed", type=seed, default=2020, help="root of every random number, recorded in the output (%(default)s)"
     )
     command.add_argument("--quiet", action="store_true", help="no progress and no remarks; results and errors only")
     return command
@@ -194,7 +217,7 @@ def _add_simulate(commands) -> None:
     command = _command(commands, "simulate", "simulate a trial and print its indices", _SIMULATE_EXAMPLES)
     command.add_argument("vessel", metavar="VESSEL", help="shipped vessel or TOML file")
     manoeuvre = command.add_mutually_exclusive_group(required=True)
-    manoeuvre.add_argument("--zigzag", type=_zigzag, metavar="RUDDER/HEADING", help="zigzag test [deg], such as 20/20")
+    manoeuvre.add_argument("--zigzag", type=zigzag, metavar="RUDDER/HEADING", help="zigzag test [deg], such as 20/20")
     manoeuvre.add_argument("--turn", type=float, metavar="RUDDER", help="turning circle [deg], such as 35")
     manoeuvre.add_argument("--programme", metavar="FILE", help="rudder programme: CSV with the header time,delta_deg")
     command.add_argument("--side", choices=SIDES, help="side turned to first by a zigzag or a circle (port)")
@@ -203,30 +226,43 @@ def _add_simulate(commands) -> None:
     command.add_argument("--step", type=float, default=0.02, help="integration and sampling step [s] (%(default)s)")
     command.add_argument("--method", choices=METHODS, default="euler", help="integrator (%(default)s)")
     command.add_argument(
-        "--noise", type=_level, help="noise level: sd over peak of sway, 0.3 of it elsewhere, or `literal` (none)"
+        "--noise", type=level, help="noise level: sd over peak of sway, 0.3 of it elsewhere, or `literal` (none)"
     )
     command.add_argument("--out", required=True, help="CSV file of the trial")
 
 
+def _add_check(commands) -> None:
+    command = _command(commands, "check", "check a trial before it is fitted, and correct it", _CHECK_EXAMPLES)
+    _add_trial(command)
+    command.add_argument("--vessel", help="shipped vessel or TOML file (L/U is guessed from the tightest turn)")
+    command.add_argument("--out", help="CSV file of the corrected trial (not written)")
+
+
 def _add_denoise(commands) -> None:
     command = _command(commands, "denoise", "denoise the motion channels of a trial", _DENOISE_EXAMPLES)
-    command.add_argument(
-        "trial", metavar="TRIAL", help="CSV file: time [s], u v [m/s], r p [rad/s], phi psi delta [rad]"
-    )
+    _add_trial(command)
     command.add_argument("--wavelet", default="sym8", help="orthogonal wavelet of PyWavelets (%(default)s)")
     command.add_argument("--prior", choices=DENOISE_PRIORS, default="laplace", help="prior of details (%(default)s)")
     command.add_argument("--decimated", action="store_true", help="decimated transform, not averaged over shifts")
     command.add_argument("--out", required=True, help="CSV file of the smooth trial")
 
 
+def _add_trial(command, name: str = "trial", **settings) -> None:
+    """Trial files of a command and how they are read."""
+    command.add_argument(
+        name, metavar="TRIAL", help="text or .gz: time [s], u v [m/s], r p [rad/s], phi psi delta [rad]", **settings
+    )
+    command.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
+
+
 def _add_regression(command) -> None:
     """Options that make regression data of a trial."""
-    command.add_argument("trial", metavar="TRIAL", help="CSV file: time [s], u v [m/s], r p [rad/s], phi delta [rad]")
+    _add_trial(command)
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
     command.add_argument("--raw", action="store_true", help="the trial is smooth already, do not denoise it")
     command.add_argument(
         "--interval",
-        type=_interval,
+        type=interval,
         default=1.0,
         help="interval of the rows [s] or `all` samples (%(default)s); 4 suits the weak form, whose windows overlap",
     )
@@ -245,13 +281,13 @@ def _add_identify(commands) -> None:
     command.add_argument(
         "--select", choices=SELECTIONS, default="evidence", help="how hyperparameters are chosen (%(default)s)"
     )
-    command.add_argument("--draws", type=_draws, default=4000, help="posterior draws, a multiple of 4 (%(default)s)")
+    command.add_argument("--draws", type=draws, default=4000, help="posterior draws, a multiple of 4 (%(default)s)")
     command.add_argument("--out", required=True, help="folder of <dof>-<family>.nc and coefficients.csv")
 
 
 def _add_fit(commands) -> None:
     command = _command(commands, "fit", "fit the simulated trajectory to raw trials", _FIT_EXAMPLES)
-    command.add_argument("trials", metavar="TRIAL", nargs="+", help="CSV file: time [s], delta [rad], channels in SI")
+    _add_trial(command, "trials", nargs="+")
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
     command.add_argument(
         "--prior",
@@ -260,7 +296,7 @@ def _add_fit(commands) -> None:
         help="of the coefficients: small for high orders, near the vessel file's values, or none (%(default)s)",
     )
     command.add_argument(
-        "--channels", type=_names, metavar="NAME,...", help="channels to fit (those of u, v, r, p, phi there are)"
+        "--channels", type=names, metavar="NAME,...", help="channels to fit (those of u, v, r, p, phi there are)"
     )
     command.add_argument(
         "--noise-model", choices=NOISE_MODELS, default="auto", help="auto tests the residuals (%(default)s)"
@@ -269,7 +305,7 @@ def _add_fit(commands) -> None:
         "--offsets", choices=("auto", "yes", "no"), default="auto", help="constant sensor offsets (%(default)s)"
     )
     command.add_argument("--method", choices=METHODS, default="rk4", help="integrator (%(default)s)")
-    command.add_argument("--draws", type=_draws, default=1000, help="posterior draws, a multiple of 4 (%(default)s)")
+    command.add_argument("--draws", type=draws, default=1000, help="posterior draws, a multiple of 4 (%(default)s)")
     command.add_argument("--out", required=True, help="folder of trajectory.nc and coefficients.csv")
 
 
@@ -291,7 +327,7 @@ def _add_forecast(commands) -> None:
     )
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: the reference ship")
     command.add_argument(
-        "--zigzag", type=_zigzag, action="append", default=[], metavar="RUDDER/HEADING", help="zigzag [deg]; repeatable"
+        "--zigzag", type=zigzag, action="append", default=[], metavar="RUDDER/HEADING", help="zigzag [deg]; repeatable"
     )
     command.add_argument(
         "--turn", type=float, action="append", default=[], metavar="RUDDER", help="turning circle [deg]; repeatable"
@@ -320,46 +356,15 @@ def _add_design(commands) -> None:
     command.add_argument("--out", required=True, help="folder of design.csv, predicted_sd.csv and rudder programmes")
 
 
+def _add_frontier(commands) -> None:
+    description = "measure how close every method comes to the Cramer-Rao bound"
+    command = _command(commands, "frontier", description, _FRONTIER_EXAMPLES)
+    command.add_argument("--seeds", type=int, default=25, help="data sets of each kind and noise level (%(default)s)")
+    command.add_argument("--out", default="reports/frontier", help="folder of the report (%(default)s)")
+
+
 def _add_report(commands) -> None:
     command = _command(commands, "report", "diagnose saved posteriors and write a report", _REPORT_EXAMPLES)
     command.add_argument("posteriors", metavar="POSTERIOR", nargs="+", help="posterior file, .nc or .zarr")
     command.add_argument("--vessel", help="shipped vessel or TOML file: reference and published values (none)")
     command.add_argument("--out", default="reports/diagnostics", help="folder of diagnostics.html (%(default)s)")
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0 up, found {text!r}")
-    return int(text)
-
-
-def _draws(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0 or int(text) % 4:
-        raise argparse.ArgumentTypeError(f"draws come as a multiple of 4, found {text!r}")
-    return int(text)
-
-
-def _zigzag(text: str) -> tuple[float, float]:
-    try:
-        rudder, heading = (float(angle) for angle in text.split("/"))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"a zigzag is RUDDER/HEADING in deg such as 20/20, found {text!r}") from None
-    return rudder, heading
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-def _level(text: str) -> float | str:
-    try:
-        return text if text == "literal" else float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"a noise level is a number or 'literal', found {text!r}") from None
-
-
-def _interval(text: str) -> float | None:
-    try:
-        return None if text == "all" else float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"an interval is a number of seconds or 'all', found {text!r}") from None

@@ -13,6 +13,7 @@ from pymc_ship.forecast import BANDS, stated_shares
 from pymc_ship.vessel import Vessel
 
 if TYPE_CHECKING:
+    from pymc_ship.check_verdicts import Check
     from pymc_ship.tune import TunedPrior
 
 
@@ -75,6 +76,15 @@ def coefficient_table(rows: list[tuple], families: Sequence[str]) -> str:
         lines.setdefault((name, dof), [1e5 * reference]).extend(1e5 * value for value in values)
     columns = [column for family in families for column in (f"{family} mean", "sd", "5 %", "95 %")]
     return table(("times 1e5", "dof", "reference", *columns), [(*key, *line) for key, line in lines.items()])
+
+
+def check_text(checks: Iterable[Check]) -> str:
+    """One line for each check: name, verdict and sentence; those that nothing is the matter with come last."""
+    order = {verdict: place for place, verdict in enumerate(("bad", "doubtful", "good", "not checked"))}
+    checks = sorted(checks, key=lambda check: order[check.verdict])
+    width = max(len(check.name) for check in checks)
+    rows = ((check.name, check.verdict, check.sentence.removeprefix("Not checked: ")) for check in checks)
+    return "\n".join(f"{name:{width}}  {verdict:11}  {sentence}" for name, verdict, sentence in rows)
 
 
 def divergence(run: xr.Dataset) -> str:

@@ -20,6 +20,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.command_texts import (
+    check_text,
     coefficient_rows,
     coefficient_table,
     criteria_table,
@@ -39,7 +40,7 @@ from pymc_ship.posterior import read_posterior, write_posterior
 from pymc_ship.trial import CHANNELS, UNITS, TrialError
 from pymc_ship.vessel import Vessel
 
-Progress = Callable[[str], None]
+Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str]
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
@@ -79,9 +80,26 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     return "\n\n".join(filter(None, text)), out
 
 
+def check(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Check a trial; the text has the verdict of each check and what was corrected."""
+    from pymc_ship.trial_checks import failed_checks
+
+    vessel = ps.load_vessel(args.vessel) if args.vessel else None
+    trial = _trial(args.trial, args, progress)
+    out = _output_file(args.out) if args.out else None
+    progress("checking")
+    checks = ps.trial_checks(trial, vessel)
+    failure = failed_checks(checks)
+    if failure or not out:
+        return check_text(checks), None, failure
+    corrected = ps.corrected_trial(trial, checks)
+    _write_trial(corrected, out, args)
+    return "\n".join([check_text(checks), "", *(corrected.attrs["corrections"] or ["Nothing to correct."])]), out
+
+
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Denoise a trial; the text has the noise found on each channel."""
-    trial = ps.read_trial(args.trial)
+    trial = _trial(args.trial, args, progress)
     out = _output_file(args.out)
     progress("denoising")
     smooth = ps.denoise(trial, args.wavelet, args.prior, not args.decimated)
@@ -95,7 +113,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.identification import EXACT
     from pymc_ship.identification import identify as identified
 
-    vessel, trial = ps.load_vessel(args.vessel), ps.read_trial(args.trial)
+    vessel, trial = ps.load_vessel(args.vessel), _trial(args.trial, args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
     families = tuple(EXACT) if args.family == "both" else (args.family,)
@@ -116,7 +134,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
-    vessel, trials = ps.load_vessel(args.vessel), [ps.read_trial(path) for path in args.trials]
+    vessel, trials = ps.load_vessel(args.vessel), [_trial(path, args, progress) for path in args.trials]
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
     progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
@@ -134,7 +152,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
-    vessel, trial = ps.load_vessel(args.vessel), ps.read_trial(args.trial)
+    vessel, trial = ps.load_vessel(args.vessel), _trial(args.trial, args, progress)
     out = _output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
     data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)
@@ -193,11 +211,17 @@ def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     return design_text(found), out
 
 
+def frontier(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Measure every method against the Cramer-Rao bound; the text has each number beside its aim."""
+    from pymc_ship.frontier_report import reported_frontier
+
+    return reported_frontier(args.out, seeds=args.seeds, seed=args.seed, progress=progress)
+
+
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Report on saved posteriors; the text has the verdict on each."""
     from pymc_ship.agreement import comparisons, failure
-    from pymc_ship.diagnostic_parts import verdict
-    from pymc_ship.diagnostic_report import check_trees, write_diagnostics
+    from pymc_ship.diagnostic_report import check_trees, verdict, write_diagnostics
 
     vessel = ps.load_vessel(args.vessel) if args.vessel else None
     paths = {Path(path).stem: path for path in args.posteriors}
@@ -231,6 +255,14 @@ def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
         reason = getattr(error, "strerror", None) or error
         raise ManoeuvreError(f"The rudder programme {path} cannot be read: {reason}; mend it.") from None
     return time, np.deg2rad(delta_deg)
+
+
+def _trial(path: str, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
+    """Trial of a file; what was interpreted or changed in it is shown."""
+    trial = ps.read_trial(path, format=args.format)
+    for sentence in trial.attrs["reading"].splitlines():
+        progress(f"{path}: {sentence}", remark=True)
+    return trial
 
 
 def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
@@ -287,7 +319,7 @@ def _staged_files(folder: Path) -> Iterator[Path]:
 def _provenance(args: argparse.Namespace) -> str:
     """What made a file: version, command and options, but not where it was written."""
     options = {key: value for key, value in sorted(vars(args).items()) if key not in _NOT_RECORDED}
-    for key in ("trial", "posterior", "programme", "vessel"):
+    for key in ("trial", "format", "posterior", "programme", "vessel"):
         if options.get(key):
             options[key] = Path(options[key]).name
     return f"pymc-ship {ps.__version__} {args.command} {json.dumps(options)}"
@@ -296,7 +328,8 @@ def _provenance(args: argparse.Namespace) -> str:
 def _write_trial(trial: xr.Dataset, path: Path, args: argparse.Namespace) -> None:
     with staged(path) as partial:
         text = ps.write_trial(trial, partial).read_text(encoding="utf-8")
-        partial.write_text(f"# {_provenance(args)}\n{text}", encoding="utf-8")
+        remarks = [f"# {remark}\n" for remark in (_provenance(args), *trial.attrs.get("corrections", ()))]
+        partial.write_text("".join(remarks) + text, encoding="utf-8")
 
 
 def _write_csv(

@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 import matplotlib
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator
 
 from pymc_ship import diagnostics
 from pymc_ship.figures import COLOURS, NOISE, REFERENCE, STYLE, subplots
@@ -21,6 +23,7 @@ PREDICTIVE_SAMPLES = 50
 PAIR_DRAWS = 2000
 """Draws shown in a pair plot."""
 
+_FOREST_TICKS = np.outer((-1, 1), (0, 1, 2, 3, 10, 100, 1000, 1e4, 1e5, 1e6)).ravel()
 _INK, _BLUE, _RUST = REFERENCE, COLOURS["conjugate"], COLOURS["semiconjugate"]
 
 
@@ -105,27 +108,38 @@ def forest(tree: xr.DataTree, reference: np.ndarray | None, published: Mapping[s
     else:
         unit, label = np.asarray(reference, dtype=float), "coefficient / reference"
     kept = np.flatnonzero(unit != 0.0)
-    shown = (draws.isel(coefficient=kept) / unit[kept]).rename("coefficients")
-    relative = xr.DataTree.from_dict({"posterior": shown.to_dataset()})
-    settings = {"combined": True, "ci_kind": "eti", "ci_probs": (0.5, diagnostics.CI_PROB), "point_estimate": "mean"}
-    fig = arviz_figure("plot_forest", relative, (8.0, 0.9 + 0.24 * kept.size), labels=["coefficient"], **settings)
-    ax = max(fig.axes, key=lambda axes: len(axes.collections) + len(axes.lines))
-    for names in fig.axes:
-        names.set_visible(names is ax or bool(names.texts))
-        names.set_xlabel("")
-        names.spines["bottom"].set_visible(names is ax)
-        names.set_xticks([] if names is not ax else ax.get_xticks())
+    fig, ax, heights = forest_of(draws.isel(coefficient=kept) / unit[kept])
     ax.axvline(0.0, color=NOISE, lw=0.8, zorder=0)
-    heights = _heights(ax, shown.mean(("chain", "draw")).values)
     if reference is not None:
         ax.axvline(1.0, color=_INK, ls="--", lw=0.9, label="reference")
         for (family, values), colour, marker in zip(published.items(), (_RUST, _INK), "dx", strict=False):
             ratio = np.asarray(values, dtype=float)[kept] / unit[kept]
             ax.plot(ratio, heights, marker, color=colour, ms=4.5, ls="none", label=f"published, {family}")
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
-    ax.set_xscale("symlog", linthresh=3.0)
     ax.set_xlabel(f"{label} (linear between −3 and 3, logarithmic beyond)")
     return fig
+
+
+def forest_of(draws: xr.DataArray) -> tuple[Figure, Axes, np.ndarray]:
+    """Forest of draws, dims (chain, draw, coefficient), with equal-tailed 50 and 95 % intervals and means.
+
+    Linear between -3 and 3 and logarithmic beyond; with it come the axes and the height of each coefficient's row.
+    """
+    shown = draws.rename("coefficients")
+    relative, size = xr.DataTree.from_dict({"posterior": shown.to_dataset()}), (8.0, 0.9 + 0.24 * shown.shape[-1])
+    settings = {"combined": True, "ci_kind": "eti", "ci_probs": (0.5, diagnostics.CI_PROB), "point_estimate": "mean"}
+    fig = arviz_figure("plot_forest", relative, size, labels=["coefficient"], **settings)
+    ax = max(fig.axes, key=lambda axes: len(axes.collections) + len(axes.lines))
+    for names in fig.axes:
+        names.set_visible(names is ax or bool(names.texts))
+        names.set_xlabel("")
+        names.spines["bottom"].set_visible(names is ax)
+        names.set_xticks([] if names is not ax else ax.get_xticks())
+    heights = _heights(ax, shown.mean(("chain", "draw")).values)
+    ax.set_xscale("symlog", linthresh=3.0)
+    ax.xaxis.set_major_locator(FixedLocator(_FOREST_TICKS))
+    ax.xaxis.set_major_formatter("{x:g}")
+    return fig, ax, heights
 
 
 def _heights(ax, means: np.ndarray) -> np.ndarray:
@@ -161,7 +175,8 @@ def predictive(tree: xr.DataTree) -> Figure:
 
 def pair(tree: xr.DataTree, names: Sequence[str]) -> Figure:
     """Draws of the most correlated coefficients against each other."""
-    thin = max(1, tree["posterior"]["noise_variance"].size // PAIR_DRAWS)
+    sizes = tree["posterior"].sizes
+    thin = max(1, sizes["chain"] * sizes["draw"] // PAIR_DRAWS)
     drawn = chosen_draws(tree, names).isel(draw=slice(None, None, thin))
     fig = arviz_figure("plot_pair", drawn, (8.0, 5.6), marginal=True, marginal_kind="kde")
     for ax in fig.axes:

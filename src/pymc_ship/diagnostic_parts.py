@@ -52,7 +52,7 @@ def verdict(one: Comparison) -> list[str]:
     if one.agreement is not None:
         lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
     tree = one.posterior
-    if lacking := _lacking(tree, *DESIGN):
+    if lacking := missing_sentence(tree, *DESIGN):
         return [*lines, f"What the data determine and the residuals are not known: {lacking}"]
     return [*lines, _determined(tree), _white(tree)]
 
@@ -84,7 +84,7 @@ def _white(tree: xr.DataTree) -> str:
     )
 
 
-def _lacking(tree: xr.DataTree, *wanted: str) -> str:
+def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
     """Sentence that says which variables a part lacks; empty when it has them all."""
     lacking = diagnostics.missing(tree, *wanted)
     return f"the tree has no {' and no '.join(lacking)}." if lacking else ""
@@ -98,7 +98,7 @@ def parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> lis
         _agreement(one),
         _coefficients(tree, ship),
         _chains(chains, one.sampler if len(one.trees) > 1 else ""),
-        _energy(chains),
+        energy_part(chains),
         _noise_variance(tree, rng),
         _predictive(tree, rng),
         _correlation(tree),
@@ -109,7 +109,8 @@ def parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> lis
     ]
 
 
-def _convergence(one: Comparison) -> Part:
+def gate_table(one: Comparison) -> Table:
+    """Worst value of every gate of every method against its limit."""
     columns = {
         "method": ("method", str),
         "gate": ("gate", str),
@@ -125,11 +126,15 @@ def _convergence(one: Comparison) -> Part:
         for method, gates in one.gates.items()
         for gate in gates
     ]
+    return table(rows, columns)
+
+
+def _convergence(one: Comparison) -> Part:
     unknown = [method for method, tree in one.trees.items() if "sample_stats" not in tree.children]
     whose = f" of {' and '.join(unknown)}" if len(one.trees) > 1 else ""
     text = f"Divergences and E-BFMI{whose} are not judged: there are no sample_stats." if unknown else ""
     caption = "Worst value over all quantities against its limit."
-    return Part("Convergence gates", text, [(table(rows, columns), caption)])
+    return Part("Convergence gates", text, [(gate_table(one), caption)])
 
 
 def _agreement(one: Comparison) -> Part:
@@ -204,6 +209,13 @@ def _chains(tree: xr.DataTree, method: str) -> Part:
     if not names:
         return Part("Chains", f"{whose}Not drawn: none of the chosen quantities varies.", tables)
     text = f"{whose}Drawn are the coefficient of largest R-hat, the most correlated pair and the noise variance."
+    if tree["posterior"].sizes["chain"] < 2:
+        text = f"{text} Ranks are not drawn: they need two chains."
+    return Part("Chains", text, tables, chain_images(tree, names))
+
+
+def chain_images(tree: xr.DataTree, names: list[str]) -> list[tuple[str, Figure, str]]:
+    """Traces, ranks where there are two chains, and growth of the effective sample size of some quantities."""
     limit = f"{diagnostics.ESS_LIMIT:g}"
     images = [
         ("trace", drawn.trace(tree, names), "Trace, one colour a chain."),
@@ -215,7 +227,7 @@ def _chains(tree: xr.DataTree, method: str) -> Part:
         ),
     ]
     if tree["posterior"].sizes["chain"] < 2:
-        return Part("Chains", f"{text} Ranks are not drawn: they need two chains.", tables, images)
+        return images
     ranks = (
         "rank",
         drawn.rank(tree, names),
@@ -223,11 +235,12 @@ def _chains(tree: xr.DataTree, method: str) -> Part:
         f"(black: where it fails at the {100 * (1 - ENVELOPE):.0f} % level; envelope_prob {ENVELOPE:g}).",
     )
     images.insert(1, ranks)
-    return Part("Chains", text, tables, images)
+    return images
 
 
-def _energy(tree: xr.DataTree) -> Part:
-    if lacking := _lacking(tree, "sample_stats/energy"):
+def energy_part(tree: xr.DataTree) -> Part:
+    """E-BFMI and energies of a Hamiltonian sampler."""
+    if lacking := missing_sentence(tree, "sample_stats/energy"):
         return Part("Energy", f"Not shown: {lacking}")
     caption = f"E-BFMI of each chain, limit {diagnostics.E_BFMI_LIMIT:g}; marginal energy and its transitions."
     return Part("Energy", "", [], [("energy", drawn.energy(tree), caption)])
@@ -247,7 +260,7 @@ def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 
 def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Prior and posterior predictive check"
-    if lacking := _lacking(tree, *DESIGN):
+    if lacking := missing_sentence(tree, *DESIGN):
         return Part(title, f"Not shown: {lacking}")
     low, middle, high = diagnostics.prior_predictive_ratio(tree, rng)
     made = (
@@ -286,7 +299,7 @@ def _correlation(tree: xr.DataTree) -> Part:
 
 def _directions(tree: xr.DataTree) -> Part:
     title = "Singular directions of the design"
-    if lacking := _lacking(tree, *DESIGN):
+    if lacking := missing_sentence(tree, *DESIGN):
         return Part(title, f"Not shown: {lacking}")
     rows = diagnostics.singular_directions(tree)
     open_ = sum(row["share"] <= CONTRACTION_LIMIT for row in rows)
@@ -307,7 +320,7 @@ def _directions(tree: xr.DataTree) -> Part:
 
 
 def _residuals(tree: xr.DataTree) -> Part:
-    if lacking := _lacking(tree, *DESIGN):
+    if lacking := missing_sentence(tree, *DESIGN):
         return Part("Residuals", f"Not shown: {lacking}")
     values = diagnostics.residuals(tree)
     if values.size < 10:
@@ -326,7 +339,7 @@ def _residuals(tree: xr.DataTree) -> Part:
 
 def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Leave-one-out cross-validation"
-    if lacking := _lacking(tree, "log_likelihood/response", *DESIGN):
+    if lacking := missing_sentence(tree, "log_likelihood/response", *DESIGN):
         return Part(title, f"Not shown: {lacking}")
     loo = diagnostics.cross_validation(tree)
     k = np.ravel(loo.pareto_k.values)
@@ -353,7 +366,7 @@ def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 
 def _sensitivity(tree: xr.DataTree) -> Part:
     title = "Sensitivity to prior and likelihood"
-    if lacking := _lacking(tree, "log_prior/coefficients", "log_likelihood/response"):
+    if lacking := missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
     rows = diagnostics.prior_sensitivity(tree)
     moved = [row["quantity"] for row in rows if row["prior"] > PSENSE_LIMIT]

@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship import diagnostics, figures
+from pymc_ship import diagnostic_parts, diagnostics, figures, trajectory_parts
 from pymc_ship.agreement import LEVEL, Comparison, comparisons
-from pymc_ship.diagnostic_parts import parts, verdict
+from pymc_ship.diagnostic_parts import Part
 from pymc_ship.diagnostics import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
 from pymc_ship.output import staged, writable_folder
 from pymc_ship.page_tables import number, rendered
+from pymc_ship.trajectory_diagnostics import check_trajectory, of_trajectories
+from pymc_ship.trajectory_prior import coefficient_names
 from pymc_ship.vessel import Vessel, VesselError, load_vessel
 
 PAGE = "diagnostics.html"
@@ -100,7 +102,7 @@ def diagnostic_page(
     for k, one in enumerate(compared):
         progress(f"diagnosing {one.name}")
         sections.append(_section(f"posterior-{k + 1}", one, ship, np.random.default_rng(seed), images))
-    return _render(sections, images, back)
+    return _render(sections, images, back, trajectories=any(of_trajectories(one.posterior) for one in compared))
 
 
 def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None:
@@ -108,7 +110,7 @@ def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None
     if not trees:
         raise ValueError("A diagnostic report needs at least one posterior, found none; give trees by name.")
     for name, tree in trees.items():
-        diagnostics.check_posterior(tree, name)
+        (check_trajectory if of_trajectories(tree) else diagnostics.check_posterior)(tree, name)
         if vessel is None:
             continue
         if tree.attrs["vessel"] != vessel.name:
@@ -116,11 +118,30 @@ def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None
                 f"The posterior is to be of {vessel.name!r}, found {tree.attrs['vessel']!r} in {name}; use its vessel."
             )
         names = [str(value) for value in tree["posterior"]["coefficient"].values]
-        if names != [str(value) for value in vessel.coefficients(tree.attrs["dof"])["coefficient"].values]:
+        if names != _names_of(vessel, tree):
             raise VesselError(
                 f"The posterior is to hold the {tree.attrs['dof']} coefficients of {vessel.name!r} in order, found "
                 f"{', '.join(names)} in {name}; use the vessel it was made with."
             )
+
+
+def _names_of(vessel: Vessel, tree: xr.DataTree) -> list[str]:
+    """Coefficients that a posterior of the vessel holds: those of its DOF, or of all."""
+    if of_trajectories(tree):
+        return coefficient_names(vessel)
+    return [str(value) for value in vessel.coefficients(tree.attrs["dof"])["coefficient"].values]
+
+
+def verdict(one: Comparison) -> list[str]:
+    """What heads a section, of a regression or of whole trajectories."""
+    return (trajectory_parts if of_trajectories(one.posterior) else diagnostic_parts).verdict(one)
+
+
+def parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
+    """Every part of a section, of a regression or of whole trajectories."""
+    if of_trajectories(one.posterior):
+        return trajectory_parts.parts(one, ship)
+    return diagnostic_parts.parts(one, ship, rng)
 
 
 def _section(
@@ -139,7 +160,7 @@ def _section(
         "name": one.name,
         "failed": ", ".join(failed),
         "verdict": verdict(one),
-        "origin": _origin(one),
+        "origin": trajectory_parts.origin(one) if of_trajectories(one.posterior) else _origin(one),
         "parts": shown,
     }
 
@@ -164,7 +185,7 @@ def _plain(value: float | list) -> str:
     return _n(value) if not isinstance(value, list) else f"{_n(min(value))} to {_n(max(value))}"
 
 
-def _render(sections: list[dict], images: Mapping[str, str], back: str) -> str:
+def _render(sections: list[dict], images: Mapping[str, str], back: str, *, trajectories: bool) -> str:
     return rendered(
         "diagnostics.html.j2",
         title=f"Diagnostics of {len(sections)} posterior{'s' * (len(sections) > 1)}",
@@ -173,11 +194,11 @@ def _render(sections: list[dict], images: Mapping[str, str], back: str) -> str:
             f"{diagnostics.R_HAT_LIMIT:g}, bulk and tail ESS > {diagnostics.ESS_LIMIT:g}, no divergence, E-BFMI > "
             f"{diagnostics.E_BFMI_LIMIT:g}. Agreement: |z| within the two-sided normal quantile at {LEVEL:g} over the "
             f"number of comparisons. Whiteness at the {100 * WHITENESS_LEVEL:g} % level, "
-            f"sensitivity above {PSENSE_LIMIT:g}."
+            f"sensitivity above {PSENSE_LIMIT:g}.{f' {trajectory_parts.DEFAULTS}' if trajectories else ''}"
         ),
         back=back,
         sections=sections,
         figures=images,
         versions=", ".join(f"{name} {version(name)}" for name in ("pymc-ship", "arviz", "numpy", "scipy", "xarray")),
-        sources=SOURCES,
+        sources=(*SOURCES, *(trajectory_parts.SOURCES if trajectories else ())),
     )

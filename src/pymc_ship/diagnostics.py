@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -48,23 +49,28 @@ _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
 
 def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
     """Raise a ValueError that says what a tree lacks to be a posterior of this package."""
-    draws = tree["posterior"].dataset if "posterior" in tree.children else xr.Dataset()
-    lacking = [key for key, dims in REQUIRED.items() if key not in draws or draws[key].dims != dims]
-    lacking += [f"attrs[{key!r}]" for key in _ATTRS if key not in tree.attrs]
-    if lacking:
-        raise ValueError(
-            f"{name} is no posterior of this package, it lacks {', '.join(lacking)}; give one that a posterior "
-            "function or `pymc-ship identify` made."
-        )
-    broken = [key for key in REQUIRED if draws[key].size == 0 or not np.isfinite(draws[key].values).all()]
-    if broken or draws.sizes["draw"] < 4:
-        what = f"infinity, NaN or nothing in {broken[0]}" if broken else f"{draws.sizes['draw']} draws a chain"
-        raise ValueError(f"A posterior to diagnose holds four finite draws a chain or more, found {what} in {name}.")
+    check_draws(tree, name, REQUIRED, _ATTRS)
     try:
         prior_of(tree)
         json.loads(tree.attrs["scaling"])["response_scale"]
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{name} is no posterior of this package, its prior or scaling is broken: {error}.") from None
+
+
+def check_draws(tree: xr.DataTree, name: str, required: Mapping[str, tuple], attrs: Sequence[str]) -> None:
+    """Raise a ValueError when a tree lacks draws of some dims, or attrs, or its draws are few or not finite."""
+    draws = tree["posterior"].dataset if "posterior" in tree.children else xr.Dataset()
+    lacking = [key for key, dims in required.items() if key not in draws or draws[key].dims != dims]
+    lacking += [f"attrs[{key!r}]" for key in attrs if key not in tree.attrs]
+    if lacking:
+        raise ValueError(
+            f"{name} is no posterior of this package, it lacks {', '.join(lacking)}; give one that a posterior "
+            "function or `pymc-ship identify` made."
+        )
+    broken = [key for key in required if draws[key].size == 0 or not np.isfinite(draws[key].values).all()]
+    if broken or draws.sizes["draw"] < 4:
+        what = f"infinity, NaN or nothing in {broken[0]}" if broken else f"{draws.sizes['draw']} draws a chain"
+        raise ValueError(f"A posterior to diagnose holds four finite draws a chain or more, found {what} in {name}.")
 
 
 def has(tree: xr.DataTree, path: str) -> bool:
@@ -108,13 +114,13 @@ def quantities(tree: xr.DataTree) -> xr.DataArray:
     """Draws of every coefficient and of the noise variance, dims (chain, draw, quantity)."""
     posterior = tree["posterior"].dataset
     noise_variance = posterior["noise_variance"].expand_dims(coefficient=["noise_variance"])
-    draws = xr.concat([posterior["coefficients"], noise_variance], "coefficient").rename(coefficient="quantity")
-    return draws.transpose("chain", "draw", "quantity")
+    draws = xr.concat([posterior["coefficients"], noise_variance], "coefficient")
+    return draws.rename(coefficient="quantity").transpose("chain", "draw", "quantity")
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def summary(tree: xr.DataTree) -> xr.Dataset:
-    """Mean, sd, equal-tailed interval, MCSE, R-hat and effective sample sizes of every quantity.
+def summary(tree: xr.DataTree, draws: xr.DataArray | None = None) -> xr.Dataset:
+    """Mean, sd, equal-tailed interval, MCSE, R-hat and effective sample sizes of :func:`quantities` or other draws.
 
     Returns
     -------
@@ -124,7 +130,7 @@ def summary(tree: xr.DataTree) -> xr.Dataset:
     """
     import arviz as az
 
-    draws = quantities(tree)
+    draws = quantities(tree) if draws is None else draws
     tails = draws.quantile([0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], ("chain", "draw")).values
     values = {
         "mean": draws.mean(("chain", "draw")),
@@ -136,20 +142,19 @@ def summary(tree: xr.DataTree) -> xr.Dataset:
         "ess_bulk": az.ess(draws, method="bulk"),
         "ess_tail": az.ess(draws, method="tail"),
     }
-    one = draws.sizes["chain"] < 2
-    values["r_hat"] = xr.full_like(values["ess_bulk"], np.nan) if one else az.rhat(draws)
+    values["r_hat"] = az.rhat(draws) if draws.sizes["chain"] > 1 else xr.full_like(values["ess_bulk"], np.nan)
     return xr.Dataset(values, attrs={"ci_prob": CI_PROB, "ci_kind": "eti"})
 
 
-def gates(tree: xr.DataTree) -> list[dict]:
+def gates(tree: xr.DataTree, draws: xr.DataArray | None = None) -> list[dict]:
     """Convergence gates: what is measured, its worst value, where, the limit, and whether the gate holds.
 
-    R-hat below 1.01, bulk and tail ESS above 400; no divergence and E-BFMI above 0.3 where ``sample_stats`` has
-    ``diverging`` and ``energy``. A value that is NaN (a single chain, a chain that stands still) fails.
+    R-hat below 1.01, bulk and tail ESS above 400 (of :func:`quantities` or other draws); no divergence and E-BFMI above
+    0.3 where ``sample_stats`` has ``diverging`` and ``energy``. NaN (a single chain, one that stands still) fails.
     """
     import arviz as az
 
-    table = summary(tree)
+    table = summary(tree, draws)
     names = table["quantity"].values
 
     def worst(name: str, sign: float) -> tuple[float, str]:
@@ -157,9 +162,8 @@ def gates(tree: xr.DataTree) -> list[dict]:
         k = int(np.argmax(np.where(np.isnan(values), np.inf, sign * values)))
         return float(values[k]), str(names[k])
 
-    found = []
     value, where = worst("r_hat", 1.0)
-    found.append(_gate("largest R-hat", value, where, f"< {R_HAT_LIMIT:g}", value < R_HAT_LIMIT))
+    found = [_gate("largest R-hat", value, where, f"< {R_HAT_LIMIT:g}", value < R_HAT_LIMIT)]
     for name, label in (("ess_bulk", "least bulk ESS"), ("ess_tail", "least tail ESS")):
         value, where = worst(name, -1.0)
         found.append(_gate(label, value, where, f"> {ESS_LIMIT:g}", value > ESS_LIMIT))
@@ -170,9 +174,8 @@ def gates(tree: xr.DataTree) -> list[dict]:
     if "energy" in stats:
         bfmi = np.atleast_1d(az.bfmi(tree)["energy"].values)
         k = int(np.argmin(np.where(np.isnan(bfmi), -np.inf, bfmi)))
-        found.append(
-            _gate("least E-BFMI", float(bfmi[k]), f"chain {k}", f"> {E_BFMI_LIMIT:g}", bool(bfmi[k] > E_BFMI_LIMIT))
-        )
+        value = float(bfmi[k])
+        found.append(_gate("least E-BFMI", value, f"chain {k}", f"> {E_BFMI_LIMIT:g}", value > E_BFMI_LIMIT))
     return found
 
 
@@ -332,11 +335,11 @@ def prior_sensitivity(tree: xr.DataTree) -> list[dict]:
     """Power-scaling sensitivity of every quantity to prior and likelihood; needs log_prior and log_likelihood."""
     import arviz as az
 
-    found = {}
+    scalars, found = [name for name in ("noise_variance",) if has(tree, f"posterior/{name}")], {}
     for group in ("prior", "likelihood"):
-        moved = az.psense(tree, group=group)
-        found[group] = [*map(float, moved["coefficients"].values), float(moved["noise_variance"])]
-    names = [*map(str, tree["posterior"]["coefficient"].values), "noise_variance"]
+        moved = az.psense(tree, group=group, var_names=["coefficients", *scalars])
+        found[group] = [*map(float, moved["coefficients"].values), *(float(moved[name]) for name in scalars)]
+    names = [*map(str, tree["posterior"]["coefficient"].values), *scalars]
     return [
         {"quantity": name, "prior": prior, "likelihood": likelihood, "diagnosis": _sensed(prior, likelihood)}
         for name, prior, likelihood in zip(names, found["prior"], found["likelihood"], strict=True)
@@ -380,8 +383,7 @@ def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: in
     """Widths of the central 95 % of log10 sigma2 under the prior and under the posterior."""
     tails = [0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB]
     both = prior_noise_variance(tree, draws, rng), tree["posterior"]["noise_variance"].values
-    prior, posterior = (float(np.diff(np.log10(np.quantile(values, tails)))[0]) for values in both)
-    return prior, posterior
+    return tuple(float(np.diff(np.log10(np.quantile(values, tails)))[0]) for values in both)
 
 
 def prior_predictive_ratio(tree: xr.DataTree, rng: np.random.Generator, draws: int = 400) -> np.ndarray:

@@ -35,6 +35,7 @@ STYLE = {
 REFERENCE, NOISE = "#1b1b1b", "#b9c0c8"
 COLOURS = {"conjugate": "#1f6fb2", "semiconjugate": "#c8551b"}
 DOF_COLOURS = {"surge": "#1f6fb2", "sway": "#c8551b", "yaw": "#3a8f4d", "roll": "#7d4fa3"}
+METHOD_COLOURS = ("#7fb2dd", "#1f6fb2", "#3a8f4d", "#c8551b", "#7d4fa3")
 _DEGREES = {"rad": "deg", "rad/s": "deg/s"}
 _LABELS = {"phi": "roll angle φ", "psi": "heading ψ", "delta": "rudder δ", "x": "x", "y": "y"}
 
@@ -213,6 +214,27 @@ def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], publis
     ax.set_xlabel("noise level (standard deviation of ξ)")
     ax.set_ylabel("median |error| [%]")
     ax.legend(ncols=2)
+    return fig
+
+
+@_styled
+def errors_by_method(
+    levels: np.ndarray, errors: Mapping[str, np.ndarray], published: Mapping[str, float], printed_level: float
+) -> Figure:
+    """Median coefficient error of each method against the noise level, the bound first and dashed, and what is printed.
+
+    ``published`` medians by family stand at the printed level.
+    """
+    fig, axes = subplots(8.0, 4.2)
+    ax = axes[0, 0]
+    styles = [{"color": REFERENCE, "ls": "--"}, *({"color": colour, "marker": "o"} for colour in METHOD_COLOURS)]
+    for (method, values), style in zip(errors.items(), styles, strict=False):
+        ax.loglog(levels, values, ms=3.5, label=method, **style)
+    for (family, median), marker in zip(published.items(), "*P", strict=False):
+        ax.plot(printed_level, median, marker, ls="", ms=8, color=REFERENCE, label=f"published, {family}")
+    ax.set_xlabel("noise level (standard deviation of ξ)")
+    ax.set_ylabel("median |error| [%]")
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
 
 

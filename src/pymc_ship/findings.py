@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pymc_ship import figures
+from pymc_ship import bound_chapter, figures
 from pymc_ship.noise import LITERAL_LEVEL
 from pymc_ship.page_tables import fixed, number, table
 from pymc_ship.replication import level_of_error
@@ -46,6 +46,7 @@ def short(result: StudyResult) -> list[str]:
         f"35 deg turn by {_n(circle['error'])} % (conjugate; {_n(zigzag['share_diverged'])} and "
         f"{_n(circle['share_diverged'])} % of the draws diverged); their 90 % bands cover {_n(zigzag['coverage'])} % and "
         f"{_n(circle['coverage'])} % of the instants.",
+        *bound_chapter.short(result),
         f"Exact posterior, Gibbs sampler and NUTS agree in {_count_agreeing(result)} comparisons of method, degree of "
         f"freedom and family; the largest |z| is {worst:.2f}.",
     ]

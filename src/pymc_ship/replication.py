@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.cross_validation import cross_validation
 from pymc_ship.denoise import denoise
+from pymc_ship.equations_of_motion import reference_coefficients
+from pymc_ship.estimates import (
+    Estimate,
+    differencing_estimates,
+    errors_on_bound,
+    exact_estimate,
+    trajectory_estimate,
+    weak_form_estimate,
+)
 from pymc_ship.identification import EXACT, Identification, identify
-from pymc_ship.noise import pollute
+from pymc_ship.noise import LITERAL_LEVEL, pollute
 from pymc_ship.priors import prior_family
 from pymc_ship.regression_data import regression_data
 from pymc_ship.tables import relative_error, summary_rows
+from pymc_ship.trajectory_posterior import TrajectoryMode
 from pymc_ship.vessel import Vessel
 
 PUBLISHED_PRIORS = {
@@ -31,6 +41,9 @@ PUBLISHED_PRIORS = {
     },
 }
 """A, B and kappa of Xue et al. (2020), Table 4, for the container ship; the scale of the inverse gamma is 1 / B."""
+
+BOUND = "Cramer-Rao bound"
+"""Name of the bound among the methods."""
 
 
 def prior_rows(vessel: Vessel, found: Identification) -> list[dict]:
@@ -148,6 +161,112 @@ def level_of_error(rows: list[dict], error: float) -> float:
     k = int(above[0])
     share = (np.log(error) - median[k - 1]) / (median[k] - median[k - 1])
     return float(np.exp(level[k - 1] + share * (level[k] - level[k - 1])))
+
+
+def method_rows(
+    vessel: Vessel,
+    bound: np.ndarray,
+    noisy: xr.Dataset,
+    smooth: xr.Dataset,
+    found: Identification,
+    modes: Mapping[str, TrajectoryMode | None],
+    **labels,
+) -> list[dict]:
+    """Error summary over all DOFs of every method on one noisy trial, from the Cramer-Rao bound down.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    bound : ndarray, shape (n_coefficients,)
+        Cramer-Rao bound at the noise of the trial.
+    noisy, smooth : Dataset, dims (time,)
+        The trial in Euler steps of its sampling interval as it was measured, and denoised.
+    found : Identification
+        By the paper's pipeline.
+    modes : mapping of str to TrajectoryMode or None
+        Trajectory fit by prior; None where it failed.
+
+    Returns
+    -------
+    list of dict
+        ``method``, the error summary (of the bound: what to expect of unbiased estimates on it), ``coverage`` [%] of
+        the intervals of 90 % and ``detail``. Of the differencing methods the one with the smallest median error.
+    """
+    failed = np.full(bound.size, np.nan)
+    fits = {
+        fit_name(prior): (Estimate(failed, failed, failed), "no start converges")
+        if mode is None
+        else (trajectory_estimate(mode.choice.fit), _fit_detail(mode))
+        for prior, mode in modes.items()
+    }
+    rivals = differencing_estimates(smooth, vessel)
+    best = min(rivals, key=lambda name: rivals[name].scores(vessel)["median"])
+    rest = {
+        "weak form": (weak_form_estimate(noisy, vessel, method="euler"), "window of 10 s each 4 s"),
+        "best differencing": (rivals[best], best),
+        "paper's pipeline": (exact_estimate(found.exact["conjugate"]), "forward difference at 1 s"),
+    }
+    expected = errors_on_bound(relative_bound(vessel, bound)) | {"coverage": float("nan"), "detail": "unbiased, normal"}
+    return [{**labels, "method": BOUND, **expected}] + [
+        {**labels, "method": name, **estimate.scores(vessel), "detail": detail}
+        for name, (estimate, detail) in (fits | rest).items()
+    ]
+
+
+def fit_name(prior: str) -> str:
+    """Name of the trajectory fit under a prior among the methods."""
+    return f"trajectory fit, {prior.replace('_', '-')} prior"
+
+
+def _fit_detail(mode: TrajectoryMode) -> str:
+    choice = mode.choice
+    noise = choice.kind.replace("_", "-") + (" noise, offsets" if choice.offsets else " noise")
+    return f"{noise}, chi2 {choice.fit.chi2:.3f}, {mode.n_agreeing} of {mode.n_starts} starts"
+
+
+def relative_bound(vessel: Vessel, bound: np.ndarray) -> np.ndarray:
+    """Bound of every coefficient [% of the reference], shape (n_coefficients,); NaN where that is zero."""
+    reference = reference_coefficients(vessel)
+    return relative_error(reference + bound, reference)
+
+
+def published_bound_rows(vessel: Vessel, unit_bound: np.ndarray, families: Sequence[str]) -> list[dict]:
+    """Published errors against the bound at the paper's literal noise level, by family over all DOFs.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    unit_bound : ndarray, shape (n_coefficients,)
+        Cramer-Rao bound at a noise level of 1, to which it is proportional.
+    families : sequence of str
+
+    Returns
+    -------
+    list of dict
+        ``family``; ``errors``, their number, ``median`` [%] and how many are ``below`` the bound; ``on_bound``, the
+        median error [%] to expect of unbiased estimates at the literal level; ``level``, at which that is the published
+        median. None for a family without published estimates.
+    """
+    relative, reference = relative_bound(vessel, unit_bound), reference_coefficients(vessel)
+    rows = []
+    for family in families:
+        published = np.concatenate([vessel.published(dof, family) for dof in vessel.dofs])
+        errors = relative_error(published, reference)
+        known = np.isfinite(errors)
+        if not known.any():
+            continue
+        on_bound, median = errors_on_bound(relative[known])["median"], float(np.median(errors[known]))
+        rows.append(
+            {
+                "family": family,
+                "errors": int(known.sum()),
+                "median": median,
+                "below": int((errors[known] < LITERAL_LEVEL * relative[known]).sum()),
+                "on_bound": LITERAL_LEVEL * on_bound,
+                "level": median / on_bound,
+            }
+        )
+    return rows
 
 
 def printed_error_rows(vessel: Vessel, families: Sequence[str]) -> list[dict]:

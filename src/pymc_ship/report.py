@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship import figures, findings
+from pymc_ship import bound_chapter, figures, findings
 from pymc_ship.diagnostic_report import PAGE, diagnostic_page
 from pymc_ship.noise import noise_sd
 from pymc_ship.output import staged, writable_folder
@@ -153,6 +153,7 @@ def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
         level=f"{result.level:g}",
         rows=next(iter(result.found[result.level].data.values())).n_rows,
         gained=findings.gained(result),
+        bound_text=bound_chapter.beside_errors(result),
         dofs=[dof_block(result, dof, exact) for dof in result.vessel.dofs],
         tables=page_tables(result),
         figures={name: figures.svg(figure, name) for name, figure in drawn.items()}
@@ -162,6 +163,7 @@ def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
         agreement_text=findings.agreement(result),
         agreement_blocks=agreement_blocks(result),
         findings=findings.all_findings(result),
+        bound=bound_chapter.chapter(result),
         command=f"pymc-ship study --vessel {result.vessel.name} --level {result.level:g} --seed {result.seed}",
         versions=", ".join(
             f"{p} {version(p)}" for p in ("pymc-ship", "pymc", "arviz", "numpy", "scipy", "xarray", "numba")
@@ -190,6 +192,7 @@ def _figures(result: StudyResult) -> dict[str, Figure]:
         "tuning": figures.tuning(found.tuned["conjugate"]),
         "sample_paths": _sample_paths(result),
         "sweep": findings.sweep_figure(result),
+        "methods": bound_chapter.figure(result),
     } | {
         f"forecast_{name}": figures.forecast_channels(result.references[name], trees)
         for name, trees in result.forecasts.items()

@@ -13,16 +13,19 @@ import xarray as xr
 from pymc_ship import replication
 from pymc_ship.agreement import Comparison, agreement
 from pymc_ship.denoise import denoise
+from pymc_ship.estimates import cramer_rao_bound, trajectory_modes
 from pymc_ship.forecast import forecast
 from pymc_ship.gibbs import gibbs_posterior
 from pymc_ship.identification import Identification, identify
 from pymc_ship.indices import indices
 from pymc_ship.manoeuvres import Manoeuvre, turning_circle, zigzag
-from pymc_ship.noise import LITERAL_LEVEL, noise_sd, pollute
+from pymc_ship.noise import FACTORS, LITERAL_LEVEL, noise_sd, pollute
 from pymc_ship.priors import FAMILIES
 from pymc_ship.pymc_model import nuts_posterior
 from pymc_ship.simulate import simulate
 from pymc_ship.tables import forecast_row, published_rows, summary_rows
+from pymc_ship.trajectory_data import SENSORS
+from pymc_ship.trajectory_posterior import TrajectoryMode, laplace_posterior
 from pymc_ship.vessel import Vessel
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
@@ -37,15 +40,23 @@ DURATION, STEP, INTERVAL = 400.0, 0.02, 1.0
 MANOEUVRES = {"zigzag": zigzag(10, 10), "turning_circle": turning_circle(35)}
 """What is forecast."""
 
+TRAJECTORY_PRIORS = ("flat", "order_damped")
+"""Priors of the trajectory fits; the last one forecasts."""
+
 
 @dataclass
 class StudyResult:
-    """What the study found; the report draws it and computes nothing."""
+    """What the study found; the report draws it and computes nothing.
+
+    ``bound``, dims (coefficient,), is the Cramer-Rao bound of the trial at a noise level of 1, to which it is
+    proportional.
+    """
 
     vessel: Vessel
     trial: xr.Dataset
     level: float
     seed: int
+    bound: xr.DataArray
     noisy: dict[float, xr.Dataset] = field(default_factory=dict)
     smooth: dict[float, xr.Dataset] = field(default_factory=dict)
     found: dict[float, Identification] = field(default_factory=dict)
@@ -82,13 +93,15 @@ def run_study(
     level = noise_sd(level)
     progress("reference trial")
     trial = simulate(vessel, zigzag(20, 20), duration=DURATION, step=STEP)
-    result = StudyResult(vessel, trial, level, seed)
+    unit_sd = {name: FACTORS[name] * float(np.abs(trial[name]).max()) for name in SENSORS}
+    result = StudyResult(vessel, trial, level, seed, cramer_rao_bound(trial, vessel, unit_sd, method="euler"))
     for name, manoeuvre in MANOEUVRES.items():
         result.references[name] = simulate(vessel, manoeuvre, duration=DURATION, step=STEP, record_interval=0.5)
     for one in sorted({*levels, level}):
         _level(result, one, progress)
     _cross_check(result, progress)
     _replication(result, sweep, progress)
+    _from_the_bound(result, progress)
     return result
 
 
@@ -169,3 +182,34 @@ def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable
     result.tables["published"] = published_rows(vessel, FAMILIES)
     result.tables["printed_errors"] = replication.printed_error_rows(vessel, tuple(FAMILIES))
     result.tables["full_conditional"] = replication.full_conditional_rows(found, result.draws["conjugate"]["nuts"])
+
+
+def _from_the_bound(result: StudyResult, progress: Callable[[str], None]) -> None:
+    """Every method on the noisy trials beside the Cramer-Rao bound, and forecasts of the trajectory fit."""
+    vessel, bound, tables = result.vessel, result.bound.values, result.tables
+    tables["published_bound"] = replication.published_bound_rows(vessel, bound, tuple(FAMILIES))
+    tables["methods"] = []
+    for level in [level for level in result.noisy if level > 0.0]:
+        progress(f"noise level {level:.3g}: trajectory fit and weak form")
+        noisy = result.noisy[level]
+        modes = trajectory_modes(noisy, vessel, TRAJECTORY_PRIORS, method="euler")  # as the trial was made
+        tables["methods"] += replication.method_rows(
+            vessel, level * bound, noisy, result.smooth[level], result.found[level], modes, level=level
+        )
+        if (mode := modes[TRAJECTORY_PRIORS[-1]]) is not None:
+            _trajectory_forecasts(result, level, mode, progress)
+
+
+def _trajectory_forecasts(
+    result: StudyResult, level: float, mode: TrajectoryMode, progress: Callable[[str], None]
+) -> None:
+    rng = generator(result.seed, "trajectory", level)
+    posterior = laplace_posterior(mode, draws=400, chains=4, rng=rng)
+    labels = {"level": level, "pareto_khat": posterior.attrs["pareto_khat"]}
+    settings = {"draws": 300, "rng": rng, "duration": DURATION, "step": STEP, "noise_sd": {}}
+    for name, manoeuvre in MANOEUVRES.items():
+        progress(f"noise level {level:.3g}: forecast of the {manoeuvre.label} from the trajectory fit")
+        tree = forecast(result.vessel, posterior, manoeuvre, **settings)
+        reference = result.references[name]
+        row = forecast_row(reference, indices(reference), tree, **labels)
+        result.tables.setdefault(f"trajectory_{name}", []).append(row)

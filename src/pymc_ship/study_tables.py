@@ -7,30 +7,34 @@ from collections.abc import Mapping
 import numpy as np
 
 from pymc_ship.indices import imo_criteria, indices
+from pymc_ship.noise import LITERAL_LEVEL
 from pymc_ship.page_tables import AGREEMENT, Table, agreement_rows, agreement_table, fixed, number, table
 from pymc_ship.priors import FAMILIES
 from pymc_ship.study import MANOEUVRES, StudyResult
-from pymc_ship.tables import coefficient_rows
+from pymc_ship.tables import coefficient_rows, relative_error
 from pymc_ship.vessel import LETTER
 
 
 def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
     """Title, caption and table of one DOF's coefficients (Tables 2 and 3)."""
-    n = number(4)
+    n, error, families = number(4), ("error %", number(3)), (("conjugate", "conj."), ("semiconjugate", "semi-c."))
     columns = {"coefficient": ("coefficient", str), "reference": ("reference", n), "sign_source": ("sign from", str)}
-    for family, short in (("conjugate", "conj."), ("semiconjugate", "semi-c.")):
+    for family, short in families:
+        columns |= {f"published_{family}": (f"publ. {short}", n), f"published_error_{family}": error}
+    columns["bound_literal"] = (f"bound % at {LITERAL_LEVEL:.3f}", number(3))
+    for family, short in families:
         columns |= {
-            f"published_{family}": (f"publ. {short}", n),
-            f"published_error_{family}": ("error %", number(3)),
             f"mean_{family}": (f"ours {short}", n),
             f"sd_{family}": ("± sd", number(2)),
-            f"error_{family}": ("error %", number(3)),
+            f"error_{family}": error,
         }
-    rows = coefficient_rows(result.vessel, dof, {family: exact[family][dof] for family in FAMILIES})
+    columns["bound"] = (f"bound % at {result.level:g}", number(3))
+    rows = _coefficient_rows(result, dof, exact)
     number_of_table = "2" if dof in ("surge", "sway") else "3"
     return {
         "title": f"Table {number_of_table}  {dof.capitalize()}: {LETTER[dof]}-coefficients",
-        "caption": "Prime values times 1e5; the published error is recomputed from the published estimate.",
+        "caption": "Prime values times 1e5; the published error is recomputed from the published estimate. Bound: of "
+        "Cramer and Rao, the least standard deviation of unbiased estimates at that noise level.",
         "table": table(rows, columns),
     }
 
@@ -38,13 +42,21 @@ def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
 def csv_tables(result: StudyResult) -> dict[str, list[dict]]:
     """Every table of the study as rows, by the name of its file."""
     exact = result.found[result.level].exact
-    coefficients = [
-        {"dof": dof, **row}
-        for dof in result.vessel.dofs
-        for row in coefficient_rows(result.vessel, dof, {family: exact[family][dof] for family in FAMILIES})
-    ]
+    coefficients = [{"dof": dof, **row} for dof in result.vessel.dofs for row in _coefficient_rows(result, dof, exact)]
     own = {"coefficients": coefficients, "agreement": _agreement_rows(result)}
-    return own | {"denoising": _denoising_rows(result), "data": _data_rows(result)} | result.tables
+    tables = own | {"denoising": _denoising_rows(result), "data": _data_rows(result)} | result.tables
+    return {name: rows for name, rows in tables.items() if rows}
+
+
+def _coefficient_rows(result: StudyResult, dof: str, exact: Mapping) -> list[dict]:
+    """Rows of Tables 2 and 3 with the bound [% of the reference] at the literal noise level and at the one shown."""
+    rows = coefficient_rows(result.vessel, dof, {family: exact[family][dof] for family in FAMILIES})
+    reference = result.vessel.coefficients(dof)
+    bound = result.bound.sel(coefficient=reference["coefficient"].values).values
+    unit = relative_error(reference.values + bound, reference.values)
+    for row, relative in zip(rows, unit.tolist(), strict=True):
+        row |= {"bound_literal": LITERAL_LEVEL * relative, "bound": result.level * relative}
+    return rows
 
 
 def page_tables(result: StudyResult) -> dict[str, Table]:

@@ -121,8 +121,9 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
     -------
     dict
         ``error``: RMSE of the median over the range of the channel [%], mean over those of :data:`FORECAST_CHANNELS`
-        that move; ``coverage``: share of instants inside the band [%], mean likewise; ``share_diverged`` [%]; for each
-        index its reference, median and band.
+        that move; ``coverage``: share of instants inside the band [%], mean likewise; ``share_diverged`` and, NaN where
+        unknown, ``share_extrapolated`` [%], with the sentence ``extrapolation``; for each index its reference, median
+        and band.
     """
     bands = tree["bands"].to_dataset()
     errors, coverages = [], []
@@ -139,6 +140,8 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
         "error": float(np.mean(errors)),
         "coverage": float(np.mean(coverages)),
         "share_diverged": 100.0 * tree.attrs["share_diverged"],
+        "share_extrapolated": 100.0 * tree.attrs["share_extrapolated"],
+        "extrapolation": tree.attrs["extrapolation"],
     }
     for name, values in tree["index_bands"].to_dataset().data_vars.items():
         row[f"{name}_reference"] = float(truth[name])

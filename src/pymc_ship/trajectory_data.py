@@ -27,6 +27,9 @@ BLOCK = 0.2
 LONGEST_STEP = 0.1
 """Integration steps are at most this long [s]."""
 
+FEWEST_BLOCKS = 20
+"""Blocks that a record must have."""
+
 _SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
 
 
@@ -51,6 +54,10 @@ class Run:
         Integration steps for each sampling interval.
     sample_sd : ndarray, shape (n_channels,)
         Standard deviation of the noise of one sample: given, or from second differences.
+    nominal_speed : float
+        First guess of u where it is not measured [m/s].
+    rolls : bool
+        Whether the vessel rolls; p and phi of one that does not are held at 0.
     """
 
     channels: tuple[str, ...]
@@ -62,6 +69,8 @@ class Run:
     method: str
     substeps: int
     sample_sd: np.ndarray
+    nominal_speed: float
+    rolls: bool
 
     @property
     def n_states(self) -> int:
@@ -99,10 +108,12 @@ class Run:
         """First guess of the initial state and the sd of its (weak) prior, each of shape (n_states,).
 
         A measured state starts from a straight line through its first two seconds, with an sd of the channel's range;
-        one that is not measured starts from 0 with an sd of a hundredth of its range in hard manoeuvring.
+        one that is not measured from 0, u from the nominal speed, with an sd of its size in hard manoeuvring.
         """
         guess, sd = np.zeros(self.n_states), np.array([5.0, 0.5, 0.005, 0.005, 0.05, 1.0, 100.0, 100.0])
-        sd = sd[: self.n_states]
+        guess[0], sd = self.nominal_speed, sd[: self.n_states]
+        if not self.rolls:
+            sd[3:5] = 1e-9
         count = min(max(round(2.0 / self.interval), 2), self.delta.size)
         for row, values, noise in zip(self.rows, self.samples, self.sample_sd, strict=True):
             guess[row] = np.polynomial.Polynomial.fit(np.arange(count), values[:count], 1)(0)
@@ -133,6 +144,7 @@ def trajectory_run(
     ----------
     trial : Dataset, dims (time,)
         Raw record with ``delta`` [rad] and any of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m]; uniform sampling.
+        A heading that jumps by a full circle is made continuous.
     vessel : Vessel
     channels : sequence of str, optional
         Channels to fit; by default those of u, v, r, p, phi that the trial has.
@@ -148,33 +160,39 @@ def trajectory_run(
     Raises
     ------
     TrialError
-        For a channel that is missing or no state, values that are not finite, fewer than 10 samples, a channel
-        without noise and none given, a non-positive noise sd, an unknown method.
+        For a channel that is missing, named twice or no state, values that are not finite, fewer than 20 blocks, a
+        channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
     """
     wanted = tuple(channels) if channels is not None else tuple(name for name in SENSORS if name in trial)
     if "roll" not in vessel.dofs:
         wanted = tuple(name for name in wanted if name not in ("p", "phi"))
-    unknown = [name for name in wanted if name not in STATE]
-    if unknown or not wanted or method not in METHODS:
+    unknown = [name for name in (*wanted, *(noise_sd or {})) if name not in STATE]
+    if unknown or not wanted or len(set(wanted)) < len(wanted) or method not in METHODS:
         raise TrialError(
-            f"A trajectory is fitted to some of {', '.join(STATE)} with {' or '.join(METHODS)}, found "
+            f"A trajectory is fitted to some of {', '.join(STATE)}, each once, with {' or '.join(METHODS)}, found "
             f"{', '.join(unknown or wanted) or 'no channel'} with {method}; correct them."
         )
     check_trial(trial, (*wanted, "delta"))
-    if trial["time"].size < 10:
-        raise TrialError(f"A trajectory is fitted to 10 samples or more, found {trial['time'].size}; use a longer one.")
     interval = sampling_interval(trial)
-    samples = np.array([trial[name].values for name in wanted], dtype=float)
+    block = max(1, round(BLOCK / interval))
+    if trial["time"].size < FEWEST_BLOCKS * block:
+        raise TrialError(
+            f"A trajectory is fitted to {FEWEST_BLOCKS * block} samples or more at {interval:g} s, found "
+            f"{trial['time'].size}; use a longer record."
+        )
+    samples = np.array([np.unwrap(trial[name]) if name == "psi" else trial[name] for name in wanted], dtype=float)
     return Run(
         channels=wanted,
         samples=samples,
         delta=np.ascontiguousarray(trial["delta"].values, dtype=float),
         start=float(trial["time"].values[0]),
         interval=interval,
-        block=max(1, round(BLOCK / interval)),
+        block=block,
         method=method,
         substeps=int(np.ceil(interval / LONGEST_STEP - 1e-9)),
         sample_sd=_sample_sd(wanted, samples, noise_sd or {}),
+        nominal_speed=vessel.particulars.nominal_speed,
+        rolls="roll" in vessel.dofs,
     )
 
 

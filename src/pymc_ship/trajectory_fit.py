@@ -17,7 +17,7 @@ from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.vessel import Vessel
 
 CHANGE = 1e-4
-"""The fit has converged when a step changes the negative log posterior by less."""
+"""The fit has converged when the next step promises to lower the negative log posterior by less."""
 
 TAU_RANGE = (0.05, 20.0)
 """Bounds of the factors of the prior scales."""
@@ -26,6 +26,7 @@ _LOG_2PI = np.log(2.0 * np.pi)
 _MOST_STEPS = 100
 _MOST_REFITS = 6
 _MOST_TAU_UPDATES = 100
+_LEAST_SINGULAR_VALUE = 1e-12
 
 
 class TrajectoryError(ValueError):
@@ -252,20 +253,21 @@ def _descend(problem: Problem, start: np.ndarray) -> _Mode:
     if not np.isfinite(cost):
         raise TrajectoryError("The simulated ship leaves the model's range at the start of the fit; start elsewhere.")
     damping, growth = 1e-3, 2.0
-    for n_steps in range(1, _MOST_STEPS + 1):
-        H = point.matrix + np.diag(precision)
+    for n_steps in range(_MOST_STEPS):
         slope = point.gradient + precision * (unknowns - center) / unit
-        step = -_solve(H + damping * np.diag(np.diag(H)), slope)
+        step = -_solve(point.matrix + np.diag(precision + damping), slope)
+        expected = 0.5 * step @ (damping * step - slope)
+        if growth == 2.0 and expected < CHANGE:
+            return _Mode(problem, unknowns, point, n_steps)
         trial = unknowns + unit * step
         ahead = linearise(problem, trial)
         gain = cost - _cost(problem, trial, ahead)
         if gain > 0.0:
-            expected = 0.5 * step @ (damping * np.diag(H) * step - slope)
             damping *= max(1.0 / 8.0, 1.0 - (2.0 * gain / expected - 1.0) ** 3)
             unknowns, point, cost, growth = trial, ahead, cost - gain, 2.0
         else:
             damping, growth = damping * growth, 2.0 * growth
-        if abs(gain) < CHANGE or damping > 1e12:
+        if damping > 1e12:
             return _Mode(problem, unknowns, point, n_steps)
     raise TrajectoryError(f"No minimum was found in {_MOST_STEPS} steps; give a prior or a closer start.")
 
@@ -295,7 +297,7 @@ def fit_trajectory(problem: Problem, start: np.ndarray) -> TrajectoryFit:
     Raises
     ------
     TrajectoryError
-        When the start diverges or no minimum is found.
+        When the start diverges, no minimum is found or, under a flat prior, it is none in every direction.
 
     References
     ----------
@@ -345,10 +347,12 @@ def _approximation(mode: _Mode) -> TrajectoryFit:
     for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
         which = np.r_[0:n, place]
         rows = run_rows(problem.vessel, run, noise, unknowns[:n], unknowns[place])
-        block = np.zeros((which.size, unit.size))
-        block[:, which] = np.linalg.qr(np.vstack([design for _, design in rows]) * unit[which], mode="r")
-        blocks.append(block)
+        triangle = np.linalg.qr(np.vstack([design for _, design in rows]) * unit[which], mode="r")
+        blocks.append(np.zeros((len(triangle), unit.size)))
+        blocks[-1][:, which] = triangle
     _, s, right = np.linalg.svd(np.linalg.qr(np.vstack(blocks), mode="r"))
+    if s[-1] < _LEAST_SINGULAR_VALUE * s[0]:
+        raise TrajectoryError("The records leave combinations of the coefficients wholly unknown; give them a prior.")
     distance = (unknowns - problem.center) / unit
     log_precision = np.log(np.where(precision > 0.0, precision, 1.0))
     log_prior = 0.5 * np.sum(log_precision - _LOG_2PI - precision * distance**2)

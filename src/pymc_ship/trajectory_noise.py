@@ -18,6 +18,7 @@ from pymc_ship.simulate import replay
 from pymc_ship.trajectory_data import Run
 from pymc_ship.trajectory_fit import (
     Noise,
+    Problem,
     TrajectoryError,
     TrajectoryFit,
     fit_trajectory,
@@ -38,6 +39,7 @@ LAGS = 10
 """Lags of the Ljung-Box test, in blocks."""
 
 _MOST_PASSES = 5
+_SETTLED = 0.02  # posterior standard deviations
 _DEGREES_OF_FREEDOM = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
 
 
@@ -118,7 +120,7 @@ def fit_with_noise(
     if noise not in NOISE_MODELS:
         raise TrajectoryError(f"The noise is one of {', '.join(NOISE_MODELS)}, found {noise!r}; choose one of these.")
     problem = initial_problem(runs, vessel, prior)
-    white = fit_trajectory(problem, np.concatenate([start, *(run.initial_state[0] for run in runs)]))
+    white = _white_fit(problem, np.concatenate([start, *(run.initial_state[0] for run in runs)]))
     tests = residual_tests(white)
     if noise == "auto":
         noise = "ar1" if tests.serial < ALPHA else "student_t" if tests.tails < ALPHA else "white"
@@ -133,59 +135,108 @@ def fit_with_noise(
     return NoiseChoice(fit, noise, shifted, degrees_of_freedom, tests, sentence)
 
 
+def _white_fit(problem: Problem, start: np.ndarray) -> TrajectoryFit:
+    """Fit under white noise of the sd assumed or, where no minimum is found, of the residuals, with tau at 1.
+
+    Second differences miss most of a noise that is correlated over seconds. Under such an sd, and under factors tau
+    that grow with it, the cost is a valley without end.
+    """
+    try:
+        return fit_trajectory(problem, start)
+    except TrajectoryError:
+        if not all(np.isfinite(values).all() for values in _residuals(problem, start)):
+            raise
+    prior, unknowns = problem.prior, start
+    problem = replace(problem, prior=replace(prior, tuned=np.zeros_like(prior.tuned)))
+    for _ in range(_MOST_PASSES):
+        noise = []
+        for run, residuals in zip(problem.runs, _residuals(problem, unknowns), strict=True):
+            assumed, found = white_noise(run), _normal_noise(run, residuals, offsets=False, correlated=False)
+            noise.append(replace(assumed, sd=np.maximum(assumed.sd, found.sd)))
+        fit = fit_trajectory(replace(problem, noise=tuple(noise)), unknowns)
+        change, unknowns = np.max(np.abs(fit.unknowns - unknowns)[: prior.mean.size] / fit.sd), fit.unknowns
+        if change < _SETTLED:
+            break
+    return replace(fit, problem=replace(fit.problem, prior=prior))
+
+
 def _correlated_or_shifted(white: TrajectoryFit) -> str:
     """Law of the noise where residuals are correlated: white if constant offsets alone explain it."""
-    shifted, _ = _fitted(white, "white", True, None)
-    return "ar1" if residual_tests(shifted).serial < ALPHA else "white"
+    try:
+        shifted, _ = _fitted(white, "white", True, None)
+    except TrajectoryError:
+        return "ar1"
+    return "ar1" if serial_test(shifted) < ALPHA else "white"
 
 
 def residual_tests(fit: TrajectoryFit) -> ResidualTests:
     """Test the residuals of a fit with white noise and without offsets."""
-    p_serial, p_size, p_tails = [], [], []
-    runs = fit.problem.runs
-    for run, white, samples in zip(runs, fit.residuals, sample_residuals(fit), strict=True):
+    p_size, p_tails, problem = [], [], fit.problem
+    for run, noise, white, samples in zip(
+        problem.runs, problem.noise, fit.residuals, sample_residuals(fit), strict=True
+    ):
+        size = np.mean(white**2, axis=1) * (noise.sd / white_noise(run).sd) ** 2
+        spread = np.sqrt(2.0 / white.shape[1] + 5.4 / run.delta.size)
+        p_size += list(2.0 * stats.norm.sf(np.abs(size - 1.0) / spread))
+        p_tails += list(stats.kurtosistest(samples, axis=1, alternative="greater").pvalue)
+    return ResidualTests(serial_test(fit), offset_test(fit), _together(p_tails), _together(p_size))
+
+
+def _together(p: Sequence[float]) -> float:
+    """Bonferroni's p-value of several tests."""
+    return float(min(1.0, len(p) * min(p)))
+
+
+def serial_test(fit: TrajectoryFit) -> float:
+    """Ljung-Box test of the block residuals of each channel of each run."""
+    p = []
+    for white in fit.residuals:
         n = white.shape[1]
         lags = min(LAGS, n // 4)
         r = np.array([np.sum(white[:, k:] * white[:, : n - k], axis=1) for k in range(lags + 1)])
         r = r[1:] / r[0]
         box = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1, lags + 1))[:, None], axis=0)
-        p_serial += list(stats.chi2.sf(box, lags))
-        spread = np.sqrt(2.0 / n + 5.4 / run.delta.size)
-        p_size += list(2.0 * stats.norm.sf(np.abs(np.mean(white**2, axis=1) - 1.0) / spread))
-        p_tails += list(stats.norm.sf(stats.kurtosis(samples, axis=1) / np.sqrt(24.0 / samples.shape[1])))
-    count = len(p_serial)
-    together = (min(1.0, count * min(p)) for p in (p_serial, p_tails, p_size))
-    serial, tails, size = (float(p) for p in together)
-    return ResidualTests(serial, offset_test(fit), tails, size)
+        p += list(stats.chi2.sf(box, lags))
+    return _together(p)
 
 
 def offset_test(fit: TrajectoryFit) -> float:
-    """Score test of one constant offset for each sensor of each run."""
+    """Score test of one constant offset for each sensor of each run: the offsets after one Gauss-Newton step from 0.
+
+    The step moves all unknowns: offsets that an initial state can all but stand for would magnify what the fit has left
+    of its own gradient.
+    """
     noise = tuple(replace(noise, offsets=True) for noise in fit.problem.noise)
     problem = replace(fit.problem, noise=noise)
-    unknowns, is_offset = [fit.coefficients], [np.zeros(fit.coefficients.size, dtype=bool)]
+    parts, is_offset = [fit.coefficients], [np.zeros(fit.coefficients.size, dtype=bool)]
     for run, place in zip(problem.runs, fit.problem.nuisances, strict=True):
-        unknowns += [fit.unknowns[place], np.zeros(len(run.channels))]
+        parts += [fit.unknowns[place][: run.n_states], np.zeros(len(run.channels))]
         is_offset += [np.zeros(run.n_states, dtype=bool), np.ones(len(run.channels), dtype=bool)]
-    free = np.concatenate(is_offset)
-    point = linearise(problem, np.concatenate(unknowns))
-    H = point.matrix + np.diag(np.where(free, 0.0, problem.precision))
+    unknowns, free = np.concatenate(parts), np.concatenate(is_offset)
+    point = linearise(problem, unknowns)
+    precision = np.where(free, 0.0, problem.precision)
+    H = point.matrix + np.diag(precision)
     size = np.sqrt(np.diag(H))
-    covariance = np.linalg.inv(H / np.outer(size, size))[np.ix_(free, free)]
-    score = (point.gradient / size)[free]
-    return float(stats.chi2.sf(score @ covariance @ score, free.sum()))
+    covariance = np.linalg.inv(H / np.outer(size, size))
+    slope = point.gradient + precision * (unknowns - problem.center) / problem.unit
+    step = (covariance @ (slope / size))[free]
+    return float(stats.chi2.sf(step @ np.linalg.solve(covariance[np.ix_(free, free)], step), free.sum()))
 
 
 def sample_residuals(fit: TrajectoryFit) -> list[np.ndarray]:
     """Raw samples minus the fitted motion and offsets of each run, each of shape (n_channels, n_time)."""
+    return _residuals(fit.problem, fit.unknowns)
+
+
+def _residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
     residuals = []
-    for run, place, noise in zip(fit.problem.runs, fit.problem.nuisances, fit.problem.noise, strict=True):
-        nuisances = fit.unknowns[place]
+    for run, place, noise in zip(problem.runs, problem.nuisances, problem.noise, strict=True):
+        nuisances = unknowns[place]
         motion = replay(
-            fit.problem.vessel,
+            problem.vessel,
             run.delta,
             nuisances[None, : run.n_states],
-            fit.coefficients[None],
+            unknowns[None, : problem.n_coefficients],
             interval=run.interval,
             method=run.method,
             substeps=run.substeps,
@@ -207,10 +258,10 @@ def _fitted(fit: TrajectoryFit, kind: str, offsets: bool, tests: ResidualTests |
         else:
             noise = [
                 _normal_noise(run, residuals, offsets, correlated=kind == "ar1")
-                for run, residuals, old in zip(fit.problem.runs, sample_residuals(fit), fit.problem.noise, strict=True)
+                for run, residuals in zip(fit.problem.runs, sample_residuals(fit), strict=True)
             ]
         before, fit = fit, _refitted(fit, noise)
-        if np.max(np.abs(fit.coefficients - before.coefficients) / fit.sd) < 0.02:
+        if np.max(np.abs(fit.coefficients - before.coefficients) / fit.sd) < _SETTLED:
             break
     return fit, degrees_of_freedom
 
@@ -240,12 +291,10 @@ def _normal_noise(run: Run, residuals: np.ndarray, offsets: bool, *, correlated:
 def _student_noise(fit: TrajectoryFit, offsets: bool) -> tuple[float, list[Noise]]:
     """Student's t for the samples: blocks whose mean and sd carry its score and its Fisher information."""
     runs, residuals = fit.problem.runs, sample_residuals(fit)
-    scales = [[_t_scale(values, nu) for values in np.vstack(residuals)] for nu in _DEGREES_OF_FREEDOM]
+    rows = [values for run in residuals for values in run]
+    scales = [[_t_scale(values, nu) for values in rows] for nu in _DEGREES_OF_FREEDOM]
     total = [
-        sum(
-            stats.t.logpdf(values / scale, nu).sum() - values.size * np.log(scale)
-            for values, scale in zip(np.vstack(residuals), row, strict=True)
-        )
+        sum(stats.t.logpdf(values, nu, scale=scale).sum() for values, scale in zip(rows, row, strict=True))
         for nu, row in zip(_DEGREES_OF_FREEDOM, scales, strict=True)
     ]
     best = int(np.argmax(total))

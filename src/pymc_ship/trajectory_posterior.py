@@ -14,7 +14,7 @@ from pymc_ship.posterior import provenance, rng_state
 from pymc_ship.simulate import replay
 from pymc_ship.terms import SYMBOLS
 from pymc_ship.trajectory_data import Run, trajectory_run
-from pymc_ship.trajectory_fit import Noise, TrajectoryError, TrajectoryFit, whiten
+from pymc_ship.trajectory_fit import Noise, Problem, TrajectoryError, TrajectoryFit, whiten
 from pymc_ship.trajectory_noise import NoiseChoice, fit_with_noise, sample_residuals
 from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_names, coefficient_prior
 from pymc_ship.vessel import Vessel
@@ -23,7 +23,6 @@ from pymc_ship.weak_form import weak_form_start
 KHAT_LIMIT = 0.7
 """Pareto k-hat above which the normal approximation is not to be trusted (Vehtari et al. 2024)."""
 
-_START_SCALES = (1.0, 0.3)
 _SAME_MODE = 0.5
 _LOG_2PI = np.log(2.0 * np.pi)
 
@@ -72,8 +71,9 @@ def trajectory_mode(
         prior = coefficient_prior(trials, vessel, prior)
     damped = prior if np.isfinite(prior.scale).all() else coefficient_prior(trials, vessel)
     choices, failures = [], []
-    for factor in _START_SCALES:
-        start = weak_form_start(trials, vessel, damped.mean, factor * damped.scale)
+    undamped = coefficient_prior(trials, vessel, damping=1.0)
+    for scale in (damped.scale, undamped.scale):
+        start = weak_form_start(trials, vessel, damped.mean, scale, method=method)
         try:
             choices.append(fit_with_noise(runs, vessel, prior, start, noise=noise, offsets=offsets))
         except TrajectoryError as error:
@@ -82,7 +82,7 @@ def trajectory_mode(
         raise failures[0]
     best = max(choices, key=lambda choice: choice.fit.log_evidence)
     distance = [np.max(np.abs(choice.fit.coefficients - best.fit.coefficients) / best.fit.sd) for choice in choices]
-    return TrajectoryMode(best, len(_START_SCALES), int(np.sum(np.array(distance) < _SAME_MODE)))
+    return TrajectoryMode(best, len(choices) + len(failures), int(np.sum(np.array(distance) < _SAME_MODE)))
 
 
 def trajectory_posterior(
@@ -98,7 +98,8 @@ def trajectory_posterior(
     """Posterior of all coefficients of a vessel from whole trajectories (output-error method, Laplace approximation).
 
     The simulated motion is fitted to the raw records: nothing is differentiated or smoothed. The posterior is normal
-    around its mode; importance weights of its draws give the Pareto k-hat that tells how far to trust it.
+    around its mode; importance weights of its draws give the Pareto k-hat that tells how far to trust it. Above 0.7 use
+    :func:`pymc_ship.trajectory_nuts_posterior`.
 
     Parameters
     ----------
@@ -122,9 +123,9 @@ def trajectory_posterior(
         Groups posterior (``coefficients`` of all DOFs, ``initial_state`` and, with offsets, ``sensor_offset`` of each
         run), log_likelihood (``response``, one row for each block of samples, all channels together), log_prior,
         observed_data (block means by row and channel) and constant_data (``time``, ``run``, ``motion`` in prime
-        values, ``fitted``, ``noise_sd`` of a sample, ``block_sd`` and ``correlation`` of the blocks). Attrs tell the
-        noise model and why, the mean chi2, Pareto k-hat, the factors tau, the starts that agree and the share of
-        draws that diverge on the records.
+        values, ``fitted``, ``prior_sd`` of the coefficients, ``noise_sd`` of a sample, ``block_sd`` and ``correlation``
+        of the blocks). Attrs tell the noise model and why, the mean chi2, Pareto k-hat and the verdict on it, the
+        factors tau, the starts that agree and the share of draws that diverge on the records.
 
     Raises
     ------
@@ -155,7 +156,8 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
     log_prior = log_prior_density(fit, unknowns)
     running = np.isfinite(log_likelihood).all(axis=1)
     log_weight = np.where(running, log_likelihood.sum(axis=1) + log_prior + 0.5 * np.sum(standard**2, axis=1), -np.inf)
-    attrs = {"pareto_khat": pareto_khat(log_weight[running]), "share_diverged": float(np.mean(~running))}
+    khat = pareto_khat(log_weight[running])
+    attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~running))}
     layout = (chains, draws // chains)
     return trajectory_tree(
         mode,
@@ -170,6 +172,13 @@ def pareto_khat(log_weight: np.ndarray) -> float:
     from arviz_stats.base import array_stats
 
     return float(array_stats.psislw(log_weight.max() - log_weight)[1])
+
+
+def verdict(khat: float) -> str:
+    """Whether the normal approximation is to be trusted, and what to do where not."""
+    if khat <= KHAT_LIMIT:
+        return "the normal approximation can be trusted"
+    return "the normal approximation is not to be trusted: sample with trajectory_nuts_posterior"
 
 
 def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
@@ -296,12 +305,21 @@ def _records(fit: TrajectoryFit) -> tuple[xr.Dataset, xr.Dataset]:
         noise[:, k, columns] = np.sqrt(np.mean(residuals[k] ** 2, axis=1)), law.sd, law.correlation
     whole = xr.concat(parts, "row").assign_coords(row=np.arange(sum(run.n_blocks for run in problem.runs)))
     constant = whole[["time", "run", "motion", "fitted"]]
+    constant["prior_sd"] = _prior_sd(problem)
     constant["noise_sd"] = ("channel", np.sqrt(np.nanmean(noise[0] ** 2, axis=0)))
     constant["block_sd"], constant["correlation"] = (
         (("run_index", "channel"), noise[1]),
         (("run_index", "channel"), noise[2]),
     )
     return constant, whole[["response"]]
+
+
+def _prior_sd(problem: Problem) -> xr.DataArray:
+    """Prior standard deviation of every coefficient, factors tau included; infinite where the prior is flat."""
+    n = problem.n_coefficients
+    with np.errstate(divide="ignore"):
+        sd = problem.unit[:n] / np.sqrt(problem.precision[:n])
+    return xr.DataArray(sd, {"coefficient": coefficient_names(problem.vessel)}, ("coefficient",))
 
 
 def _record(fit: TrajectoryFit, run: Run, place: slice, channels: list[str], index: int) -> xr.Dataset:

@@ -119,32 +119,49 @@ def coefficient_prior(
     return CoefficientPrior(mean, scale, unit, tuned, kind)
 
 
-def posterior_prior(posteriors: Mapping[str, xr.DataTree], vessel: Vessel) -> CoefficientPrior:
-    """Prior with the means and standard deviations of the regression posteriors of another trial.
+def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel: Vessel) -> CoefficientPrior:
+    """Prior with the means and standard deviations of the posterior of another trial.
 
     Parameters
     ----------
-    posteriors : mapping of str to DataTree
-        Posterior of every DOF of the vessel. Of the same trial they would count its data twice.
+    posteriors : DataTree or mapping of str to DataTree
+        Posterior of all coefficients of the vessel from whole trajectories, or the regression posterior of every DOF.
+        Of the same trial they would count its data twice.
     vessel : Vessel
 
     Returns
     -------
     CoefficientPrior
-        Taken as stated, without factors tau.
+        Taken as stated, without factors tau; correlations of the posterior are left out.
 
     Raises
     ------
     PriorError
-        When a DOF is missing.
+        When a DOF or a coefficient is missing, or a coefficient does not vary.
     """
-    lacking = [dof for dof in vessel.dofs if dof not in posteriors]
+    trees = posteriors
+    if isinstance(posteriors, xr.DataTree):  # which is a mapping, too: of its groups
+        trees = dict.fromkeys(vessel.dofs, posteriors)
+    lacking = [dof for dof in vessel.dofs if dof not in trees]
     if lacking:
         raise PriorError(f"A prior from posteriors needs every DOF, {', '.join(lacking)} missing; add them.")
-    blocks = []
-    for dof in vessel.dofs:
-        names = vessel.coefficients(dof)["coefficient"].values
-        draws = posteriors[dof]["posterior"]["coefficients"].sel(coefficient=names)
-        blocks.append((draws.mean(("chain", "draw")).values, draws.std(("chain", "draw")).values))
-    mean, scale = (np.concatenate(values) for values in zip(*blocks, strict=True))
+    moments = [_moments(trees[dof], vessel, dof) for dof in vessel.dofs]
+    mean, scale = (np.concatenate(values) for values in zip(*moments, strict=True))
     return CoefficientPrior(mean, scale, scale, np.zeros(mean.size, dtype=bool), "posterior")
+
+
+def _moments(tree: xr.DataTree, vessel: Vessel, dof: str) -> tuple[np.ndarray, np.ndarray]:
+    """Posterior mean and standard deviation of the coefficients of a DOF."""
+    names, draws = vessel.coefficients(dof)["coefficient"].values, tree["posterior"]["coefficients"]
+    lacking = sorted(set(names) - set(draws["coefficient"].values))
+    if lacking:
+        raise PriorError(f"A prior from a posterior needs every coefficient, {', '.join(lacking)} missing; add them.")
+    draws = draws.sel(coefficient=names)
+    mean, sd = draws.mean(("chain", "draw")).values, draws.std(("chain", "draw")).values
+    fixed = names[~(sd > 1e-12 * np.abs(mean))]
+    if fixed.size:
+        raise PriorError(
+            f"A prior from a posterior needs draws that vary, those of {', '.join(fixed)} do not; give those held "
+            "fixed a small sd in the table of coefficient_prior."
+        )
+    return mean, sd

@@ -1,4 +1,4 @@
-"""The record of a trial: an xr.Dataset over time with SNAME names, SI units and rad; checked, read and written."""
+"""The record of a trial: an xr.Dataset over time with SNAME names, SI units and rad; checked and written."""
 
 from __future__ import annotations
 
@@ -25,6 +25,9 @@ UNITS = {
 
 CHANNELS = tuple(UNITS)
 
+EXTRA_UNITS = {"n": "rev/s", "thrust": "N", "torque": "N m"}
+"""Channels of the propeller that a record may have beside them."""
+
 
 class TrialError(ValueError):
     """A record that cannot be used; the sentence names the channel and the place."""
@@ -39,7 +42,7 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
     channels : iterable of str
         Channels that must be there.
     uniform : bool, optional
-        Whether the sampling interval must be constant (within 1e-6 of itself).
+        Whether the sampling interval must be constant (see :func:`is_uniform`).
 
     Returns
     -------
@@ -72,12 +75,21 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
     intervals = np.diff(time)
     if not np.isfinite(time).all() or (intervals <= 0.0).any():
         raise TrialError("The time of a trial must be finite and increase; sort the record and drop repeated rows.")
-    if uniform and intervals.size and np.ptp(intervals) > 1e-6 * intervals.mean() + 1e-9:
+    if uniform and not is_uniform(time):
         raise TrialError(
             f"The sampling of a trial must be uniform, found steps of {intervals.min():g} to {intervals.max():g} s; "
             "resample the record."
         )
     return trial
+
+
+def is_uniform(time: np.ndarray) -> bool:
+    """Whether increasing times have a constant step: within 1e-6 of it, or as rounding to the microsecond leaves it."""
+    intervals = np.diff(time)
+    if not intervals.size:
+        return True
+    step = intervals.mean()
+    return bool(np.ptp(intervals) <= 1e-6 * step + min(1e-6, 1e-3 * step) + 1e-9 and intervals.min() > 0.0)
 
 
 def sampling_interval(trial: xr.Dataset) -> float:
@@ -86,57 +98,6 @@ def sampling_interval(trial: xr.Dataset) -> float:
     if time.size < 2:
         raise TrialError(f"A trial has at least two samples, found {time.size}; check the record.")
     return float((time[-1] - time[0]) / (time.size - 1))
-
-
-def read_trial(path: str | Path) -> xr.Dataset:
-    """Read a trial from CSV with a header of channel names and units of this package.
-
-    Parameters
-    ----------
-    path : str or Path
-        CSV with the columns ``time`` [s] and any of u, v [m/s], r, p [rad/s], phi, psi, delta [rad], x, y [m].
-
-    Returns
-    -------
-    Dataset, dims (time,)
-
-    Raises
-    ------
-    TrialError
-        For an unreadable file, unknown or missing columns, or text where a number should be; names line and column.
-    """
-    path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise TrialError(f"The trial {path} cannot be read: {reason}; check the path.") from None
-    rows = [(number, line.split(",")) for number, line in enumerate(lines, 1) if line.strip() and line[0] != "#"]
-    if len(rows) < 3:
-        raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(rows)} lines.")
-    names = [name.strip() for name in rows[0][1]]
-    unknown = [name for name in names if name not in ("time", *CHANNELS)]
-    if unknown or "time" not in names or len(set(names)) < len(names):
-        found = f"{', '.join(unknown)} unknown" if unknown else f"the header {','.join(names)}"
-        raise TrialError(
-            f"{path}: columns are time and any of {', '.join(CHANNELS)}, each once; found {found}; rename."
-        )
-    values = np.array([_row(cells, names, path, number) for number, cells in rows[1:]])
-    column = dict(zip(names, values.T, strict=True))
-    channels = {name: ("time", column[name], {"units": UNITS[name]}) for name in CHANNELS if name in column}
-    return xr.Dataset(channels, {"time": ("time", column["time"], {"units": "s"})})
-
-
-def _row(cells: list[str], names: list[str], path: Path, number: int) -> list[float]:
-    if len(cells) != len(names):
-        raise TrialError(f"{path}, line {number}: the header has {len(names)} columns, found {len(cells)}; mend it.")
-    values = []
-    for cell, name in zip(cells, names, strict=True):
-        try:
-            values.append(float(cell))
-        except ValueError:
-            raise TrialError(f"{path}, line {number}, column {name}: a number is needed, found {cell!r}.") from None
-    return values
 
 
 def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
@@ -157,7 +118,7 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
         When the folder cannot be written.
     """
     path = Path(path)
-    names = [name for name in CHANNELS if name in trial]
+    names = [name for name in (*CHANNELS, *EXTRA_UNITS) if name in trial]
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
     with staged(path) as partial, partial.open("w", encoding="utf-8") as file:
         file.write(",".join(["time", *names]) + "\n")

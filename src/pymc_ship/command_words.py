@@ -1,0 +1,49 @@
+"""Words of the command line turned into values; ArgumentTypeError says what a word should have been."""
+
+from __future__ import annotations
+
+import argparse
+
+
+def seed(text: str) -> int:
+    """Root of random numbers."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0 up, found {text!r}")
+    return int(text)
+
+
+def draws(text: str) -> int:
+    """Number of draws, which four chains share."""
+    if not text.isdecimal() or int(text) == 0 or int(text) % 4:
+        raise argparse.ArgumentTypeError(f"draws come as a multiple of 4, found {text!r}")
+    return int(text)
+
+
+def zigzag(text: str) -> tuple[float, float]:
+    """Rudder angle and heading [deg]."""
+    try:
+        rudder, heading = (float(angle) for angle in text.split("/"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"a zigzag is RUDDER/HEADING in deg such as 20/20, found {text!r}") from None
+    return rudder, heading
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Names between commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def level(text: str) -> float | str:
+    """Noise level."""
+    try:
+        return text if text == "literal" else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"a noise level is a number or 'literal', found {text!r}") from None
+
+
+def interval(text: str) -> float | None:
+    """Interval [s], None for all samples."""
+    try:
+        return None if text == "all" else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"an interval is a number of seconds or 'all', found {text!r}") from None
