@@ -62,7 +62,7 @@ def one_fit(data, sd_factor):
 
 @pytest.fixture(scope="module")
 def many(small):
-    """Honest fits of 40 data sets and their broken twins, whose noise is taken for half of what it is."""
+    """Honest fits of 30 data sets and their broken twins, whose noise is taken for half of what it is."""
     estimators = {
         "plain": lambda data: [frontier._scored(data, "plain", *one_fit(data, 1.0))],
         "halved": lambda data: [frontier._scored(data, "halved", *one_fit(data, 0.5))],
@@ -70,7 +70,7 @@ def many(small):
     with pytest.MonkeyPatch.context() as patch:
         for name, estimator in estimators.items():
             patch.setitem(frontier.ESTIMATORS, name, estimator)
-        return frontier.frontier(small, seeds=40, seed=1, cells=[PLAIN], duration=DURATION, workers=1)
+        return frontier.frontier(small, seeds=30, seed=1, cells=[PLAIN], duration=DURATION, workers=1)
 
 
 def score(found, estimator, column, statistic="mean"):

@@ -288,7 +288,7 @@ def test_method_rows_say_how_each_number_came_about(made_up):
     details = {row["method"]: row["detail"] for row in made_up}
     assert details["best differencing"] == "two"
     assert details["trajectory fit, flat prior"] == "no start converges"
-    assert details["trajectory fit, order-damped prior"] == "student-t noise, offsets, chi2 1.040, 1 of 2 starts"
+    assert details["trajectory fit, order-damped prior"] == "student-t noise, offsets, chi2 1.04, 1/2 starts"
 
 
 def test_the_bound_and_a_fit_that_failed_have_no_coverage(made_up):

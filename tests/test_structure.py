@@ -53,6 +53,7 @@ LAYERS = (
     "trajectory_fit",
     "identifiability",
     "trajectory_noise",
+    "trajectory_mode",
     "trajectory_posterior",
     "error_laws",
     "predictive",

@@ -558,7 +558,7 @@ def test_the_page_goes_from_the_bound_down(page, result):
     assert "9 From the bound down" in page.text
     below = sum(row["below"] for row in result.tables["published_bound"])
     assert f"{below} of 186 published errors lie below" in page.text
-    assert "bound % at 0.447" in page.text
+    assert page.text.count("Cramer-Rao bounds at noise levels 0.447 (beside the published) and 0.01") == len(DOFS)
     assert page.text.count("outside the motion of the record") >= 3
 
 

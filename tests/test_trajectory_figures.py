@@ -37,7 +37,9 @@ def test_every_channel_is_drawn_in_its_unit_with_residuals_and_the_rudder():
 
 def test_a_channel_that_a_run_lacks_is_left_out():
     tree = changed(short_posterior(), "observed_data/response", lambda v: v[:, 1].fill(np.nan))
-    labels = [ax.get_ylabel() for ax in drawn(trajectory_figures.motion(tree, 0)).axes]
+    fig = drawn(trajectory_figures.motion(tree, 0))
+    labels = [ax.get_ylabel() for ax in fig.axes]
+    assert legend(fig)[1] == "fitted"
     assert labels == ["u [m/s]", "r [deg/s]", *["residual [sd]"] * 2, "rudder δ [deg]"]
 
 

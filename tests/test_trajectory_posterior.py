@@ -114,7 +114,7 @@ class TestKhat:
 
 class TestMode:
     def test_both_starts_end_there_though_they_are_apart(self, ship, trials, monkeypatch):
-        module, starts = sys.modules["pymc_ship.trajectory_posterior"], []
+        module, starts = sys.modules["pymc_ship.trajectory_mode"], []
         plain = module.weak_form_start
         monkeypatch.setattr(
             module, "weak_form_start", lambda *args, **settings: starts.append(plain(*args, **settings)) or starts[-1]

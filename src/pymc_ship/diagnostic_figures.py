@@ -23,7 +23,7 @@ PREDICTIVE_SAMPLES = 50
 PAIR_DRAWS = 2000
 """Draws shown in a pair plot."""
 
-_FOREST_TICKS = np.outer((-1, 1), (0, 1, 2, 3, 10, 100, 1000, 1e4, 1e5, 1e6)).ravel()
+_FOREST_TICKS = np.concatenate([[0.0], *np.outer((-1, 1), (1, 2, 3, 10, 100, 1000, 1e4, 1e5, 1e6))])
 _INK, _BLUE, _RUST = REFERENCE, COLOURS["conjugate"], COLOURS["semiconjugate"]
 
 

@@ -246,7 +246,7 @@ def nuts_posterior(
         posterior["noise_variance"].transpose("chain", "draw").to_numpy(),
         method="nuts",
         rng_state=state,
-        groups={"sample_stats": _sample_stats(sampled["sample_stats"].dataset, attrs)},
+        groups={"sample_stats": nuts_sample_stats(sampled["sample_stats"].dataset, attrs)},
     )
     if law.parameter:
         tree = with_errors(tree, data, errors, posterior[law.parameter].transpose("chain", "draw").to_numpy())
@@ -292,7 +292,7 @@ def _sample_pymc(stated: tuple, settings: dict, seed: int, progress: bool) -> xr
         )
 
 
-def _sample_stats(raw: xr.Dataset, attrs: dict) -> xr.Dataset:
+def nuts_sample_stats(raw: xr.Dataset, attrs: dict) -> xr.Dataset:
     """Statistics of the sampler under their ArviZ names, as plain arrays of bool, int64 or float64."""
     named = raw.rename({given: name for given, name in _NUTPIE_NAMES.items() if given in raw})
     values = {name: (("chain", "draw"), named[name].to_numpy().astype(kind)) for name, kind in _SAMPLE_STATS.items()}

@@ -221,7 +221,7 @@ def fit_name(prior: str) -> str:
 def _fit_detail(mode: TrajectoryMode) -> str:
     choice = mode.choice
     noise = choice.kind.replace("_", "-") + (" noise, offsets" if choice.offsets else " noise")
-    return f"{noise}, chi2 {choice.fit.chi2:.3f}, {mode.n_agreeing} of {mode.n_starts} starts"
+    return f"{noise}, chi2 {choice.fit.chi2:.2f}, {mode.n_agreeing}/{mode.n_starts} starts"
 
 
 def relative_bound(vessel: Vessel, bound: np.ndarray) -> np.ndarray:

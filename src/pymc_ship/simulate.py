@@ -239,7 +239,7 @@ def check_replay(
     block: int,
 ) -> None:
     """Raise SimulationError for settings that no rudder record can be replayed with; see :func:`replay`."""
-    n_coefficients = reference_coefficients(vessel).size
+    n_coefficients = sum(len(vessel.terms(dof)) for dof in vessel.dofs)
     shapes = coefficients.shape, initial_state.shape, delta.shape
     if shapes[0] != (n_coefficients,) or shapes[1] not in ((5,), (6,), (8,)) or delta.ndim != 1:
         raise SimulationError(

@@ -18,23 +18,23 @@ from pymc_ship.vessel import LETTER
 def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
     """Title, caption and table of one DOF's coefficients (Tables 2 and 3)."""
     n, error, families = number(4), ("error %", number(3)), (("conjugate", "conj."), ("semiconjugate", "semi-c."))
-    columns = {"coefficient": ("coefficient", str), "reference": ("reference", n), "sign_source": ("sign from", str)}
+    columns = {"coefficient": ("coefficient", str), "reference": ("reference", n)}
     for family, short in families:
         columns |= {f"published_{family}": (f"publ. {short}", n), f"published_error_{family}": error}
-    columns["bound_literal"] = (f"bound % at {LITERAL_LEVEL:.3f}", number(3))
+    columns["bound_literal"] = ("bound %", number(3))
     for family, short in families:
         columns |= {
             f"mean_{family}": (f"ours {short}", n),
             f"sd_{family}": ("± sd", number(2)),
             f"error_{family}": error,
         }
-    columns["bound"] = (f"bound % at {result.level:g}", number(3))
+    columns |= {"bound": ("bound %", number(3)), "sign_source": ("sign from", str)}
     rows = _coefficient_rows(result, dof, exact)
     number_of_table = "2" if dof in ("surge", "sway") else "3"
     return {
         "title": f"Table {number_of_table}  {dof.capitalize()}: {LETTER[dof]}-coefficients",
-        "caption": "Prime values times 1e5; the published error is recomputed from the published estimate. Bound: of "
-        "Cramer and Rao, the least standard deviation of unbiased estimates at that noise level.",
+        "caption": "Prime values times 1e5; the published error is recomputed from the published estimate. Cramer-Rao "
+        f"bounds at noise levels {LITERAL_LEVEL:.3f} (beside the published) and {result.level:g} (beside ours).",
         "table": table(rows, columns),
     }
 

@@ -34,6 +34,7 @@ def motion(tree: xr.DataTree, run: int) -> Figure:
     rows = np.flatnonzero(found["run"].values == run)
     one, time = found["residual"].isel(row=rows), found["time"].values[rows]
     names = [str(name) for name in one["channel"].values if np.isfinite(one.sel(channel=name)).all()]
+    shifted = ", sensor offset included" if "sensor_offset" in tree["posterior"] else ""
     with matplotlib.rc_context(STYLE):
         fig, pairs, rudder = _motion_panels(len(names))
         for (ax, below), name in zip(pairs, names, strict=True):
@@ -41,7 +42,7 @@ def motion(tree: xr.DataTree, run: int) -> Figure:
             measured, residual = tree["observed_data"]["response"].sel(channel=name)[rows], one.sel(channel=name)
             fitted = measured - residual * constant["block_sd"].isel(run_index=run).sel(channel=name)
             ax.plot(time, factor * measured, ".", color=NOISE, ms=2.0, label="measured, block means")
-            ax.plot(time, factor * fitted, color=_BLUE, label="fitted, sensor offset included")
+            ax.plot(time, factor * fitted, color=_BLUE, label=f"fitted{shifted}")
             ax.set_ylabel(f"{_WORDS.get(name, name)} [{unit}]")
             below.plot(time, residual, ".", color=_RUST, ms=1.5)
             below.axhline(0.0, color=REFERENCE, lw=0.7)

@@ -17,7 +17,7 @@ import xarray as xr
 
 from pymc_ship.equations_of_motion import STATE
 from pymc_ship.posterior import rng_state
-from pymc_ship.pymc_model import _sample_stats
+from pymc_ship.pymc_model import nuts_sample_stats
 from pymc_ship.trajectory_fit import Problem, TrajectoryError, TrajectoryFit
 from pymc_ship.trajectory_posterior import (
     TrajectoryMode,
@@ -235,7 +235,7 @@ def mode_nuts_posterior(
     )
     coordinates = sampled["posterior"]["direction_coordinate"]
     attrs = {"tuning_steps": tune, "inference_library": "nutpie", "inference_library_version": version("nutpie")}
-    statistics = _sample_stats(sampled["sample_stats"].dataset, attrs)
+    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, attrs)
     unknowns = fit.unknowns + coordinates.to_numpy() @ fit.square_root.T
     flat = unknowns.reshape(-1, fit.unknowns.size)
     log_likelihood = log_likelihood_rows(fit, flat)

@@ -170,7 +170,7 @@ def _motion(tree: xr.DataTree) -> Part:
     title = "Measured and fitted motion"
     if lacking := missing_sentence(tree, *RECORDS, "constant_data/motion"):
         return Part(title, f"Not shown: {lacking}")
-    caption = "Run {}: block means and the motion at the posterior mode; below, residuals in standard deviations."
+    caption = "Run {}: block means and the motion at the posterior mode; below, residuals in sd of a block."
     runs = range(tree["constant_data"].sizes["run_index"])
     images = [(f"motion-{k + 1}", drawn.motion(tree, k), caption.format(k + 1)) for k in runs]
     return Part(title, "", [], images)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -13,76 +12,17 @@ from pymc_ship.equations_of_motion import STATE, prime_record
 from pymc_ship.posterior import provenance, rng_state
 from pymc_ship.simulate import replay
 from pymc_ship.terms import SYMBOLS
-from pymc_ship.trajectory_data import Run, trajectory_run
+from pymc_ship.trajectory_data import Run
 from pymc_ship.trajectory_fit import Noise, Problem, TrajectoryError, TrajectoryFit, whiten
-from pymc_ship.trajectory_noise import NoiseChoice, fit_with_noise, sample_residuals
-from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_names, coefficient_prior
+from pymc_ship.trajectory_mode import TrajectoryMode, trajectory_mode
+from pymc_ship.trajectory_noise import sample_residuals
+from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_names
 from pymc_ship.vessel import Vessel
-from pymc_ship.weak_form import weak_form_start
 
 KHAT_LIMIT = 0.7
 """Pareto k-hat above which the normal approximation is not to be trusted (Vehtari et al. 2024)."""
 
-_SAME_MODE = 0.5
 _LOG_2PI = np.log(2.0 * np.pi)
-
-
-@dataclass(frozen=True)
-class TrajectoryMode:
-    """Best mode found from several starts.
-
-    Attributes
-    ----------
-    choice : NoiseChoice
-        Fit, noise model and tests.
-    n_starts, n_agreeing : int
-        Starts that ran, and those that ended at this mode.
-    """
-
-    choice: NoiseChoice
-    n_starts: int
-    n_agreeing: int
-
-
-def trajectory_mode(
-    trials: xr.Dataset | Sequence[xr.Dataset],
-    vessel: Vessel,
-    prior: str | CoefficientPrior = "order_damped",
-    *,
-    channels: Sequence[str] | None = None,
-    noise_sd: Mapping[str, float] | None = None,
-    noise: str = "auto",
-    offsets: bool | None = None,
-    method: str = "rk4",
-) -> TrajectoryMode:
-    """Posterior mode from weak-form starts, under the noise model the residuals call for.
-
-    Parameters, errors and references as :func:`trajectory_posterior`.
-
-    Returns
-    -------
-    TrajectoryMode
-    """
-    trials = [trials] if isinstance(trials, xr.Dataset) else list(trials)
-    if not trials:
-        raise TrajectoryError("A trajectory fit needs at least one trial, found none; give one.")
-    runs = [trajectory_run(trial, vessel, channels=channels, noise_sd=noise_sd, method=method) for trial in trials]
-    if isinstance(prior, str):
-        prior = coefficient_prior(trials, vessel, prior)
-    damped = prior if np.isfinite(prior.scale).all() else coefficient_prior(trials, vessel)
-    choices, failures = [], []
-    undamped = coefficient_prior(trials, vessel, damping=1.0)
-    for scale in (damped.scale, undamped.scale):
-        start = weak_form_start(trials, vessel, damped.mean, scale, method=method)
-        try:
-            choices.append(fit_with_noise(runs, vessel, prior, start, noise=noise, offsets=offsets))
-        except TrajectoryError as error:
-            failures.append(error)
-    if not choices:
-        raise failures[0]
-    best = max(choices, key=lambda choice: choice.fit.log_evidence)
-    distance = [np.max(np.abs(choice.fit.coefficients - best.fit.coefficients) / best.fit.sd) for choice in choices]
-    return TrajectoryMode(best, len(choices) + len(failures), int(np.sum(np.array(distance) < _SAME_MODE)))
 
 
 def trajectory_posterior(
@@ -155,6 +95,8 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
     log_likelihood = log_likelihood_rows(fit, unknowns)
     log_prior = log_prior_density(fit, unknowns)
     running = np.isfinite(log_likelihood).all(axis=1)
+    if not running.any():
+        raise TrajectoryError("Every draw of the normal approximation leaves the model's range; give a closer prior.")
     log_weight = np.where(running, log_likelihood.sum(axis=1) + log_prior + 0.5 * np.sum(standard**2, axis=1), -np.inf)
     khat = pareto_khat(log_weight[running])
     attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~running))}
