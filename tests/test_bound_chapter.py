@@ -53,9 +53,9 @@ def made_up(level=0.01, published=True):
     for name, factor in (("zigzag", 20.0), ("turning_circle", 50.0)):
         tables[f"trajectory_{name}"] = [forecast_row(at, factor * at, pareto_khat=0.4) for at in LEVELS]
         tables[f"forecast_{name}"] = [
-            forecast_row(at, 10.0 * factor * at, family=family)
+            forecast_row(at, times * factor * at, family=family)
             for at in (0.0, *LEVELS)
-            for family in ("semiconjugate", "conjugate")
+            for family, times in (("semiconjugate", 30.0), ("conjugate", 10.0))
         ]
     return SimpleNamespace(level=level, tables=tables)
 

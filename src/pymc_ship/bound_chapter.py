@@ -131,9 +131,9 @@ def _draw_text() -> str:
 def _forecast_text() -> str:
     return (
         "Forecasts of the trajectory fit (order-damped prior, normal approximation) beside those of the paper's "
-        "pipeline: RMSE of the median over the channels' range, coverage of the 90 % bands, share of the draws that "
-        "diverged, which the bands leave out, and share of the instants outside the motion of the record. Where Pareto "
-        f"k-hat exceeds {KHAT_LIMIT:g}, the normal approximation is not to be trusted."
+        "pipeline: error (RMSE of the median over the channels' range), coverage of the 90 % bands, share of the draws "
+        "that diverged, which the bands leave out, and share of the instants outside the motion of the record. Where "
+        f"Pareto k-hat exceeds {KHAT_LIMIT:g}, the normal approximation is not to be trusted."
     )
 
 
@@ -173,10 +173,10 @@ def forecast_table(result: StudyResult) -> Table:
     columns = {"level": ("noise level", number(3)), "method": ("forecast by", str)}
     for name, short_name in (("zigzag", "zigzag"), ("turning_circle", "turn")):
         columns |= {
-            f"{name}_error": (f"{short_name} RMSE/range %", number(3)),
-            f"{name}_coverage": ("bands cover %", fixed(0)),
+            f"{name}_error": (f"{short_name} error %", number(3)),
+            f"{name}_coverage": ("cover %", fixed(0)),
             f"{name}_share_diverged": ("diverged %", fixed(1)),
-            f"{name}_share_extrapolated": ("extrapolated %", fixed(0)),
+            f"{name}_share_extrapolated": ("outside %", fixed(0)),
         }
     return table(forecast_rows(result), columns | {"pareto_khat": ("Pareto k-hat", fixed(2))})
 

@@ -47,9 +47,10 @@ def diagnostic_report(
     Parameters
     ----------
     trees : mapping of str to DataTree
-        Posteriors by the name of their section, from :func:`~pymc_ship.posterior.read_posterior` or a function that
-        draws one. A part whose groups a tree does not have says so in one sentence. Draws of the data and prior of an
-        exact posterior that is given, too, share its section and are compared with it.
+        Posteriors by the name of their section, of regressions or of whole trajectories, from
+        :func:`~pymc_ship.posterior.read_posterior` or a function that draws one. A part whose groups a tree does not
+        have says so in one sentence. Draws of the data and prior of an exact posterior that is given, too, share its
+        section and are compared with it.
     out : str or Path
         Folder of the page; created where it is missing.
     vessel : Vessel, str or Path, optional

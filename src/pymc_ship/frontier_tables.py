@@ -122,6 +122,7 @@ AIMS = (
         _at_most(0.01, 0.03, 0.1),
     ),
     Aim("draws diverged, 10/10 zigzag", "%", "white", _ZIGZAG, "share_diverged", "mean", {}),
+    Aim("draws diverged, 35 deg turn", "%", "white", _TURN, "share_diverged", "mean", {}),
     Aim("draws diverged, 35 deg turn, 600 s", "%", "white", _LONG_TURN, "share_diverged", "mean", {}),
     Aim("median coefficient error, 20/20 zigzag alone", "%", "white", _DEFAULT, "median_error", "median", {}),
     Aim(

@@ -206,7 +206,7 @@ def _residuals(tree: xr.DataTree) -> Part:
     )
     text = _white(tree) + (student if tree.attrs["noise_model"].startswith("student_t") else "")
     images = [
-        ("autocorrelation", drawn.autocorrelation(found), "Autocorrelation of these residuals; band ± 1.96/√n."),
+        ("autocorrelation", drawn.autocorrelation(found), "Their autocorrelation; band of each run ± 1.96/√n."),
         ("quantiles", drawn.quantiles(found), "Quantiles of these residuals against those of the normal."),
     ]
     return Part("Residuals", text, [(table(rows, columns), caption)], images)
