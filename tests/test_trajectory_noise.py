@@ -202,6 +202,7 @@ class TestErrors:
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 class TestCoverage:
     """Shares of 53 coefficients within their 90 % intervals over 30 seeds, with the scatter between seeds."""
 

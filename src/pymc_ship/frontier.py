@@ -24,8 +24,9 @@ from pymc_ship.manoeuvres import turning_circle, zigzag
 from pymc_ship.simulate import simulate
 from pymc_ship.tables import forecast_row, relative_error
 from pymc_ship.trajectory_fit import TrajectoryError
+from pymc_ship.trajectory_mode import TrajectoryMode, trajectory_mode
 from pymc_ship.trajectory_noise import fit_with_noise
-from pymc_ship.trajectory_posterior import TrajectoryMode, laplace_posterior, trajectory_mode
+from pymc_ship.trajectory_posterior import laplace_posterior
 from pymc_ship.vessel import Vessel
 
 FORECASTS = {
