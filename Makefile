@@ -11,11 +11,11 @@ study: $(STAMP)  ## the paper's study on the container ship -> reports/container
 frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> reports/frontier/index.html
 	$(VENV)/bin/pymc-ship frontier --out reports/frontier
 
-test: $(STAMP) lint  ## every test
-	$(PYTHON) -m pytest -q
+test: $(STAMP) lint  ## every test, a file at a time on each core
+	$(PYTHON) -m pytest -q -n auto --maxprocesses 4 --dist loadfile
 
 test-fast: $(STAMP)  ## the tests that take under a minute together
-	$(PYTHON) -m pytest -q -m "not slow"
+	$(PYTHON) -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow"
 
 consistency: $(STAMP)  ## every path to a posterior against the others and against simulated truth, with the largest z
 	$(PYTHON) -m pytest -q -m consistency
