@@ -140,7 +140,7 @@ def _page(rows: Mapping[str, Sequence[Mapping]], figure: str, *, seeds: int, see
     down = {"level": level, "method": ("method", str), "by": ("by", str), "median_error": ("median error %", n)}
     down |= {"se": ("± se", number(1)), "times_bound": ("times the bound", n)}
     fits = {"cell": ("data", str), "level": level, "estimator": ("fit", str), "median_error": ("median error %", n)}
-    fits |= {"coverage": ("90 % intervals cover %", fixed(1)), "se": ("± se", fixed(1))}
+    fits |= {"coverage": ("coverage %", fixed(1)), "se": ("± se", fixed(1))}
     fits |= {
         key: (head, fixed(0))
         for key, head in {
