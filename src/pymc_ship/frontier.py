@@ -16,6 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from pymc_ship.denoise import denoise
+from pymc_ship.estimates import DIFFERENCES, errors_on_bound
 from pymc_ship.forecast import forecast
 from pymc_ship.frontier_data import CELLS, Cell, DataSet, data_set
 from pymc_ship.identification import identify
@@ -35,14 +36,6 @@ FORECASTS = {
     "35 deg turn, 600 s": (turning_circle(35), 600.0),
 }
 """Manoeuvres that are forecast and their durations [s]."""
-
-DIFFERENCES = {
-    "central difference at 1 s": ("central", 1.0),
-    "central difference": ("central", None),
-    "Savitzky-Golay at 1 s": ("savgol", 1.0),
-    "Savitzky-Golay": ("savgol", None),
-}
-"""Rivals of the paper's differences: derivative and interval of the rows [s], on the denoised record."""
 
 DRAWS = 300
 """Posterior draws of a forecast."""
@@ -96,13 +89,10 @@ def _scored(data: DataSet, estimator: str, estimate: np.ndarray, sd: np.ndarray 
 
 def _bound(data: DataSet) -> list[Measurement]:
     """Median error that normal, unbiased estimates on the bound would have."""
-    from scipy.optimize import brentq
-    from scipy.stats import norm
-
     known = data.truth != 0.0
     relative = 100.0 * data.bound[known] / np.abs(data.truth[known])
-    error = brentq(lambda x: np.mean(2.0 * norm.cdf(x / relative) - 1.0) - 0.5, 0.0, 10.0 * relative.max())
-    return [_measurement(data, "bound", {"median_error": error, "median_sd": float(np.median(relative))})]
+    values = {"median_error": errors_on_bound(relative)["median"], "median_sd": float(np.median(relative))}
+    return [_measurement(data, "bound", values)]
 
 
 def _mode(data: DataSet, prior: str = "order_damped", **settings) -> TrajectoryMode | None:

@@ -9,12 +9,12 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.identifiability import identifiability
+from pymc_ship.estimates import cramer_rao_bound
 from pymc_ship.manoeuvres import Manoeuvre, zigzag
 from pymc_ship.noise import FACTORS
 from pymc_ship.simulate import simulate
 from pymc_ship.study import generator
-from pymc_ship.trajectory_data import SENSORS, trajectory_run
+from pymc_ship.trajectory_data import SENSORS
 from pymc_ship.trial_design import candidate_trials
 from pymc_ship.vessel import Vessel
 
@@ -175,15 +175,5 @@ def _manoeuvres(vessel: Vessel, n_designed: int, duration: float, rng: np.random
 
 def _bound(data: DataSet) -> np.ndarray:
     """Cramer-Rao bound at the truth: white noise of the true size, unknown initial states."""
-    runs = [
-        trajectory_run(
-            clean,
-            data.vessel,
-            noise_sd={name: trial.attrs[f"noise_sd_{name}"] for name in SENSORS},
-            method=data.cell.method,
-        )
-        for clean, trial in zip(data.clean, data.trials, strict=True)
-    ]
-    states = np.zeros((len(runs), runs[0].n_states))
-    states[:, runs[0].rows] = [run.samples[:, 0] for run in runs]
-    return identifiability(runs, data.vessel, initial_states=states)["bound"].values
+    noise = [{name: trial.attrs[f"noise_sd_{name}"] for name in SENSORS} for trial in data.trials]
+    return cramer_rao_bound(data.clean, data.vessel, noise, method=data.cell.method).values

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.frontier import DIFFERENCES, Measurement
+from pymc_ship.estimates import DIFFERENCES
+from pymc_ship.frontier import Measurement
 from pymc_ship.frontier_data import LEVELS
 from pymc_ship.trajectory_prior import coefficient_names
 from pymc_ship.vessel import Vessel
