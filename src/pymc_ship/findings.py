@@ -206,7 +206,7 @@ def _eq15(result: StudyResult) -> dict:
     text = (
         "Eq. 15 of the paper, offered as the marginal of the noise variance, has the shape A + (n + c)/2 of its full "
         "conditional; the marginal has A + n/2. NUTS, which knows neither, decides: against the marginal its means of "
-        f"sigma2 lie within |z| = {right:.1f}, against the other shape at least {slip:.0f} Monte-Carlo errors away."
+        f"sigma2 lie within |z| = {right:.1f}, against the other shape at least {slip:.1f} Monte-Carlo errors away."
     )
     columns = {
         "dof": ("DOF", str),
