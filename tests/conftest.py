@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 import pymc_ship as ps
+from small_vessel import small_vessel
+from trajectory_cases import record, without_roll
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +24,21 @@ def zigzag_trial(container):
 def circle_trial(container):
     """35 deg turn to port until it is steady."""
     return ps.simulate(container, ps.turning_circle(35.0), duration=1200.0)
+
+
+@pytest.fixture(scope="session")
+def small(container):
+    """Ten of the container ship's coefficients, without roll."""
+    return small_vessel(container)
+
+
+@pytest.fixture(scope="session")
+def ship(container):
+    """The container ship's hull without roll, for fits of whole trajectories."""
+    return without_roll(container)
+
+
+@pytest.fixture(scope="session")
+def zigzag(ship):
+    """Clean 20/20 zigzag of that hull: 120 s, 0.1 s, Runge-Kutta."""
+    return record(ship, ps.zigzag(20.0, 20.0))

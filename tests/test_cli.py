@@ -30,9 +30,7 @@ from pymc_ship.regression_data import WEAK
 from pymc_ship.simulate import METHODS
 from pymc_ship.trial import CHANNELS
 from pymc_ship.vessel import DOFS
-
-TERMS = {"surge": ("Xu", "Xuu", "Xvr", "Xdeltadelta"), "sway": ("Yv", "Yr", "Ydelta"), "yaw": ("Nv", "Nr", "Ndelta")}
-"""A small vessel that is quick to identify: ten of the container ship's coefficients, without roll."""
+from small_vessel import TERMS
 
 COMMANDS = ("study", "simulate", "denoise", "identify", "tune", "forecast", "report")
 HEAVY = ("numpy", "xarray", "numba", "scipy", "pymc", "pytensor", "arviz", "skopt", "sklearn", "matplotlib", "rich")
@@ -55,12 +53,6 @@ def toml(vessel):
     for dof, force in vessel.forces.items():
         lines += [f"[coefficients.{dof}]", *(f"{c.name} = {c.value}" for c in force)]
     return "\n".join([f'name = "{vessel.name}"', *lines]) + "\n"
-
-
-@pytest.fixture(scope="session")
-def small(container):
-    forces = {dof: tuple(c for c in container.forces[dof] if c.name in names) for dof, names in TERMS.items()}
-    return replace(container, name="small", forces=forces)
 
 
 @pytest.fixture(scope="module", autouse=True)

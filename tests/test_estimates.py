@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,17 +25,10 @@ from pymc_ship.estimates import (
 from pymc_ship.identification import identify
 from pymc_ship.tables import SHARES, error_summary, relative_error, summary_rows
 from pymc_ship.trajectory_fit import TrajectoryError
+from small_vessel import TERMS
 
-NAMES = {"surge": ("Xu", "Xuu", "Xvr", "Xdeltadelta"), "sway": ("Yv", "Yr", "Ydelta"), "yaw": ("Nv", "Nr", "Ndelta")}
 LEVEL = 0.01
 SD = {"u": 0.04, "v": 0.02, "r": 4e-5, "p": 4e-5, "phi": 5e-4}
-
-
-@pytest.fixture(scope="module")
-def small(container):
-    """Ten of the container ship's coefficients, without roll."""
-    forces = {dof: tuple(c for c in container.forces[dof] if c.name in names) for dof, names in NAMES.items()}
-    return replace(container, name="small", forces=forces)
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +155,7 @@ def test_the_bound_is_proportional_to_the_noise_and_falls_with_every_run(clean, 
 
 def test_the_bound_is_named_by_coefficient(clean, small):
     found = cramer_rao_bound(clean, small, SD, method="euler")
-    assert found["coefficient"].values.tolist() == [name for names in NAMES.values() for name in names]
+    assert found["coefficient"].values.tolist() == [name for names in TERMS.values() for name in names]
 
 
 SPREAD = np.geomspace(0.5, 300.0, 40)

@@ -28,6 +28,7 @@ from pymc_ship.frontier_tables import (
 from pymc_ship.trajectory_data import trajectory_run
 from pymc_ship.trajectory_fit import TrajectoryError, fit_trajectory, initial_problem
 from pymc_ship.trajectory_prior import CoefficientPrior
+from small_vessel import small_vessel
 
 frontier, frontier_report = (import_module(f"pymc_ship.{name}") for name in ("frontier", "frontier_report"))
 Measurement = frontier.Measurement
@@ -45,8 +46,7 @@ WHOLE = (
 @pytest.fixture(scope="module")
 def small(container):
     """Nine of the container ship's coefficients, without roll."""
-    forces = {dof: tuple(c for c in container.forces[dof] if c.name in names) for dof, names in NAMES.items()}
-    return replace(container, name="small", forces=forces)
+    return small_vessel(container, NAMES)
 
 
 def one_fit(data, sd_factor):

@@ -17,18 +17,6 @@ from pymc_ship.trajectory_fit import TrajectoryError, fit_trajectory, initial_pr
 from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_names
 
 STEP = 0.5
-NAMES = {
-    "surge": ("Xu", "Xuu", "Xvr", "Xdeltadelta"),
-    "sway": ("Yv", "Yr", "Ydelta"),
-    "yaw": ("Nv", "Nr", "Ndelta"),
-}
-
-
-@pytest.fixture(scope="module")
-def small(container):
-    """Ten of the container ship's coefficients, without roll."""
-    forces = {dof: tuple(c for c in container.forces[dof] if c.name in names) for dof, names in NAMES.items()}
-    return replace(container, name="small", forces=forces)
 
 
 def coarse(vessel, manoeuvre, duration=100.0):

@@ -1,4 +1,3 @@
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,15 +9,7 @@ from pymc_ship import identification
 from pymc_ship.denoise import DERIVATIVES
 from pymc_ship.identification import DRAWS, EXACT, SELECTIONS, identify
 from pymc_ship.priors import FAMILIES, PriorError
-
-TERMS = {"surge": ("Xu", "Xuu", "Xvr", "Xdeltadelta"), "sway": ("Yv", "Yr", "Ydelta"), "yaw": ("Nv", "Nr", "Ndelta")}
-
-
-@pytest.fixture(scope="module")
-def small(container):
-    """Ten of the container ship's coefficients, without roll."""
-    forces = {dof: tuple(c for c in container.forces[dof] if c.name in names) for dof, names in TERMS.items()}
-    return replace(container, name="small", forces=forces)
+from small_vessel import TERMS
 
 
 @pytest.fixture(scope="module")

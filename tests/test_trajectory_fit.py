@@ -13,20 +13,10 @@ from pymc_ship.equations_of_motion import reference_coefficients
 from pymc_ship.simulate import replay
 from pymc_ship.trajectory_fit import TrajectoryError, fit_trajectory, linearise, whiten
 from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_names
-from trajectory_cases import SD, problem_of, record, rough, truth, without_roll
+from trajectory_cases import SD, problem_of, record, rough, truth
 
 SD_GIVEN = {"u": SD["u"], "r": SD["r"]}
 CORRELATION = np.array([0.0, 0.7, -0.3])
-
-
-@pytest.fixture(scope="module")
-def ship(container):
-    return without_roll(container)
-
-
-@pytest.fixture(scope="module")
-def zigzag(ship):
-    return record(ship, ps.zigzag(20.0, 20.0))
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from pymc_ship.trajectory_noise import (
     residual_tests,
     sample_residuals,
 )
-from trajectory_cases import SD, correlated, heavy_tailed, problem_of, record, rough, truth, white, without_roll
+from trajectory_cases import SD, correlated, heavy_tailed, problem_of, rough, truth, white
 
 HEADING = ("u", "v", "r", "psi")
 
@@ -33,16 +33,6 @@ def briefly_correlated(rng, n):
 def far_off(rng, n):
     """White noise about an offset; heading and rate of turn together tell it."""
     return rng.standard_normal(n) + 4.0 * rng.choice([-1.0, 1.0])
-
-
-@pytest.fixture(scope="module")
-def ship(container):
-    return without_roll(container)
-
-
-@pytest.fixture(scope="module")
-def zigzag(ship):
-    return record(ship, ps.zigzag(20.0, 20.0))
 
 
 @pytest.fixture(scope="module")

@@ -24,17 +24,7 @@ from pymc_ship.trajectory_posterior import (
     trajectory_posterior,
 )
 from pymc_ship.trajectory_prior import coefficient_names
-from trajectory_cases import SD, problem_of, record, rough, truth, without_roll
-
-
-@pytest.fixture(scope="module")
-def ship(container):
-    return without_roll(container)
-
-
-@pytest.fixture(scope="module")
-def zigzag(ship):
-    return record(ship, ps.zigzag(20.0, 20.0))
+from trajectory_cases import SD, problem_of, record, rough, truth
 
 
 @pytest.fixture(scope="module")

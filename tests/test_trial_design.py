@@ -20,11 +20,6 @@ from pymc_ship.trajectory_fit import fit_trajectory, initial_problem
 from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_names
 from pymc_ship.trial_design import CRITERIA
 
-NAMES = {
-    "surge": ("Xu", "Xuu", "Xvr", "Xdeltadelta"),
-    "sway": ("Yv", "Yr", "Ydelta"),
-    "yaw": ("Nv", "Nr", "Ndelta"),
-}
 SD = {"u": 0.02, "v": 0.02, "r": 2e-4}
 SHORT = {"duration": 60.0, "interval": 0.1, "draws": 2}
 CANDIDATES = {
@@ -36,13 +31,6 @@ CANDIDATES = {
 
 def rng(seed=1):
     return np.random.default_rng(seed)
-
-
-@pytest.fixture(scope="module")
-def small(container):
-    """Ten of the container ship's coefficients, without roll."""
-    forces = {dof: tuple(c for c in container.forces[dof] if c.name in names) for dof, names in NAMES.items()}
-    return replace(container, name="small", forces=forces)
 
 
 @pytest.fixture(scope="module")

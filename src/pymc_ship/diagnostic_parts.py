@@ -25,6 +25,7 @@ from pymc_ship.page_tables import (
     coefficient_table,
     fixed,
     number,
+    sensitivity_table,
     table,
 )
 from pymc_ship.vessel import Vessel
@@ -371,11 +372,5 @@ def _sensitivity(tree: xr.DataTree) -> Part:
     rows = diagnostics.prior_sensitivity(tree)
     moved = [row["quantity"] for row in rows if row["prior"] > PSENSE_LIMIT]
     text = f"{len(moved)} of {len(rows)} quantities move with the prior{': ' + ', '.join(moved) if moved else ''}."
-    columns = {
-        "quantity": ("quantity", str),
-        "prior": ("prior", fixed(3)),
-        "likelihood": ("likelihood", fixed(3)),
-        "diagnosis": ("diagnosis", str),
-    }
     caption = f"Power-scaling sensitivity by 0.99 and 1.01 (psense); above {PSENSE_LIMIT:g} a quantity is moved."
-    return Part(title, text, [(table(rows, columns), caption)])
+    return Part(title, text, [(sensitivity_table(rows, "quantity"), caption)])

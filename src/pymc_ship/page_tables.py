@@ -144,6 +144,12 @@ def coefficient_table(
     return table(_coefficient_rows(summary, narrowing, reference, published), columns)
 
 
+def sensitivity_table(rows: Sequence[Mapping], quantity: str) -> Table:
+    """Power-scaling sensitivities of :func:`pymc_ship.diagnostics.prior_sensitivity`, the first column as named."""
+    columns = {"quantity": (quantity, str), "prior": ("prior", fixed(3)), "likelihood": ("likelihood", fixed(3))}
+    return table(rows, columns | {"diagnosis": ("diagnosis", str)})
+
+
 def chain_table(summary: xr.Dataset) -> Table:
     """Monte Carlo errors, R-hat and effective sample sizes of every quantity."""
     columns = {

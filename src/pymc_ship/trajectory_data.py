@@ -84,6 +84,11 @@ class Run:
         return tuple(STATE.index(name) for name in self.channels)
 
     @property
+    def integration(self) -> dict:
+        """Settings of :func:`pymc_ship.simulate.replay` and of the sensitivities along the rudder of this run."""
+        return {"interval": self.interval, "method": self.method, "substeps": self.substeps}
+
+    @property
     def n_blocks(self) -> int:
         """Whole blocks of the record."""
         return self.delta.size // self.block

@@ -185,16 +185,8 @@ def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
 
 def run_rows(vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray):
     """Whitened misfit (n_blocks,) and design (n_blocks, n_local) of each channel of a run; None where it diverged."""
-    motion, jacobian = sensitivities(
-        vessel,
-        run.delta,
-        nuisances[: run.n_states],
-        coefficients,
-        interval=run.interval,
-        method=run.method,
-        substeps=run.substeps,
-        block=run.block,
-    )
+    start = nuisances[: run.n_states]
+    motion, jacobian = sensitivities(vessel, run.delta, start, coefficients, block=run.block, **run.integration)
     if not np.isfinite(motion).all():
         return None
     rows = []

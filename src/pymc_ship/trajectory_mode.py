@@ -96,15 +96,8 @@ def _completed(trial: xr.Dataset, run: Run, vessel: Vessel) -> xr.Dataset:
     missing = [name for name in STATE[: 5 if run.rolls else 3] if name not in run.channels]
     if not missing:
         return trial
-    motion = replay(
-        vessel,
-        run.delta,
-        run.initial_state[0][None],
-        reference_coefficients(vessel)[None],
-        interval=run.interval,
-        method=run.method,
-        substeps=run.substeps,
-    )[:, 0]
+    start, theta = run.initial_state[0], reference_coefficients(vessel)
+    motion = replay(vessel, run.delta, start, theta, **run.integration)[:, 0]
     if not np.isfinite(motion).all():
         raise TrajectoryError(
             f"A fit starts from u, v, r (and p, phi where the ship rolls); {', '.join(missing)} not fitted and the "

@@ -232,15 +232,8 @@ def _residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
     residuals = []
     for run, place, noise in zip(problem.runs, problem.nuisances, problem.noise, strict=True):
         nuisances = unknowns[place]
-        motion = replay(
-            problem.vessel,
-            run.delta,
-            nuisances[None, : run.n_states],
-            unknowns[None, : problem.n_coefficients],
-            interval=run.interval,
-            method=run.method,
-            substeps=run.substeps,
-        )
+        start, theta = nuisances[: run.n_states], unknowns[: problem.n_coefficients]
+        motion = replay(problem.vessel, run.delta, start, theta, **run.integration)
         offsets = nuisances[run.n_states :, None] if noise.offsets else 0.0
         residuals.append(run.samples - motion[list(run.rows), 0] - offsets)
     return residuals

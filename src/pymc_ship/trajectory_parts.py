@@ -14,7 +14,7 @@ from pymc_ship.diagnostic_parts import Part, chain_images, energy_part, gate_tab
 from pymc_ship.diagnostics import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
 from pymc_ship.figures import COLOURS
 from pymc_ship.identifiability import UNKNOWN
-from pymc_ship.page_tables import Table, fixed, number, table
+from pymc_ship.page_tables import Table, fixed, number, sensitivity_table, table
 from pymc_ship.trajectory_diagnostics import PRIOR, RECORDS
 from pymc_ship.trajectory_posterior import KHAT_LIMIT
 from pymc_ship.trajectory_posterior import verdict as khat_verdict
@@ -344,15 +344,9 @@ def _sensitivity(tree: xr.DataTree) -> Part:
     rows = diagnostics.prior_sensitivity(trajectory_diagnostics.ships_that_ran(tree))
     moved = sum(row["prior"] > PSENSE_LIMIT for row in rows)
     text = f"{moved} of {len(rows)} coefficients move with the prior. Its factors tau are held at their values."
-    columns = {
-        "quantity": ("coefficient", str),
-        "prior": ("prior", fixed(3)),
-        "likelihood": ("likelihood", fixed(3)),
-        "diagnosis": ("diagnosis", str),
-    }
     shown = sorted(rows, key=lambda row: -row["prior"])[:_LISTED]
     caption = (
         f"The {len(shown)} most sensitive to the prior. Power-scaling by 0.99 and 1.01 (psense); above "
         f"{PSENSE_LIMIT:g} a coefficient is moved."
     )
-    return Part(title, text, [(table(shown, columns), caption)])
+    return Part(title, text, [(sensitivity_table(shown, "coefficient"), caption)])

@@ -128,16 +128,8 @@ def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
     problem, rows = fit.problem, []
     for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
         nuisances = unknowns[:, place]
-        motion = replay(
-            problem.vessel,
-            run.delta,
-            nuisances[:, : run.n_states],
-            unknowns[:, : problem.n_coefficients],
-            interval=run.interval,
-            method=run.method,
-            substeps=run.substeps,
-            block=run.block,
-        )
+        start, theta = nuisances[:, : run.n_states], unknowns[:, : problem.n_coefficients]
+        motion = replay(problem.vessel, run.delta, start, theta, block=run.block, **run.integration)
         offsets = nuisances[:, run.n_states :] if noise.offsets else np.zeros((len(unknowns), len(run.channels)))
         rows.append(_run_log_likelihood(run, noise, motion, offsets))
     return np.hstack(rows)
@@ -266,16 +258,8 @@ def _prior_sd(problem: Problem) -> xr.DataArray:
 
 def _record(fit: TrajectoryFit, run: Run, place: slice, channels: list[str], index: int) -> xr.Dataset:
     problem = fit.problem
-    motion = replay(
-        problem.vessel,
-        run.delta,
-        fit.unknowns[None, place][:, : run.n_states],
-        fit.coefficients[None],
-        interval=run.interval,
-        method=run.method,
-        substeps=run.substeps,
-        block=run.block,
-    )[:, 0]
+    start = fit.unknowns[place][: run.n_states]
+    motion = replay(problem.vessel, run.delta, start, fit.coefficients, block=run.block, **run.integration)[:, 0]
     prime, _, _ = prime_record(
         problem.vessel, dict(zip(STATE[:5], motion, strict=False)) | {"delta": run.block_means(run.delta)}
     )
