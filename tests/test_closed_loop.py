@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,8 +29,10 @@ def differences(vessel, manoeuvre, column, change, duration):
 @pytest.mark.parametrize(
     ("manoeuvre", "tolerance"), [(ps.zigzag(20, 20, side="starboard"), 0.05), (ps.turning_circle(35), 0.01)]
 )
-def test_derivatives_are_those_of_the_whole_manoeuvre(container, manoeuvre, tolerance, name):
+@pytest.mark.parametrize("delay", [0.0, 2.0])
+def test_derivatives_are_those_of_the_whole_manoeuvre(container, manoeuvre, tolerance, name, delay):
     """A degree of heading is far more than a reversal at whole steps can hide; the twin has a fixed rudder."""
+    container = replace(container, particulars=replace(container.particulars, rudder_delay=delay))
     theta, column = reference_coefficients(container), coefficient_names(container).index(name)
     ship, jacobian = closed_loop_sensitivities(container, manoeuvre, theta, duration=150.0)
     assert jacobian.shape == (6, ship.sizes["time"], theta.size)

@@ -8,6 +8,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.equations_of_motion import STATE, reference_coefficients
+from pymc_ship.propeller import Propeller
 from pymc_ship.sensitivities import sensitivities
 from pymc_ship.simulate import SimulationError, replay
 
@@ -29,7 +30,21 @@ def upright(container):
     return replace(container, forces=forces)
 
 
-@pytest.fixture(params=["container", "upright"])
+@pytest.fixture(scope="module")
+def propelled(upright):
+    """The same with a propeller, on which thrust, rudder and some hull forces depend."""
+    screw = Propeller(D=7.0, n=1.8, wake_fraction=0.3, k_0=0.5, k_1=-0.35, k_2=-0.1, eta=0.8, kappa=0.5)
+    names = {"Xu": "XT", "Xdeltadelta": "Xgdeltadelta", "Yv": "Ygv", "Ydelta": "Ygdelta", "Ndelta": "Ngdelta"}
+    forces = {
+        dof: tuple(
+            replace(c, name=names.get(c.name, c.name), value=abs(c.value) if c.name == "Xu" else c.value) for c in row
+        )
+        for dof, row in upright.forces.items()
+    }
+    return replace(upright, forces=forces, propeller=screw)
+
+
+@pytest.fixture(params=["container", "upright", "propelled"])
 def ship(request):
     return request.getfixturevalue(request.param)
 

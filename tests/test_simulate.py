@@ -210,6 +210,15 @@ class TestRudder:
         np.testing.assert_array_equal(delta[reached], -0.1)
         assert (np.abs(np.diff(delta)) <= RATE * 0.02 * (1.0 + 1e-12)).all()
 
+    @pytest.mark.parametrize("delay", [0.0, 1.4])
+    def test_the_rudder_is_reversed_a_delay_after_the_heading(self, container, delay):
+        ship = replace(container, particulars=replace(container.particulars, rudder_delay=delay))
+        run = ps.simulate(ship, ps.zigzag(15.0, 10.0), duration=120.0)
+        delta, time = run["delta"].values, run["time"].values
+        reached = time[np.argmax(run["psi"].values <= -np.deg2rad(10.0))]
+        begins = time[np.flatnonzero((delta[1:] < delta[:-1]) & (delta[:-1] > 0.999 * np.deg2rad(15.0)))[0]]
+        assert begins - reached == pytest.approx(delay, abs=0.021)
+
     @pytest.mark.parametrize(("side", "sign"), [("port", -1.0), ("starboard", 1.0)])
     def test_a_zigzag_turns_to_its_side_first_and_reverses_at_the_heading(self, container, side, sign):
         run = ps.simulate(container, ps.zigzag(15.0, 10.0, side=side), duration=250.0)

@@ -64,9 +64,10 @@ def closed_loop_sensitivities(
     settings = {"interval": STEP, "method": "rk4"}
     jacobian = sensitivities(vessel, delta, initial, theta, **settings)[1][:, :, : theta.size]
     psi_dot = ship["r"].values * np.cos(ship["phi"].values)
+    wait = round(vessel.particulars.rudder_delay / STEP)
     for begin, end in pairwise([*_reversals(ship["psi"].values, manoeuvre), delta.size]):
         travel = np.zeros(delta.size)
-        travel[begin:end] = np.gradient(delta, STEP)[begin:end]
+        travel[begin + wait : end + wait] = np.gradient(delta, STEP)[begin + wait : end + wait]
         late, early = (replay(vessel, delta - s * travel, initial, theta, **settings) for s in (_SHIFT, -_SHIFT))
         shift = -jacobian[5, begin] / psi_dot[begin]
         jacobian += (late - early).transpose(0, 2, 1) / (2.0 * _SHIFT) * shift

@@ -19,7 +19,8 @@ from pymc_ship.prime_system import (
     relative_speed,
     righting_moment,
 )
-from pymc_ship.terms import N_BASE, ROW_ABSOLUTE, ROW_SYMBOL, SYMBOLS, fill_products, plan
+from pymc_ship.propeller import loading
+from pymc_ship.terms import LOADING, N_BASE, ROW_ABSOLUTE, ROW_LOADING, ROW_SYMBOL, SYMBOLS, fill_products, plan
 from pymc_ship.vessel import DOFS, Vessel
 
 KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
@@ -53,7 +54,7 @@ def sin_cos(angle):
 
 @njit(**INLINED)
 def prime_motion(state, delta, hull, work, speed):
-    """Fill the symbol rows of ``work`` and the speed U (n_lanes,)."""
+    """Fill the symbol and loading rows of ``work`` and the speed U (n_lanes,)."""
     L, nominal_speed = hull[0], hull[1]
     for lane in range(state.shape[1]):
         u, v = state[0, lane], state[1, lane]
@@ -66,6 +67,16 @@ def prime_motion(state, delta, hull, work, speed):
     for lane in range(state.shape[1]):
         work[ROW_SYMBOL + 4, lane] = state[4, lane]
         work[ROW_SYMBOL + 5, lane] = delta[lane]
+    propelled, constants = hull[8] > 0.0, propeller_constants(hull)
+    for lane in range(state.shape[1]):
+        g, T, _, _ = loading(work[ROW_SYMBOL, lane], constants) if propelled else (0.0, 0.0, 0.0, 0.0)
+        work[ROW_LOADING, lane], work[ROW_LOADING + 1, lane] = g, T
+
+
+@njit(**INLINED)
+def propeller_constants(hull):
+    """Constants of the propeller among those of the hull."""
+    return hull[8], hull[9], hull[10], hull[11], hull[12], hull[13]
 
 
 @njit(**INLINED)
@@ -151,7 +162,8 @@ def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict, n
     Returns
     -------
     motion : dict of str to ndarray, shape (n_time,)
-        Prime values of the symbols of the terms, for :func:`pymc_ship.terms.evaluate`.
+        Prime values of the symbols of the terms, and ``g`` and ``T`` where the vessel states its propeller, for
+        :func:`pymc_ship.terms.evaluate`.
     speed : ndarray, shape (n_time,)
         U [m/s].
     known : ndarray, shape (4, n_time)
@@ -165,7 +177,10 @@ def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict, n
     work, speed, known = np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time))
     prime_motion(state, record["delta"], vessel.hull, work, speed)
     known_forces(state, vessel.hull, work, speed, known)
-    return dict(zip(SYMBOLS, work[ROW_SYMBOL:ROW_ABSOLUTE], strict=True)), speed, known
+    motion = dict(zip(SYMBOLS, work[ROW_SYMBOL:ROW_ABSOLUTE], strict=True))
+    if vessel.propeller is not None:
+        motion |= dict(zip(LOADING, work[ROW_LOADING:N_BASE], strict=True))
+    return motion, speed, known
 
 
 def scheme(vessel: Vessel) -> tuple[np.ndarray, ...]:

@@ -16,6 +16,7 @@ from pymc_ship.equations_of_motion import (
     INLINED,
     KERNEL,
     add_hydrodynamic_forces,
+    propeller_constants,
     reference_coefficients,
     scheme,
     sin_cos,
@@ -23,8 +24,9 @@ from pymc_ship.equations_of_motion import (
     work_rows,
 )
 from pymc_ship.prime_system import GRAVITY, acceleration_scale, angular_acceleration_scale, rate_scale, righting_moment
+from pymc_ship.propeller import loading
 from pymc_ship.simulate import check_replay, runge_kutta_stages
-from pymc_ship.terms import ROW_SYMBOL, fill_product_tangents
+from pymc_ship.terms import ROW_LOADING, ROW_SYMBOL, fill_product_tangents
 from pymc_ship.vessel import Vessel
 
 INSTANTS = 32
@@ -33,7 +35,7 @@ INSTANTS = 32
 
 @njit(**KERNEL)
 def _symbol_tangents(unit, state, work, speed, hull, speed_tangent, tangent):
-    """Derivatives of the speed and of the symbol rows along a change ``unit`` of u, v, r, p, phi."""
+    """Derivatives of the speed and of symbol and loading rows along a change ``unit`` of u, v, r, p, phi."""
     L, nominal_speed = hull[0], hull[1]
     du, dv, dr, dp, dphi = unit
     for lane in range(state.shape[1]):
@@ -46,6 +48,11 @@ def _symbol_tangents(unit, state, work, speed, hull, speed_tangent, tangent):
         tangent[ROW_SYMBOL + 3, lane] = dp / rate_scale(U, L) - work[ROW_SYMBOL + 3, lane] * dU / U
     tangent[ROW_SYMBOL + 4] = dphi
     tangent[ROW_SYMBOL + 5] = 0.0
+    propelled, constants = hull[8] > 0.0, propeller_constants(hull)
+    for lane in range(state.shape[1]):
+        _, _, dg, dT = loading(work[ROW_SYMBOL, lane], constants) if propelled else (0.0, 0.0, 0.0, 0.0)
+        tangent[ROW_LOADING, lane] = dg * tangent[ROW_SYMBOL, lane]
+        tangent[ROW_LOADING + 1, lane] = dT * tangent[ROW_SYMBOL, lane]
 
 
 @njit(**KERNEL)

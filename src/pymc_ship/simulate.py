@@ -36,14 +36,20 @@ class SimulationError(ValueError):
 
 
 @njit(**KERNEL)
-def _steer(control, psi, command, delta, direction, following):
-    """Rudder angle after one step: reverse at the switching heading, follow the command at the rudder rate."""
-    is_zigzag, amplitude, heading, travel = control
+def _steer(control, psi, command, delta, direction, waiting, following):
+    """Rudder angle after one step: reverse after the switching heading, follow the command at the rudder rate.
+
+    ``waiting`` (n_lanes,) counts the steps from a switching heading to the rudder's reversal; -1 between them.
+    """
+    is_zigzag, amplitude, heading, travel, delay = control
     for lane in range(psi.size):
         target = command
         if is_zigzag:
-            if direction[lane] * psi[lane] >= heading:
+            if waiting[lane] < 0 and direction[lane] * psi[lane] >= heading:
+                waiting[lane] = delay
+            if waiting[lane] == 0:
                 direction[lane] = -direction[lane]
+            waiting[lane] = max(waiting[lane] - 1, -1)
             target = -direction[lane] * amplitude
         following[lane] = delta[lane] + min(max(target - delta[lane], -travel), travel)
 
@@ -123,7 +129,7 @@ def _integrate(coefficients, plan, hull, n_rows, initial, control, command, stag
     buffers = _buffers(n_rows, n_lanes)
     delta = np.full(n_lanes, command[0] if control[3] == np.inf else 0.0)
     following = delta.copy()
-    direction = np.full(n_lanes, -np.sign(command[0]))
+    direction, waiting = np.full(n_lanes, -np.sign(command[0])), np.full(n_lanes, -1)
     diverged = np.full(n_lanes, -1)
     for k in range(command.size):
         if _mark_divergence(state, hull[1], k, diverged) == 0:
@@ -134,7 +140,7 @@ def _integrate(coefficients, plan, hull, n_rows, initial, control, command, stag
                     out[:-1, start + lane, k // stride] = state[:, lane]
                     out[-1, start + lane, k // stride] = delta[lane]
         ahead = command[min(k + 1, command.size - 1)] if control[3] == np.inf else command[k]
-        _steer(control, state[5], ahead, delta, direction, following)
+        _steer(control, state[5], ahead, delta, direction, waiting, following)
         _advance(state, delta, following, coefficients, plan, hull, buffers, stages, step)
         delta[:] = following
     return diverged
@@ -339,7 +345,8 @@ def _settings(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float, m
     initial[0] = manoeuvre.approach_speed or vessel.particulars.nominal_speed
     travel = np.deg2rad(vessel.particulars.rudder_rate_deg) * step if manoeuvre.rate_limited else np.inf
     amplitude, heading = np.deg2rad(manoeuvre.rudder_deg), np.deg2rad(manoeuvre.heading_deg)
-    control = (manoeuvre.kind == "zigzag", amplitude, heading, travel)
+    delay = round(vessel.particulars.rudder_delay / step)
+    control = (manoeuvre.kind == "zigzag", amplitude, heading, travel, delay)
     command = rudder_command(manoeuvre, np.arange(n_steps) * step)
     return scheme(vessel), vessel.hull, work_rows(vessel), initial, control, command, runge_kutta_stages(method)
 

@@ -1,8 +1,9 @@
 """Polynomial terms of the hydrodynamic forces: names, factors and THE one evaluator.
 
 A term is a product of prime quantities written without operators: ``v|v|`` is v |v|, ``deltadeltau`` is delta^2 u_a,
-``pu|pu|`` is p u_a |p u_a|, ``0`` is the constant 1 and ``0u`` is u_a alone. The simulator, the design matrix and the
-forecast all evaluate terms through :func:`fill_products`, from one multiplication plan.
+``pu|pu|`` is p u_a |p u_a|, ``0`` is the constant 1 and ``0u`` is u_a alone; ``gdelta`` is a rudder force that scales
+with the propeller's slipstream and ``T`` the excess thrust of a ship that slows down. The simulator, the design matrix
+and the forecast all evaluate terms through :func:`fill_products`, from one multiplication plan.
 """
 
 from __future__ import annotations
@@ -17,13 +18,17 @@ from numba import njit
 SYMBOLS = ("u", "v", "r", "p", "phi", "delta")
 """Quantities a term may contain; ``u`` is the relative surge speed u_a = (U - U_nom) / U."""
 
+LOADING = ("g", "T")
+"""Functions of u_a a term may contain where the vessel states its propeller; see :mod:`pymc_ship.propeller`."""
+
 ROW_ONE = 0
 ROW_SYMBOL = 1
 ROW_ABSOLUTE = ROW_SYMBOL + len(SYMBOLS)
-N_BASE = ROW_ABSOLUTE + len(SYMBOLS)
+ROW_LOADING = ROW_ABSOLUTE + len(SYMBOLS)
+N_BASE = ROW_LOADING + len(LOADING)
 
 _SYMBOL = "|".join(sorted(SYMBOLS, key=len, reverse=True))
-_TOKEN = re.compile(rf"(?P<symbol>{_SYMBOL})|\|(?P<absolute>(?:{_SYMBOL})+)\|")
+_TOKEN = re.compile(rf"(?P<symbol>{_SYMBOL})|(?P<loading>{'|'.join(LOADING)})|\|(?P<absolute>(?:{_SYMBOL})+)\|")
 
 
 class UnknownTerm(ValueError):
@@ -41,7 +46,8 @@ def factors(term: str) -> tuple[int, ...]:
     Returns
     -------
     tuple of int
-        Rows of the workspace: symbols from ``ROW_SYMBOL``, absolute values from ``ROW_ABSOLUTE``; empty for ``"0"``.
+        Rows of the workspace: symbols from ``ROW_SYMBOL``, absolute values from ``ROW_ABSOLUTE``, propeller loading
+        from ``ROW_LOADING``; empty for ``"0"``.
 
     Raises
     ------
@@ -56,11 +62,14 @@ def factors(term: str) -> tuple[int, ...]:
         token = _TOKEN.match(term, position)
         if token is None:
             raise UnknownTerm(
-                f"A term is a product of {', '.join(SYMBOLS)} and absolute values such as |v| (the constant is '0'), "
+                f"A term is a product of {', '.join(SYMBOLS + LOADING)} and absolute values such as |v| (the constant "
+                f"is '0'), "
                 f"found {term!r}; correct {term[position:]!r}."
             )
         if token["symbol"]:
             rows.append(ROW_SYMBOL + SYMBOLS.index(token["symbol"]))
+        elif token["loading"]:
+            rows.append(ROW_LOADING + LOADING.index(token["loading"]))
         else:
             inner = re.findall(_SYMBOL, token["absolute"])
             rows.extend(ROW_ABSOLUTE + SYMBOLS.index(symbol) for symbol in inner)
@@ -69,8 +78,15 @@ def factors(term: str) -> tuple[int, ...]:
 
 
 def order(term: str) -> int:
-    """Number of factors of a term: 0 for the constant, 3 for ``"v|v|r"``."""
-    return len(factors(term))
+    """Number of motion factors of a term: 0 for the constant, 3 for ``"v|v|r"``, 1 for ``"gdelta"`` and ``"T"``."""
+    rows = factors(term)
+    moving = sum(row < ROW_LOADING for row in rows)
+    return max(moving, 1) if rows else 0
+
+
+def loaded(term: str) -> bool:
+    """Whether a term needs the vessel's propeller."""
+    return any(row >= ROW_LOADING for row in factors(term))
 
 
 @dataclass(frozen=True)
@@ -119,7 +135,7 @@ def plan(terms: tuple[str, ...]) -> TermPlan:
 
 @njit(cache=True, nogil=True, forceinline=True)
 def fill_products(work, left, right):
-    """Fill the absolute values and products of a workspace whose symbol rows are set.
+    """Fill the absolute values and products of a workspace whose symbol and loading rows are set.
 
     ``work`` has shape (n_rows, n_lanes): one lane is one instant of one ship.
     """
@@ -137,7 +153,7 @@ def fill_products(work, left, right):
 
 @njit(cache=True, nogil=True)
 def fill_product_tangents(work, left, right, tangent):
-    """Fill the tangents of absolute values and products whose symbol rows are set: product rule along the plan."""
+    """Fill the tangents of absolute values and products, those of symbols and loading being set: the product rule."""
     n_lanes = work.shape[1]
     for lane in range(n_lanes):
         tangent[ROW_ONE, lane] = 0.0
@@ -161,7 +177,8 @@ def evaluate(terms: tuple[str, ...], motion: dict[str, np.ndarray]) -> np.ndarra
     terms : tuple of str
         Term names, length n_terms.
     motion : dict of str to ndarray, shape (n_time,)
-        Prime values of ``u`` (the relative surge speed u_a), ``v``, ``r``, ``p``, ``phi``, ``delta``.
+        Prime values of ``u`` (the relative surge speed u_a), ``v``, ``r``, ``p``, ``phi``, ``delta``, and of ``g`` and
+        ``T`` where a term has them.
 
     Returns
     -------
@@ -176,5 +193,7 @@ def evaluate(terms: tuple[str, ...], motion: dict[str, np.ndarray]) -> np.ndarra
     work = np.empty((scheme.n_rows, np.size(motion["u"])))
     for row, symbol in enumerate(SYMBOLS, start=ROW_SYMBOL):
         work[row] = motion[symbol]
+    for row, symbol in enumerate(LOADING, start=ROW_LOADING):
+        work[row] = motion.get(symbol, 0.0)
     fill_products(work, scheme.left, scheme.right)
     return np.ascontiguousarray(work[scheme.rows].T)

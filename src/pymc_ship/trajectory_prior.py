@@ -63,20 +63,21 @@ def coefficient_prior(
     damping: float = 0.3,
     relative_sd: float = 0.3,
 ) -> CoefficientPrior:
-    """Prior of all coefficients from general knowledge and, where there is any, from a table.
+    """Prior of all coefficients from general knowledge and, where there is any, from a table or the vessel file.
 
     Parameters
     ----------
     trials : sequence of Dataset
         Give the typical size of each coefficient: rms force of the DOF over rms term.
     vessel : Vessel
-        Its reference coefficients are looked at for ``"sister_ship"`` only.
+        Its reference coefficients are looked at for ``"sister_ship"`` only, but for those with an ``sd`` in the file:
+        they are N(value, sd) whatever the kind.
     kind : {"order_damped", "sister_ship", "flat"}, optional
         Centred on 0 with a scale of twice the typical size that falls with the order of the term; centred on the
         vessel's reference values with ``relative_sd`` of them (and of a 20th of the typical size, so that a
         coefficient near 0 is not taken as known); or no prior.
     table : mapping of str to (float, float), optional
-        Mean and standard deviation of single coefficients by name, prime values.
+        Mean and standard deviation of single coefficients by name, prime values; goes before the vessel file.
     damping : float, optional
         Factor of the scale for each order above the first.
     relative_sd : float, optional
@@ -108,7 +109,7 @@ def coefficient_prior(
     else:
         scale = np.full(typical.size, np.inf)
     tuned = np.isfinite(scale)
-    for name, (center, sd) in (table or {}).items():
+    for name, (center, sd) in (_stated(vessel) | dict(table or {})).items():
         if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
             raise PriorError(
                 f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "
@@ -117,6 +118,11 @@ def coefficient_prior(
         mean[names.index(name)], scale[names.index(name)], tuned[names.index(name)] = center, sd, False
     unit = np.where(np.isfinite(scale), scale, typical)
     return CoefficientPrior(mean, scale, unit, tuned, kind)
+
+
+def _stated(vessel: Vessel) -> dict[str, tuple[float, float]]:
+    """Mean and sd of the coefficients that the vessel file knows beforehand."""
+    return {c.name: (c.value, c.sd) for force in vessel.forces.values() for c in force if c.sd > 0.0}
 
 
 def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel: Vessel) -> CoefficientPrior:

@@ -5,6 +5,7 @@ Every value comes from one TOML file; the format is described in README.md and c
 
 from __future__ import annotations
 
+import math
 import sys
 import tomllib
 from dataclasses import dataclass, field, fields, replace
@@ -14,7 +15,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.terms import UnknownTerm, factors
+from pymc_ship.propeller import Propeller
+from pymc_ship.terms import UnknownTerm, factors, loaded
 
 DOFS = ("surge", "sway", "yaw", "roll")
 """Degrees of freedom, in the order of the equations of motion."""
@@ -27,6 +29,7 @@ ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Ypdot", "Nvdot", "Nrdot", "Npdot", "Kv
 
 _PUBLISHED = ("published", "published_error")
 _DETAILS = {"value", "source", "sign_source", "note"}
+_OF_COEFFICIENTS = {"sd", *_PUBLISHED}
 _HERE = Path(__file__).parent
 SHIPPED = _HERE / "models" if (_HERE / "models").is_dir() else _HERE.parents[1] / "models"
 
@@ -37,7 +40,10 @@ class VesselError(ValueError):
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One hydrodynamic coefficient: name (``Yv|v|``), prime value and where both number and sign come from."""
+    """One hydrodynamic coefficient: name (``Yv|v|``), prime value and where both number and sign come from.
+
+    ``sd`` is the standard deviation of what is known of the value beforehand, NaN where nothing is.
+    """
 
     name: str
     value: float
@@ -46,6 +52,7 @@ class Coefficient:
     note: str = ""
     published: dict[str, float] = field(default_factory=dict)
     published_error: dict[str, float] = field(default_factory=dict)
+    sd: float = math.nan
 
     @property
     def term(self) -> str:
@@ -57,6 +64,7 @@ class Coefficient:
 class Particulars:
     """Main particulars in SI units; ``rudder_rate_deg`` is in deg/s.
 
+    ``rudder_delay`` [s] is the time from the switching heading of a zigzag to the rudder's first movement.
     ``x_G`` forward and ``z_G`` below the origin [m], ``volume`` the displacement volume [m3], ``GM`` and ``BM`` [m].
     """
 
@@ -69,11 +77,12 @@ class Particulars:
     z_G: float = 0.0
     GM: float = 0.0
     BM: float = 0.0
+    rudder_delay: float = 0.0
 
 
 @dataclass(frozen=True)
 class Vessel:
-    """A manoeuvring model: particulars, prime inertia, added mass and the force coefficients of each DOF."""
+    """A manoeuvring model: particulars, prime inertia, added mass, coefficients of each DOF, perhaps a propeller."""
 
     name: str
     particulars: Particulars
@@ -84,6 +93,7 @@ class Vessel:
     forces: dict[str, tuple[Coefficient, ...]]
     title: str = ""
     sources: tuple[str, ...] = ()
+    propeller: Propeller | None = None
 
     @property
     def dofs(self) -> tuple[str, ...]:
@@ -171,10 +181,11 @@ class Vessel:
 
     @property
     def hull(self) -> np.ndarray:
-        """Constants of the equations of motion: L, U_nom, m', x_G', z_G', volume, GM, BM."""
+        """Constants of the equations of motion: L, U_nom, m', x_G', z_G', volume, GM, BM and those of the propeller."""
         s = self.particulars
         GM, BM = (s.GM, s.BM) if "roll" in self.forces else (0.0, 0.0)
-        return np.array([s.L, s.nominal_speed, self.m, self.x_G, self.z_G, s.volume, GM, BM])
+        propeller = (0.0,) * 6 if self.propeller is None else self.propeller.constants(s.nominal_speed)
+        return np.array([s.L, s.nominal_speed, self.m, self.x_G, self.z_G, s.volume, GM, BM, *propeller])
 
     def _force(self, dof: str) -> tuple[Coefficient, ...]:
         if dof not in self.forces:
@@ -222,7 +233,7 @@ def load_vessel(source: str | Path) -> Vessel:
 
 
 def _vessel(table: dict, path: Path) -> Vessel:
-    known = {"name", "title", "sources", "particulars", "inertia", "added_mass", "coefficients"}
+    known = {"name", "title", "sources", "particulars", "inertia", "added_mass", "propeller", "coefficients"}
     _check_keys(table, known, {"name", "particulars", "inertia", "coefficients"}, path, "")
     _check_texts(table, path)
     forces = table["coefficients"]
@@ -231,7 +242,7 @@ def _vessel(table: dict, path: Path) -> Vessel:
     particulars = _numbers(table["particulars"], path, "particulars", [f.name for f in fields(Particulars)])
     roll_keys = {"z_G", "GM", "BM"} if has_roll else set()
     required = {"L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G"} | roll_keys
-    _check_keys(particulars, required | {"z_G", "GM", "BM"}, required, path, "particulars")
+    _check_keys(particulars, required | {"z_G", "GM", "BM", "rudder_delay"}, required, path, "particulars")
     for key in ("L", "B", "volume", "nominal_speed", "rudder_rate_deg"):
         if particulars[key] <= 0.0:
             raise VesselError(f"{path}: particulars.{key} must be positive, found {particulars[key]}.")
@@ -248,10 +259,30 @@ def _vessel(table: dict, path: Path) -> Vessel:
         I_xx=inertia.get("I_xx", 0.0),
         added_mass=dict.fromkeys(ADDED_MASS, 0.0) | added,
         forces={dof: _force(forces[dof], dof, path) for dof in DOFS if dof in forces},
+        propeller=_propeller(table["propeller"], particulars, path) if "propeller" in table else None,
     )
+    idle = [c.name for force in vessel.forces.values() for c in force if loaded(c.term)] if not vessel.propeller else []
+    if idle:
+        raise VesselError(f"{path}: {', '.join(idle)} need the propeller's loading; add the table [propeller].")
     if np.linalg.cond(vessel.inertia_matrix) > 1e12:
         raise VesselError(f"{path}: the inertia matrix must be invertible; check [inertia] and [added_mass].")
     return vessel
+
+
+def _propeller(table: dict, particulars: dict[str, float], path: Path) -> Propeller:
+    names = [field.name for field in fields(Propeller)]
+    values = _numbers(table, path, "propeller", names)
+    _check_keys(values, set(names), set(names), path, "propeller")
+    propeller = Propeller(**values)
+    J, k_0, k_1, k_2, eta, kappa = (
+        propeller.constants(particulars["nominal_speed"]) if values["n"] * values["D"] else ((0.0,) * 6)
+    )
+    if not (J > 0.0 and k_0 + k_1 * J + k_2 * J**2 > 0.0 and 0.0 < eta <= 1.0 and kappa >= 0.0):
+        raise VesselError(
+            f"{path}: a propeller has positive D, n, advance ratio and thrust at the nominal speed, eta in (0, 1] and "
+            f"kappa from 0 up, found J = {J:.3g}; correct [propeller]."
+        )
+    return propeller
 
 
 def _check_keys(table: dict, known: set[str], required: set[str], path: Path, where: str) -> None:
@@ -316,11 +347,14 @@ def _force(table: dict, dof: str, path: Path) -> tuple[Coefficient, ...]:
             factors(name[1:])
         except UnknownTerm as error:
             raise VesselError(f"{path}: {where} is no coefficient. {error}") from None
-        value = _value(entry, path, where, _DETAILS | set(_PUBLISHED))
+        value = _value(entry, path, where, _DETAILS | _OF_COEFFICIENTS)
         more = entry if isinstance(entry, dict) else {}
+        sd = _number(more["sd"], path, f"{where}.sd") if "sd" in more else math.nan
+        if sd <= 0.0:
+            raise VesselError(f"{path}: {where}.sd must be positive, found {sd:g}; leave out what is not known.")
         published = {key: _estimates(more.get(key, {}), path, f"{where}.{key}") for key in _PUBLISHED}
         texts = {key: str(more.get(key, "")) for key in ("sign_source", "note")}
-        force.append(Coefficient(name, value, str(more.get("source", source)), **texts, **published))
+        force.append(Coefficient(name, value, str(more.get("source", source)), **texts, **published, sd=sd))
     if not force:
         raise VesselError(f"{path}: coefficients.{dof} is empty; add at least one coefficient such as {LETTER[dof]}v.")
     return tuple(force)

@@ -1,0 +1,69 @@
+"""Propeller loading: how slipstream and thrust change when a ship slows down at constant revolutions.
+
+With the advance ratio J = (1 - w) U / (n D) and the open-water thrust coefficient K_T = k_0 + k_1 J + k_2 J^2, the
+rudder meets the inflow u_R with u_R^2 ~ U^2 {eta [1 + kappa (sqrt(1 + 8 K_T / (pi J^2)) - 1)]^2 + 1 - eta} and the
+prime thrust goes as K_T / J^2 (Yasukawa & Yoshimura 2015, J. Mar. Sci. Technol. 20:37, Eq. 13 to 22,
+doi:10.1007/s00773-014-0293-y). Both are functions of u_a = (U - U_nom) / U alone, since J = J_nom / (1 - u_a):
+
+    g(u_a) = (u_R / U)^2 over its value at the nominal speed: factor of what works in the slipstream, 1 at u_a = 0
+    T(u_a) = (K_T / J^2) over its value at the nominal speed, minus 1: thrust in excess of the resistance, 0 at u_a = 0
+
+A ship whose prime resistance does not depend on speed is driven, on a straight course, by X' = R'_0 T(u_a).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from numba import njit
+
+_SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy"}
+
+
+@dataclass(frozen=True)
+class Propeller:
+    """Propeller and the rudder behind it.
+
+    ``D`` diameter [m], ``n`` revolutions [1/s] at the nominal speed, ``wake_fraction``, ``k_0``, ``k_1``, ``k_2`` of
+    the open-water polynomial, ``eta`` diameter over the rudder's height, ``kappa`` how far the slipstream has contracted.
+    """
+
+    D: float
+    n: float
+    wake_fraction: float
+    k_0: float
+    k_1: float
+    k_2: float
+    eta: float
+    kappa: float
+
+    def constants(self, nominal_speed: float) -> tuple[float, ...]:
+        """Constants of :func:`loading`: J at the nominal speed, k_0, k_1, k_2, eta, kappa."""
+        J = (1.0 - self.wake_fraction) * nominal_speed / (self.n * self.D)
+        return J, self.k_0, self.k_1, self.k_2, self.eta, self.kappa
+
+
+@njit(**_SETTINGS)
+def _inflow(load, eta, kappa):
+    """Square of the rudder inflow over that without slipstream, and its derivative by ``load`` = 8 K_T / (pi J^2)."""
+    root = math.sqrt(max(1.0 + load, 0.0))
+    jet = 1.0 + kappa * (root - 1.0)
+    slope = eta * jet * kappa / root if root > 0.0 else 0.0
+    return eta * jet * jet + 1.0 - eta, slope
+
+
+@njit(**_SETTINGS)
+def loading(u_a, constants):
+    """Propeller loading at a relative speed: g, T and their derivatives by u_a.
+
+    ``constants`` is J_nom, k_0, k_1, k_2, eta, kappa as in :meth:`Propeller.constants`.
+    """
+    J_nom, k_0, k_1, k_2, eta, kappa = constants
+    a = 1.0 - u_a
+    thrust = k_0 * a * a / (J_nom * J_nom) + k_1 * a / J_nom + k_2
+    slope = -(2.0 * k_0 * a / (J_nom * J_nom) + k_1 / J_nom)
+    nominal = k_0 / (J_nom * J_nom) + k_1 / J_nom + k_2
+    inflow, inflow_slope = _inflow(8.0 / math.pi * thrust, eta, kappa)
+    unit, _ = _inflow(8.0 / math.pi * nominal, eta, kappa)
+    return inflow / unit, thrust / nominal - 1.0, inflow_slope * 8.0 / math.pi * slope / unit, slope / nominal
