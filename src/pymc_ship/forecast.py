@@ -10,6 +10,7 @@ import xarray as xr
 from pymc_ship.extrapolation import UNKNOWN, extrapolation, sentence
 from pymc_ship.indices import indices
 from pymc_ship.manoeuvres import Manoeuvre
+from pymc_ship.model_error import with_model_error
 from pymc_ship.simulate import simulate
 from pymc_ship.trial import CHANNELS
 from pymc_ship.vessel import Vessel, VesselError
@@ -155,26 +156,70 @@ def forecast(
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
     noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)
     _check_noise(noise)
-    coefficients = coefficient_draws(vessel, posteriors, draws, rng)
+    models = [(vessel, coefficient_draws(vessel, posteriors, draws, rng))]
+    motion = fitted_motion(posteriors)
+    return pooled_forecast(
+        models, manoeuvre, duration=duration, ci_prob=ci_prob, noise=noise, motion=motion, rng=rng, **settings
+    )
+
+
+def pooled_forecast(
+    models: Sequence[tuple[Vessel, np.ndarray]],
+    manoeuvre: Manoeuvre,
+    *,
+    duration: float,
+    ci_prob: float,
+    rng: np.random.Generator,
+    noise: Mapping[str, float] | None = None,
+    motion: xr.DataArray | None = None,
+    errors: Mapping[str, float] | None = None,
+    **settings,
+) -> xr.DataTree:
+    """Forecast a manoeuvre with ships of several models at once: vessels that share all but their terms.
+
+    Parameters
+    ----------
+    models : sequence of (Vessel, ndarray of shape (n_draws, n_coefficients))
+        Each model counts by its number of draws.
+    manoeuvre, duration, ci_prob, rng, **settings
+        As :func:`forecast`.
+    noise : mapping of str to float, optional
+        Standard deviation of the sensors by channel [SI].
+    motion : DataArray, dims (row, symbol), optional
+        Prime motion the models were fitted to.
+    errors : mapping of str to float, optional
+        Model error of the indices by kind, see :func:`pymc_ship.model_error.model_error`: ``indices`` are then those
+        that a trial would show.
+
+    Returns
+    -------
+    DataTree
+        As :func:`forecast`.
+    """
     settings = {"step": 0.02, "record_interval": 0.5} | settings
-    ships = simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings)
+    runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
+    ships = runs[0]
+    if len(runs) > 1:
+        ships = xr.concat(runs, "draw", combine_attrs="override")
+        ships = ships.assign_coords(draw=np.arange(ships.sizes["draw"]))
+    vessel = models[0][0]
     groups = {"trajectories": ships, "bands": _bands(ships[list(CHANNELS)], ci_prob)}
     if noise:
         groups["measured_bands"] = _bands(_measured(ships, noise, rng), ci_prob)
     if manoeuvre.kind in ("zigzag", "turning_circle"):
-        groups["indices"] = indices(ships)
+        groups["indices"] = with_model_error(indices(ships), errors or {}, rng)
         groups["index_bands"] = _bands(groups["indices"], ci_prob)
     attrs = {
         **ships.attrs,
         "label": manoeuvre.label,
-        "draws": draws,
+        "draws": ships.sizes["draw"],
         "ci_prob": ci_prob,
         "ci_kind": "eti",
         "share_diverged": float(ships["diverged"].mean()),
         "share_extrapolated": np.nan,
         "extrapolation": UNKNOWN,
     }
-    if (motion := fitted_motion(posteriors)) is not None:
+    if motion is not None:
         left = _over_draws(extrapolation(vessel, ships, motion))
         groups["extrapolation"] = left
         attrs |= {"share_extrapolated": left.attrs["share_extrapolated"], "extrapolation": sentence(vessel, left)}

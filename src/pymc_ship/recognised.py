@@ -1,7 +1,7 @@
 """Which standard manoeuvre a record is, and how the steering gear carried it out.
 
-A zigzag's rudder is reversed a delay after the heading has changed by a whole number of degrees. Each reversal gives one
-equation, |heading when the rudder begins to move| = H + delay |r|; the delay is the same in all runs of a ship.
+A zigzag's rudder is reversed a delay after the heading has changed by a whole number of degrees. Each reversal gives
+one equation, |heading when the rudder begins to move| = H + delay |r|; the delay is the same in all runs of a ship.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def _excess(reversals: Sequence[Reversal]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _common_delay(runs: Sequence[Sequence[Reversal]], longest: float) -> float:
-    """Delay [s] at which the switching headings of all runs come closest to whole degrees, best to fives, the same in a run."""
+    """Delay [s] at which the switching headings come closest to whole degrees, the same in a run, and best to fives."""
     delays = np.linspace(0.0, longest, _DELAYS)
     cost = np.zeros(delays.size)
     for reversals in runs:

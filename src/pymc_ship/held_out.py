@@ -1,0 +1,123 @@
+"""Cross-validation over whole runs: a model is fitted to all runs but one and judged on that one.
+
+The score of a run is the log predictive density of its windows, restarted from the measured state: the mean over
+windows of a sum over channels, so that each channel of a run counts as one observation. What a model cannot do it cannot do in
+all windows of a run. Whole runs are left out because a window from a run that was trained on knows its rudder zero,
+its weather and its loading. Standard manoeuvres among the runs
+are forecast in closed loop, too, from the approach speed alone, and their indices compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.indices import indices
+from pymc_ship.manoeuvres import Manoeuvre
+from pymc_ship.recognised import from_execution
+from pymc_ship.simulate import simulate
+from pymc_ship.vessel import Vessel
+from pymc_ship.window_fit import Window, WindowFit, restarted
+
+SCORED = {
+    "zigzag": (
+        "first_overshoot_angle",
+        "second_overshoot_angle",
+        "first_overshoot_time",
+        "second_overshoot_time",
+    ),
+    "turning_circle": ("advance", "transfer", "tactical_diameter"),
+}
+"""Indices that are compared on held-out runs, by manoeuvre."""
+
+_LOG_2PI = np.log(2.0 * np.pi)
+_STEPS = 240  # in L/U, of a simulated manoeuvre: rudder reversals fall on steps
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What a model said of runs it was not fitted to.
+
+    Attributes
+    ----------
+    fits : tuple of WindowFit
+        Fit to all runs but the one of the same place.
+    log_density : ndarray, shape (n_runs,)
+        Log predictive density of each run; minus infinity where a window ran away.
+    rms : dict of str to float
+        Root mean square error of each channel over all held-out windows, SI.
+    """
+
+    fits: tuple[WindowFit, ...]
+    log_density: np.ndarray
+    rms: dict[str, float]
+
+
+def held_out(runs: Sequence[Sequence[Window]], vessel: Vessel, fit: Callable[[Sequence[Window]], WindowFit]) -> HeldOut:
+    """Leave each run out once, fit to the others, and score its windows.
+
+    Parameters
+    ----------
+    runs : sequence of sequence of Window
+        Windows of each run; two runs or more.
+    vessel : Vessel
+    fit : callable
+        Fit to the windows of several runs; or any other estimate of the coefficients from them.
+
+    Returns
+    -------
+    HeldOut
+    """
+    fits = []
+    for k in range(len(runs)):
+        fits.append(fit([window for j, windows in enumerate(runs) if j != k for window in windows]))
+    return scored(runs, vessel, fits)
+
+
+def scored(runs: Sequence[Sequence[Window]], vessel: Vessel, fits: Sequence[WindowFit]) -> HeldOut:
+    """Score the windows of each run under the fit of its place."""
+    misfits = [
+        [restarted(window, vessel, fit.coefficients) for window in windows]
+        for windows, fit in zip(runs, fits, strict=True)
+    ]
+    square = np.array([np.mean(misfit**2, axis=1) for run in misfits for misfit in run])
+    sd = np.sqrt(np.mean(square, axis=0))
+    log_density = np.array(
+        [np.mean([_log_density(np.mean(misfit**2, axis=1), sd) for misfit in run]) for run in misfits]
+    )
+    channels = runs[0][0].run.channels
+    return HeldOut(tuple(fits), log_density, dict(zip(channels, sd.tolist(), strict=True)))
+
+
+def _log_density(square: np.ndarray, sd: np.ndarray) -> float:
+    """Log density of one window: each channel once, at its mean square."""
+    if not np.isfinite(square).all():
+        return -np.inf
+    return float(-np.sum(np.log(sd) + 0.5 * _LOG_2PI + 0.5 * square / sd**2))
+
+
+def forecast_indices(
+    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float
+) -> dict[str, np.ndarray]:
+    """Scored indices of a manoeuvre for each row of coefficients, each of shape (n_draws,)."""
+    step = vessel.particulars.L / vessel.particulars.nominal_speed / _STEPS
+    ships = simulate(vessel, manoeuvre, duration=duration, step=step, method="rk4", coefficients=coefficients)
+    found = indices(ships)
+    return {name: found[name].values for name in SCORED[manoeuvre.kind]}
+
+
+def measured_indices(trial: xr.Dataset, manoeuvre: Manoeuvre) -> dict[str, float]:
+    """Scored indices of a recorded standard manoeuvre; NaN where the record ends before them."""
+    record = from_execution(trial)
+    for name in ("phi", "x", "y"):
+        if name not in record:
+            record[name] = ("time", np.zeros(record["time"].size))
+    record.attrs = {"heading_deg": manoeuvre.heading_deg, "side": manoeuvre.side}
+    found = indices(record, manoeuvre=manoeuvre.kind)
+    without_track = {"turning_circle"} if not {"x", "y"} <= set(trial) else set()
+    return {
+        name: float(found[name]) if manoeuvre.kind not in without_track else np.nan for name in SCORED[manoeuvre.kind]
+    }

@@ -1,0 +1,312 @@
+"""Identification of a real ship from several trials: an ensemble of models, weighted and widened by held-out runs.
+
+No polynomial is the true force of a ship. Several term sets are fitted to windows of all runs; each is weighted by the
+log predictive density of runs it was not fitted to (pseudo-BMA+, Yao et al. 2018, doi:10.1214/17-BA1091): each channel
+of a run counts as one observation, since what a term set cannot do it cannot do in all windows of a run. The spread
+between the sets is one part of the model error, the other is what the indices of held-out manoeuvres show beyond it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.equations_of_motion import prime_record
+from pymc_ship.held_out import HeldOut, held_out
+from pymc_ship.manoeuvres import Manoeuvre
+from pymc_ship.model_error import index_rows, index_sd, model_error
+from pymc_ship.recognised import Steering, recognise, with_steering
+from pymc_ship.soundness import sound
+from pymc_ship.term_sets import term_sets, with_terms
+from pymc_ship.terms import SYMBOLS
+from pymc_ship.trajectory_fit import TrajectoryError
+from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_prior
+from pymc_ship.trial import TrialError
+from pymc_ship.vessel import Vessel
+from pymc_ship.weak_form import motion_record, weak_form_start
+from pymc_ship.window_fit import Window, WindowFit, fit_windows, normal_draws, prepared_windows, thinned
+
+LARGEST_INFLATION = 5.0
+"""Bound of the factor on the standard deviations of the coefficients."""
+
+_FORECASTS = 200  # draws of a held-out forecast
+_COUNTED = 0.01  # least weight of a term set that takes part in it
+_BOOTSTRAPS = 2000
+_GROUPS = 4  # of the windows of a single run
+_ATTEMPTS = 20
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One term set of the ensemble.
+
+    ``fit`` is to all runs, ``inflation`` a factor on the sd of its coefficients from the scatter of the fits to all
+    runs but one, ``weight`` its share of the ensemble, ``draws`` (n_draws, n_coefficients) are those of the normal law that
+    do not run away, ``share_unsound`` of all drawn did.
+    """
+
+    name: str
+    fit: WindowFit
+    held_out: HeldOut
+    inflation: float
+    weight: float
+    draws: np.ndarray
+    share_unsound: float
+
+    @property
+    def vessel(self) -> Vessel:
+        """Vessel with these terms."""
+        return self.fit.vessel
+
+
+@dataclass(frozen=True)
+class ShipModel:
+    """A ship identified from trials.
+
+    Attributes
+    ----------
+    vessel : Vessel
+        As given, with the steering gear as it was measured.
+    names : tuple of str
+        Of the runs.
+    manoeuvres : tuple of Manoeuvre or None
+        What each run was recognised as.
+    steering : Steering
+    candidates : tuple of Candidate
+        By falling weight; those of weight 0 have no draws.
+    index_rows : list of dict
+        Indices of held-out manoeuvres, see :func:`pymc_ship.model_error.index_rows`, and the ``sd`` of each forecast.
+    model_error : dict of str to float
+        Relative sd of the indices by kind beyond the draws; empty where no manoeuvre was held out.
+    motion : DataArray, dims (row, symbol)
+        Prime motion of all runs.
+    remarks : tuple of str
+    """
+
+    vessel: Vessel
+    names: tuple[str, ...]
+    manoeuvres: tuple[Manoeuvre | None, ...]
+    steering: Steering
+    candidates: tuple[Candidate, ...]
+    index_rows: list[dict]
+    model_error: dict[str, float]
+    motion: xr.DataArray
+    remarks: tuple[str, ...]
+
+    @property
+    def models(self) -> list[tuple[Vessel, np.ndarray]]:
+        """Vessel and draws of each candidate that counts, for :func:`pymc_ship.forecast.pooled_forecast`."""
+        return [(c.vessel, c.draws) for c in self.candidates if len(c.draws)]
+
+
+@dataclass(frozen=True)
+class _Training:
+    """Thinned trials and what was recognised of them."""
+
+    trials: list[xr.Dataset]
+    manoeuvres: list[Manoeuvre | None]
+    vessel: Vessel
+    prior: str
+
+
+def identify_ship(
+    trials: Sequence[xr.Dataset],
+    vessel: Vessel,
+    *,
+    names: Sequence[str] | None = None,
+    terms: Sequence[str] | None = None,
+    prior: str = "order_damped",
+    draws: int = 1000,
+    rng: np.random.Generator,
+    progress: Callable[[str], None] = lambda _: None,
+) -> ShipModel:
+    """Identify a real ship from several trials, with intervals that hold model error.
+
+    Parameters
+    ----------
+    trials : sequence of Dataset, dims (time,)
+        Checked and corrected records with u, v, r, psi and delta; p and phi where the vessel rolls.
+    vessel : Vessel
+        Particulars, inertia, propeller. Coefficients with an ``sd`` are taken as known so far.
+    names : sequence of str, optional
+        Of the trials; numbers by default.
+    terms : sequence of str, optional
+        Of :func:`pymc_ship.term_sets.term_sets` or "own terms"; by default all sets the vessel can have.
+    prior : {"order_damped", "sister_ship"}, optional
+        Of the coefficients: wide about 0, or about the values of the vessel file.
+    draws : int, optional
+        Of the whole ensemble.
+    rng : numpy.random.Generator
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    ShipModel
+
+    Raises
+    ------
+    TrialError
+        For trials that are too short or lack a channel, or none.
+    TrajectoryError
+        When no term set can be fitted, or all of them run away.
+    VesselError, PriorError
+        For unknown term sets or priors.
+    """
+    if not trials:
+        raise TrialError("A ship is identified from at least one trial, found none; give one.")
+    training = _prepared(trials, vessel, prior)
+    wanted = tuple(terms) if terms else term_sets(training.vessel)
+    tasks = [(name, training) for name in wanted]
+    progress(f"{len(wanted)} term sets, {len(trials)} runs: fits to all and to all but one")
+    with ThreadPoolExecutor() as pool:
+        attempts = list(pool.map(lambda task: _attempt(*task), tasks))
+    remarks = [text for _, text in attempts if text]
+    found = [candidate for candidate, _ in attempts if candidate is not None]
+    if not found:
+        raise TrajectoryError(f"No term set can be fitted to these trials: {' '.join(remarks)}")
+    progress("weights and model error from held-out runs")
+    found = _weighted(found, rng)
+    names = tuple(names or (str(k + 1) for k in range(len(trials))))
+    rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
+    errors = model_error(rows)
+    rows = [row | {"sd": index_sd(row, errors)} for row in rows]
+    if not rows:
+        remarks.append(
+            "No run of a standard manoeuvre was held out: the intervals hold the spread of the term sets and of the "
+            "windows, not the error of a whole manoeuvre."
+        )
+    progress("draws that do not run away")
+    found = _drawn(found, draws, rng)
+    steering = recognise(training.trials, training.vessel)[1]
+    return ShipModel(
+        vessel=training.vessel,
+        names=names,
+        manoeuvres=tuple(training.manoeuvres),
+        steering=steering,
+        candidates=tuple(sorted(found, key=lambda candidate: -candidate.weight)),
+        index_rows=rows,
+        model_error=errors,
+        motion=_motion(training),
+        remarks=tuple(remarks),
+    )
+
+
+def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> _Training:
+    for trial in trials:
+        motion_record(trial, vessel)
+    manoeuvres, steering = recognise(trials, vessel)
+    vessel = with_steering(vessel, steering)
+    return _Training([thinned(trial, vessel) for trial in trials], manoeuvres, vessel, prior)
+
+
+def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
+    """Prior of a window fit: wide for every coefficient, whatever its order, or about the vessel's values."""
+    return coefficient_prior(trials, vessel, kind, damping=1.0)
+
+
+def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
+    """Candidate of a term set, or why there is none."""
+    try:
+        vessel = with_terms(training.vessel, name)
+        runs = [prepared_windows(trial, vessel) for trial in training.trials]
+        prior = stated_prior(training.trials, vessel, training.prior)
+        start = weak_form_start(training.trials, vessel, prior.mean, prior.scale, method="rk4")
+        whole = fit_windows([window for run in runs for window in run], vessel, prior, start)
+
+        def fit(windows: Sequence[Window]) -> WindowFit:
+            return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd)
+
+        judged = held_out(_groups(runs), vessel, fit)
+    except TrajectoryError as error:
+        return None, f"The {name} terms were left out: {error}"
+    if not sound(vessel, whole.coefficients[None])[0]:
+        return None, f"The {name} terms were left out: fitted to these trials, they run away in a standard manoeuvre."
+    none = np.empty((0, whole.coefficients.size))
+    return Candidate(name, whole, judged, _inflation(whole, judged), 0.0, none, 0.0), ""
+
+
+def _groups(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
+    """Windows to be held out together: those of a run, or neighbours where there is only one."""
+    if len(runs) > 1:
+        return list(runs)
+    parts = np.array_split(np.arange(len(runs[0])), min(_GROUPS, len(runs[0])))
+    return [[runs[0][k] for k in part] for part in parts if part.size]
+
+
+def _weighted(found: Sequence[Candidate], rng: np.random.Generator) -> list[Candidate]:
+    """Pseudo-BMA+: mean over Bayesian bootstraps of the runs of weights proportional to the predictive density."""
+    density = np.array([candidate.held_out.log_density for candidate in found])
+    shares = rng.dirichlet(np.ones(density.shape[1]), _BOOTSTRAPS)
+    finite = np.where(np.isfinite(density), density, -1e9)
+    total = density.shape[1] * shares @ finite.T
+    weight = np.exp(total - total.max(axis=1, keepdims=True))
+    weight = np.mean(weight / weight.sum(axis=1, keepdims=True), axis=0)
+    return [replace(candidate, weight=float(w)) for candidate, w in zip(found, weight, strict=True)]
+
+
+def _inflation(whole: WindowFit, judged: HeldOut) -> float:
+    """Factor on the sd of the coefficients from the scatter of the fits to all runs but one (jackknife), 1 or more.
+
+    Windows of one run share what the run has of its own; the traces are taken in the metric of the information, where
+    what the runs determine counts.
+    """
+    apart = np.array([fit.coefficients for fit in judged.fits])
+    apart -= apart.mean(axis=0)
+    scatter = (len(apart) - 1) / len(apart) * apart.T @ apart
+    ratio = np.trace(whole.information @ scatter) / np.trace(whole.information @ whole.covariance)
+    return float(np.clip(np.sqrt(ratio), 1.0, LARGEST_INFLATION))
+
+
+def _held_out_indices(
+    found: Sequence[Candidate], training: _Training, names: Sequence[str], rng: np.random.Generator
+) -> list[dict]:
+    """Indices of every recognised manoeuvre, forecast by the fits that were made without it."""
+    counted = [candidate for candidate in found if candidate.weight > _COUNTED]
+    weight = np.array([candidate.weight for candidate in counted])
+    rows = []
+    for k, (trial, manoeuvre) in enumerate(zip(training.trials, training.manoeuvres, strict=True)):
+        if manoeuvre is not None:
+            fits = [(candidate.held_out.fits[k], candidate.inflation) for candidate in counted]
+            models = [
+                (fit.vessel, np.vstack([fit.coefficients, normal_draws(fit, inflation, _FORECASTS, rng)]))
+                for fit, inflation in fits
+            ]
+            rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum())
+    return rows
+
+
+def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:
+    """Deal the draws to the candidates by weight and draw until as many are sound."""
+    exact = draws * np.array([candidate.weight for candidate in found])
+    counts = np.floor(exact).astype(int)
+    counts[np.argsort(counts - exact)[: draws - counts.sum()]] += 1
+    drawn = []
+    for candidate, count in zip(found, counts, strict=True):
+        kept, tried = np.empty((0, candidate.fit.coefficients.size)), 0
+        while len(kept) < count and tried < _ATTEMPTS * count:
+            batch = normal_draws(candidate.fit, candidate.inflation, int(count), rng)
+            kept, tried = np.vstack([kept, batch[sound(candidate.vessel, batch)]]), tried + int(count)
+        if len(kept) < count:
+            raise TrajectoryError(
+                f"Of the draws of the {candidate.name} terms, {len(kept)} of {tried} do not run away in a standard "
+                "manoeuvre; give more trials or a prior."
+            )
+        share = 1.0 - len(kept) / tried if tried else 0.0
+        drawn.append(replace(candidate, draws=kept[:count], share_unsound=share))
+    return drawn
+
+
+def _motion(training: _Training) -> xr.DataArray:
+    """Prime motion of all runs at every fifth sample."""
+    rows = []
+    for trial in training.trials:
+        prime, _, _ = prime_record(
+            training.vessel, motion_record(trial.isel(time=slice(None, None, 5)), training.vessel)
+        )
+        rows.append(np.column_stack([prime[symbol] for symbol in SYMBOLS]))
+    return xr.DataArray(np.vstack(rows), {"symbol": list(SYMBOLS)}, ("row", "symbol"))

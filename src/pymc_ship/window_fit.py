@@ -1,0 +1,202 @@
+"""Fit of a model to many short stretches of several runs, each restarted from a state of its own.
+
+Over a whole run the small errors of a model of a real ship add up until they say nothing about its coefficients; a
+course-unstable ship runs away from its own record. Over windows of five ship lengths the model is judged by what a
+forecast needs, its motion, and no window can hide behind another's errors. The initial state of each window is a
+nuisance; the noise of a channel is what the windows leave of it; and since those residuals are model error, the same
+for seconds on end, the covariance is that of the gradients of whole windows (sandwich estimator).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from scipy.signal import savgol_filter
+
+from pymc_ship.simulate import replay
+from pymc_ship.trajectory_data import Run, trajectory_run
+from pymc_ship.trajectory_fit import Noise, Problem, TrajectoryFit, fit_trajectory, initial_problem, run_rows
+from pymc_ship.trajectory_prior import CoefficientPrior
+from pymc_ship.trial import TrialError, sampling_interval
+from pymc_ship.vessel import Vessel
+
+LENGTH = 5.0
+"""Length of a window in L/U_nom, which is about the ship lengths it covers."""
+
+SAMPLES = 120
+"""Samples in L/U_nom; a faster record is averaged over so many."""
+
+_BLOCKS = 30  # in L/U, of the comparison
+_SMOOTHED = 0.5  # L/U, under which a local cubic gives the state a window restarts from
+_FIRST_SD = {"u": 0.01, "v": 0.01, "r": 0.02, "p": 0.02, "phi": 0.01}  # of the speed or of U/L, or rad
+_PASSES = 6
+_SETTLED = 0.01
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window as a run of a trajectory fit, and the state it restarts from in the (smoothed) record, (n_states,)."""
+
+    run: Run
+    state: np.ndarray
+
+
+@dataclass(frozen=True)
+class WindowFit:
+    """Coefficients that fit windows of several runs.
+
+    Attributes
+    ----------
+    vessel : Vessel
+    coefficients : ndarray, shape (n_coefficients,)
+    covariance : ndarray, shape (n_coefficients, n_coefficients)
+        Of the estimate over windows like these: model error that differs between windows is in it.
+    information : ndarray, shape (n_coefficients, n_coefficients)
+        Curvature of the negative log posterior, the initial states profiled out.
+    channel_sd : dict of str to float
+        Root mean square that the windows leave of each channel, SI.
+    n_windows : int
+    """
+
+    vessel: Vessel
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    information: np.ndarray
+    channel_sd: dict[str, float]
+    n_windows: int
+
+
+def thinned(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
+    """Record of a trial at :data:`SAMPLES` in L/U_nom, by means of samples; as it is where it is slower.
+
+    Raises
+    ------
+    TrialError
+        For a record shorter than one window.
+    """
+    unit, step = vessel.particulars.L / vessel.particulars.nominal_speed, sampling_interval(trial)
+    count = max(int(unit / SAMPLES / step + 1e-6), 1)
+    if trial["time"].size * step < 0.5 * LENGTH * unit:
+        raise TrialError(
+            f"A run to identify a ship from lasts half a window of {LENGTH:g} L/U = {LENGTH * unit:.3g} s at least, "
+            f"found {trial['time'].size * step:.3g} s; use a longer one."
+        )
+    if "psi" in trial:
+        trial = trial.assign(psi=("time", np.unwrap(trial["psi"].values), trial["psi"].attrs))
+    return trial if count == 1 else trial.coarsen(time=count, boundary="trim").mean(keep_attrs=True)
+
+
+def window_records(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
+    """Windows of a thinned record, one after the other; a rest of half a window or more is one, too."""
+    unit = vessel.particulars.L / vessel.particulars.nominal_speed
+    size = round(LENGTH * unit / sampling_interval(trial))
+    begins = range(0, trial["time"].size - size // 2 + 1, size)
+    return [trial.isel(time=slice(begin, begin + size)) for begin in begins]
+
+
+def prepared_windows(trial: xr.Dataset, vessel: Vessel) -> list[Window]:
+    """Windows of a thinned record for the fit and the score of a vessel's model."""
+    unit, step = vessel.particulars.L / vessel.particulars.nominal_speed, sampling_interval(trial)
+    channels = ("u", "v", "r", *(("p", "phi") if "roll" in vessel.dofs else ()))
+    size = {"u": vessel.particulars.nominal_speed, "v": vessel.particulars.nominal_speed, "phi": 1.0}
+    sd = {name: _FIRST_SD[name] * size.get(name, 1.0 / unit) for name in channels}
+    block = max(round(unit / _BLOCKS / step), 1)
+    smooth = trial.assign({name: ("time", _smoothed(trial[name].values, unit / step)) for name in channels})
+    found = []
+    for window, start in zip(window_records(trial, vessel), window_records(smooth, vessel), strict=True):
+        run = replace(trajectory_run(window, vessel, channels=channels, noise_sd=sd), block=block, substeps=1)
+        state = run.initial_state[0].copy()
+        state[list(run.rows)] = [start[name].values[0] for name in channels]
+        found.append(Window(run, state))
+    return found
+
+
+def restarted(window: Window, vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
+    """Misfit of a window restarted from its measured state: record minus simulation, shape (n_channels, n_blocks).
+
+    NaN where the ship left the model's range.
+    """
+    run = window.run
+    motion = replay(vessel, run.delta, window.state, coefficients, block=run.block, **run.integration)
+    return run.means - motion[list(run.rows), 0]
+
+
+def _smoothed(values: np.ndarray, unit: float) -> np.ndarray:
+    """Channel under a local cubic of half an L/U of ``unit`` samples."""
+    size = max(round(_SMOOTHED * unit) | 1, 5)
+    return savgol_filter(values, size, 3) if size <= values.size else values
+
+
+def fit_windows(
+    windows: Sequence[Window],
+    vessel: Vessel,
+    prior: CoefficientPrior,
+    start: np.ndarray,
+    sd: dict[str, float] | None = None,
+) -> WindowFit:
+    """Fit coefficients to windows, the noise of each channel being what they leave of it.
+
+    Parameters
+    ----------
+    windows : sequence of Window
+        From :func:`prepared_windows`, of one or many trials; all have the same channels.
+    vessel : Vessel
+    prior : CoefficientPrior
+        Taken as stated: its scales are not tuned.
+    start : ndarray, shape (n_coefficients,)
+    sd : dict of str to float, optional
+        First guess of the noise by channel, SI.
+
+    Returns
+    -------
+    WindowFit
+
+    Raises
+    ------
+    TrajectoryError
+        When the start leaves the model's range or no minimum is found.
+    """
+    runs = [window.run for window in windows]
+    fixed = replace(prior, tuned=np.zeros_like(prior.tuned))
+    problem = initial_problem(runs, vessel, fixed)
+    unknowns = np.concatenate([start, *(window.state for window in windows)])
+    noise_sd = np.array([sd[name] for name in runs[0].channels]) if sd else runs[0].sample_sd
+    for _ in range(_PASSES):
+        noise = tuple(Noise(noise_sd, np.zeros(noise_sd.size), offsets=False, values=run.means) for run in runs)
+        fit = fit_trajectory(replace(problem, noise=noise), unknowns)
+        square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
+        ratio = np.sqrt(square / sum(run.n_blocks for run in runs))
+        unknowns, noise_sd = fit.unknowns, noise_sd * ratio
+        if np.max(np.abs(np.log(ratio))) < _SETTLED:
+            break
+    by_channel = dict(zip(runs[0].channels, noise_sd.tolist(), strict=True))
+    return WindowFit(vessel, fit.coefficients, _sandwich(fit), np.linalg.inv(fit.covariance), by_channel, len(runs))
+
+
+def _sandwich(fit: TrajectoryFit) -> np.ndarray:
+    """Covariance C (sum_k g_k g_k' + P) C of the coefficients: g_k gradient of window k, P prior precision.
+
+    White (1982), doi:10.2307/1912526, with windows as clusters and the prior as one more observation; C is the
+    posterior covariance that residuals independent of each other would give.
+    """
+    problem: Problem = fit.problem
+    n, C = problem.n_coefficients, fit.covariance
+    gradients = []
+    for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
+        rows = run_rows(problem.vessel, run, noise, fit.coefficients, fit.unknowns[place])
+        gradients.append(sum(design[:, :n].T @ misfit for misfit, design in rows))
+    G = np.array(gradients)
+    P = np.diag(problem.precision[:n] / problem.unit[:n] ** 2)
+    count = len(gradients)
+    covariance = C @ (G.T @ G * (count / max(count - 1, 1)) + P) @ C
+    return 0.5 * (covariance + covariance.T)
+
+
+def normal_draws(fit: WindowFit, inflation: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws (count, n_coefficients) from the normal law of a fit, its standard deviations times ``inflation``."""
+    values, vectors = np.linalg.eigh(fit.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return fit.coefficients + inflation * rng.standard_normal((count, values.size)) @ root.T
