@@ -23,9 +23,11 @@ _PUBLIC = {
     "ebayes": ("ebayes_threshold",),
     "denoise": ("denoise", "denoise_signal", "derivative"),
     "indices": ("indices", "imo_criteria"),
+    "imo_verdict": ("imo_probabilities",),
     "output": ("OutputError",),
     "weak_form": ("weak_form_start", "coefficient_scales"),
     "regression_data": ("regression_data", "RegressionData", "RegressionDataError"),
+    "streamed_regression": ("stream_regression", "StreamedRegression"),
     "priors": ("ConjugatePrior", "SemiConjugatePrior", "PriorError"),
     "predictive": ("with_predictive",),
     "prior_table": ("informed_prior", "hold_fixed", "restore_fixed", "order_damped_prior", "sister_ship_table"),
@@ -49,6 +51,7 @@ _PUBLIC = {
     "identification": ("identify", "Identification"),
     "study": ("run_study", "StudyResult"),
     "report": ("study",),
+    "montecarlo": ("montecarlo",),
     "diagnostic_report": ("diagnostic_report",),
 }
 _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}

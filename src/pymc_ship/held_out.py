@@ -1,9 +1,9 @@
 """Cross-validation over whole runs: a model is fitted to all runs but one and judged on that one.
 
 The score of a run is the log predictive density of its windows, restarted from the measured state: the mean over
-windows of a sum over channels, so that each channel of a run counts as one observation. What a model cannot do it cannot do in
-all windows of a run. Whole runs are left out because a window from a run that was trained on knows its rudder zero,
-its weather and its loading. Standard manoeuvres among the runs
+windows of a sum over channels, so that each channel of a run counts as one observation. What a model cannot do it
+cannot do in all windows of a run. Whole runs are left out because a window from a run that was trained on knows its
+rudder zero, its weather and its loading. Standard manoeuvres among the runs
 are forecast in closed loop, too, from the approach speed alone, and their indices compared.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.indices import indices
+from pymc_ship.indices import CIRCLE_INDICES, ZIGZAG_INDICES, indices
 from pymc_ship.manoeuvres import Manoeuvre
 from pymc_ship.recognised import from_execution
 from pymc_ship.simulate import simulate
@@ -28,6 +28,9 @@ SCORED = {
         "second_overshoot_angle",
         "first_overshoot_time",
         "second_overshoot_time",
+        "initial_turning_time",
+        "initial_turning_distance",
+        "period",
     ),
     "turning_circle": ("advance", "transfer", "tactical_diameter"),
 }
@@ -117,7 +120,7 @@ def measured_indices(trial: xr.Dataset, manoeuvre: Manoeuvre) -> dict[str, float
             record[name] = ("time", np.zeros(record["time"].size))
     record.attrs = {"heading_deg": manoeuvre.heading_deg, "side": manoeuvre.side}
     found = indices(record, manoeuvre=manoeuvre.kind)
-    without_track = {"turning_circle"} if not {"x", "y"} <= set(trial) else set()
-    return {
-        name: float(found[name]) if manoeuvre.kind not in without_track else np.nan for name in SCORED[manoeuvre.kind]
-    }
+    tracked = {"x", "y"} <= set(trial)
+    kinds = ZIGZAG_INDICES | CIRCLE_INDICES
+    names = SCORED[manoeuvre.kind]
+    return {name: float(found[name]) if tracked or kinds[name] != "distance" else np.nan for name in names}

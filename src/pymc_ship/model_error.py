@@ -1,7 +1,7 @@
 """Model error of manoeuvre indices: what coefficients and term sets leave unexplained on runs that were held out.
 
-Two zigzags of the same ship on the same day differ by some tenths of a degree, and no set of terms is the true force. The
-error of a held-out index beyond the spread of the draws is measured in units of what the ship did (the swing of
+Two zigzags of the same ship on the same day differ by some tenths of a degree, and no set of terms is the true force.
+The error of a held-out index beyond the spread of the draws is measured in units of what the ship did (the swing of
 heading for an overshoot angle, the value itself for times and distances) and pooled by kind; a forecast of any
 manoeuvre is widened by as much.
 """

@@ -45,8 +45,8 @@ class Candidate:
     """One term set of the ensemble.
 
     ``fit`` is to all runs, ``inflation`` a factor on the sd of its coefficients from the scatter of the fits to all
-    runs but one, ``weight`` its share of the ensemble, ``draws`` (n_draws, n_coefficients) are those of the normal law that
-    do not run away, ``share_unsound`` of all drawn did.
+    runs but one, ``weight`` its share of the ensemble, ``draws`` (n_draws, n_coefficients) are those of the normal law
+    that do not run away, ``share_unsound`` of all drawn did.
     """
 
     name: str

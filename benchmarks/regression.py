@@ -1,0 +1,179 @@
+"""The regression: exact draws and Gibbs, NUTS, the evidence maximum, a million rows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+import peers
+import pymc_ship as ps
+from benchmarks import r_peers
+from benchmarks.table import Row, imported, median_seconds
+
+MILLION = 1_000_000
+
+
+def sampling(data, prior) -> Iterator[Row]:
+    """Exact draws and Gibbs sampler against a plain Cholesky Gibbs sampler, in effective draws a second."""
+    rng = np.random.default_rng(0)
+    scaled = _scaled(data)
+    ps.gibbs(scaled, prior, draws=10, chains=1, rng=rng)
+    exact = ps.semiconjugate(scaled, prior)
+    seconds, (plain, _) = median_seconds(
+        lambda: peers.cholesky_gibbs(scaled.design_matrix, scaled.response, prior, 4000, rng)
+    )
+    cases = {
+        "exact independent draws, least ESS": lambda: exact.draw(40000, rng)[0][None],
+        "Gibbs, 64 chains x 1000, least ESS": lambda: ps.gibbs(scaled, prior, draws=1000, chains=64, rng=rng)[0],
+    }
+    for what, work in cases.items():
+        ours, draws = median_seconds(work, 3)
+        yield _ess_row(what, (draws, ours), "Cholesky Gibbs in numpy", (plain[None], seconds), exact)
+
+
+def mcmcpack(data, prior) -> Iterator[Row]:
+    """Gibbs sampler of MCMCpack in R on the same columns and prior."""
+    what, peer = "Gibbs, 4 chains x 1000, least ESS", "R MCMCpack MCMCregress"
+    scaled = _scaled(data)
+    arguments = {"kappa": prior.kappa, "shape": prior.shape, "scale": prior.scale}
+    rows = np.column_stack([scaled.response, scaled.design_matrix])
+    theirs, draws = r_peers.seconds(r_peers.MCMC_REGRESS, rows, arguments, what, peer)
+    rng = np.random.default_rng(0)
+    ps.gibbs(scaled, prior, draws=10, chains=1, rng=rng)
+    ours, own = median_seconds(lambda: ps.gibbs(scaled, prior, draws=1000, chains=4, rng=rng)[0], 3)
+    yield _ess_row(what, (own, ours), peer, (draws[None, :, : data.n_terms], theirs), ps.semiconjugate(scaled, prior))
+
+
+def nuts(data) -> Iterator[Row]:
+    """NUTS on the whitened model against the direct one and a first attempt, in least effective draws a second.
+
+    One prior for all: coefficients N(0, 10) and next to nothing about the noise.
+    """
+    prior = ps.SemiConjugatePrior(kappa=100.0, shape=1e-3, scale=1e-6)
+    exact = ps.semiconjugate(data, prior)
+
+    def sample(parametrisation: str) -> np.ndarray:
+        rng = np.random.default_rng(0)
+        return _coefficients(ps.nuts_posterior(data, prior, rng=rng, parametrisation=parametrisation))
+
+    whitened, again = (_timed(lambda: sample("whitened")) for _ in range(2))
+    direct = _timed(lambda: sample("direct"))
+    first = _timed(lambda: data.to_original(_coefficients(first_attempt(data))))
+    what = "NUTS whitened, with compilation, least ESS"
+    compiled = (
+        f"; {whitened[1] - again[1]:.1f} of the {whitened[1]:.1f} s of ours are imports and nutpie's compilation, "
+        "which is not cached: every process pays it once"
+    )
+    row = _ess_row(what, whitened, "direct, as the paper writes it", direct, exact)
+    yield replace(row, note=row.note + compiled)
+    yield _ess_row(what, whitened, "plain PyMC, a first attempt", first, exact)
+
+
+def first_attempt(data):
+    """Model of the same regression as a PyMC user first writes it: standardised columns, default sampling."""
+    import pymc as pm
+
+    with pm.Model():
+        coefficients = pm.Normal("coefficients", 0.0, 10.0, shape=data.n_terms)
+        sigma = pm.HalfNormal("sigma", 1.0)
+        mean = pm.math.dot(data.scaled_design_matrix, coefficients)
+        pm.Normal("response", mean, sigma, observed=data.scaled_response)
+        return pm.sample(random_seed=0, progressbar=False)
+
+
+def bayesian_ridge(data) -> Iterator[Row]:
+    """Evidence maximum and posterior against BayesianRidge of scikit-learn, which fits the same model."""
+    what, peer = "prior by evidence, then the posterior", "scikit-learn BayesianRidge"
+    library = imported("sklearn.linear_model", what, peer)
+    scaled = _scaled(data)
+    X, y = scaled.design_matrix, scaled.response
+
+    def fit():
+        fresh = ps.RegressionData.from_arrays(X, y)
+        prior, log_evidence = ps.maximise_evidence(fresh, "conjugate")
+        return ps.conjugate(fresh, prior), log_evidence
+
+    fit()
+    ours, (posterior, log_evidence) = median_seconds(fit, 5)
+    theirs, ridge = median_seconds(lambda: library.BayesianRidge(fit_intercept=False).fit(X, y), 5)
+    shape = 1e8  # a noise variance that is known, as BayesianRidge takes it once it is found
+    given = ps.ConjugatePrior(kappa=ridge.alpha_ / ridge.lambda_, shape=shape, scale=shape / ridge.alpha_)
+    same = ps.conjugate(scaled, given)
+    sd = np.sqrt(np.diag(ridge.sigma_))
+    gap = np.abs((same.mean - ridge.coef_) / sd).max()
+    note = (
+        f"with its alpha and lambda our posterior mean is its own; at the end of the two searches the log evidence of "
+        f"ours differs by {log_evidence - same.log_evidence:+.2g}, the means are "
+        f"{np.abs((posterior.mean - ridge.coef_) / sd).max():.2g} sd apart; ours searches three hyperparameters from "
+        "five starts, BayesianRidge two from one by fixed point"
+    )
+    yield Row(what, ours, peer, theirs, "max |d mean| under its prior [sd]", gap, 1e-6, note=note)
+
+
+def million_rows() -> Iterator[Row]:
+    """A million rows of 28 terms read in chunks, against all of them in memory and against X'X."""
+    rng = np.random.default_rng(0)
+    X, prior = rng.standard_normal((MILLION, 28)), ps.ConjugatePrior()
+    y = X @ rng.standard_normal(28) + rng.standard_normal(MILLION)
+
+    def chunks(X=X):
+        return ((X[k : k + 10000], y[k : k + 10000]) for k in range(0, MILLION, 10000))
+
+    ps.stream_regression([(X[:100], y[:100])])
+    ours, streamed = median_seconds(lambda: ps.conjugate(ps.stream_regression(chunks()), prior), 3)
+    theirs, whole = median_seconds(lambda: ps.conjugate(ps.RegressionData.from_arrays(X, y), prior))
+    what, check = "1e6 rows x 28 terms in chunks, exact posterior", "max |d mean| [sd]"
+    gap = np.abs((streamed.mean - whole.mean) / whole.sd).max()
+    yield Row(what, ours, "SVD of all rows in memory", theirs, check, gap, 1e-9)
+    theirs, mean = median_seconds(lambda: _normal_equations(chunks(), prior), 3)
+    gap = np.abs((mean - streamed.mean) / whole.sd).max()
+    X[:, 1] = X[:, 0] + 1e-7 * X[:, 1]
+    flat = ps.ConjugatePrior(kappa=1e16)
+    exact, lost = ps.conjugate(ps.RegressionData.from_arrays(X, y), flat), _normal_equations(chunks(), flat)
+    apart = [
+        np.abs((mean - exact.mean) / exact.sd).max()
+        for mean in (lost, ps.conjugate(ps.stream_regression(chunks()), flat).mean)
+    ]
+    note = (
+        f"where two columns are collinear to 1e-7 and the prior is flat, X'X is off by {apart[0]:.1e} sd and ours by "
+        f"{apart[1]:.1e}"
+    )
+    yield Row(what, ours, "X'X and X'y in chunks, numpy, mean alone", theirs, check, gap, 1e-9, note=note)
+
+
+def _normal_equations(chunks, prior) -> np.ndarray:
+    """Posterior mean under a scalar kappa from X'X and X'y."""
+    gram, moment = 0.0, 0.0
+    for X, y in chunks:
+        gram, moment = gram + X.T @ X, moment + X.T @ y
+    return np.linalg.solve(gram + np.eye(len(moment)) / prior.kappa, moment)
+
+
+def _scaled(data) -> ps.RegressionData:
+    return ps.RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response)
+
+
+def _coefficients(tree) -> np.ndarray:
+    return tree["posterior"].dataset["coefficients"].values
+
+
+def _timed(work: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
+    start = time.perf_counter()
+    draws = work()
+    return draws, time.perf_counter() - start
+
+
+def _ess_row(what: str, ours: tuple[np.ndarray, float], peer: str, theirs: tuple[np.ndarray, float], exact) -> Row:
+    """Row of least effective draws a second; the means of both may differ by five Monte-Carlo standard errors."""
+    from arviz import ess
+
+    found = [np.array([float(ess(draws[..., j])) for j in range(draws.shape[-1])]) for draws, _ in (ours, theirs)]
+    means = [draws.mean(axis=(0, 1)) for draws, _ in (ours, theirs)]
+    gap = np.abs((means[0] - means[1]) / exact.sd / np.sqrt(1.0 / found[0] + 1.0 / found[1])).max()
+    least, sizes = [values.min() for values in found], [draws[..., 0].size for draws, _ in (ours, theirs)]
+    note = f"least ESS {least[0]:.0f} of {sizes[0]} draws against {least[1]:.0f} of {sizes[1]}"
+    rates = [values.min() / seconds for values, (_, seconds) in zip(found, (ours, theirs), strict=True)]
+    return Row(what, rates[0], peer, rates[1], "max |d mean| [MC standard errors]", gap, 5.0, "/s", note)
