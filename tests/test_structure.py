@@ -86,6 +86,7 @@ LAYERS = (
     "calibration",
     "extrapolation",
     "forecast",
+    "ship_files",
     "trial_design",
     "tables",
     "estimates",

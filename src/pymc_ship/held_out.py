@@ -37,7 +37,11 @@ SCORED = {
 """Indices that are compared on held-out runs, by manoeuvre."""
 
 _LOG_2PI = np.log(2.0 * np.pi)
-_STEPS = 240  # in L/U, of a simulated manoeuvre: rudder reversals fall on steps
+STEPS = 240
+"""Steps in L/U of a simulated manoeuvre: the rudder is reversed on one of them."""
+
+RECORDED = 4
+"""Steps between the samples that are kept."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +110,15 @@ def forecast_indices(
     vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float
 ) -> dict[str, np.ndarray]:
     """Scored indices of a manoeuvre for each row of coefficients, each of shape (n_draws,)."""
-    step = vessel.particulars.L / vessel.particulars.nominal_speed / _STEPS
-    ships = simulate(vessel, manoeuvre, duration=duration, step=step, method="rk4", coefficients=coefficients)
-    found = indices(ships)
+    settings = simulation_settings(vessel)
+    found = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
     return {name: found[name].values for name in SCORED[manoeuvre.kind]}
+
+
+def simulation_settings(vessel: Vessel) -> dict:
+    """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
+    step = vessel.particulars.L / vessel.particulars.nominal_speed / STEPS
+    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
 
 
 def measured_indices(trial: xr.Dataset, manoeuvre: Manoeuvre) -> dict[str, float]:
