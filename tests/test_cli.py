@@ -18,8 +18,9 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship import cli, commands, cross_validation, identification
+from pymc_ship import cli, command_parser, commands, cross_validation, identification
 from pymc_ship.cli import main
+from pymc_ship.command_parser import parser
 from pymc_ship.denoise import DERIVATIVES
 from pymc_ship.ebayes import PRIORS
 from pymc_ship.equations_of_motion import prime_record
@@ -32,7 +33,7 @@ from pymc_ship.trial import CHANNELS
 from pymc_ship.vessel import DOFS
 from small_vessel import TERMS
 
-COMMANDS = ("study", "simulate", "denoise", "identify", "tune", "forecast", "report")
+COMMANDS = ("study", "simulate", "denoise", "regress", "tune", "forecast", "report")
 HEAVY = ("numpy", "xarray", "numba", "scipy", "pymc", "pytensor", "arviz", "skopt", "sklearn", "matplotlib", "rich")
 
 
@@ -73,13 +74,13 @@ def tuned(made, small):
 
 @pytest.fixture(scope="module")
 def made(small, tmp_path_factory):
-    """Folder with small.toml, the noisy trial.csv of that vessel and what `identify` made of it."""
+    """Folder with small.toml, the noisy trial.csv of that vessel and what `regress` made of it."""
     folder = tmp_path_factory.mktemp("made")
     (folder / "small.toml").write_text(toml(small))
     vessel, trial = folder / "small.toml", folder / "trial.csv"
     run("simulate", vessel, "--zigzag", "20/20", "--duration", 150, "--step", 0.1, "--noise", 0.001, "--out", trial)
     words = ("--vessel", vessel, "--family", "conjugate", "--draws", 200)
-    run("identify", trial, *words, "--out", folder / "identified")
+    run("regress", trial, *words, "--out", folder / "identified")
     return folder
 
 
@@ -155,22 +156,22 @@ def test_every_command_has_seed_quiet_out_and_examples_that_parse(capsys):
         text = capsys.readouterr().out
         assert all(option in text for option in ("--seed", "--quiet", "--out"))
         examples = [line.strip() for line in text.splitlines() if line.startswith("  pymc-ship ")]
-        assert 1 <= len(examples) <= 2
+        assert 1 <= len(examples) <= 4
         for example in examples:
-            args = cli._parser().parse_args(shlex.split(example)[1:])
+            args = parser().parse_args(shlex.split(example)[1:])
             assert args.command == name
             assert args.seed == 2020
 
 
 def test_choices_are_those_of_the_api():
-    assert tuple(FAMILIES) == cli.FAMILIES
-    assert identification.SELECTIONS == cli.SELECTIONS
-    assert set(SIDES) == set(cli.SIDES)
-    assert METHODS == cli.METHODS
-    assert (*DERIVATIVES, *WEAK) == cli.DERIVATIVES
-    assert PRIORS == cli.DENOISE_PRIORS
-    assert DOFS == cli.DOFS
-    for split in cli.SPLITS:
+    assert tuple(FAMILIES) == command_parser.FAMILIES
+    assert identification.SELECTIONS == command_parser.SELECTIONS
+    assert set(SIDES) == set(command_parser.SIDES)
+    assert METHODS == command_parser.METHODS
+    assert (*DERIVATIVES, *WEAK) == command_parser.DERIVATIVES
+    assert PRIORS == command_parser.DENOISE_PRIORS
+    assert DOFS == command_parser.DOFS
+    for split in command_parser.SPLITS:
         assert len(cross_validation.fold_rows(10, split=split, rng=np.random.default_rng(1))) == 5
 
 
@@ -262,10 +263,10 @@ def test_denoise_writes_the_smooth_trial_and_prints_the_noise(made, tmp_path, ca
         assert unit == expected[name].attrs["units"]
 
 
-# identify
+# regress
 
 
-def test_identify_writes_posteriors_and_coefficients(made, small, capsys):
+def test_regress_writes_posteriors_and_coefficients(made, small, capsys):
     folder = made / "identified"
     assert files(folder) == ["coefficients.csv", *sorted(f"{dof}-conjugate.nc" for dof in small.dofs)]
     smooth = ps.denoise(ps.read_trial(made / "trial.csv"))
@@ -285,13 +286,13 @@ def test_identify_writes_posteriors_and_coefficients(made, small, capsys):
         np.testing.assert_array_equal(column(mine, "quantile_95"), exact.quantiles([0.95])[0])
 
 
-def test_identify_raw_gives_back_the_vessel_of_a_perfect_trial(made, tmp_path, capsys, monkeypatch):
+def test_regress_raw_gives_back_the_vessel_of_a_perfect_trial(made, tmp_path, capsys, monkeypatch):
     vague = FAMILIES["conjugate"](kappa=1e12, shape=0.1, scale=1e-9)
     monkeypatch.setattr(identification, "maximise_evidence", lambda rows, family: (vague, 0.0))
     trial, out = tmp_path / "trial.csv", tmp_path / "out"
     run("simulate", made / "small.toml", "--zigzag", "20/20", "--duration", 100, "--step", 0.1, "--out", trial)
     words = ("--vessel", made / "small.toml", "--family", "conjugate", "--interval", "all", "--draws", 4)
-    run("identify", trial, "--raw", *words, "--out", out)
+    run("regress", trial, "--raw", *words, "--out", out)
     table = rows(out / "coefficients.csv")
     np.testing.assert_allclose(column(table, "mean"), column(table, "reference"), rtol=1e-8)
     assert ps.read_posterior(out / "yaw-conjugate.nc")["observed_data"].sizes["row"] in (999, 1000)
@@ -299,18 +300,18 @@ def test_identify_raw_gives_back_the_vessel_of_a_perfect_trial(made, tmp_path, c
     assert line[:4] == ["Nv", "yaw", "-300", "-300"]
 
 
-def test_identify_denoises_as_the_command_denoise_does(made, small, tmp_path):
+def test_regress_denoises_as_the_command_denoise_does(made, small, tmp_path):
     smooth = tmp_path / "smooth.csv"
     run("denoise", made / "trial.csv", "--out", smooth)
     words = ("--vessel", made / "small.toml", "--family", "conjugate", "--draws", 200)
-    run("identify", smooth, "--raw", *words, "--out", tmp_path)
+    run("regress", smooth, "--raw", *words, "--out", tmp_path)
     for dof in small.dofs:
         one, two = (ps.read_posterior(folder / f"{dof}-conjugate.nc") for folder in (made / "identified", tmp_path))
         np.testing.assert_array_equal(one["posterior"]["coefficients"], two["posterior"]["coefficients"])
 
 
 @pytest.mark.parametrize(("derivative", "denoised"), [("central", True), ("weak", False)])
-def test_identify_passes_its_options_on(made, small, tmp_path, monkeypatch, derivative, denoised):
+def test_regress_passes_its_options_on(made, small, tmp_path, monkeypatch, derivative, denoised):
     called = {}
 
     def identified(trial, vessel, **settings):
@@ -319,7 +320,7 @@ def test_identify_passes_its_options_on(made, small, tmp_path, monkeypatch, deri
 
     monkeypatch.setattr(identification, "identify", identified)
     words = ("--family", "both", "--select", "bayesian_optimisation", "--interval", 2, "--derivative", derivative)
-    main(["identify", str(made / "trial.csv"), "--vessel", "container", *map(str, words), "--out", str(tmp_path)])
+    main(["regress", str(made / "trial.csv"), "--vessel", "container", *map(str, words), "--out", str(tmp_path)])
     rng, _ = called.pop("rng"), called.pop("progress")
     assert rng.random() == np.random.default_rng(2020).random()
     assert called == {
@@ -428,7 +429,7 @@ def test_forecast_takes_a_joint_posterior_and_says_what_it_extrapolates(made, sm
 
 
 def joint_posterior(made, small):
-    """What `identify` made as one posterior, with the motion of the trial."""
+    """What `regress` made as one posterior, with the motion of the trial."""
     trees = [ps.read_posterior(made / "identified" / f"{dof}-conjugate.nc") for dof in small.dofs]
     draws = xr.concat([tree["posterior"]["coefficients"] for tree in trees], "coefficient")
     trial = ps.denoise(ps.read_trial(made / "trial.csv"))
@@ -446,7 +447,7 @@ def test_the_round_trip_forecasts_the_reference_ship(tmp_path, capsys, monkeypat
     run("simulate", "container", "--zigzag", "20/20", "--noise", 0.01, "--out", "trial.csv")
     run("denoise", "trial.csv", "--out", "smooth.csv")
     words = ("--vessel", "container", "--family", "conjugate")
-    run("identify", "smooth.csv", "--raw", *words, "--draws", 400, "--out", "identified")
+    run("regress", "smooth.csv", "--raw", *words, "--draws", 400, "--out", "identified")
     capsys.readouterr()
     run("forecast", "identified", *words, "--draws", 100, "--zigzag", "10/10", "--turn", 35, "--out", "forecast")
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
@@ -481,7 +482,7 @@ def foreign(made, tmp_path):
     return tmp_path / "run.csv", tmp_path / "basin.toml"
 
 
-@pytest.mark.parametrize("command", ["denoise", "identify", "tune", "fit"])
+@pytest.mark.parametrize("command", ["denoise", "regress", "tune", "fit"])
 def test_commands_read_a_trial_by_its_format_and_tell(made, foreign, tmp_path, capsys, monkeypatch, command):
     """Each fails at what comes after the reading; its remarks are there all the same."""
     trial, layout = foreign
@@ -490,7 +491,7 @@ def test_commands_read_a_trial_by_its_format_and_tell(made, foreign, tmp_path, c
         raise ValueError("stopped")
 
     monkeypatch.setattr(commands, "writable_folder", stop)
-    monkeypatch.setattr(commands, "_output_file", stop)
+    monkeypatch.setattr(commands, "output_file", stop)
     vessel = () if command == "denoise" else ("--vessel", made / "small.toml")
     more = ("--dof", "yaw", "--family", "conjugate") if command == "tune" else ()
     words = [command, trial, "--format", layout, *vessel, *more, "--out", tmp_path / "out"]
@@ -516,12 +517,12 @@ def test_remarks_on_a_trial_stay_on_a_terminal(foreign, tmp_path, capsys, monkey
 # the same seed, silence, progress
 
 
-@pytest.mark.parametrize("command", ["simulate", "identify", "forecast"])
+@pytest.mark.parametrize("command", ["simulate", "regress", "forecast"])
 def test_the_same_seed_gives_identical_files(made, tmp_path, command):
     vessel = ("--vessel", made / "small.toml")
     words = {
         "simulate": (made / "small.toml", "--zigzag", "20/20", "--duration", 20, "--noise", 0.01),
-        "identify": (made / "trial.csv", *vessel, "--family", "conjugate", "--draws", 40, "--interval", 2),
+        "regress": (made / "trial.csv", *vessel, "--family", "conjugate", "--draws", 40, "--interval", 2),
         "forecast": (made / "identified", *vessel, "--draws", 10, "--duration", 20, "--turn", 35),
     }[command]
     outs = [tmp_path / name / "result.csv" for name in ("one", "two", "other")]
@@ -615,7 +616,7 @@ def spoil(trial, how):
     return "\n".join([",".join(table[0]), *(",".join(row.values()) for row in table)]) + "\n"
 
 
-@pytest.mark.parametrize("command", ["identify", "tune"])
+@pytest.mark.parametrize("command", ["regress", "tune"])
 @pytest.mark.parametrize(
     ("how", "sentence"),
     [
@@ -631,7 +632,7 @@ def test_a_trial_that_cannot_be_used_is_refused(made, small, tmp_path, capsys, c
     trial, out = tmp_path / "trial.csv", tmp_path / "out"
     trial.write_text(spoil(made / "trial.csv", how))
     words = ("--vessel", made / "small.toml", "--family", "conjugate", "--out", out)
-    dof = "surge" if command == "identify" else "yaw"
+    dof = "surge" if command == "regress" else "yaw"
     more = ("--dof", dof) if command == "tune" else ()
     message = refused(capsys, command, trial, *words, *more)
     assert sentence.format(dof=dof, n=len(TERMS[dof])) in message
@@ -650,7 +651,7 @@ def test_a_trial_that_cannot_be_used_is_refused(made, small, tmp_path, capsys, c
             "none.toml cannot be read: No such file or directory; check",
         ),
         ("simulate {tmp}/odd.toml --turn 35 --out {out}", r"odd.toml: coefficients.yaw.Nvzz is no coefficient"),
-        ("identify {made}/trial.csv --vessel {tmp}/odd.toml --out {out}", r"coefficients.yaw.Nvzz is no coefficient"),
+        ("regress {made}/trial.csv --vessel {tmp}/odd.toml --out {out}", r"coefficients.yaw.Nvzz is no coefficient"),
         ("study --vessel tanker --out {out}", "A vessel is one of .* found 'tanker'"),
         (
             "simulate container --zigzag 20-20 --out {out}",
@@ -692,10 +693,10 @@ def test_a_trial_that_cannot_be_used_is_refused(made, small, tmp_path, capsys, c
         ("denoise {tmp}/rad.csv --out {out}", "needs one of the channels u, v, r, p, phi, psi, found none"),
         ("denoise {made}/trial.csv --wavelet sinus --out {out}", "needs an orthogonal wavelet, found 'sinus'"),
         ("denoise {made}/trial.csv --prior flat --out {out}", "invalid choice: 'flat'"),
-        ("identify {made}/trial.csv --vessel container --family flat --out {out}", "invalid choice: 'flat'"),
-        ("identify {made}/trial.csv --vessel container --draws 10 --out {out}", "a multiple of 4, found '10'"),
-        ("identify {made}/trial.csv --vessel container --interval soon --out {out}", "seconds or 'all', found 'soon'"),
-        ("identify {made}/trial.csv --vessel {small} --interval 0.15 --out {out}", "multiple of the sampling interval"),
+        ("regress {made}/trial.csv --vessel container --family flat --out {out}", "invalid choice: 'flat'"),
+        ("regress {made}/trial.csv --vessel container --draws 10 --out {out}", "a multiple of 4, found '10'"),
+        ("regress {made}/trial.csv --vessel container --interval soon --out {out}", "seconds or 'all', found 'soon'"),
+        ("regress {made}/trial.csv --vessel {small} --interval 0.15 --out {out}", "multiple of the sampling interval"),
         (
             "tune {made}/trial.csv --vessel {small} --dof roll --family conjugate --out {out}",
             "surge, sway, yaw; found 'roll'",
@@ -746,7 +747,7 @@ def test_what_cannot_run_is_one_sentence_and_leaves_no_file(made, small, tmp_pat
 ALL_COMMANDS = [
     "simulate container --turn 35",
     "denoise {made}/trial.csv",
-    "identify {made}/trial.csv --vessel {made}/small.toml",
+    "regress {made}/trial.csv --vessel {made}/small.toml",
     "tune {made}/trial.csv --vessel {made}/small.toml --dof yaw --family conjugate",
     "forecast {made}/identified --vessel {made}/small.toml --turn 35",
     "study",
@@ -756,7 +757,7 @@ ALL_COMMANDS = [
 LONG_WORK = {
     "simulate": "simulate",
     "denoise": "denoise",
-    "identify": "regression_data",
+    "regress": "regression_data",
     "tune": "tune_prior",
     "forecast": "forecast",
     "study": "simulate",
@@ -820,7 +821,7 @@ def test_an_interrupted_run_keeps_the_earlier_result_and_leaves_nothing_else(
 ):
     command, *rest = words.format(made=made).split()
     results = {
-        "identify": ["out/coefficients.csv", "out/sway-conjugate.nc"],
+        "regress": ["out/coefficients.csv", "out/sway-conjugate.nc"],
         "forecast": ["out/turning-circle-35-port-conjugate.csv"],
     }.get(command, ["out"])
     for name in results:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.cli import _parser
+from pymc_ship.command_parser import parser
 from test_structure import HOSTS
 
 ROOT = Path(__file__).parents[1]
@@ -43,17 +43,17 @@ def test_every_block_has_a_language_that_is_tested():
 
 @pytest.mark.parametrize("words", command_lines(), ids=" ".join)
 def test_a_command_parses(words):
-    assert _parser().parse_args(words).command == words[0]
+    assert parser().parse_args(words).command == words[0]
 
 
 def test_commands_of_the_readme_are_found():
-    assert {words[0] for words in command_lines()} >= {"simulate", "identify", "forecast", "study"}
+    assert {words[0] for words in command_lines()} >= {"simulate", "identify", "regress", "forecast", "study"}
 
 
 def test_a_command_that_does_not_parse_is_seen(capsys):
     with pytest.raises(SystemExit):
-        _parser().parse_args(["identify", "trial.csv", "--vesel", "container", "--out", "identified"])
-    assert "pymc-ship identify --help" in capsys.readouterr().err
+        parser().parse_args(["regress", "trial.csv", "--vesel", "container", "--out", "identified"])
+    assert "pymc-ship regress --help" in capsys.readouterr().err
 
 
 def test_targets_of_make_exist():
@@ -69,7 +69,7 @@ def test_shell_blocks_hold_nothing_else():
 
 def test_commands_of_the_parser_are_named():
     named = re.search(r"worked examples of (.*?)\.", TEXT, flags=re.DOTALL).group(1)
-    commands = next(action.choices for action in _parser()._actions if action.dest == "command")
+    commands = next(action.choices for action in parser()._actions if action.dest == "command")
     assert set(re.findall(r"`(\w+)`", named)) == set(commands)
 
 

@@ -66,6 +66,7 @@ LAYERS = (
     "held_out",
     "model_error",
     "ship_model",
+    "ship_paths",
     "error_laws",
     "predictive",
     "rotation",
@@ -106,6 +107,8 @@ LAYERS = (
     "manoeuvre_track",
     "manoeuvre_figures",
     "forecast_report",
+    "ship_figures",
+    "ship_report",
     "frontier_data",
     "frontier",
     "frontier_tables",
@@ -120,8 +123,11 @@ LAYERS = (
     "montecarlo_report",
     "montecarlo",
     "command_texts",
+    "command_files",
+    "ship_commands",
     "commands",
     "command_words",
+    "command_parser",
     "cli",
 )
 """A module imports only from modules above it."""

@@ -49,8 +49,13 @@ _PUBLIC = {
     "identifiability": ("identifiability", "fitted_identifiability", "fisher_information"),
     "trial_design": ("design_trials", "TrialDesignError"),
     "identification": ("identify", "Identification"),
+    "term_sets": ("term_sets", "with_terms"),
+    "recognised": ("recognise",),
+    "ship_model": ("identify_ship", "ShipModel"),
+    "ship_files": ("forecast_ship", "save_ship", "load_ship", "IdentifiedShip"),
     "study": ("run_study", "StudyResult"),
     "report": ("study",),
+    "montecarlo_grid": ("MonteCarloError",),
     "montecarlo": ("montecarlo",),
     "diagnostic_report": ("diagnostic_report",),
 }

@@ -14,6 +14,7 @@ from pymc_ship.vessel import Vessel
 
 if TYPE_CHECKING:
     from pymc_ship.check_verdicts import Check
+    from pymc_ship.ship_model import ShipModel
     from pymc_ship.tune import TunedPrior
 
 
@@ -120,12 +121,50 @@ def design_text(found: xr.Dataset) -> str:
     return f"{table(header, rows)}\n\n{chosen}"
 
 
-def forecast_text(tree: xr.DataTree, reference: xr.Dataset) -> str:
-    """Reference, median and band of each index between the shares of the forecast and its extrapolation."""
+def montecarlo_text(rows: list[dict], most: int = 60) -> str:
+    """One line for each cell of a Monte-Carlo study: median errors and coverage, and tasks that did not end well."""
+    keys = ("ship", "manoeuvre", "noise", "level", "method")
+    keys = [key for key in keys if key == "method" or len({row[key] for row in rows}) > 1]
+    scores = ("median_error", "coverage", "tactical_diameter_error", "diverged", "failed")
+    header = (*keys, "error %", "± se", "coverage %", "± se", "tactical diameter error %", "± se", *scores[3:])
+    values = [(name, f"{name}_se") for name in scores[:3]]
+    names = [*keys, *(name for pair in values for name in pair), *scores[3:]]
+    lines = table(header, [[row[name] for name in names] for row in rows[:most]])
+    return lines + (f"\n... and {len(rows) - most} more cells" if len(rows) > most else "")
+
+
+def forecast_text(tree: xr.DataTree, beside: Mapping[str, xr.Dataset]) -> str:
+    """Median and band of each index and what stands beside them, between shares of the forecast and extrapolation."""
     bands = tree["index_bands"].to_dataset()
     columns = {band: bands.sel(band=band) for band in BANDS}
     title = f"{tree.attrs['label']}: {stated_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"
-    return f"{title}\n{index_table(reference, {'reference': reference, **columns})}\n{tree.attrs['extrapolation']}"
+    return f"{title}\n{index_table(bands, {**beside, **columns})}\n{tree.attrs['extrapolation']}"
+
+
+def probability_text(rows: Iterable[Mapping]) -> str:
+    """One sentence for each IMO criterion that applies; empty where none does."""
+    return "\n".join(f"IMO MSC.137(76): {row['verdict']}" for row in rows)
+
+
+def term_set_text(model: ShipModel) -> str:
+    """Weight, held-out score and errors of every term set."""
+    channels = list(model.candidates[0].held_out.rms)
+    rows = [
+        (c.name, c.weight, c.held_out.log_density.sum(), *c.held_out.rms.values(), f"{c.share_unsound:.0%}")
+        for c in model.candidates
+    ]
+    return table(("term set", "weight", "score", *(f"rms {name}" for name in channels), "ran away"), rows)
+
+
+def held_out_text(model: ShipModel) -> str:
+    """Indices of each held-out manoeuvre beside their forecast; empty where none was held out."""
+    if not model.index_rows:
+        return ""
+    header = ("held-out run", "manoeuvre", "index", "measured", "forecast", "± sd")
+    names = ("run", "manoeuvre", "index", "measured", "forecast", "sd")
+    return table(
+        header, [[str(row[n]).replace("_", " ") if n == "index" else row[n] for n in names] for row in model.index_rows]
+    )
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence]) -> str:

@@ -9,16 +9,23 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.command_files import (
+    Outcome,
+    Progress,
+    made_by,
+    output_file,
+    requested_manoeuvres,
+    staged_files,
+    trial_argument,
+    write_csv,
+    write_trial_file,
+)
 from pymc_ship.command_texts import (
     check_text,
     coefficient_rows,
@@ -28,6 +35,7 @@ from pymc_ship.command_texts import (
     divergence,
     forecast_text,
     index_table,
+    montecarlo_text,
     table,
     trajectory_rows,
     trajectory_text,
@@ -35,20 +43,15 @@ from pymc_ship.command_texts import (
 )
 from pymc_ship.forecast import BANDS, stated_shares
 from pymc_ship.manoeuvres import Manoeuvre, ManoeuvreError
-from pymc_ship.output import OutputError, staged, writable_folder
+from pymc_ship.output import staged, writable_folder
 from pymc_ship.posterior import read_posterior, write_posterior
 from pymc_ship.trial import CHANNELS, UNITS, TrialError
 from pymc_ship.vessel import Vessel
-
-Progress = Callable[..., None]
-Outcome = tuple[str, Path | None] | tuple[str, Path | None, str]
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 _COEFFICIENT_HEADER = ("dof", "family", "coefficient", "reference", "mean", "sd", "quantile_5", "quantile_95")
 OFFSETS = {"auto": None, "yes": True, "no": False}
 """Whether sensors may have constant offsets, by the words of the command line."""
-
-_NOT_RECORDED = ("command", "out", "quiet")
 
 
 def study(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -64,7 +67,7 @@ def study(args: argparse.Namespace, progress: Progress) -> Outcome:
 def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Simulate a trial; the text has the indices and IMO criteria of the clean run."""
     vessel, manoeuvre = ps.load_vessel(args.vessel), _manoeuvre(args)
-    out = _output_file(args.out)
+    out = output_file(args.out)
     progress(f"simulating the {manoeuvre.label}")
     run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
     text = [divergence(run)] if run["diverged"] else []
@@ -76,7 +79,7 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise TrialError(f"A trial has at least two samples, found {trial.sizes['time']}; change duration or step.")
     if args.noise is not None:
         trial = ps.pollute(trial, level=args.noise, rng=np.random.default_rng(args.seed))
-    _write_trial(trial, out, args)
+    write_trial_file(trial, out, args)
     return "\n\n".join(filter(None, text)), out
 
 
@@ -85,35 +88,35 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.trial_checks import failed_checks
 
     vessel = ps.load_vessel(args.vessel) if args.vessel else None
-    trial = _trial(args.trial, args, progress)
-    out = _output_file(args.out) if args.out else None
+    trial = trial_argument(args.trial, args, progress)
+    out = output_file(args.out) if args.out else None
     progress("checking")
     checks = ps.trial_checks(trial, vessel)
     failure = failed_checks(checks)
     if failure or not out:
         return check_text(checks), None, failure
     corrected = ps.corrected_trial(trial, checks)
-    _write_trial(corrected, out, args)
+    write_trial_file(corrected, out, args)
     return "\n".join([check_text(checks), "", *(corrected.attrs["corrections"] or ["Nothing to correct."])]), out
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Denoise a trial; the text has the noise found on each channel."""
-    trial = _trial(args.trial, args, progress)
-    out = _output_file(args.out)
+    trial = trial_argument(args.trial, args, progress)
+    out = output_file(args.out)
     progress("denoising")
     smooth = ps.denoise(trial, args.wavelet, args.prior, not args.decimated)
     names = smooth.attrs["denoised"].split()
-    _write_trial(smooth, out, args)
+    write_trial_file(smooth, out, args)
     return table(("channel", "noise sd", ""), [(n, smooth[n].attrs["noise_sdev"], UNITS[n]) for n in names]), out
 
 
-def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Identify a vessel; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
+def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
     from pymc_ship.identification import EXACT
     from pymc_ship.identification import identify as identified
 
-    vessel, trial = ps.load_vessel(args.vessel), _trial(args.trial, args, progress)
+    vessel, trial = ps.load_vessel(args.vessel), trial_argument(args.trial, args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
     families = tuple(EXACT) if args.family == "both" else (args.family,)
@@ -121,20 +124,20 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     trial = _smooth(trial, args, progress)
     found = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)
     rows = []
-    with _staged_files(out) as folder:
+    with staged_files(out) as folder:
         for family in families:
             progress(f"posterior draws, {family}")
             for dof, tree in found.posteriors(family, draws=args.draws, rng=rng).items():
-                tree.attrs |= {"seed": args.seed, "made_by": _provenance(args)}
+                tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}
                 write_posterior(tree, folder / f"{dof}-{family}.nc")
             rows += coefficient_rows(vessel, family, found.exact[family])
-        _write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
+        write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
     return coefficient_table(rows, families), out
 
 
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
-    vessel, trials = ps.load_vessel(args.vessel), [_trial(path, args, progress) for path in args.trials]
+    vessel, trials = ps.load_vessel(args.vessel), [trial_argument(path, args, progress) for path in args.trials]
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
     progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
@@ -142,18 +145,18 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     tree = ps.trajectory_posterior(
         trials, vessel, args.prior, draws=args.draws, rng=rng, method=args.method, **settings
     )
-    tree.attrs |= {"seed": args.seed, "made_by": _provenance(args)}
+    tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}
     rows = trajectory_rows(vessel, tree)
-    with _staged_files(out) as folder:
+    with staged_files(out) as folder:
         write_posterior(tree, folder / "trajectory.nc")
-        _write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
+        write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
     return "\n\n".join([trajectory_text(tree), coefficient_table(rows, ("trajectory",))]), out
 
 
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
-    vessel, trial = ps.load_vessel(args.vessel), _trial(args.trial, args, progress)
-    out = _output_file(args.out) if args.out else None
+    vessel, trial = ps.load_vessel(args.vessel), trial_argument(args.trial, args, progress)
+    out = output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
     data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)
     progress(f"tuning the {args.family} prior of the {args.dof}: {args.evaluations} evaluations")
@@ -161,30 +164,49 @@ def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     tuned = ps.tune_prior(data, args.family, rng=np.random.default_rng(args.seed), **settings)
     if out:
         scores = {name: getattr(tuned, name) for name in ("score", "score_se", "evidence_score", "log_evidence")}
-        table = {**tuned.prior.hyperparameters(), **scores, "dof": args.dof, "made_by": _provenance(args)}
+        table = {**tuned.prior.hyperparameters(), **scores, "dof": args.dof, "made_by": made_by(args)}
         with staged(out) as partial:
             partial.write_text(json.dumps(table, indent=2) + "\n", encoding="utf-8")
     return tuning_text(tuned), out
 
 
+def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Identify a ship from her trials; the text has term sets, held-out manoeuvres and what was corrected."""
+    from pymc_ship.ship_commands import identify as identified
+
+    return identified(args, progress)
+
+
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Forecast manoeuvres; the text has the indices of each beside those of the vessel file's ship."""
-    vessel = ps.load_vessel(args.vessel)
-    manoeuvres = [ps.zigzag(*angles, side=args.side) for angles in args.zigzag]
-    manoeuvres += [ps.turning_circle(rudder, side=args.side) for rudder in args.turn]
+    from pymc_ship.ship_commands import forecast_identified, holds_ship
+
+    if holds_ship(args.posterior):
+        return forecast_identified(args, progress)
+    for option in ("vessel", "out"):
+        if getattr(args, option) is None:
+            raise ValueError(
+                f"A forecast from a posterior needs --{option}, found none and no identified ship in {args.posterior}; "
+                "add it."
+            )
+    if args.measured:
+        raise ValueError("Measured trials are shown beside forecasts of an identified ship; leave --measured out.")
+    vessel, side, duration = ps.load_vessel(args.vessel), args.side or "port", args.duration or 400.0
+    manoeuvres = requested_manoeuvres(args, (side,))
     if not manoeuvres:
         raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10 or --turn 35.")
     posteriors, ending = _posteriors(Path(args.posterior), args.family, vessel)
     out, text = writable_folder(args.out), []
-    with _staged_files(out) as folder:
+    with staged_files(out) as folder:
         for manoeuvre in manoeuvres:
             progress(f"forecasting the {manoeuvre.label}")
             rng = np.random.default_rng(args.seed)
-            tree = ps.forecast(vessel, posteriors, manoeuvre, draws=args.draws, rng=rng, duration=args.duration)
+            settings = {"draws": 300 if args.draws is None else args.draws, "duration": duration}
+            tree = ps.forecast(vessel, posteriors, manoeuvre, rng=rng, **settings)
             name = manoeuvre.label.replace(" ", "-").replace("/", "-")
             _write_bands(folder / f"{name}-{ending}.csv", tree, args)
-            reference = ps.simulate(vessel, manoeuvre, duration=args.duration, record_interval=0.5)
-            text.append(forecast_text(tree, ps.indices(reference)))
+            reference = ps.simulate(vessel, manoeuvre, duration=duration, record_interval=0.5)
+            text.append(forecast_text(tree, {"reference": ps.indices(reference)}))
     return "\n\n".join(text), out
 
 
@@ -196,18 +218,18 @@ def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     out, settings = writable_folder(args.out), {"criterion": args.criterion, "duration": args.duration}
     progress(f"simulating {len(candidates)} candidates")
     found = ps.design_trials(vessel, posterior, candidates, args.n, rng=rng, **settings)
-    with _staged_files(out) as folder:
+    with staged_files(out) as folder:
         for label in np.unique(found["chosen"].values):
             if (manoeuvre := candidates[label]).kind == "rudder_programme":
                 rows = zip(manoeuvre.time, np.rad2deg(manoeuvre.delta).round(6).tolist(), strict=True)
                 path = folder / f"{label.replace('m/s', 'mps').replace(' ', '-')}.csv"
-                _write_csv(path, _PROGRAMME_HEADER, rows, args, remark=label)
+                write_csv(path, _PROGRAMME_HEADER, rows, args, remark=label)
         table = found.drop_dims(("stage", "coefficient")).to_dataframe().reset_index()
-        _write_csv(folder / "design.csv", tuple(table), table.itertuples(index=False), args)
+        write_csv(folder / "design.csv", tuple(table), table.itertuples(index=False), args)
         sd = found["sd"].transpose("coefficient", "stage")
         header = ("coefficient", "sd", *(f"sd_after_{k}" for k in sd["stage"].values[1:]))
         rows = zip(sd["coefficient"].values, *sd.values.T.tolist(), strict=True)
-        _write_csv(folder / "predicted_sd.csv", header, rows, args)
+        write_csv(folder / "predicted_sd.csv", header, rows, args)
     return design_text(found), out
 
 
@@ -216,6 +238,15 @@ def frontier(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.frontier_report import reported_frontier
 
     return reported_frontier(args.out, seeds=args.seeds, seed=args.seed, progress=progress)
+
+
+def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Run a Monte-Carlo study; the text has the scores of each cell."""
+    from pymc_ship.montecarlo import reported_montecarlo
+
+    settings = {"workers": args.workers, "scheduler": args.scheduler, "progress": progress}
+    rows, page = reported_montecarlo(args.study, args.out, **settings)
+    return montecarlo_text(rows), page
 
 
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -257,14 +288,6 @@ def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
     return time, np.deg2rad(delta_deg)
 
 
-def _trial(path: str, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
-    """Trial of a file; what was interpreted or changed in it is shown."""
-    trial = ps.read_trial(path, format=args.format)
-    for sentence in trial.attrs["reading"].splitlines():
-        progress(f"{path}: {sentence}", remark=True)
-    return trial
-
-
 def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
     """Denoised trial; as it is where it was smooth before or the weak form smooths for itself."""
     from pymc_ship.regression_data import WEAK
@@ -276,18 +299,18 @@ def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> 
 
 
 def _posteriors(path: Path, family: str, vessel: Vessel) -> tuple[xr.DataTree | dict[str, xr.DataTree], str]:
-    """Joint posterior of a file or those of each DOF that `identify` wrote, and how a result of them is called."""
+    """Joint posterior of a file or those of each DOF that `regress` wrote, and how a result of them is called."""
     if path.suffix in (".nc", ".zarr"):
         return _of_vessel(read_posterior(path), path, vessel), path.stem
     return {dof: _posterior(path, dof, family, vessel) for dof in vessel.dofs}, family
 
 
 def _posterior(folder: Path, dof: str, family: str, vessel: Vessel) -> xr.DataTree:
-    """Posterior that `identify` wrote, of the vessel asked for."""
+    """Posterior that `regress` wrote, of the vessel asked for."""
     path = folder / f"{dof}-{family}.nc"
     tree = read_posterior(path)
     if tree.attrs.get("dof") != dof:
-        raise ValueError(f"{path} is no posterior of the {dof}; run `pymc-ship identify` first.")
+        raise ValueError(f"{path} is no posterior of the {dof}; run `pymc-ship regress` first.")
     return _of_vessel(tree, path, vessel)
 
 
@@ -299,50 +322,9 @@ def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
     return tree
 
 
-def _output_file(path: str) -> Path:
-    """Path of a file that can be written; its folder is created where it is missing."""
-    if Path(path).is_dir():
-        raise OutputError(f"{path} is a folder; give the name of a file in it.")
-    writable_folder(Path(path).parent)
-    return Path(path)
-
-
-@contextmanager
-def _staged_files(folder: Path) -> Iterator[Path]:
-    """Temporary folder whose files move to ``folder`` together when the block ends without an exception."""
-    with tempfile.TemporaryDirectory(prefix=".partial-", dir=folder) as partial:
-        yield Path(partial)
-        for path in sorted(Path(partial).iterdir()):
-            os.replace(path, folder / path.name)
-
-
-def _provenance(args: argparse.Namespace) -> str:
-    """What made a file: version, command and options, but not where it was written."""
-    options = {key: value for key, value in sorted(vars(args).items()) if key not in _NOT_RECORDED}
-    for key in ("trial", "format", "posterior", "programme", "vessel"):
-        if options.get(key):
-            options[key] = Path(options[key]).name
-    return f"pymc-ship {ps.__version__} {args.command} {json.dumps(options)}"
-
-
-def _write_trial(trial: xr.Dataset, path: Path, args: argparse.Namespace) -> None:
-    with staged(path) as partial:
-        text = ps.write_trial(trial, partial).read_text(encoding="utf-8")
-        remarks = [f"# {remark}\n" for remark in (_provenance(args), *trial.attrs.get("corrections", ()))]
-        partial.write_text("".join(remarks) + text, encoding="utf-8")
-
-
-def _write_csv(
-    path: Path, header: Sequence[str], rows: Iterable[Sequence], args: argparse.Namespace, remark: str = ""
-) -> None:
-    remarks = [f"# {text}" for text in (_provenance(args), remark) if text]
-    lines = [*remarks, ",".join(header), *(",".join(map(str, row)) for row in rows)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 def _write_bands(path: Path, forecast: xr.DataTree, args: argparse.Namespace) -> None:
     bands = forecast["bands"].to_dataset()
     names = [f"{channel}_{band}" for channel in CHANNELS for band in BANDS]
     columns = [bands[channel].sel(band=band).values for channel in CHANNELS for band in BANDS]
     rows = np.column_stack([bands["time"].values, *columns]).tolist()
-    _write_csv(path, ("time", *names), rows, args, remark=stated_shares(forecast))
+    write_csv(path, ("time", *names), rows, args, remark=stated_shares(forecast))

@@ -207,7 +207,7 @@ def pooled_forecast(
     if noise:
         groups["measured_bands"] = _bands(_measured(ships, noise, rng), ci_prob)
     if manoeuvre.kind in ("zigzag", "turning_circle"):
-        groups["indices"] = with_model_error(indices(ships), errors or {}, rng)
+        groups["indices"] = with_model_error(indices(ships), errors or {}, vessel, rng)
         groups["index_bands"] = _bands(groups["indices"], ci_prob)
     attrs = {
         **ships.attrs,

@@ -3,8 +3,8 @@
 The score of a run is the log predictive density of its windows, restarted from the measured state: the mean over
 windows of a sum over channels, so that each channel of a run counts as one observation. What a model cannot do it
 cannot do in all windows of a run. Whole runs are left out because a window from a run that was trained on knows its
-rudder zero, its weather and its loading. Standard manoeuvres among the runs
-are forecast in closed loop, too, from the approach speed alone, and their indices compared.
+rudder zero, its weather and its loading. Standard manoeuvres among the runs are forecast in closed loop, too, from the
+approach speed alone, and their indices compared.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class HeldOut:
     log_density : ndarray, shape (n_runs,)
         Log predictive density of each run; minus infinity where a window ran away.
     rms : dict of str to float
-        Root mean square error of each channel over all held-out windows, SI.
+        Root mean square error of each channel over all held-out windows that did not run away, SI; NaN without any.
     """
 
     fits: tuple[WindowFit, ...]
@@ -91,7 +91,8 @@ def scored(runs: Sequence[Sequence[Window]], vessel: Vessel, fits: Sequence[Wind
         for windows, fit in zip(runs, fits, strict=True)
     ]
     square = np.array([np.mean(misfit**2, axis=1) for run in misfits for misfit in run])
-    sd = np.sqrt(np.mean(square, axis=0))
+    stayed = np.isfinite(square).all(axis=1)
+    sd = np.sqrt(np.mean(square[stayed], axis=0)) if stayed.any() else np.full(square.shape[1], np.nan)
     log_density = np.array(
         [np.mean([_log_density(np.mean(misfit**2, axis=1), sd) for misfit in run]) for run in misfits]
     )

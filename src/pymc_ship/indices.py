@@ -6,6 +6,8 @@ are psi_dot = r cos phi and the kinematics of the track, so that they do not dep
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import xarray as xr
 
@@ -225,6 +227,38 @@ def _largest(record: _Record, name: str) -> float:
     return float(np.rad2deg(np.abs(record.motion[name]).max()))
 
 
+def imo_limits(attrs: Mapping, vessel: Vessel) -> list[tuple[str, float, float, str]]:
+    """Limits of IMO MSC.137(76) that apply to a manoeuvre.
+
+    Parameters
+    ----------
+    attrs : mapping
+        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``approach_speed`` [m/s] as :func:`pymc_ship.simulate` and
+        :func:`indices` write them; without a rudder angle a turning circle is taken to be at hard-over rudder, without
+        a speed the nominal one holds.
+    vessel : Vessel
+        Gives L.
+
+    Returns
+    -------
+    list of tuple
+        Name of the index, its limit, the size of the unit of that limit in the unit of the index, and the unit's name;
+        empty where no limit applies.
+    """
+    L = vessel.particulars.L
+    ratio = L / attrs.get("approach_speed", vessel.particulars.nominal_speed)
+    angles = (attrs.get("rudder_deg"), attrs.get("heading_deg"))
+    if attrs["manoeuvre"] == "turning_circle" and attrs.get("rudder_deg", 35.0) >= 35.0:
+        return [("advance", 4.5, L, "L"), ("tactical_diameter", 5.0, L, "L")]
+    if angles == (10.0, 10.0):
+        return [
+            ("first_overshoot_angle", float(np.clip(5.0 + 0.5 * ratio, 10.0, 20.0)), 1.0, "deg"),
+            ("second_overshoot_angle", float(np.clip(17.5 + 0.75 * ratio, 25.0, 40.0)), 1.0, "deg"),
+            ("initial_turning_distance", 2.5, L, "L"),
+        ]
+    return [("first_overshoot_angle", 25.0, 1.0, "deg")] if angles == (20.0, 20.0) else []
+
+
 def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:
     """Compare indices with the limits of IMO MSC.137(76) that apply to the manoeuvre.
 
@@ -241,31 +275,10 @@ def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:
         ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None where the record does not reach the event);
         empty where no limit applies.
     """
-    L = vessel.particulars.L
-    ratio = L / found.attrs.get("approach_speed", vessel.particulars.nominal_speed)
-    angles = (found.attrs.get("rudder_deg"), found.attrs.get("heading_deg"))
-    limits: list[tuple[str, float, float]] = []
-    if found.attrs["manoeuvre"] == "turning_circle" and found.attrs.get("rudder_deg", 35.0) >= 35.0:
-        limits = [("advance", 4.5, L), ("tactical_diameter", 5.0, L)]
-    elif angles == (10.0, 10.0):
-        limits = [
-            ("first_overshoot_angle", float(np.clip(5.0 + 0.5 * ratio, 10.0, 20.0)), 1.0),
-            ("second_overshoot_angle", float(np.clip(17.5 + 0.75 * ratio, 25.0, 40.0)), 1.0),
-            ("initial_turning_distance", 2.5, L),
-        ]
-    elif angles == (20.0, 20.0):
-        limits = [("first_overshoot_angle", 25.0, 1.0)]
     rows = []
-    for name, limit, unit in limits:
+    for name, limit, unit, units in imo_limits(found.attrs, vessel):
         value = float(found[name]) / unit
         passed = bool(value <= limit) if np.isfinite(value) else None
-        rows.append(
-            {
-                "criterion": name.replace("_", " "),
-                "value": value,
-                "limit": limit,
-                "units": "L" if unit == L else found[name].attrs["units"],
-                "passed": passed,
-            }
-        )
+        criterion = name.replace("_", " ")
+        rows.append({"criterion": criterion, "value": value, "limit": limit, "units": units, "passed": passed})
     return rows

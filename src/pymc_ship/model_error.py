@@ -1,9 +1,9 @@
 """Model error of manoeuvre indices: what coefficients and term sets leave unexplained on runs that were held out.
 
 Two zigzags of the same ship on the same day differ by some tenths of a degree, and no set of terms is the true force.
-The error of a held-out index beyond the spread of the draws is measured in units of what the ship did (the swing of
-heading for an overshoot angle, the value itself for times and distances) and pooled by kind; a forecast of any
-manoeuvre is widened by as much.
+The error of a held-out index beyond the spread of the draws is measured in units of what the ship did: overshoot angles
+in the swing of her heading, times in L/U and distances in L, as an error of short ones is as large as one of long ones.
+It is pooled by kind, and a forecast of any manoeuvre is widened by as much.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def index_rows(
             between = float(np.sqrt(weight @ (mean - forecast) ** 2))
             row = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": _KIND_OF[name]}
             row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(weight @ sd**2))}
-            scale = _scale(name, measured, manoeuvre.heading_deg)
+            scale = _scale(name, measured, manoeuvre.heading_deg, models[0][0])
             rows.append(row | {"model_sd": between, "scale": float(scale)})
     return rows
 
@@ -73,13 +73,14 @@ def _robust_sd(values: np.ndarray) -> float:
     return float(0.5 * (high - low))
 
 
-def _scale(name: str, value, heading_deg: float):
-    """What an error of an index is measured in: the swing from one switching heading for an overshoot, else itself."""
-    return heading_deg + value if name.endswith("overshoot_angle") else value
+def _scale(name: str, value, heading_deg: float, vessel: Vessel):
+    """What an error of an index is measured in."""
+    L, U = vessel.particulars.L, vessel.particulars.nominal_speed
+    return {"angle": heading_deg + value, "time": L / U, "distance": L}[_KIND_OF[name]]
 
 
 def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
-    """Relative standard deviation of the indices of each kind that the spread of the draws leaves unexplained.
+    """Standard deviation of the indices of each kind that the spread of the draws leaves unexplained.
 
     Parameters
     ----------
@@ -89,7 +90,8 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        By kind; empty without rows. 0 where the draws explain the errors.
+        Of overshoot angles over the swing, of times in L/U, of distances in L; empty without rows, 0 where the draws
+        explain the errors.
     """
     found: dict[str, float] = {}
     for kind in KINDS if rows else ():
@@ -109,7 +111,9 @@ def index_sd(row: Mapping, errors: Mapping[str, float]) -> float:
     return float(np.sqrt(row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + (errors[row["kind"]] * row["scale"]) ** 2))
 
 
-def with_model_error(found: xr.Dataset, errors: Mapping[str, float], rng: np.random.Generator) -> xr.Dataset:
+def with_model_error(
+    found: xr.Dataset, errors: Mapping[str, float], vessel: Vessel, rng: np.random.Generator
+) -> xr.Dataset:
     """Indices of simulated ships as a trial would show them: each with a normal error of its kind.
 
     Parameters
@@ -118,6 +122,8 @@ def with_model_error(found: xr.Dataset, errors: Mapping[str, float], rng: np.ran
         From :func:`pymc_ship.indices`.
     errors : mapping of str to float
         From :func:`model_error`.
+    vessel : Vessel
+        Gives L and U.
     rng : numpy.random.Generator
 
     Returns
@@ -130,7 +136,7 @@ def with_model_error(found: xr.Dataset, errors: Mapping[str, float], rng: np.ran
         name = str(variable.name)
         if _KIND_OF[name] not in errors or (_KIND_OF[name] == "angle" and not name.endswith("overshoot_angle")):
             return variable
-        size = errors[_KIND_OF[name]] * _scale(name, variable, heading_deg)
+        size = errors[_KIND_OF[name]] * _scale(name, variable, heading_deg, vessel)
         return variable + size * rng.standard_normal(variable.shape)
 
     return found.map(widened, keep_attrs=True)

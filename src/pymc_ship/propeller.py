@@ -26,7 +26,7 @@ class Propeller:
     """Propeller and the rudder behind it.
 
     ``D`` diameter [m], ``n`` revolutions [1/s] at the nominal speed, ``wake_fraction``, ``k_0``, ``k_1``, ``k_2`` of
-    the open-water polynomial, ``eta`` diameter over the rudder's height, ``kappa`` how far the slipstream has contracted.
+    the open-water polynomial, ``eta`` diameter over the rudder's height, ``kappa`` contraction of the slipstream.
     """
 
     D: float

@@ -13,18 +13,25 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.manoeuvres import Manoeuvre, turning_circle, zigzag
+from pymc_ship.trial import check_trial
 from pymc_ship.vessel import Vessel
 
 _FULL_TURN = 120.0  # deg of heading that a turning circle changes at least
 _LONGEST_DELAY = 0.2  # L/U
 _DELAYS = 201
 _UNUSUAL = 0.02  # deg^2, cost of a reversal at a heading that is no multiple of 5 deg
+_ORDERED = 1.0  # deg, within which an angle is a multiple of 5
 _INNER = 0.6  # share of the rudder angle between which its rate is measured
+_UNLIKE = 3.0  # deg between the switching headings of one zigzag, or from their middle to the course before it
+_WIDEST = 45.0  # deg, switching heading
 
 
 @dataclass(frozen=True)
 class Reversal:
-    """One reversal of a zigzag: when the rudder began to move [s], heading [rad] and |r| [rad/s] then, rate [rad/s]."""
+    """One reversal of a zigzag: when the rudder began to move [s] and at what rate [rad/s].
+
+    ``heading`` [rad] is its change since the execution, ``yaw_rate`` |r| [rad/s], both at that time.
+    """
 
     time: float
     heading: float
@@ -57,7 +64,14 @@ def recognise(trials: Sequence[xr.Dataset], vessel: Vessel) -> tuple[list[Manoeu
         Zigzag or turning circle at the speed and side of the record; None for any other rudder record.
     steering : Steering
         Medians over all reversals.
+
+    Raises
+    ------
+    TrialError
+        For a trial that lacks a channel.
     """
+    for trial in trials:
+        check_trial(trial, ("u", "r", "psi", "delta"), uniform=False)
     found = [_reversals(trial) for trial in trials]
     every = [reversal for reversals in found for reversal in reversals]
     unit = vessel.particulars.L / vessel.particulars.nominal_speed
@@ -106,12 +120,12 @@ def from_execution(trial: xr.Dataset) -> xr.Dataset:
 def _base_course(psi: np.ndarray, before: np.ndarray, trial: xr.Dataset) -> float:
     """Course about which a zigzag swings alike to both sides, or that before the execution."""
     initial = float(psi[before].mean())
-    reversals = _reversals(trial)[1:]
-    sides = [[r.heading for r in reversals if sign * (r.heading - initial) > 0.0] for sign in (1.0, -1.0)]
+    headings = [reversal.heading for reversal in _reversals(trial)[1:]]
+    sides = [[heading for heading in headings if sign * heading > 0.0] for sign in (1.0, -1.0)]
     if not all(sides):
         return initial
     middle = 0.5 * (np.mean(sides[0]) + np.mean(sides[1]))
-    return float(middle) if abs(middle - initial) < np.deg2rad(2.0) else initial
+    return initial + float(middle) if abs(middle) < np.deg2rad(2.0) else initial
 
 
 def _reversals(trial: xr.Dataset) -> list[Reversal]:
@@ -121,6 +135,7 @@ def _reversals(trial: xr.Dataset) -> list[Reversal]:
     if not angle:
         return []
     psi, r = np.unwrap(trial["psi"].values), np.abs(trial["r"].values)
+    psi -= psi[time <= execution(trial)].mean()
     side = np.where(delta > 0.8 * angle, 1, np.where(delta < -0.8 * angle, -1, 0))
     held = np.flatnonzero(side)
     found = []
@@ -131,7 +146,7 @@ def _reversals(trial: xr.Dataset) -> list[Reversal]:
         rate = 2.0 * _INNER * angle / (when[1] - when[0])
         begin = when[0] - (1.0 - _INNER) * angle / rate
         found.append(Reversal(begin, float(np.interp(begin, time, psi)), float(np.interp(begin, time, r)), rate))
-    return found
+    return found if _alike(found) else []
 
 
 def _held_angle(delta: np.ndarray) -> float:
@@ -143,13 +158,25 @@ def _held_angle(delta: np.ndarray) -> float:
     return float(angle) if alike and held.mean() > 0.6 and angle > np.deg2rad(1.0) else 0.0
 
 
-def _excess(reversals: Sequence[Reversal]) -> tuple[np.ndarray, np.ndarray]:
-    """|Heading change| [deg] from the middle of the swing and |r| [deg/s] of all reversals."""
+def _switches(reversals: Sequence[Reversal], delays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Switching headings [deg] from their middle, (n_reversals, n_delays), and the middle, (n_delays,), by delay."""
     heading = np.rad2deg([reversal.heading for reversal in reversals])
     rate = np.rad2deg([reversal.yaw_rate for reversal in reversals])
-    if len(heading) < 2:
-        return np.abs(heading), rate
-    return np.abs(heading - 0.5 * (heading[0] + heading[1])), rate
+    side = (-1.0) ** np.arange(heading.size)[:, None]
+    switch = np.sign(heading[0]) * side * heading[:, None] - rate[:, None] * delays
+    if heading.size < 2:
+        return switch, np.zeros(delays.size)
+    middle = 0.5 * (switch[0::2].mean(axis=0) - switch[1::2].mean(axis=0))
+    return switch - side * middle, middle
+
+
+def _alike(reversals: Sequence[Reversal]) -> bool:
+    """Whether reversals are ordered at one heading to both sides of the course before, as those of a zigzag."""
+    if not reversals:
+        return False
+    switch, middle = _switches(reversals, np.zeros(1))
+    within = np.ptp(switch) <= _UNLIKE and abs(middle[0]) <= _UNLIKE
+    return bool(within and switch.min() > 0.0 and switch.mean() < _WIDEST)
 
 
 def _common_delay(runs: Sequence[Sequence[Reversal]], longest: float) -> float:
@@ -158,8 +185,7 @@ def _common_delay(runs: Sequence[Sequence[Reversal]], longest: float) -> float:
     cost = np.zeros(delays.size)
     for reversals in runs:
         if reversals:
-            heading, rate = _excess(reversals)
-            switch = heading[:, None] - rate[:, None] * delays
+            switch, _ = _switches(reversals, delays)
             whole = np.maximum(np.round(switch.mean(axis=0)), 1.0)
             cost += np.sum((switch - whole) ** 2 + _UNUSUAL * (whole % 5.0 > 0.0), axis=0)
     return float(delays[np.argmin(cost)])
@@ -169,13 +195,19 @@ def _manoeuvre(trial: xr.Dataset, reversals: Sequence[Reversal], delay: float) -
     speed, psi = approach_speed(trial), np.rad2deg(np.unwrap(trial["psi"].values))
     delta = np.rad2deg(trial["delta"].values)
     if reversals:
-        heading, rate = _excess(reversals)
-        switch = max(round(float(np.mean(heading - rate * delay))), 1)
-        first = "starboard" if reversals[0].heading > np.deg2rad(psi[0]) else "port"
-        return zigzag(round(np.rad2deg(_held_angle(trial["delta"].values))), switch, side=first, approach_speed=speed)
+        switch = max(round(float(_switches(reversals, np.array([delay]))[0].mean())), 1)
+        first = "starboard" if reversals[0].heading > 0.0 else "port"
+        angle = _ordered(np.rad2deg(_held_angle(trial["delta"].values)))
+        return zigzag(angle, switch, side=first, approach_speed=speed)
     angle = float(np.median(delta))
     steady = np.mean(np.abs(delta - angle) < max(0.05 * abs(angle), 0.5)) > 0.7
     if steady and abs(angle) > 3.0 and abs(psi[-1] - psi[0]) > _FULL_TURN:
         side = "starboard" if psi[-1] > psi[0] else "port"
-        return turning_circle(round(abs(angle)), side=side, approach_speed=speed)
+        return turning_circle(_ordered(abs(angle)), side=side, approach_speed=speed)
     return None
+
+
+def _ordered(angle: float) -> int:
+    """Rudder angle [deg] that was ordered: the multiple of 5 nearby, as an indicator is off by some tenths, or else."""
+    five = 5 * round(angle / 5.0)
+    return five if abs(angle - five) < _ORDERED and five else round(angle)

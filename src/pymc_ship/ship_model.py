@@ -215,8 +215,7 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
         vessel = with_terms(training.vessel, name)
         runs = [prepared_windows(trial, vessel) for trial in training.trials]
         prior = stated_prior(training.trials, vessel, training.prior)
-        start = weak_form_start(training.trials, vessel, prior.mean, prior.scale, method="rk4")
-        whole = fit_windows([window for run in runs for window in run], vessel, prior, start)
+        whole = _first_fit(training.trials, [window for run in runs for window in run], vessel, prior)
 
         def fit(windows: Sequence[Window]) -> WindowFit:
             return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd)
@@ -228,6 +227,19 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
         return None, f"The {name} terms were left out: fitted to these trials, they run away in a standard manoeuvre."
     none = np.empty((0, whole.coefficients.size))
     return Candidate(name, whole, judged, _inflation(whole, judged), 0.0, none, 0.0), ""
+
+
+def _first_fit(
+    trials: Sequence[xr.Dataset], windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior
+) -> WindowFit:
+    """Fit from the weak form or, where that ship leaves the model's range, from its fit with small high orders."""
+    for scale in (prior.scale, coefficient_prior(trials, vessel).scale):
+        start = weak_form_start(trials, vessel, prior.mean, scale, method="rk4")
+        try:
+            return fit_windows(windows, vessel, prior, start)
+        except TrajectoryError as error:
+            failure = error
+    raise failure
 
 
 def _groups(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:

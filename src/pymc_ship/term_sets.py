@@ -53,14 +53,17 @@ TERM_SETS = {
     "loading": _loaded(
         _by_g(("v", "r", *_SQUARES)), "linear and quadratic in v and r, all of it by the propeller's loading"
     ),
-    "loading, cubic": _loaded(
-        _by_g(("v", "r", *_CUBES)), "linear and cubic in v and r, all of it by the propeller's loading"
-    ),
     "hull and loading": _loaded(
         ("v", "r", *_by_g(("v", "r", *_SQUARES))), "as `loading`, with linear forces that the propeller leaves alone"
     ),
     "hull and loading, cubic": _loaded(
         ("v", "r", "gv", "gr", *_CUBES), "linear by the loading and beside it, cubic beside it"
+    ),
+    "hull and loading, cubic rudder": TermSet(
+        ("T", "vv", "vr", "rr", "gdeltadelta"),
+        ("0", "v", "r", "gv", "gr", *_CUBES, "gdelta", "gdeltadeltadelta"),
+        True,
+        "the same with a rudder that may stall or bite at large angles",
     ),
     "hull beside loading": _loaded(
         ("v", "r", "gv", "gr", *_SQUARES), "linear by the loading and beside it, quadratic beside it"

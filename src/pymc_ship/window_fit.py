@@ -30,6 +30,7 @@ SAMPLES = 120
 """Samples in L/U_nom; a faster record is averaged over so many."""
 
 _BLOCKS = 30  # in L/U, of the comparison
+_STEPS = 60  # in L/U, of the integration at least
 _SMOOTHED = 0.5  # L/U, under which a local cubic gives the state a window restarts from
 _FIRST_SD = {"u": 0.01, "v": 0.01, "r": 0.02, "p": 0.02, "phi": 0.01}  # of the speed or of U/L, or rad
 _PASSES = 6
@@ -79,7 +80,8 @@ def thinned(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
     """
     unit, step = vessel.particulars.L / vessel.particulars.nominal_speed, sampling_interval(trial)
     count = max(int(unit / SAMPLES / step + 1e-6), 1)
-    if trial["time"].size * step < 0.5 * LENGTH * unit:
+    size = round(LENGTH * unit / (count * step))
+    if trial["time"].size // count < max(size // 2, 1):
         raise TrialError(
             f"A run to identify a ship from lasts half a window of {LENGTH:g} L/U = {LENGTH * unit:.3g} s at least, "
             f"found {trial['time'].size * step:.3g} s; use a longer one."
@@ -103,11 +105,11 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel) -> list[Window]:
     channels = ("u", "v", "r", *(("p", "phi") if "roll" in vessel.dofs else ()))
     size = {"u": vessel.particulars.nominal_speed, "v": vessel.particulars.nominal_speed, "phi": 1.0}
     sd = {name: _FIRST_SD[name] * size.get(name, 1.0 / unit) for name in channels}
-    block = max(round(unit / _BLOCKS / step), 1)
+    block, substeps = max(round(unit / _BLOCKS / step), 1), int(np.ceil(_STEPS * step / unit))
     smooth = trial.assign({name: ("time", _smoothed(trial[name].values, unit / step)) for name in channels})
     found = []
     for window, start in zip(window_records(trial, vessel), window_records(smooth, vessel), strict=True):
-        run = replace(trajectory_run(window, vessel, channels=channels, noise_sd=sd), block=block, substeps=1)
+        run = replace(trajectory_run(window, vessel, channels=channels, noise_sd=sd), block=block, substeps=substeps)
         state = run.initial_state[0].copy()
         state[list(run.rows)] = [start[name].values[0] for name in channels]
         found.append(Window(run, state))

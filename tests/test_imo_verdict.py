@@ -1,0 +1,121 @@
+"""The probability of passing a criterion is the share of ships that do, and its words say so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.forecast import _bands
+from pymc_ship.imo_verdict import shown_probability
+from pymc_ship.indices import imo_limits
+
+LENGTH = 230.66
+UNITS = {"initial_turning_distance": "m", "advance": "m", "tactical_diameter": "m"}
+ZIGZAG = {"manoeuvre": "zigzag", "rudder_deg": 10.0, "heading_deg": 10.0, "approach_speed": LENGTH / 20.0}
+CIRCLE = {"manoeuvre": "turning_circle", "rudder_deg": 35.0, "heading_deg": 0.0, "approach_speed": 12.7}
+
+
+def forecast_of(attrs, diverged=None, **values):
+    """Forecast with these indices of its draws."""
+    n = len(next(iter(values.values())))
+    table = {
+        name: ("draw", np.array(column, dtype=float), {"units": UNITS.get(name, "deg")})
+        for name, column in values.items()
+    }
+    found = xr.Dataset(table, {"draw": np.arange(n)}, attrs)
+    ships = xr.Dataset({"diverged": ("draw", np.zeros(n, dtype=bool) if diverged is None else np.array(diverged))})
+    groups = {"trajectories": ships, "indices": found, "index_bands": _bands(found, 0.9)}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs | {"ci_prob": 0.9}), **groups})
+
+
+def zigzag(first, diverged=None):
+    n = len(first)
+    others = {"second_overshoot_angle": np.full(n, 20.0), "initial_turning_distance": np.full(n, 2.0 * LENGTH)}
+    return forecast_of(ZIGZAG, diverged, first_overshoot_angle=first, **others)
+
+
+def test_the_probability_is_the_share_of_ships_that_keep_the_limit(container):
+    """The limit of the first overshoot is 15 deg at L/U = 20; a value on the limit passes."""
+    first, second, distance = ps.imo_probabilities(zigzag([12.0, 14.0, 15.0, 15.1, 30.0]), container)
+    assert (first["limit"], first["units"], first["criterion"]) == (15.0, "deg", "first overshoot angle")
+    assert first["probability"] == 0.6
+    assert first["standard_error"] == pytest.approx(np.sqrt(0.6 * 0.4 / 5))
+    assert first["median"] == 15.0
+    assert (first["lower"], first["upper"]) == pytest.approx((12.4, 27.02))
+    assert (second["probability"], distance["probability"]) == (1.0, 1.0)
+    assert distance["median"] == pytest.approx(2.0)
+    assert (second["standard_error"], second["not_reached"]) == (0.0, 0.0)
+
+
+def test_ships_that_diverge_or_do_not_arrive_do_not_pass(container):
+    """One of four is not there, one diverged after the event."""
+    tree = zigzag([12.0, np.nan, 12.0, 13.0], diverged=[False, False, True, False])
+    first, second, _ = ps.imo_probabilities(tree, container)
+    assert (first["probability"], first["not_reached"]) == (0.5, 0.5)
+    assert (second["probability"], second["not_reached"]) == (0.75, 0.25)
+    assert "50 % of the ships diverge or do not reach it, which does not count as passing" in first["verdict"]
+
+
+def test_the_verdict_says_value_interval_limit_and_probability(container):
+    first, _, distance = ps.imo_probabilities(zigzag([10.0, 12.0, 14.0, 16.0]), container)
+    assert first["verdict"] == (
+        "first overshoot angle 13.0 deg (10.3 to 15.7): passes the limit of 15.0 deg with probability 0.75."
+    )
+    assert distance["verdict"] == (
+        "initial turning distance 2.00 L (2.00 to 2.00): passes the limit of 2.50 L with probability 1.00."
+    )
+
+
+@pytest.mark.parametrize(
+    ("passing", "judgement"), [(20, "passes"), (19, "passes"), (18, "open"), (2, "open"), (1, "fails"), (0, "fails")]
+)
+def test_a_verdict_is_open_between_5_and_95_percent(container, passing, judgement):
+    values = np.where(np.arange(20) < passing, 10.0, 20.0)
+    first, *_ = ps.imo_probabilities(zigzag(values), container)
+    assert first["judgement"] == judgement
+    assert first["probability"] == passing / 20
+
+
+def test_distances_are_compared_in_ship_lengths(container):
+    values = np.array([4.0, 4.4, 4.6]) * LENGTH
+    tree = forecast_of(CIRCLE, advance=values, tactical_diameter=values + 0.5 * LENGTH)
+    advance, diameter = ps.imo_probabilities(tree, container)
+    assert (advance["units"], diameter["units"]) == ("L", "L")
+    assert advance["median"] == pytest.approx(4.4)
+    assert (advance["probability"], diameter["probability"]) == pytest.approx((2 / 3, 2 / 3))
+
+
+def test_an_event_that_no_ship_reaches_is_said(container):
+    nowhere = np.full(3, np.nan)
+    advance, _ = ps.imo_probabilities(forecast_of(CIRCLE, advance=nowhere, tactical_diameter=nowhere), container)
+    assert (advance["probability"], advance["not_reached"], advance["judgement"]) == (0.0, 1.0, "fails")
+    assert advance["verdict"] == "advance: no ship of the forecast reaches it, which does not count as passing."
+
+
+def test_limits_are_those_of_the_criteria_of_a_trial(container):
+    for attrs in (ZIGZAG, ZIGZAG | {"approach_speed": 5.0}, ZIGZAG | {"rudder_deg": 20.0, "heading_deg": 20.0}, CIRCLE):
+        limits = imo_limits(attrs, container)
+        tree = forecast_of(attrs, **{name: [limit * unit, 2.0 * limit * unit] for name, limit, unit, _ in limits})
+        trial = ps.imo_criteria(tree["indices"].to_dataset().isel(draw=0), container)
+        rows = ps.imo_probabilities(tree, container)
+        assert [(r["criterion"], r["limit"], r["units"]) for r in rows] == [
+            (r["criterion"], r["limit"], r["units"]) for r in trial
+        ]
+        assert [r["probability"] for r in rows] == [0.5] * len(limits)
+        assert all(r["passed"] for r in trial)
+
+
+def test_manoeuvres_without_a_criterion_have_no_verdict(container):
+    assert ps.imo_probabilities(forecast_of(CIRCLE | {"rudder_deg": 20.0}, advance=[1.0, 2.0]), container) == []
+    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs={"manoeuvre": "rudder_programme"})})
+    assert ps.imo_probabilities(tree, container) == []
+
+
+@pytest.mark.parametrize(
+    ("probability", "words"),
+    [(1.0, "1.00"), (0.999, "above 0.99"), (0.99, "0.99"), (0.5, "0.50"), (0.001, "below 0.01"), (0.0, "0.00")],
+)
+def test_only_certainty_is_shown_as_certain(probability, words):
+    assert shown_probability(probability) == words
