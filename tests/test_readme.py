@@ -126,6 +126,7 @@ def test_links_out_of_the_repository_are_dois():
 @pytest.mark.slow
 def test_python_of_the_readme_runs_in_order(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").symlink_to(ROOT / "docs")
     matplotlib.use("agg")
     namespace = {}
     for number, block in enumerate(blocks("python"), start=1):

@@ -295,7 +295,7 @@ def _add_forecast(commands) -> None:
     )
     command.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
     command.add_argument("--draws", type=int, help="simulated ships (300, of an identified ship 1000)")
-    command.add_argument("--duration", type=float, help="[s] (400, of an identified ship 30 L/U)")
+    command.add_argument("--duration", type=float, help="[s] (400, of an identified ship 40 L/U)")
     command.add_argument("--side", choices=SIDES, help="side turned to first (port, of an identified ship both)")
     command.add_argument("--out", help="folder of the bands, or of an identified ship's page (her own folder)")
 

@@ -24,7 +24,7 @@ FOLDER = "model"
 
 _INDEX = "ship.json"
 _CHAINS = 4
-_LASTS = 30.0  # L/U
+_LASTS = 40.0  # L/U
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def forecast_ship(
     draws : int, optional
         At most; term sets keep their share of them.
     duration : float, optional
-        [s]; 30 L/U by default.
+        [s]; 40 L/U by default.
     ci_prob : float, optional
         Probability inside the equal-tailed bands.
 
