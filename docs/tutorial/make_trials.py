@@ -3,9 +3,9 @@
     python docs/tutorial/make_trials.py [FOLDER]
 
 The ship is the shipped `kvlcc2` with forces that are in none of the term sets (a rudder that stalls, drift to the
-fourth power in surge). The logger writes one line a second in degrees, knots and degrees a minute, with a rate gyro that
-is off by 0.9 deg/min, a rudder indicator that is off by 0.6 deg and positive to starboard, a course that is not north
-and, in one run, a gap.
+fourth power in surge). The logger writes one line a second in degrees, knots and degrees a minute, with a rate gyro
+that is off by 0.9 deg/min, a rudder indicator that is off by 0.6 deg and positive to starboard, a course that is not
+north and, in one run, a gap.
 """
 
 from __future__ import annotations
