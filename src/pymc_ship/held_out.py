@@ -36,6 +36,9 @@ SCORED = {
 }
 """Indices that are compared on held-out runs, by manoeuvre."""
 
+JUDGED = ("u", "v", "r")
+"""Channels of the score, the same for a model that rolls and one that does not."""
+
 _LOG_2PI = np.log(2.0 * np.pi)
 STEPS = 240
 """Steps in L/U of a simulated manoeuvre: the rudder is reversed on one of them."""
@@ -93,10 +96,11 @@ def scored(runs: Sequence[Sequence[Window]], vessel: Vessel, fits: Sequence[Wind
     square = np.array([np.mean(misfit**2, axis=1) for run in misfits for misfit in run])
     stayed = np.isfinite(square).all(axis=1)
     sd = np.sqrt(np.mean(square[stayed], axis=0)) if stayed.any() else np.full(square.shape[1], np.nan)
-    log_density = np.array(
-        [np.mean([_log_density(np.mean(misfit**2, axis=1), sd) for misfit in run]) for run in misfits]
-    )
     channels = runs[0][0].run.channels
+    judged = [row for row, name in enumerate(channels) if name in JUDGED]
+    log_density = np.array(
+        [np.mean([_log_density(np.mean(misfit[judged] ** 2, axis=1), sd[judged]) for misfit in run]) for run in misfits]
+    )
     return HeldOut(tuple(fits), log_density, dict(zip(channels, sd.tolist(), strict=True)))
 
 

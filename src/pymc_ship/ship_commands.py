@@ -35,11 +35,14 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = {"names": list(trials), "terms": args.terms, "prior": args.prior, "draws": args.draws}
     model = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
     progress("other paths to the coefficients")
-    paths = compare_paths(list(trials.values()), model.candidates[0].vessel, args.prior) if len(trials) > 1 else []
+    paths = []
+    if len(trials) > 1:
+        best = model.candidates[0]
+        known = {"names": list(trials), "trajectory": best.held_out, "progress": progress}
+        paths = compare_paths(list(trials.values()), best.vessel, args.prior, **known)
     save_ship(model, out, made_by=made_by(args))
-    page = write_ship_report(
-        model, trials, checks, paths, out, command=made_by(args), seed=args.seed, progress=progress
-    )
+    made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
+    page = write_ship_report(model, trials, checks, paths, out, **made)
     text = [term_set_text(model), held_out_text(model), "\n".join(model.remarks)]
     return "\n\n".join(filter(None, text)), page
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
+from threadpoolctl import threadpool_limits
 
 from pymc_ship.equations_of_motion import prime_record
 from pymc_ship.held_out import HeldOut, held_out
@@ -163,7 +164,7 @@ def identify_ship(
     wanted = tuple(terms) if terms else term_sets(training.vessel)
     tasks = [(name, training) for name in wanted]
     progress(f"{len(wanted)} term sets, {len(trials)} runs: fits to all and to all but one")
-    with ThreadPoolExecutor() as pool:
+    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor() as pool:
         attempts = list(pool.map(lambda task: _attempt(*task), tasks))
     remarks = [text for _, text in attempts if text]
     found = [candidate for candidate, _ in attempts if candidate is not None]

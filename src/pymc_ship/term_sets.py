@@ -63,7 +63,7 @@ TERM_SETS = {
         ("T", "vv", "vr", "rr", "gdeltadelta"),
         ("0", "v", "r", "gv", "gr", *_CUBES, "gdelta", "gdeltadeltadelta"),
         True,
-        "the same with a rudder that may stall or bite at large angles",
+        "linear by the loading and beside it, cubic beside it, rudder linear and cubic",
     ),
     "hull beside loading": _loaded(
         ("v", "r", "gv", "gr", *_SQUARES), "linear by the loading and beside it, quadratic beside it"

@@ -207,7 +207,7 @@ def weak_form_start(
     cuts = np.cumsum(n_terms)[:-1]
     rows = _stacked(trials, vessel, method).values()
     parts = zip(rows, np.split(mean, cuts), np.split(scale, cuts), strict=True)
-    return np.concatenate([_posterior_mean(*data, *prior) for data, *prior in parts])
+    return np.concatenate([evidence_posterior_mean(*data, *prior) for data, *prior in parts])
 
 
 def coefficient_scales(
@@ -241,7 +241,7 @@ def coefficient_scales(
                 f"A trial must excite every term; {', '.join(idle)} of the {dof} stay 0: leave them out or use a trial "
                 "that excites them."
             )
-        scales.append(_rms(X @ _posterior_mean(X, y, np.zeros(size.size), _rms(y) / size)) / size)
+        scales.append(_rms(X @ evidence_posterior_mean(X, y, np.zeros(size.size), _rms(y) / size)) / size)
     return np.concatenate(scales)
 
 
@@ -292,8 +292,23 @@ def _stacked(
     }
 
 
-def _posterior_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Posterior mean of the coefficients; the free ones are projected out, so that tau is that of the others."""
+def evidence_posterior_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Posterior mean of coefficients whose prior scales and noise are tuned by the evidence of the rows.
+
+    The free coefficients are projected out, so that tau is that of the others.
+
+    Parameters
+    ----------
+    X : ndarray, shape (n_rows, n_terms)
+    y : ndarray, shape (n_rows,)
+        Rows that count as independent and equally noisy.
+    mean, scale : ndarray, shape (n_terms,)
+        Prior N(mean_j, (tau scale_j)^2); infinity leaves a coefficient free, 0 holds it at its mean.
+
+    Returns
+    -------
+    ndarray, shape (n_terms,)
+    """
     free = np.isinf(scale)
     coefficients, residual = mean.copy(), y - X @ mean
     size = _rms(X[:, free])

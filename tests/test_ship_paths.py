@@ -1,0 +1,208 @@
+"""Paths to the coefficients: each judged on the run it was not given, its failures told, its errors those of rows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship import ship_paths
+from pymc_ship.equations_of_motion import reference_coefficients
+from pymc_ship.held_out import scored
+from pymc_ship.ship_model import identify_ship
+from pymc_ship.ship_paths import PATHS, compare_paths, coverage, held_out_rows, overshoot_errors, regression_rows
+from pymc_ship.trajectory_fit import TrajectoryError
+from pymc_ship.trial import TrialError
+
+TERMS = ("hull and loading, cubic", "loading")
+"""Those of the ship that made the runs, and others."""
+
+_NOISE = {"u": 0.01, "v": 0.01, "r": 2e-5}
+_MANOEUVRES = {"a": ((10, 10), "port"), "b": ((20, 20), "starboard"), "c": ((15, 5), "starboard")}
+
+
+@cache
+def kvlcc2():
+    return ps.load_vessel("kvlcc2")
+
+
+@cache
+def clean(name):
+    """Zigzag of the KVLCC2 of 700 s at 1 s."""
+    angles, side = _MANOEUVRES[name]
+    settings = {"duration": 700.0, "step": 0.25, "method": "rk4", "record_interval": 1.0}
+    return ps.simulate(kvlcc2(), ps.zigzag(*angles, side=side), **settings)
+
+
+@cache
+def runs():
+    """Three zigzags with the noise of sensors, by name."""
+    found, rng = {}, np.random.default_rng(7)
+    for name in _MANOEUVRES:
+        run = clean(name)
+        noisy = {key: run[key].values + sd * rng.standard_normal(run.sizes["time"]) for key, sd in _NOISE.items()}
+        found[name] = run.assign({key: ("time", values) for key, values in noisy.items()})
+    return found
+
+
+@cache
+def model():
+    rng = np.random.default_rng(1)
+    return identify_ship(list(runs().values()), kvlcc2(), names=list(runs()), terms=TERMS, draws=40, rng=rng)
+
+
+@cache
+def rows():
+    return compare_paths(list(runs().values()), model().candidates[0].vessel, names=list(runs()))
+
+
+def prepared():
+    return ship_paths._prepared(list(runs().values()), model().candidates[0].vessel, "order_damped", list(runs()))
+
+
+def test_every_path_is_scored_on_every_run():
+    assert [row["path"] for row in rows()] == list(PATHS)
+    assert all(np.isfinite(row["log_density"]) and row["remark"] == "" for row in rows())
+    assert all((row["reached"], row["measured"]) == (21, 21) for row in rows())
+    assert all(0.0 < row["first_overshoot_angle_mean"] <= row["first_overshoot_angle_max"] < 1.0 for row in rows())
+
+
+def test_the_trajectory_path_is_that_of_the_ship():
+    """Made anew it is what the identification found; given, it is taken as it is."""
+    best = model().candidates[0]
+    row = rows()[-1]
+    assert row["log_density"] == pytest.approx(best.held_out.log_density.sum(), rel=1e-4)
+    assert {name: row[f"rms_{name}"] for name in ("u", "v", "r")} == pytest.approx(best.held_out.rms, rel=1e-4)
+    spoilt = replace(
+        best.held_out, fits=tuple(replace(fit, coefficients=0.9 * fit.coefficients) for fit in best.held_out.fits)
+    )
+    given = compare_paths(list(runs().values()), best.vessel, trajectory=spoilt)[-1]
+    assert given["log_density"] < row["log_density"] - 1.0
+    again = scored(prepared().windows, best.vessel, spoilt.fits)
+    assert given["log_density"] == pytest.approx(again.log_density.sum(), rel=1e-12)
+
+
+def test_rows_of_a_regression_hold_for_the_reference_ship():
+    vessel, trial = kvlcc2(), clean("b")
+    reference = np.split(
+        reference_coefficients(vessel), np.cumsum([len(vessel.terms(dof)) for dof in vessel.dofs])[:-1]
+    )
+    for by_speed in (True, False):
+        found = regression_rows(trial, vessel, by_speed=by_speed)
+        for dof, coefficients in zip(vessel.dofs, reference, strict=True):
+            X, y = found[dof]
+            inner = slice(20, -20)
+            assert np.abs(X @ coefficients - y)[inner].max() < 0.08 * np.abs(y).max()
+
+
+def test_rows_are_weighted_by_the_square_of_the_speed_at_their_time():
+    vessel, trial = kvlcc2(), runs()["b"]
+    speed = np.hypot(trial["u"].values, trial["v"].values) / vessel.particulars.nominal_speed
+    assert speed.min() < 0.85
+    plain, weighted = (regression_rows(trial, vessel, by_speed=by_speed) for by_speed in (False, True))
+    for dof in vessel.dofs:
+        assert len(plain[dof][1]) == trial.sizes["time"]
+        np.testing.assert_allclose(weighted[dof][0], plain[dof][0] * speed[:, None] ** 2, rtol=1e-12, atol=1e-300)
+        np.testing.assert_allclose(weighted[dof][1], plain[dof][1] * speed**2, rtol=1e-12)
+
+
+def test_the_weights_are_what_sets_the_first_path_apart():
+    """Without them slow samples dominate, and the held-out windows are forecast worse."""
+    assert rows()[0]["log_density"] > rows()[1]["log_density"]
+    first, second = (next(iter(ship_paths._ESTIMATES[name](prepared()))) for name in PATHS[:2])
+    X, y = (np.concatenate(parts) for parts in zip(*(_surge(name, by_speed=True) for name in "bc"), strict=True))
+    n = len(kvlcc2().terms("surge"))
+    assert np.sum((y - X @ first.coefficients[:n]) ** 2) < np.sum((y - X @ second.coefficients[:n]) ** 2)
+
+
+def _surge(name, *, by_speed):
+    return regression_rows(runs()[name], model().candidates[0].vessel, by_speed=by_speed)["surge"]
+
+
+@pytest.mark.parametrize(("path", "same"), list(zip(PATHS, (1e-12, 1e-12, 1e-12, 0.05), strict=True)))
+def test_a_fit_does_not_see_the_run_it_is_judged_on(path, same):
+    """Another first run changes every fit but the first; the trajectory fit begins elsewhere."""
+    before = prepared()
+    trials = [before.trials[0].assign(r=1.1 * before.trials[0]["r"]), *before.trials[1:]]
+    windows = [ship_paths.prepared_windows(trial, before.vessel) for trial in trials]
+    after = replace(before, trials=trials, windows=windows)
+    old, new = ([fit.coefficients for fit in ship_paths._ESTIMATES[path](one)] for one in (before, after))
+    apart = [np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(old, new, strict=True)]
+    assert apart[0] <= same * min(apart[1:])
+    assert min(apart[1:]) > 1e-3
+
+
+def test_a_path_that_runs_away_says_so(monkeypatch):
+    wild = [ship_paths.Estimated(c * reference_coefficients(kvlcc2())) for c in (1.0, -40.0, 1.0)]
+    monkeypatch.setitem(ship_paths._ESTIMATES, "weak form", lambda _: iter(wild))
+    found = compare_paths(
+        list(runs().values()), kvlcc2(), names=list(runs()), trajectory=model().candidates[0].held_out
+    )
+    row = found[PATHS.index("weak form")]
+    assert row["log_density"] == -np.inf
+    assert row["remark"] == "Fitted to the other runs, it cannot be simulated along b."
+    assert np.isnan([row[f"rms_{name}"] for name in ("u", "v", "r")]).all()
+    assert (row["reached"], row["measured"]) == (14, 21)
+    assert np.isfinite([other["log_density"] for other in found if other is not row]).all()
+
+
+def test_a_path_that_cannot_be_fitted_says_so(monkeypatch):
+    def fails(_):
+        raise TrajectoryError("No minimum was found.")
+        yield
+
+    monkeypatch.setitem(ship_paths._ESTIMATES, "weak form", fails)
+    found = compare_paths(list(runs().values()), kvlcc2(), trajectory=model().candidates[0].held_out)
+    row = found[PATHS.index("weak form")]
+    assert (row["log_density"], row["remark"]) == (-np.inf, "It cannot be fitted: No minimum was found.")
+    assert row.keys() == found[0].keys()
+
+
+def test_a_single_run_cannot_be_left_out():
+    with pytest.raises(TrialError, match="two runs or more, found 1"):
+        compare_paths([runs()["a"]], kvlcc2())
+
+
+def index_row(run, index, measured, forecast, sd=0.5, kind="angle"):
+    """Row as of a model, without spread of the draws."""
+    row = {"run": run, "index": index, "kind": kind, "measured": measured, "forecast": forecast}
+    return row | {"parameter_sd": 0.0, "model_sd": 0.0, "scale": measured, "sd": sd}
+
+
+def test_errors_of_overshoots():
+    index = [
+        index_row("a", "first_overshoot_angle", 5.0, 5.5),
+        index_row("b", "first_overshoot_angle", 5.0, 4.8),
+        index_row("a", "second_overshoot_angle", 9.0, 7.0),
+        index_row("a", "first_overshoot_time", 100.0, 97.0, kind="time"),
+        index_row("a", "second_overshoot_time", 50.0, 50.5, kind="time"),
+        index_row("b", "second_overshoot_time", 50.0, 51.0, kind="time"),
+        index_row("a", "period", 50.0, 90.0, kind="time"),
+    ]
+    assert overshoot_errors(index) == pytest.approx(
+        {
+            "first_overshoot_angle_mean": 0.35,
+            "first_overshoot_angle_max": 0.5,
+            "second_overshoot_angle_mean": 2.0,
+            "second_overshoot_angle_max": 2.0,
+            "overshoot_time_median": 2.0,
+        }
+    )
+    assert np.isnan(list(overshoot_errors([]).values())).all()
+
+
+def test_held_out_rows_take_the_model_error_of_the_other_runs():
+    index = [
+        index_row("a", "first_overshoot_angle", 10.0, 9.0, sd=0.6),
+        index_row("b", "first_overshoot_angle", 10.0, 10.2, sd=0.6),
+        index_row("c", "first_overshoot_angle", 10.0, 10.4, sd=0.6),
+    ]
+    found = held_out_rows(index)
+    assert [row["z"] for row in found] == pytest.approx([-1.0 / 0.6, 0.2 / 0.6, 0.4 / 0.6])
+    expected = np.sqrt([(0.04 + 0.16) / 2.0, (1.0 + 0.16) / 2.0, (1.0 + 0.04) / 2.0])
+    assert [row["apart_sd"] for row in found] == pytest.approx(expected)
+    assert coverage(found) == {"90": 2, "90_apart": 2, "95": 3, "95_apart": 2}
+    assert np.isnan(held_out_rows(index[:1])[0]["apart_sd"])
