@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.indices import CIRCLE_INDICES, ZIGZAG_INDICES, indices
-from pymc_ship.manoeuvres import Manoeuvre
-from pymc_ship.recognised import from_execution
+from pymc_ship.indices import indices
+from pymc_ship.manoeuvres import Manoeuvre, manoeuvre_attrs
+from pymc_ship.measured_manoeuvre import measured_indices
 from pymc_ship.simulate import simulate
 from pymc_ship.vessel import Vessel
 from pymc_ship.window_fit import Window, WindowFit, restarted
@@ -126,15 +126,7 @@ def simulation_settings(vessel: Vessel) -> dict:
     return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
 
 
-def measured_indices(trial: xr.Dataset, manoeuvre: Manoeuvre) -> dict[str, float]:
-    """Scored indices of a recorded standard manoeuvre; NaN where the record ends before them."""
-    record = from_execution(trial)
-    for name in ("phi", "x", "y"):
-        if name not in record:
-            record[name] = ("time", np.zeros(record["time"].size))
-    record.attrs = {"heading_deg": manoeuvre.heading_deg, "side": manoeuvre.side}
-    found = indices(record, manoeuvre=manoeuvre.kind)
-    tracked = {"x", "y"} <= set(trial)
-    kinds = ZIGZAG_INDICES | CIRCLE_INDICES
-    names = SCORED[manoeuvre.kind]
-    return {name: float(found[name]) if tracked or kinds[name] != "distance" else np.nan for name in names}
+def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre) -> dict[str, float]:
+    """Scored indices of a recorded standard manoeuvre; NaN where the record ends before them or lacks a channel."""
+    found = measured_indices(trial, manoeuvre_attrs(manoeuvre))
+    return {name: found.get(name, np.nan) for name in SCORED[manoeuvre.kind]}

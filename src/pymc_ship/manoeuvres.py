@@ -53,6 +53,16 @@ class Manoeuvre:
         return name + angles.get(self.kind, f" {self.rudder_deg:g} {self.side}" if self.rudder_deg else "")
 
 
+def manoeuvre_attrs(manoeuvre: Manoeuvre) -> dict[str, object]:
+    """What a record of a manoeuvre says of it: kind, angles [deg] and side, as indices need them."""
+    return {
+        "manoeuvre": manoeuvre.kind,
+        "rudder_deg": manoeuvre.rudder_deg,
+        "heading_deg": manoeuvre.heading_deg,
+        "side": manoeuvre.side,
+    }
+
+
 def zigzag(
     rudder_deg: float, heading_deg: float, *, side: str = "port", approach_speed: float | None = None
 ) -> Manoeuvre:

@@ -9,11 +9,12 @@ import xarray as xr
 
 from pymc_ship.denoise import MIN_LENGTH, denoise
 from pymc_ship.indices import indices
+from pymc_ship.recognised import base_course
 from pymc_ship.trial import CHANNELS, UNITS, is_uniform
 
 
 def aligned(measured: xr.Dataset, rudder_deg: float = 0.0) -> xr.Dataset:
-    """Measured trial from the rudder's execution on, as a forecast begins: time 0, course 0, position 0.
+    """Measured trial from the rudder's execution on, as a forecast begins: time 0, base course 0, position 0.
 
     Parameters
     ----------
@@ -40,7 +41,9 @@ def aligned(measured: xr.Dataset, rudder_deg: float = 0.0) -> xr.Dataset:
         for name, good in known.items()
     }
     if "psi" in found:
-        course = found["psi"][0]
+        steered = {"psi", "r", "delta"} <= channels.keys()
+        whole = steered and all(known[name].all() for name in ("psi", "r", "delta") if name in known)
+        course = base_course(measured) if whole else found["psi"][0]
         found["psi"] = found["psi"] - course
     if {"psi", "x", "y"} <= found.keys():
         north, east = found["x"] - found["x"][0], found["y"] - found["y"][0]

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.held_out import forecast_indices, measured_indices
+from pymc_ship.held_out import forecast_indices, scored_indices
 from pymc_ship.indices import CIRCLE_INDICES, ZIGZAG_INDICES
 from pymc_ship.manoeuvres import Manoeuvre
 from pymc_ship.vessel import Vessel
@@ -52,7 +52,7 @@ def index_rows(
     duration = float(np.ptp(trial["time"].values))
     found = [forecast_indices(vessel, coefficients, manoeuvre, duration) for vessel, coefficients in models]
     rows = []
-    for name, measured in measured_indices(trial, manoeuvre).items():
+    for name, measured in scored_indices(trial, manoeuvre).items():
         mean = np.array([values[name][0] for values in found])
         sd = np.array([_robust_sd(values[name][1:]) for values in found])
         forecast = float(weight @ mean)

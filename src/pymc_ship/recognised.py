@@ -19,6 +19,7 @@ from pymc_ship.vessel import Vessel
 _FULL_TURN = 120.0  # deg of heading that a turning circle changes at least
 _LONGEST_DELAY = 0.2  # L/U
 _DELAYS = 201
+_SKEWED = np.deg2rad(2.0)  # from the course before the execution; a zigzag that swings about another is not corrected
 _UNUSUAL = 0.02  # deg^2, cost of a reversal at a heading that is no multiple of 5 deg
 _ORDERED = 1.0  # deg, within which an angle is a multiple of 5
 _INNER = 0.6  # share of the rudder angle between which its rate is measured
@@ -102,30 +103,15 @@ def approach_speed(trial: xr.Dataset) -> float:
     return float(trial["u"].values[before].mean())
 
 
-def from_execution(trial: xr.Dataset) -> xr.Dataset:
-    """Trial from the execution of the rudder on: time, course and position count from there."""
-    psi = np.unwrap(trial["psi"].values)
-    before = trial["time"].values <= execution(trial)
-    course = _base_course(psi, before, trial)
-    begin = int(np.flatnonzero(before)[-1])
-    cut = trial.assign(psi=("time", psi - course)).isel(time=slice(begin, None))
-    cut = cut.assign_coords(time=("time", cut["time"].values - cut["time"].values[0], trial["time"].attrs))
-    if {"x", "y"} <= set(trial):
-        x, y = (cut[name].values - cut[name].values[0] for name in ("x", "y"))
-        north, east = np.cos(course) * x + np.sin(course) * y, np.cos(course) * y - np.sin(course) * x
-        cut = cut.assign(x=("time", north), y=("time", east))
-    return cut
-
-
-def _base_course(psi: np.ndarray, before: np.ndarray, trial: xr.Dataset) -> float:
-    """Course about which a zigzag swings alike to both sides, or that before the execution."""
-    initial = float(psi[before].mean())
+def base_course(trial: xr.Dataset) -> float:
+    """Course [rad] of a record with psi, r and delta: about which a zigzag swings alike, or that before execution."""
+    initial = float(np.unwrap(trial["psi"].values)[trial["time"].values <= execution(trial)].mean())
     headings = [reversal.heading for reversal in _reversals(trial)[1:]]
     sides = [[heading for heading in headings if sign * heading > 0.0] for sign in (1.0, -1.0)]
     if not all(sides):
         return initial
     middle = 0.5 * (np.mean(sides[0]) + np.mean(sides[1]))
-    return initial + float(middle) if abs(middle) < np.deg2rad(2.0) else initial
+    return initial + float(middle) if abs(middle) < _SKEWED else initial
 
 
 def _reversals(trial: xr.Dataset) -> list[Reversal]:

@@ -109,7 +109,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
         measured={label: trial for label, (_, trial) in measured.items()},
         models=ship.models,
         motion=ship.motion,
-        remarks=(*ship.remarks, *_remarks(ship)),
+        remarks=(*ship.remarks, *_remarks(ship, trees)),
         command=made_by(args),
         progress=progress,
     )
@@ -140,20 +140,31 @@ def _text(tree: xr.DataTree, label: str, measured: Mapping[str, tuple[Manoeuvre,
     from pymc_ship.measured_manoeuvre import measured_indices
 
     beside = {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
-    return "\n".join(filter(None, [forecast_text(tree, beside), probability_text(ps.imo_probabilities(tree, vessel))]))
+    parts = [forecast_text(tree, beside), _refused(tree), probability_text(ps.imo_probabilities(tree, vessel))]
+    return "\n".join(filter(None, parts))
 
 
-def _remarks(ship: IdentifiedShip) -> list[str]:
+def _refused(tree: xr.DataTree) -> str:
+    """Sentence on the draws that run away in a manoeuvre; empty where none does."""
+    share = 100.0 * tree.attrs["share_refused"]
+    return f"{share:.2g} % of the draws run away in the {tree.attrs['label']} and are left out." if share else ""
+
+
+_UNITS = {
+    "angle": "of the swing of heading for overshoot angles",
+    "time": "L/U for times",
+    "distance": "L for distances",
+}
+
+
+def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str]:
     """How the intervals of an identified ship are made."""
-    widened = ", ".join(f"{kind} {100.0 * value:.2g} %" for kind, value in ship.model_error.items())
-    weights = [len(rows) for _, rows in ship.models]
+    widened = ", ".join(f"{value:.2g} {_UNITS[kind]}" for kind, value in ship.model_error.items())
     found = [
-        f"{len(weights)} term sets take part by their score on held-out runs: their scatter and that of the "
-        "coefficients make the bands, tracks and force curves."
+        f"{len(ship.models)} term sets take part by their score on held-out runs: their scatter and that of the "
+        "coefficients make the bands, tracks and force curves.",
+        *filter(None, map(_refused, trees.values())),
     ]
     if widened:
-        found.append(
-            f"Intervals of the indices also hold the error that held-out manoeuvres show beyond it: {widened} (of the "
-            "swing of heading for overshoot angles)."
-        )
+        found.append(f"Intervals of the indices also hold what held-out manoeuvres show beyond it, an sd of {widened}.")
     return found

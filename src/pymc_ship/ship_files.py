@@ -16,6 +16,8 @@ from pymc_ship.manoeuvres import Manoeuvre
 from pymc_ship.output import staged
 from pymc_ship.posterior import provenance, read_posterior, write_posterior
 from pymc_ship.ship_model import Candidate, ShipModel
+from pymc_ship.soundness import sound
+from pymc_ship.trajectory_fit import TrajectoryError
 from pymc_ship.trajectory_prior import coefficient_names
 from pymc_ship.vessel import Vessel, VesselError, load_vessel
 
@@ -73,10 +75,13 @@ def forecast_ship(
     Returns
     -------
     DataTree
-        As :func:`pymc_ship.forecast`; ``indices`` and their bands hold the model error of held-out manoeuvres.
+        As :func:`pymc_ship.forecast`; ``indices`` and their bands hold the model error of held-out manoeuvres. Draws
+        that run away in this manoeuvre are left out, ``share_refused`` in attrs.
 
     Raises
     ------
+    TrajectoryError
+        When every draw runs away.
     ValueError
         For fewer than two draws or ``ci_prob`` not in (0, 1).
     """
@@ -84,19 +89,27 @@ def forecast_ship(
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
     counts = [max(round(len(rows) * min(draws / total, 1.0)), 1) for _, rows in ship.models]
-    models = [(vessel, rows[:count]) for (vessel, rows), count in zip(ship.models, counts, strict=True)]
-    particulars = models[0][0].particulars
+    particulars = ship.models[0][0].particulars
     unit = particulars.L / particulars.nominal_speed
-    return pooled_forecast(
+    duration = _LASTS * unit if duration is None else duration
+    models = []
+    for (vessel, rows), count in zip(ship.models, counts, strict=True):
+        kept = rows[:count][sound(vessel, rows[:count], [manoeuvre], duration / unit)]
+        models += [(vessel, kept)] if len(kept) else []
+    if sum(len(rows) for _, rows in models) < 2:
+        raise TrajectoryError(f"Every draw runs away in the {manoeuvre.label}; give more trials or a prior.")
+    tree = pooled_forecast(
         models,
         manoeuvre,
-        duration=_LASTS * unit if duration is None else duration,
+        duration=duration,
         ci_prob=ci_prob,
         rng=rng,
         motion=ship.motion,
         errors=ship.model_error,
         **simulation_settings(models[0][0]),
     )
+    tree.attrs["share_refused"] = 1.0 - tree.attrs["draws"] / sum(counts)
+    return tree
 
 
 def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:

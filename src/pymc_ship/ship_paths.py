@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.held_out import HeldOut, measured_indices, scored
+from pymc_ship.held_out import HeldOut, scored, scored_indices
 from pymc_ship.manoeuvres import Manoeuvre
 from pymc_ship.model_error import index_rows, index_sd, model_error
 from pymc_ship.recognised import recognise, with_steering
@@ -190,7 +190,7 @@ def _row(name: str, fits: Sequence[Estimated], runs: _Runs) -> dict:
     lines, measured = [], 0
     for run, trial, manoeuvre, fit in zip(runs.names, runs.trials, runs.manoeuvres, fits, strict=True):
         if manoeuvre is not None:
-            measured += int(np.isfinite(list(measured_indices(trial, manoeuvre).values())).sum())
+            measured += int(np.isfinite(list(scored_indices(trial, manoeuvre).values())).sum())
             estimate = np.tile(fit.coefficients, (2, 1))
             lines += index_rows(run, trial, manoeuvre, [(runs.vessel, estimate)], np.ones(1))
     row = {"path": name, "log_density": float(judged.log_density.sum())}

@@ -17,7 +17,7 @@ from pymc_ship.equations_of_motion import (
     state_derivative,
     work_rows,
 )
-from pymc_ship.manoeuvres import Manoeuvre, rudder_command
+from pymc_ship.manoeuvres import Manoeuvre, manoeuvre_attrs, rudder_command
 from pymc_ship.trial import CHANNELS, UNITS
 from pymc_ship.vessel import Vessel
 
@@ -359,10 +359,7 @@ def runge_kutta_stages(method: str) -> np.ndarray:
 def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, step: float, method: str) -> dict:
     return {
         "vessel": vessel.name,
-        "manoeuvre": manoeuvre.kind,
-        "rudder_deg": manoeuvre.rudder_deg,
-        "heading_deg": manoeuvre.heading_deg,
-        "side": manoeuvre.side,
+        **manoeuvre_attrs(manoeuvre),
         "approach_speed": float(manoeuvre.approach_speed or vessel.particulars.nominal_speed),
         "step": step,
         "method": method,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from pymc_ship.manoeuvres import turning_circle, zigzag
+from pymc_ship.manoeuvres import Manoeuvre, turning_circle, zigzag
 from pymc_ship.simulate import simulate
 from pymc_ship.vessel import Vessel
 
@@ -16,35 +18,42 @@ _REACH = 60.0  # L/U, of the manoeuvres
 _STEP = 1.0 / 60.0  # L/U
 
 
-def sound(vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
-    """Whether ships stay what a ship can be in 10/10 and 20/20 zigzags and 35 deg turns to both sides, (n_draws,).
+STANDARD = tuple(
+    make(*angles, side=side)
+    for make, angles in ((zigzag, (10, 10)), (zigzag, (20, 20)), (turning_circle, (35,)))
+    for side in ("port", "starboard")
+)
+"""Manoeuvres that every ship must be able to run."""
 
-    They stay in the model's range, never exceed :data:`FASTEST` times the approach speed and never turn on a radius
-    below half their length.
+
+def sound(
+    vessel: Vessel, coefficients: np.ndarray, manoeuvres: Sequence[Manoeuvre] = STANDARD, reach: float = _REACH
+) -> np.ndarray:
+    """Whether ships stay what a ship can be in manoeuvres.
+
+    They stay in the model's range, never exceed :data:`FASTEST` times the approach speed (or the nominal one, which a
+    slow ship gathers) and never turn on a radius below half their length.
 
     Parameters
     ----------
     vessel : Vessel
     coefficients : ndarray, shape (n_draws, n_coefficients)
+    manoeuvres : sequence of Manoeuvre, optional
+    reach : float, optional
+        How long they last [L/U_nom].
 
     Returns
     -------
     ndarray of bool, shape (n_draws,)
     """
-    unit = vessel.particulars.L / vessel.particulars.nominal_speed
+    L, U = vessel.particulars.L, vessel.particulars.nominal_speed
+    settings = {"duration": reach * L / U, "step": _STEP * L / U, "method": "rk4", "coefficients": coefficients}
     good = np.ones(len(coefficients), dtype=bool)
-    manoeuvres = [
-        make(*angles, side=side)
-        for make, angles in ((zigzag, (10, 10)), (zigzag, (20, 20)), (turning_circle, (35,)))
-        for side in ("port", "starboard")
-    ]
     for manoeuvre in manoeuvres:
-        ships = simulate(
-            vessel, manoeuvre, duration=_REACH * unit, step=_STEP * unit, method="rk4", coefficients=coefficients
-        )
+        ships = simulate(vessel, manoeuvre, **settings)
         speed = np.hypot(ships["u"].values, ships["v"].values)
         with np.errstate(invalid="ignore"):
-            tight = np.abs(ships["r"].values) * vessel.particulars.L * _TIGHTEST > speed
-            fast = speed > FASTEST * vessel.particulars.nominal_speed
+            tight = np.abs(ships["r"].values) * L * _TIGHTEST > speed
+            fast = speed > FASTEST * max(manoeuvre.approach_speed or U, U)
         good &= ~(ships["diverged"].values | (fast | tight).any(axis=1))
     return good
