@@ -11,8 +11,8 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.cli import main
-from pymc_ship.command_parser import CRITERIA as CLI_CRITERIA
 from pymc_ship.closed_loop import STEP, closed_loop_sensitivities
+from pymc_ship.command_parser import CRITERIA as CLI_CRITERIA
 from pymc_ship.equations_of_motion import STATE, reference_coefficients
 from pymc_ship.posterior import write_posterior
 from pymc_ship.trajectory_data import trajectory_run

@@ -12,6 +12,9 @@ from pymc_ship.indices import indices
 from pymc_ship.recognised import base_course
 from pymc_ship.trial import CHANNELS, UNITS, is_uniform
 
+_STILL = 0.05
+"""Share of its travel by which a rudder that has not been put over may differ between neighbouring samples."""
+
 
 def aligned(measured: xr.Dataset, rudder_deg: float = 0.0) -> xr.Dataset:
     """Measured trial from the rudder's execution on, as a forecast begins: time 0, base course 0, position 0.
@@ -60,9 +63,9 @@ def _execution(time: np.ndarray, delta: np.ndarray, travel: float) -> float:
     """Time at which the rudder begins to move to its first angle, ``travel`` away."""
     known = np.isfinite(delta)
     time, delta = time[known], delta[known]
-    first = np.median(delta[:3])
-    way = np.abs(delta - first)
-    travel = travel or float(way.max())
+    moves = np.ptp(delta[:3]) > _STILL * (travel or np.ptp(delta))
+    way = np.abs(delta - (delta[0] if moves else np.median(delta[:3])))
+    first, travel = delta[0], travel or float(way.max())
     half = np.flatnonzero(way >= 0.5 * travel)
     if abs(first) >= 0.5 * travel or not half.size or half[0] == 0:
         return float(time[0])

@@ -21,6 +21,7 @@ from pymc_ship.vessel import Vessel
 KINDS = ("angle", "time", "distance")
 """Kinds of indices that carry a model error; where none of a kind was held out, that of the kind before it counts."""
 
+_HALVINGS = 60
 _KIND_OF = ZIGZAG_INDICES | CIRCLE_INDICES
 
 
@@ -95,15 +96,25 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
     """
     found: dict[str, float] = {}
     for kind in KINDS if rows else ():
-        excess = [
-            ((row["measured"] - row["forecast"]) ** 2 - row["parameter_sd"] ** 2 - row["model_sd"] ** 2)
-            / row["scale"] ** 2
-            for row in rows
-            if row["kind"] == kind
-        ]
-        before = list(found.values())[-1] if found else 0.0
-        found[kind] = float(np.sqrt(max(np.mean(excess), 0.0))) if excess else before
+        mine = [row for row in rows if row["kind"] == kind]
+        square = np.array([((row["measured"] - row["forecast"]) / row["scale"]) ** 2 for row in mine])
+        known = np.array([(row["parameter_sd"] ** 2 + row["model_sd"] ** 2) / row["scale"] ** 2 for row in mine])
+        found[kind] = _excess_sd(square, known) if mine else (list(found.values())[-1] if found else 0.0)
     return found
+
+
+def _excess_sd(square: np.ndarray, known: np.ndarray) -> float:
+    """Sd beyond the ``known`` variances at which squared errors are on average as large as their variance, or 0.
+
+    Paule & Mandel (1982), doi:10.6028/jres.087.022: an error whose variance is known to be large counts for little.
+    """
+    low, high = 0.0, float(np.sqrt(square.max()))
+    if np.mean(square / np.maximum(known, np.finfo(float).tiny)) <= 1.0:
+        return 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if np.mean(square / (known + middle**2)) > 1.0 else (low, middle)
+    return 0.5 * (low + high)
 
 
 def index_sd(row: Mapping, errors: Mapping[str, float]) -> float:

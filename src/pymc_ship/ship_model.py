@@ -110,6 +110,7 @@ class _Training:
 
     trials: list[xr.Dataset]
     manoeuvres: list[Manoeuvre | None]
+    steering: Steering
     vessel: Vessel
     prior: str
 
@@ -158,37 +159,33 @@ def identify_ship(
     VesselError, PriorError
         For unknown term sets or priors.
     """
-    if not trials:
-        raise TrialError("A ship is identified from at least one trial, found none; give one.")
+    names = tuple(names or (str(k + 1) for k in range(len(trials))))
+    if not trials or len(names) != len(trials) or draws < 2:
+        raise TrialError(
+            f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
+            f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
+        )
     training = _prepared(trials, vessel, prior)
-    wanted = tuple(terms) if terms else term_sets(training.vessel)
-    tasks = [(name, training) for name in wanted]
-    progress(f"{len(wanted)} term sets, {len(trials)} runs: fits to all and to all but one")
-    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor() as pool:
-        attempts = list(pool.map(lambda task: _attempt(*task), tasks))
-    remarks = [text for _, text in attempts if text]
-    found = [candidate for candidate, _ in attempts if candidate is not None]
-    if not found:
-        raise TrajectoryError(f"No term set can be fitted to these trials: {' '.join(remarks)}")
+    wanted = tuple(dict.fromkeys(terms)) if terms else term_sets(training.vessel)
+    progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
+    found, remarks = _candidates(wanted, training)
     progress("weights and model error from held-out runs")
     found = _weighted(found, rng)
-    names = tuple(names or (str(k + 1) for k in range(len(trials))))
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
     errors = model_error(rows)
     rows = [row | {"sd": index_sd(row, errors)} for row in rows]
     if not rows:
         remarks.append(
             "No run of a standard manoeuvre was held out: the intervals hold the spread of the term sets and of the "
-            "windows, not the error of a whole manoeuvre."
+            "windows, not the error of a whole manoeuvre, and are too narrow by what these trials cannot tell."
         )
     progress("draws that do not run away")
     found = _drawn(found, draws, rng)
-    steering = recognise(training.trials, training.vessel)[1]
     return ShipModel(
         vessel=training.vessel,
         names=names,
         manoeuvres=tuple(training.manoeuvres),
-        steering=steering,
+        steering=training.steering,
         candidates=tuple(sorted(found, key=lambda candidate: -candidate.weight)),
         index_rows=rows,
         model_error=errors,
@@ -202,12 +199,23 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> _Trai
         motion_record(trial, vessel)
     manoeuvres, steering = recognise(trials, vessel)
     vessel = with_steering(vessel, steering)
-    return _Training([thinned(trial, vessel) for trial in trials], manoeuvres, vessel, prior)
+    return _Training([thinned(trial, vessel) for trial in trials], manoeuvres, steering, vessel, prior)
 
 
 def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
     """Prior of a window fit: wide for every coefficient, whatever its order, or about the vessel's values."""
     return coefficient_prior(trials, vessel, kind, damping=1.0)
+
+
+def _candidates(wanted: Sequence[str], training: _Training) -> tuple[list[Candidate], list[str]]:
+    """Candidates of the term sets that can be fitted, and why others were left out."""
+    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor() as pool:
+        attempts = list(pool.map(lambda name: _attempt(name, training), wanted))
+    remarks = [text for _, text in attempts if text]
+    found = [candidate for candidate, _ in attempts if candidate is not None]
+    if not found:
+        raise TrajectoryError(f"No term set can be fitted to these trials: {' '.join(remarks)}")
+    return found, remarks
 
 
 def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
