@@ -13,7 +13,7 @@ from pymc_ship.equations_of_motion import reference_coefficients
 from pymc_ship.term_sets import OWN, TERM_SETS, term_sets, with_terms
 from pymc_ship.terms import factors, loaded
 from pymc_ship.trajectory_prior import coefficient_names
-from pymc_ship.vessel import VesselError
+from pymc_ship.vessel import Coefficient, VesselError
 from ship_trials import TRUE_TERMS, tanker, trial
 
 LOADED = tuple(name for name, terms in TERM_SETS.items() if terms.propeller)
@@ -32,7 +32,15 @@ def test_every_term_can_be_read_and_is_there_once(name):
 
 def test_a_vessel_has_the_sets_by_the_loading_where_it_has_a_propeller_and_the_plain_ones_else(container):
     assert term_sets(tanker()) == LOADED
-    assert term_sets(container) == PLAIN
+    assert term_sets(container) == (OWN, *PLAIN)
+
+
+def test_own_terms_are_tried_where_no_set_holds_them_all(container):
+    """A file of particulars and one coefficient a force is no model of its own; one term more makes it one."""
+    plain = with_terms(container, "quadratic")
+    assert term_sets(plain) == PLAIN
+    force = (*plain.forces["sway"], Coefficient("Yvphi", 0.0))
+    assert term_sets(replace(plain, forces=plain.forces | {"sway": force})) == (OWN, *PLAIN)
     assert LOADED
     assert PLAIN
 

@@ -224,7 +224,10 @@ def _add_identify(commands) -> None:
     _add_trial(command, "trials", nargs="+")
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars, perhaps propeller")
     command.add_argument(
-        "--terms", action="append", metavar="SET", help="term set to try, or `own terms` of the file; repeatable (all)"
+        "--terms",
+        action="append",
+        metavar="SET",
+        help="term set, or `own terms` of the file; repeatable (all there are)",
     )
     command.add_argument(
         "--prior",

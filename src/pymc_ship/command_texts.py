@@ -148,9 +148,13 @@ def probability_text(rows: Iterable[Mapping]) -> str:
 
 def term_set_text(model: ShipModel) -> str:
     """Weight, held-out score and errors of every term set."""
-    channels = list(model.candidates[0].held_out.rms)
+    channels = dict.fromkeys(name for candidate in model.candidates for name in candidate.held_out.rms)
     rows = [
-        (c.name, c.weight, c.held_out.log_density.sum(), *c.held_out.rms.values(), f"{c.share_unsound:.0%}")
+        (
+            *(c.name, c.weight, c.held_out.log_density.sum()),
+            *(c.held_out.rms.get(name, math.nan) for name in channels),
+            f"{c.share_unsound:.0%}",
+        )
         for c in model.candidates
     ]
     return table(("term set", "weight", "score", *(f"rms {name}" for name in channels), "ran away"), rows)

@@ -73,9 +73,21 @@ TERM_SETS = {
 
 
 def term_sets(vessel: Vessel) -> tuple[str, ...]:
-    """Names of the sets a vessel can have: those by the loading where it states its propeller, the plain ones else."""
+    """Names of the sets a vessel can have.
+
+    Those by the propeller's loading where it states its propeller, the plain ones else; before them its own terms where
+    no set holds them all: then the file is a model of its own.
+    """
     wanted = vessel.propeller is not None
-    return tuple(name for name, terms in TERM_SETS.items() if terms.propeller == wanted)
+    names = tuple(name for name, terms in TERM_SETS.items() if terms.propeller == wanted)
+    own = {c.name for force in vessel.forces.values() for c in force}
+    return names if any(own <= set(_names(TERM_SETS[name])) for name in names) else (OWN, *names)
+
+
+def _names(terms: TermSet) -> list[str]:
+    """Names of the coefficients of a set."""
+    rows = {"surge": terms.surge, "sway": terms.lateral, "yaw": terms.lateral}
+    return [f"{LETTER[dof]}{term}" for dof, row in rows.items() for term in row]
 
 
 def with_terms(vessel: Vessel, name: str) -> Vessel:
