@@ -10,6 +10,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli import main
+from pymc_ship.ship_commands import _named
 
 FOLDER = Path(__file__).parents[1] / "docs" / "tutorial"
 COMMON = ("--format", str(FOLDER / "format.toml"))
@@ -106,6 +107,11 @@ def test_a_trial_with_a_bad_check_is_refused(capsys, tmp_path):
     assert RUNS[0] in sentence
     assert "rudder sign" in sentence
     assert not out.exists()
+
+
+def test_runs_are_called_by_their_files_or_where_two_are_alike_by_their_paths():
+    assert list(_named(["a/zigzag.csv", "b/circle.csv.gz"])) == ["zigzag", "circle"]
+    assert list(_named(["a/run.csv", "b/run.csv"])) == ["a/run.csv", "b/run.csv"]
 
 
 @pytest.mark.parametrize(

@@ -184,10 +184,17 @@ class TestOneRun:
         with pytest.raises(TrajectoryError, match=r"^No term set can be fitted to these trials: The loading terms"):
             identified(trials(0)[:1], (POORER,))
 
+    def test_a_set_whose_draws_run_away_is_left_out(self, monkeypatch):
+        """Her estimate stays, fewer than one in ten of the draws about it do."""
+        monkeypatch.setattr(ship_model, "sound", lambda vessel, rows: np.arange(len(rows)) < 0.09 * len(rows))
+        with pytest.raises(TrajectoryError, match=r"they run away in a standard manoeuvre\.$"):
+            identified(trials(0)[:1])
+
     def test_draws_that_all_run_away_are_an_error(self, monkeypatch):
-        monkeypatch.setattr(ship_model, "sound", lambda vessel, rows: np.full(len(rows), len(rows) == 1))
+        """Those of the trial before it were sound."""
+        monkeypatch.setattr(ship_model, "sound", lambda vessel, rows: np.full(len(rows), len(rows) == 101))
         with pytest.raises(
-            TrajectoryError, match=r"terms, 0 of 800 do not run away in a standard manoeuvre; give more"
+            TrajectoryError, match=r"terms, 0 of 2000 do not run away in a standard manoeuvre; give more"
         ):
             identified(trials(0)[:1])
 

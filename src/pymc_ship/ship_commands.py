@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +30,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ship_report import write_ship_report
 
     vessel = ps.load_vessel(args.vessel)
-    trials, checks = checked_trials({_name(path): path for path in args.trials}, vessel, args, progress)
+    trials, checks = checked_trials(_named(args.trials), vessel, args, progress)
     out, rng = writable_folder(args.out), np.random.default_rng(args.seed)
     settings = {"names": list(trials), "terms": args.terms, "prior": args.prior, "draws": args.draws}
     model = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
@@ -72,9 +72,10 @@ def checked_trials(
     return trials, checks
 
 
-def _name(path: str) -> str:
-    """Name of a run: that of its file without endings."""
-    return Path(path).name.split(".")[0]
+def _named(paths: Sequence[str]) -> dict[str, str]:
+    """Paths by the names of the runs: those of the files without endings or, where two are alike, the paths."""
+    named = {Path(path).name.split(".")[0]: path for path in paths}
+    return named if len(named) == len(paths) else {path: path for path in paths}
 
 
 def holds_ship(path: str) -> bool:
@@ -123,7 +124,7 @@ def _measured(
     found: dict[str, tuple[Manoeuvre, xr.Dataset]] = {}
     if not args.measured:
         return found
-    trials, _ = checked_trials({_name(path): path for path in args.measured}, ship.vessel, args, progress)
+    trials, _ = checked_trials(_named(args.measured), ship.vessel, args, progress)
     manoeuvres, _ = recognise(list(trials.values()), ship.vessel)
     for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True):
         if manoeuvre is None:

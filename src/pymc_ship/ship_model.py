@@ -38,7 +38,9 @@ _FORECASTS = 200  # draws of a held-out forecast
 _COUNTED = 0.01  # least weight of a term set that takes part in it
 _BOOTSTRAPS = 2000
 _GROUPS = 4  # of the windows of a single run
-_ATTEMPTS = 20
+_ATTEMPTS = 50
+_TRIED = 100  # draws of a term set that are tried in the standard manoeuvres
+_FEWEST_SOUND = 0.1  # share of them that must not run away
 
 
 @dataclass(frozen=True)
@@ -232,10 +234,12 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
         judged = held_out(_groups(runs), vessel, fit)
     except TrajectoryError as error:
         return None, f"The {name} terms were left out: {error}"
-    if not sound(vessel, whole.coefficients[None])[0]:
+    inflation = _inflation(whole, judged)
+    tried = np.vstack([whole.coefficients, normal_draws(whole, inflation, _TRIED, np.random.default_rng(_TRIED))])
+    good = sound(vessel, tried)
+    if not good[0] or good.mean() < _FEWEST_SOUND:
         return None, f"The {name} terms were left out: fitted to these trials, they run away in a standard manoeuvre."
-    none = np.empty((0, whole.coefficients.size))
-    return Candidate(name, whole, judged, _inflation(whole, judged), 0.0, none, 0.0), ""
+    return Candidate(name, whole, judged, inflation, 0.0, tried[:0], 0.0), ""
 
 
 def _first_fit(
