@@ -17,6 +17,8 @@ PACKAGE = Path(ps.__file__).parent
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "__init__.py")
 
 LAYERS = (
+    "toml_file",
+    "threads",
     "terms",
     "prime_system",
     "propeller",
@@ -266,3 +268,8 @@ def test_folders_hold_only_what_is_needed():
     """No drawer of odds and ends: a file is one noun of the field."""
     drawers = {"utils", "helpers", "common", "misc", "core", "base", "manager", "types", "new"}
     assert drawers.isdisjoint(path.stem for path in MODULES)
+
+
+def test_pools_of_threads_are_made_in_one_place():
+    """Else a worker of a study could not keep to one thread."""
+    assert [path.stem for path in MODULES if "ThreadPoolExecutor" in path.read_text(encoding="utf-8")] == ["threads"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymc_ship.ebayes import PRIORS, RULES, check_choice, fit_prior, mad, shrink
+from pymc_ship.threads import thread_pool
 from pymc_ship.trial import check_trial
 
 CHANNELS = ("u", "v", "r", "p", "phi", "psi")
@@ -72,7 +72,7 @@ def denoise(
     def smoothed(name: str) -> tuple[np.ndarray, float]:
         return _denoise(trial[name].to_numpy(), f"channel {name}", wavelet, prior, translation_invariant, **options)
 
-    with ThreadPoolExecutor(max_workers=2) as pool:
+    with thread_pool(2) as pool:
         results = list(pool.map(smoothed, names))
     smooth = trial.copy()
     for name, (estimate, sdev) in zip(names, results, strict=True):

@@ -10,9 +10,7 @@ The support function of a convex set is that of Rockafellar (1970), Convex Analy
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import combinations
 
@@ -22,6 +20,7 @@ from numba import njit
 
 from pymc_ship.equations_of_motion import KERNEL, STATE, prime_record
 from pymc_ship.terms import SYMBOLS
+from pymc_ship.threads import thread_pool
 from pymc_ship.trial import TrialError
 from pymc_ship.vessel import Vessel
 
@@ -188,7 +187,7 @@ def _measured(
         lowest[rows], highest[rows] = np.fmin.reduce(by_ship, axis=2).T, np.fmax.reduce(by_ship, axis=2).T
 
     blocks = range(0, n_draws, _SHIPS)
-    with ThreadPoolExecutor(min(len(blocks), os.cpu_count() or 1)) as pool:
+    with thread_pool(len(blocks)) as pool:
         list(pool.map(run, blocks))
     distance[distance < MARGIN] = 0.0
     distance[np.isnan(record["u"])] = np.nan

@@ -309,14 +309,10 @@ def _write(out: Path, page: str, drawn: Mapping[str, Figure], rows: Mapping[str,
                 with staged(path) as partial:
                     partial.write_bytes(figures.png(content, dpi=110))
             else:
-                write_rows([_rounded(row) for row in content], path)
+                write_rows(content, path, digits=DIGITS)
     with staged(out / PAGE) as partial:
         partial.write_text(page, encoding="utf-8")
     for folder, (ending, made) in folders.items():
         for path in (out / folder).glob(f"forecast_*{ending}"):
             if path.stem not in made:
                 path.unlink()
-
-
-def _rounded(row: Mapping) -> dict:
-    return {key: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for key, value in row.items()}

@@ -92,7 +92,7 @@ def write_frontier(found: Sequence[Measurement], vessel: Vessel, out: Path, *, s
     with staged(out / "tables") as folder:
         folder.mkdir()
         for name, lines in rows.items():
-            write_rows([_rounded(line) for line in lines], folder / f"{name}.csv")
+            write_rows(lines, folder / f"{name}.csv", digits=DIGITS)
     with staged(out / "index.html") as partial:
         partial.write_text(page, encoding="utf-8")
     return out / "index.html"
@@ -164,7 +164,3 @@ def _page(rows: Mapping[str, Sequence[Mapping]], figure: str, *, seeds: int, see
         },
         figures={_FIGURE: figure},
     )
-
-
-def _rounded(row: Mapping) -> dict:
-    return {key: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for key, value in row.items()}

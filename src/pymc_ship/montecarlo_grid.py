@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from pymc_ship import __version__
 from pymc_ship.frontier_data import NOISES
 from pymc_ship.manoeuvres import SIDES, Manoeuvre, ManoeuvreError, turning_circle, zigzag
 from pymc_ship.montecarlo_task import METHODS, Task
+from pymc_ship.toml_file import toml_table
 from pymc_ship.vessel import Vessel, VesselError, load_vessel
 
 PART_SEEDS = 1000
@@ -162,14 +162,7 @@ def read_grid(source: str | Path | Mapping) -> Grid:
     if isinstance(source, Mapping):
         return _grid(source, "The study", Path())
     path = Path(source)
-    try:
-        with path.open("rb") as file:
-            table = tomllib.load(file)
-    except OSError as error:
-        raise MonteCarloError(f"The study {path} cannot be read: {error.strerror}; check the path.") from None
-    except ValueError as error:
-        raise MonteCarloError(f"The study {path} is not valid TOML: {error}; mend it.") from None
-    return _grid(table, str(path), path.parent)
+    return _grid(toml_table(path, "The study", MonteCarloError), str(path), path.parent)
 
 
 def _grid(table: Mapping, where: str, folder: Path) -> Grid:

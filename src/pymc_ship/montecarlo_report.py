@@ -68,7 +68,7 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
         table_writer(store.out / "results.parquet", RESULTS) as add_results,
     ):
         rows = list(_cells(store, costs, add_results, add_timings))
-    write_rows([_rounded(row) for row in rows], store.out / "cells.csv")
+    write_rows(rows, store.out / "cells.csv", digits=DIGITS)
     page = _page(store, rows, costs, _sizes(store, perf_counter() - start))
     with staged(store.out / "index.html") as partial:
         partial.write_text(page, encoding="utf-8")
@@ -142,7 +142,3 @@ def _page(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> 
         beyond=f"{BEYOND:.0e}".replace("e+0", "e"),
         bottleneck=bottleneck(costs),
     )
-
-
-def _rounded(row: Mapping) -> dict:
-    return {key: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for key, value in row.items()}

@@ -6,10 +6,8 @@ kind, level and number of the data set, so that all methods have the same record
 
 from __future__ import annotations
 
-import sys
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +15,6 @@ from time import perf_counter, process_time
 
 import numpy as np
 import xarray as xr
-from threadpoolctl import threadpool_limits
 
 from pymc_ship.denoise import denoise
 from pymc_ship.equations_of_motion import reference_coefficients
@@ -33,6 +30,7 @@ from pymc_ship.indices import indices
 from pymc_ship.manoeuvres import Manoeuvre, turning_circle
 from pymc_ship.simulate import simulate
 from pymc_ship.study import generator
+from pymc_ship.threads import one_thread
 from pymc_ship.trajectory_mode import trajectory_mode
 from pymc_ship.vessel import Vessel
 
@@ -47,8 +45,6 @@ STATUSES = ("ok", "diverged", "failed")
 
 TURN, TURN_DURATION = turning_circle(35), 400.0
 """Manoeuvre whose tactical diameter is forecast, and its duration [s]."""
-
-_POOLS = ("denoise", "simulate", "extrapolation")
 
 
 def _differences(noisy: xr.Dataset, vessel: Vessel, derivative: str, interval: float | None) -> Estimate:
@@ -183,25 +179,3 @@ def _timed(parts: dict[str, float], name: str) -> Iterator[None]:
         yield
     finally:
         parts[name] = perf_counter() - start
-
-
-class _OneThread(ThreadPoolExecutor):
-    """Pool of one thread, whatever number is asked for."""
-
-    def __init__(self, max_workers: int | None = None):
-        super().__init__(1)
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Keep linear algebra and the package's own thread pools on one thread: the cores belong to the other workers."""
-    modules = [module for name in _POOLS if (module := sys.modules.get(f"pymc_ship.{name}"))]
-    pools = [module.ThreadPoolExecutor for module in modules]
-    try:
-        for module in modules:
-            module.ThreadPoolExecutor = _OneThread
-        with threadpool_limits(1):
-            yield
-    finally:
-        for module, pool in zip(modules, pools, strict=True):
-            module.ThreadPoolExecutor = pool

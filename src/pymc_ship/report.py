@@ -123,14 +123,20 @@ def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], Non
     return out / "index.html"
 
 
-def write_rows(rows: Sequence[Mapping], path: Path) -> Path:
-    """Write rows of equal keys as CSV, moved into place when complete."""
+def write_rows(rows: Sequence[Mapping], path: Path, *, digits: int | None = None) -> Path:
+    """Write rows of equal keys as CSV, numbers to so many significant digits, moved into place when complete."""
     keys = list(dict.fromkeys(key for row in rows for key in row))
+    if digits is not None:
+        rows = [{key: _rounded(value, digits) for key, value in row.items()} for row in rows]
     with staged(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, keys, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
     return path
+
+
+def _rounded(value: object, digits: int) -> object:
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
 
 
 def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:

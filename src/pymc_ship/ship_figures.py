@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pymc_ship.figures import COLOURS, DOF_COLOURS, REFERENCE, _styled, subplots
-from pymc_ship.ship_model import Candidate
+from pymc_ship.ship_model import Candidate, held_together
+from pymc_ship.ship_paths import QUANTILES
 from pymc_ship.window_fit import prepared_windows, restarted, thinned
 
 BARS = 0.9
@@ -26,7 +27,6 @@ _LABELS = {
     "phi": "roll angle φ [deg]",
 }
 _DEGREES = ("r", "p", "phi")
-_Z95 = 1.959963984540054
 _BOOTSTRAPS = 2000
 
 
@@ -59,9 +59,9 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
     """
     windows = prepared_windows(thinned(trials[k], candidate.vessel), candidate.vessel)
     fits = [candidate.held_out.fits[k]] * len(windows)
-    if len(trials) == 1:  # neighbouring windows were held out together
-        parts = np.array_split(np.arange(len(windows)), len(candidate.held_out.fits))
-        fits = [fit for fit, part in zip(candidate.held_out.fits, parts, strict=True) for _ in part]
+    if len(trials) == 1:
+        groups = zip(candidate.held_out.fits, held_together([windows]), strict=True)
+        fits = [fit for fit, group in groups for _ in group]
     found = []
     for window, fit in zip(windows, fits, strict=True):
         run = window.run
@@ -127,8 +127,8 @@ def held_out_overshoots(rows: Sequence[Mapping]) -> Figure:
             mine = [row for row in rows if row["index"] == f"{name}_overshoot_{kind}"]
             measured, forecast, sd = (np.array([row[key] for row in mine]) for key in ("measured", "forecast", "sd"))
             style = {"fmt": marker, "ms": 4.5, "color": colour, "capsize": 2.5, "elinewidth": 0.9}
-            ax.errorbar(measured, forecast, _Z95 * sd, label=f"{name} overshoot", **style)
-            ends += [*measured, *(forecast - _Z95 * sd), *(forecast + _Z95 * sd)]
+            ax.errorbar(measured, forecast, QUANTILES["95"] * sd, label=f"{name} overshoot", **style)
+            ends += [*measured, *(forecast - QUANTILES["95"] * sd), *(forecast + QUANTILES["95"] * sd)]
         low, high = (min(ends), max(ends)) if ends else (0.0, 1.0)
         reach = 0.06 * (high - low) or 1.0
         limits = (low - reach, high + reach)

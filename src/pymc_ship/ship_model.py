@@ -9,7 +9,6 @@ between the sets is one part of the model error, the other is what the indices o
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +23,7 @@ from pymc_ship.recognised import Steering, recognise, with_steering
 from pymc_ship.soundness import sound
 from pymc_ship.term_sets import term_sets, with_terms
 from pymc_ship.terms import SYMBOLS
+from pymc_ship.threads import thread_pool
 from pymc_ship.trajectory_fit import TrajectoryError
 from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trial import TrialError
@@ -211,7 +211,7 @@ def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> Coe
 
 def _candidates(wanted: Sequence[str], training: _Training) -> tuple[list[Candidate], list[str]]:
     """Candidates of the term sets that can be fitted, and why others were left out."""
-    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor() as pool:
+    with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(wanted)) as pool:
         attempts = list(pool.map(lambda name: _attempt(name, training), wanted))
     remarks = [text for _, text in attempts if text]
     found = [candidate for candidate, _ in attempts if candidate is not None]
@@ -231,7 +231,7 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
         def fit(windows: Sequence[Window]) -> WindowFit:
             return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd)
 
-        judged = held_out(_groups(runs), vessel, fit)
+        judged = held_out(held_together(runs), vessel, fit)
     except TrajectoryError as error:
         return None, f"The {name} terms were left out: {error}"
     inflation = _inflation(whole, judged)
@@ -255,7 +255,7 @@ def _first_fit(
     raise failure
 
 
-def _groups(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
+def held_together(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
     """Windows to be held out together: those of a run, or neighbours where there is only one."""
     if len(runs) > 1:
         return list(runs)

@@ -32,7 +32,8 @@ PATHS = ("regression", "regression, rows divided by U^2", "weak form", "trajecto
 OVERSHOOTS = ("first_overshoot", "second_overshoot")
 """Overshoots whose angles and times are summarised."""
 
-_INTERVALS = {"90": 1.6448536269514722, "95": 1.959963984540054}
+QUANTILES = {"90": 1.6448536269514722, "95": 1.959963984540054}
+"""Half the width of a normal interval in sd, by its probability in %."""
 
 
 @dataclass(frozen=True)
@@ -262,7 +263,7 @@ def held_out_rows(index_rows: Sequence[Mapping]) -> list[dict]:
 def coverage(rows: Sequence[Mapping]) -> dict[str, int]:
     """How many of :func:`held_out_rows` intervals of 90 and 95 % cover, ``_apart`` with the model error of others."""
     found = {}
-    for share, z in _INTERVALS.items():
+    for share, z in QUANTILES.items():
         found[share] = sum(abs(row["z"]) <= z for row in rows)
         found[f"{share}_apart"] = sum(abs(row["error"]) <= z * row["apart_sd"] for row in rows)
     return found

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import xarray as xr
 from numba import njit
@@ -18,6 +15,7 @@ from pymc_ship.equations_of_motion import (
     work_rows,
 )
 from pymc_ship.manoeuvres import Manoeuvre, manoeuvre_attrs, rudder_command
+from pymc_ship.threads import thread_pool
 from pymc_ship.trial import CHANNELS, UNITS
 from pymc_ship.vessel import Vessel
 
@@ -229,7 +227,7 @@ def replay(
         columns = (np.ascontiguousarray(values[lanes].T) for values in (draws, initial))
         _replay(next(columns), *settings, next(columns), *integration, start, out)
 
-    with ThreadPoolExecutor(min(len(blocks), os.cpu_count() or 1)) as pool:
+    with thread_pool(len(blocks)) as pool:
         list(pool.map(run, blocks))
     return out
 
@@ -316,7 +314,7 @@ def simulate(
         lanes = np.ascontiguousarray(draws[start : start + LANES].T)
         return _integrate(lanes, *settings, step, stride, start, out)
 
-    with ThreadPoolExecutor(min(len(blocks), os.cpu_count() or 1)) as pool:
+    with thread_pool(len(blocks)) as pool:
         diverged = np.concatenate(list(pool.map(run, blocks)))
     attrs = _attrs(vessel, manoeuvre, step, method)
     return _dataset(out, time, np.where(diverged >= 0, diverged * step, np.nan), attrs, coefficients is None)

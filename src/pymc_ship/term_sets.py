@@ -28,6 +28,12 @@ class TermSet:
     propeller: bool
     about: str
 
+    @property
+    def coefficients(self) -> dict[str, list[str]]:
+        """Names of the coefficients by degree of freedom."""
+        rows = {"surge": self.surge, "sway": self.lateral, "yaw": self.lateral}
+        return {dof: [f"{LETTER[dof]}{term}" for term in row] for dof, row in rows.items()}
+
 
 def _loaded(hull: tuple[str, ...], about: str) -> TermSet:
     return TermSet(("T", "vv", "vr", "rr", "gdeltadelta"), ("0", *hull, "gdelta"), True, about)
@@ -81,13 +87,8 @@ def term_sets(vessel: Vessel) -> tuple[str, ...]:
     wanted = vessel.propeller is not None
     names = tuple(name for name, terms in TERM_SETS.items() if terms.propeller == wanted)
     own = {c.name for force in vessel.forces.values() for c in force}
-    return names if any(own <= set(_names(TERM_SETS[name])) for name in names) else (OWN, *names)
-
-
-def _names(terms: TermSet) -> list[str]:
-    """Names of the coefficients of a set."""
-    rows = {"surge": terms.surge, "sway": terms.lateral, "yaw": terms.lateral}
-    return [f"{LETTER[dof]}{term}" for dof, row in rows.items() for term in row]
+    held = any(own <= set().union(*TERM_SETS[name].coefficients.values()) for name in names)
+    return names if held else (OWN, *names)
 
 
 def with_terms(vessel: Vessel, name: str) -> Vessel:
@@ -118,7 +119,6 @@ def with_terms(vessel: Vessel, name: str) -> Vessel:
     if chosen.propeller and vessel.propeller is None:
         raise VesselError(f"The terms {name!r} need the propeller of {vessel.name!r}; add the table [propeller].")
     held = {c.name: c for force in vessel.forces.values() for c in force}
-    terms = {"surge": chosen.surge, "sway": chosen.lateral, "yaw": chosen.lateral}
-    names = {dof: [f"{LETTER[dof]}{term}" for term in row] for dof, row in terms.items()}
+    names = chosen.coefficients
     forces = {dof: tuple(held.get(name, Coefficient(name, 0.0)) for name in row) for dof, row in names.items()}
     return replace(vessel, forces=forces)

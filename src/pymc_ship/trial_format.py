@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from pymc_ship.toml_file import toml_table
 from pymc_ship.trial import TrialError
 from pymc_ship.trial_columns import SI, unit_factor
 
@@ -84,14 +84,7 @@ def load_format(source: str | Path | Mapping | None) -> TrialFormat:
         return TrialFormat()
     if isinstance(source, Mapping):
         return _format(source, "The format")
-    try:
-        with Path(source).open("rb") as file:
-            table = tomllib.load(file)
-    except OSError as error:
-        raise TrialError(f"The format file {source} cannot be read: {error.strerror}; check the path.") from None
-    except ValueError as error:
-        raise TrialError(f"The format file {source} is not valid TOML: {error}.") from None
-    return _format(table, str(source))
+    return _format(toml_table(source, "The format file", TrialError), str(source))
 
 
 def _format(table: Mapping, where: str) -> TrialFormat:

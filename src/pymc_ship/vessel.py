@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import sys
-import tomllib
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +16,7 @@ import xarray as xr
 
 from pymc_ship.propeller import Propeller
 from pymc_ship.terms import UnknownTerm, factors, loaded
+from pymc_ship.toml_file import toml_table
 
 DOFS = ("surge", "sway", "yaw", "roll")
 """Degrees of freedom, in the order of the equations of motion."""
@@ -222,14 +222,7 @@ def load_vessel(source: str | Path) -> Vessel:
                 f"A vessel is one of {', '.join(shipped_vessels())} or the path of a .toml file; found {str(source)!r}."
             )
         path = SHIPPED / f"{source}.toml"
-    try:
-        with path.open("rb") as file:
-            table = tomllib.load(file)
-    except OSError as error:
-        raise VesselError(f"The vessel file {path} cannot be read: {error.strerror}; check the path.") from None
-    except ValueError as error:
-        raise VesselError(f"The vessel file {path} is not valid TOML: {error}.") from None
-    return _vessel(table, path)
+    return _vessel(toml_table(path, "The vessel file", VesselError), path)
 
 
 def _vessel(table: dict, path: Path) -> Vessel:
