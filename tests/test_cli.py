@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -792,6 +793,25 @@ def test_a_file_never_takes_the_place_of_a_folder(made, tmp_path, capsys, words)
     message = refused(capsys, *words.format(made=made).split(), "--out", tmp_path)
     assert message == f"{tmp_path} is a folder; give the name of a file in it."
     assert files(tmp_path) == ["kept.csv"]
+
+
+def test_an_interrupt_that_python_ignores_still_ends_the_run(tmp_path, capsys, monkeypatch):
+    def work(*args, **settings):
+        referent = set()
+        kept = weakref.ref(referent, stop)
+        del referent
+        assert kept() is None
+        time.sleep(10)
+        forbid()
+
+    monkeypatch.setattr(ps, "simulate", work)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        status = main(["simulate", "container", "--turn", "35", "--out", str(tmp_path / "trial.csv")])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert status == 130
+    assert "interrupted; nothing is left half-written" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,10 @@ status 3 say that they do. Nothing heavy is imported before a command line is ac
 
 from __future__ import annotations
 
+import _thread
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -37,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = parser().parse_args(argv)
         from pymc_ship import commands
 
-        with _progress(args.quiet) as progress:
+        with _interrupts_kept(), _progress(args.quiet) as progress:
             text, path, *failures = getattr(commands, args.command)(args, progress)
         if text:
             print(text, flush=True)
@@ -59,6 +61,26 @@ def _fail(sentence: str, status: int) -> int:
     """Print an error as one line that ends with a full stop; return the exit status."""
     print(f"pymc-ship: {' '.join(sentence.split()).removesuffix('.')}.", file=sys.stderr)
     return status
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Raise an interrupt again that fell where Python ignores exceptions (weakref callbacks, ``__del__``)."""
+    others = sys.unraisablehook
+
+    def hook(ignored: object) -> None:
+        if not issubclass(ignored.exc_type, KeyboardInterrupt):
+            return others(ignored)
+        again = threading.Timer(0.1, _thread.interrupt_main)  # not at once: it would be ignored again
+        again.daemon = True
+        again.start()
+        return None
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = others
 
 
 @contextmanager
