@@ -29,7 +29,7 @@ def runs(records):
 def stated(coefficients):
     """A fit that says so."""
     size = coefficients.size
-    return WindowFit(tanker(), coefficients, np.eye(size), np.eye(size), {}, 1)
+    return WindowFit(tanker(), coefficients, np.eye(size), np.eye(size), {}, 1.0, 1)
 
 
 def near(factor):

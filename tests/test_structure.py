@@ -24,6 +24,7 @@ LAYERS = (
     "propeller",
     "vessel",
     "term_sets",
+    "hull_database",
     "manoeuvres",
     "candidates",
     "equations_of_motion",

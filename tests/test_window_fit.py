@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship import window_fit
 from pymc_ship.equations_of_motion import reference_coefficients
 from pymc_ship.simulate import replay
 from pymc_ship.term_sets import with_terms
@@ -241,8 +242,13 @@ class TestSandwich:
 
     def test_that_of_independent_residuals_is_not(self, many_fits):
         """Broken twin: errors of a correlation of 0.9 count as independent."""
-        ratio = self.ratios(*many_fits, lambda fit: np.linalg.inv(fit.information))
+        ratio = self.ratios(*many_fits, lambda fit: np.linalg.inv(fit.information) / fit.dispersion)
         assert np.max(ratio) < 1.0 - 4.0 * self.MONTE_CARLO - self.FEW_WINDOWS
+
+    def test_the_curvature_holds_the_scatter_of_the_windows_in_the_mean(self, many_fits):
+        for fit in many_fits[1]:
+            ratio = np.trace(fit.information @ fit.covariance) / len(fit.coefficients)
+            assert ratio == pytest.approx(1.0, abs=0.1)
 
     def test_the_estimates_scatter_about_the_truth(self, many_fits):
         reference, fits = many_fits
@@ -257,10 +263,36 @@ class TestSandwich:
             assert 0.5 * sd < np.mean([fit.channel_sd[name] for fit in fits]) < sd
 
 
+class TestBesideAPrior:
+    """A prior about the truth, as wide as the scatter of the estimates: halves the errors of each."""
+
+    N_SETS = 12
+
+    def kept(self, container, many_fits):
+        """Share of the error of an estimate that is left of it beside the prior: slope over sets and coefficients."""
+        ship, reference, windows = tiny(container)
+        alone = np.array([fit.coefficients for fit in many_fits[1]])
+        sd = alone.std(axis=0, ddof=1)
+        prior = replace(wide_prior(reference), scale=sd, unit=sd)
+        rng = np.random.default_rng(8)  # the first data sets again
+        sets = [with_errors(windows, rng, 0.9) for _ in range(self.N_SETS)]
+        beside = np.array([fit_windows(noisy, ship, prior, reference, ERROR).coefficients for noisy in sets])
+        x, y = ((rows - reference) / sd for rows in (alone[: self.N_SETS], beside))
+        return np.sum(x * y) / np.sum(x**2)
+
+    def test_the_windows_count_for_what_they_are_worth(self, container, many_fits):
+        assert self.kept(container, many_fits) == pytest.approx(0.5, abs=0.1)
+
+    def test_counted_as_independent_they_leave_little_to_the_prior(self, container, many_fits, monkeypatch):
+        """Broken twin."""
+        monkeypatch.setattr(window_fit, "_dispersion", lambda fit: 1.0)
+        assert self.kept(container, many_fits) > 0.7
+
+
 def test_draws_have_the_mean_and_covariance_of_the_fit():
     rng = np.random.default_rng(2)
     root = rng.standard_normal((3, 3))
-    fit = WindowFit(tanker(), np.array([1.0, -2.0, 3.0]), root @ root.T, np.eye(3), {}, 5)
+    fit = WindowFit(tanker(), np.array([1.0, -2.0, 3.0]), root @ root.T, np.eye(3), {}, 1.0, 5)
     n = 20_000
     draws = normal_draws(fit, 2.0, n, np.random.default_rng(3))
     white = np.linalg.solve(2.0 * root, (draws - fit.coefficients).T)

@@ -21,6 +21,7 @@ DENOISE_PRIORS = ("laplace", "cauchy")
 SPLITS = ("blocks", "random")
 DOFS = ("surge", "sway", "yaw", "roll")
 TRAJECTORY_PRIORS = ("order_damped", "sister_ship", "flat")
+SHIP_PRIORS = ("hull_database", "order_damped", "sister_ship")
 NOISE_MODELS = ("auto", "white", "ar1", "student_t")
 CRITERIA = ("information", "forecast")
 
@@ -231,9 +232,9 @@ def _add_identify(commands) -> None:
     )
     command.add_argument(
         "--prior",
-        choices=TRAJECTORY_PRIORS[:2],
-        default="order_damped",
-        help="of the coefficients: wide about 0, or about the values of the vessel file (%(default)s)",
+        choices=SHIP_PRIORS,
+        help="of the coefficients: captive tests of other hulls, wide about 0, or the values of the vessel file "
+        "(hull_database where the file states the draught d, else order_damped)",
     )
     command.add_argument("--draws", type=draws, default=1000, help="posterior draws, a multiple of 4 (%(default)s)")
     command.add_argument("--out", required=True, help="folder of the report, which `forecast` takes")

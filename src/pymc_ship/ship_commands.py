@@ -39,7 +39,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     if len(trials) > 1:
         best = model.candidates[0]
         known = {"names": list(trials), "trajectory": best.held_out, "progress": progress}
-        paths = compare_paths(list(trials.values()), best.vessel, args.prior, **known)
+        paths = compare_paths(list(trials.values()), best.vessel, model.prior, **known)
     save_ship(model, out, made_by=made_by(args))
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
     page = write_ship_report(model, trials, checks, paths, out, **made)

@@ -17,8 +17,10 @@ from threadpoolctl import threadpool_limits
 
 from pymc_ship.equations_of_motion import prime_record
 from pymc_ship.held_out import HeldOut, held_out
+from pymc_ship.hull_database import with_hull_database
 from pymc_ship.manoeuvres import Manoeuvre
 from pymc_ship.model_error import index_rows, index_sd, model_error
+from pymc_ship.priors import PriorError
 from pymc_ship.recognised import Steering, recognise, with_steering
 from pymc_ship.soundness import sound
 from pymc_ship.term_sets import term_sets, with_terms
@@ -30,6 +32,9 @@ from pymc_ship.trial import TrialError
 from pymc_ship.vessel import Vessel
 from pymc_ship.weak_form import motion_record, weak_form_start
 from pymc_ship.window_fit import Window, WindowFit, fit_windows, normal_draws, prepared_windows, thinned
+
+PRIORS = ("hull_database", "order_damped", "sister_ship")
+"""What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
 
 LARGEST_INFLATION = 5.0
 """Bound of the factor on the standard deviations of the coefficients."""
@@ -74,6 +79,7 @@ class ShipModel:
     ----------
     vessel : Vessel
         As given, with the steering gear as it was measured.
+    prior : {"hull_database", "order_damped", "sister_ship"}
     names : tuple of str
         Of the runs.
     manoeuvres : tuple of Manoeuvre or None
@@ -91,6 +97,7 @@ class ShipModel:
     """
 
     vessel: Vessel
+    prior: str
     names: tuple[str, ...]
     manoeuvres: tuple[Manoeuvre | None, ...]
     steering: Steering
@@ -123,7 +130,7 @@ def identify_ship(
     *,
     names: Sequence[str] | None = None,
     terms: Sequence[str] | None = None,
-    prior: str = "order_damped",
+    prior: str | None = None,
     draws: int = 1000,
     rng: np.random.Generator,
     progress: Callable[[str], None] = lambda _: None,
@@ -140,8 +147,10 @@ def identify_ship(
         Of the trials; numbers by default.
     terms : sequence of str, optional
         Of :func:`pymc_ship.term_sets.term_sets` or "own terms"; by default all sets the vessel can have.
-    prior : {"order_damped", "sister_ship"}, optional
-        Of the coefficients: wide about 0, or about the values of the vessel file.
+    prior : {"hull_database", "order_damped", "sister_ship"}, optional
+        Of the coefficients without an ``sd``: what captive tests of other ships say of the hull, see
+        :func:`pymc_ship.hull_database.hull_coefficients`, and wide about 0 for the rest; wide about 0 for all; or about
+        the values of the vessel file. By default the first where the vessel states her draught, the second else.
     draws : int, optional
         Of the whole ensemble.
     rng : numpy.random.Generator
@@ -159,8 +168,9 @@ def identify_ship(
     TrajectoryError
         When no term set can be fitted, or all of them run away.
     VesselError, PriorError
-        For unknown term sets or priors.
+        For unknown term sets or priors, or the hull database without a draught.
     """
+    prior = prior or ("hull_database" if vessel.particulars.d > 0.0 else "order_damped")
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     if not trials or len(names) != len(trials) or draws < 2:
         raise TrialError(
@@ -185,6 +195,7 @@ def identify_ship(
     found = _drawn(found, draws, rng)
     return ShipModel(
         vessel=training.vessel,
+        prior=training.prior,
         names=names,
         manoeuvres=tuple(training.manoeuvres),
         steering=training.steering,
@@ -205,7 +216,17 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> _Trai
 
 
 def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
-    """Prior of a window fit: wide for every coefficient, whatever its order, or about the vessel's values."""
+    """Prior of a window fit, one of :data:`PRIORS`; wide ones for every coefficient, whatever its order.
+
+    Raises
+    ------
+    PriorError, VesselError
+        For an unknown kind, or the hull database without a draught.
+    """
+    if kind not in PRIORS:
+        raise PriorError(f"The prior of a ship is one of {', '.join(PRIORS)}; found {kind!r}; choose one of them.")
+    if kind == "hull_database":
+        vessel, kind = with_hull_database(vessel), "order_damped"
     return coefficient_prior(trials, vessel, kind, damping=1.0)
 
 
@@ -224,6 +245,8 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
     """Candidate of a term set, or why there is none."""
     try:
         vessel = with_terms(training.vessel, name)
+        if training.prior == "hull_database":
+            vessel = with_hull_database(vessel)
         runs = [prepared_windows(trial, vessel) for trial in training.trials]
         prior = stated_prior(training.trials, vessel, training.prior)
         whole = _first_fit(training.trials, [window for run in runs for window in run], vessel, prior)

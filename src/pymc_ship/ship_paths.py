@@ -72,8 +72,9 @@ def compare_paths(
         Checked and corrected records of two runs or more, as for :func:`pymc_ship.ship_model.identify_ship`.
     vessel : Vessel
         With the terms to be compared on.
-    prior_kind : {"order_damped", "sister_ship"}, optional
-        Prior of the coefficients; on all paths but the trajectory the evidence stretches its scales.
+    prior_kind : {"hull_database", "order_damped", "sister_ship"}, optional
+        Prior of the coefficients, as for :func:`pymc_ship.ship_model.identify_ship`; on all paths but the trajectory
+        the evidence stretches its scales.
     names : sequence of str, optional
         Of the runs; numbers by default.
     trajectory : HeldOut, optional

@@ -65,7 +65,8 @@ class Particulars:
     """Main particulars in SI units; ``rudder_rate_deg`` is in deg/s.
 
     ``rudder_delay`` [s] is the time from the switching heading of a zigzag to the rudder's first movement.
-    ``x_G`` forward and ``z_G`` below the origin [m], ``volume`` the displacement volume [m3], ``GM`` and ``BM`` [m].
+    ``x_G`` forward and ``z_G`` below the origin [m], ``volume`` the displacement volume [m3], ``GM`` and ``BM`` [m],
+    ``d`` the draught [m], 0 where it is not stated.
     """
 
     L: float
@@ -78,6 +79,7 @@ class Particulars:
     GM: float = 0.0
     BM: float = 0.0
     rudder_delay: float = 0.0
+    d: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -235,7 +237,7 @@ def _vessel(table: dict, path: Path) -> Vessel:
     particulars = _numbers(table["particulars"], path, "particulars", [f.name for f in fields(Particulars)])
     roll_keys = {"z_G", "GM", "BM"} if has_roll else set()
     required = {"L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G"} | roll_keys
-    _check_keys(particulars, required | {"z_G", "GM", "BM", "rudder_delay"}, required, path, "particulars")
+    _check_keys(particulars, required | {"z_G", "GM", "BM", "rudder_delay", "d"}, required, path, "particulars")
     for key in ("L", "B", "volume", "nominal_speed", "rudder_rate_deg"):
         if particulars[key] <= 0.0:
             raise VesselError(f"{path}: particulars.{key} must be positive, found {particulars[key]}.")

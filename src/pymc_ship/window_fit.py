@@ -3,8 +3,9 @@
 Over a whole run the small errors of a model of a real ship add up until they say nothing about its coefficients; a
 course-unstable ship runs away from its own record. Over windows of five ship lengths the model is judged by what a
 forecast needs, its motion, and no window can hide behind another's errors. The initial state of each window is a
-nuisance; the noise of a channel is what the windows leave of it; and since those residuals are model error, the same
-for seconds on end, the covariance is that of the gradients of whole windows (sandwich estimator).
+nuisance; the noise of a channel is what the windows leave of it. Those residuals are model error, the same for seconds
+on end: beside the prior the windows count for as much as the scatter of their gradients says (Ribatet, Cooley &
+Davison 2012, doi:10.5705/ss.2009.248), and the covariance is that of those gradients (sandwich estimator).
 """
 
 from __future__ import annotations
@@ -59,6 +60,8 @@ class WindowFit:
         Curvature of the negative log posterior, the initial states profiled out.
     channel_sd : dict of str to float
         Root mean square that the windows leave of each channel, SI.
+    dispersion : float
+        How many times less the windows count beside the prior than residuals independent of each other would.
     n_windows : int
     """
 
@@ -67,6 +70,7 @@ class WindowFit:
     covariance: np.ndarray
     information: np.ndarray
     channel_sd: dict[str, float]
+    dispersion: float
     n_windows: int
 
 
@@ -167,34 +171,68 @@ def fit_windows(
     unknowns = np.concatenate([start, *(window.state for window in windows)])
     noise_sd = np.array([sd[name] for name in runs[0].channels]) if sd else runs[0].sample_sd
     for _ in range(_PASSES):
-        noise = tuple(Noise(noise_sd, np.zeros(noise_sd.size), offsets=False, values=run.means) for run in runs)
-        fit = fit_trajectory(replace(problem, noise=noise), unknowns)
+        fit = fit_trajectory(_with_noise(problem, noise_sd), unknowns)
         square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
         ratio = np.sqrt(square / sum(run.n_blocks for run in runs))
         unknowns, noise_sd = fit.unknowns, noise_sd * ratio
         if np.max(np.abs(np.log(ratio))) < _SETTLED:
             break
-    by_channel = dict(zip(runs[0].channels, noise_sd.tolist(), strict=True))
-    return WindowFit(vessel, fit.coefficients, _sandwich(fit), np.linalg.inv(fit.covariance), by_channel, len(runs))
+    dispersion = _dispersion(fit)
+    fit = fit_trajectory(_with_noise(problem, noise_sd * np.sqrt(dispersion)), unknowns)
+    return WindowFit(
+        vessel=vessel,
+        coefficients=fit.coefficients,
+        covariance=_sandwich(fit),
+        information=np.linalg.inv(fit.covariance),
+        channel_sd=dict(zip(runs[0].channels, noise_sd.tolist(), strict=True)),
+        dispersion=dispersion,
+        n_windows=len(runs),
+    )
+
+
+def _with_noise(problem: Problem, sd: np.ndarray) -> Problem:
+    """Problem with white noise of an sd for each channel."""
+    noise = tuple(Noise(sd, np.zeros(sd.size), offsets=False, values=run.means) for run in problem.runs)
+    return replace(problem, noise=noise)
+
+
+def _dispersion(fit: TrajectoryFit) -> float:
+    """Variance of the gradients of whole windows over that of residuals independent of each other, 1 or more.
+
+    The mean over the directions in which the windows, not the prior, determine the coefficients: tr(C G) / tr(C H),
+    with G the sum of squared gradients and H = C^-1 - P the curvature that is the windows' own.
+    """
+    C, G, P = fit.covariance, _squared_gradients(fit), _prior_precision(fit)
+    return max(float(np.trace(C @ G) / (len(C) - np.trace(C @ P))), 1.0)
 
 
 def _sandwich(fit: TrajectoryFit) -> np.ndarray:
-    """Covariance C (sum_k g_k g_k' + P) C of the coefficients: g_k gradient of window k, P prior precision.
+    """Covariance C (G + P) C of the coefficients: G the sum of squared gradients of the windows, P prior precision.
 
     White (1982), doi:10.2307/1912526, with windows as clusters and the prior as one more observation; C is the
     posterior covariance that residuals independent of each other would give.
     """
+    C = fit.covariance
+    covariance = C @ (_squared_gradients(fit) + _prior_precision(fit)) @ C
+    return 0.5 * (covariance + covariance.T)
+
+
+def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
+    """Prior precision of the coefficients, (n_coefficients, n_coefficients)."""
+    n = fit.problem.n_coefficients
+    return np.diag(fit.problem.precision[:n] / fit.problem.unit[:n] ** 2)
+
+
+def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
+    """Sum over windows of g g', g the gradient of a window's log likelihood, times n / (n - 1) of n windows."""
     problem: Problem = fit.problem
-    n, C = problem.n_coefficients, fit.covariance
+    n = problem.n_coefficients
     gradients = []
     for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
         rows = run_rows(problem.vessel, run, noise, fit.coefficients, fit.unknowns[place])
         gradients.append(sum(design[:, :n].T @ misfit for misfit, design in rows))
-    G = np.array(gradients)
-    P = np.diag(problem.precision[:n] / problem.unit[:n] ** 2)
-    count = len(gradients)
-    covariance = C @ (G.T @ G * (count / max(count - 1, 1)) + P) @ C
-    return 0.5 * (covariance + covariance.T)
+    g, count = np.array(gradients), len(gradients)
+    return g.T @ g * (count / max(count - 1, 1))
 
 
 def normal_draws(fit: WindowFit, inflation: float, count: int, rng: np.random.Generator) -> np.ndarray:
