@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import re
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from importlib import import_module
 from pathlib import Path
 
@@ -20,6 +22,7 @@ import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from joblib.externals.loky import process_executor
 from threadpoolctl import threadpool_info
 
 import montecarlo_cases as cases
@@ -30,6 +33,7 @@ from pymc_ship.montecarlo_grid import Cell, MonteCarloError, difference, read_gr
 from pymc_ship.montecarlo_store import opened
 from pymc_ship.montecarlo_tables import Costs, Sizes, bottleneck, cell_row, method_rows, plan_rows
 from pymc_ship.montecarlo_task import METHODS, PARTS, Task, measure, turn_error
+from pymc_ship.montecarlo_workers import LocalCores
 from pymc_ship.threads import one_thread, thread_pool
 from test_cli import toml
 
@@ -134,6 +138,17 @@ def test_a_killed_worker_is_replaced_and_nothing_is_lost(study, plain, tmp_path,
     run(study, tmp_path / "out", cases.deadly, workers=2)
     assert mark.exists()
     assert tables(tmp_path / "out") == tables(plain)
+
+
+def test_a_worker_that_joblib_renews_is_no_remark():
+    renewed = "A worker stopped while some jobs were given to the executor. This can be caused by a memory leak."
+    assert renewed[:52] in inspect.getsource(process_executor)
+    with LocalCores(1):
+        warnings.warn(renewed, UserWarning, stacklevel=1)
+        with pytest.raises(UserWarning, match="another"):
+            warnings.warn("another", UserWarning, stacklevel=1)
+    with pytest.raises(UserWarning, match="A worker stopped"):
+        warnings.warn(renewed, UserWarning, stacklevel=1)
 
 
 def test_workers_that_die_again_and_again_end_the_study_in_a_sentence(study, plain, tmp_path, monkeypatch):
