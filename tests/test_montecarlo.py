@@ -142,7 +142,7 @@ def test_a_killed_worker_is_replaced_and_nothing_is_lost(study, plain, tmp_path,
 
 def test_a_worker_that_joblib_renews_is_no_remark():
     renewed = "A worker stopped while some jobs were given to the executor. This can be caused by a memory leak."
-    assert renewed[:52] in inspect.getsource(process_executor)
+    assert renewed.partition("executor")[0] in inspect.getsource(process_executor)
     with LocalCores(1):
         warnings.warn(renewed, UserWarning, stacklevel=1)
         with pytest.raises(UserWarning, match="another"):

@@ -100,12 +100,11 @@ class TestHeldOut:
     def test_errors_of_a_kind_are_as_large_as_stated(self, ship, kind):
         """In the mean square, where draws alone do not say more."""
         rows = [row for row in ship.index_rows if row["kind"] == kind]
-        found = np.mean([((row["measured"] - row["forecast"]) / row["scale"]) ** 2 for row in rows])
-        said = np.mean([(row["sd"] / row["scale"]) ** 2 for row in rows])
+        found = np.mean([((row["measured"] - row["forecast"]) / row["sd"]) ** 2 for row in rows])
         if ship.model_error[kind] > 0.0:
-            assert said == pytest.approx(found, rel=1e-9)
+            assert found == pytest.approx(1.0, rel=1e-6)
         else:
-            assert said > found
+            assert found < 1.0
         assert ship.model_error[kind] < 0.1
 
     def test_the_sd_holds_all_its_parts(self, ship):
@@ -163,11 +162,22 @@ class TestOneRun:
         own = identified(trials(0)[:1], (OWN,))
         np.testing.assert_allclose(own.candidates[0].draws, lone.candidates[0].draws, rtol=1e-9)
 
-    def test_known_values_can_be_the_prior(self, lone):
-        """A sister ship's values, here her own, keep what one zigzag does not determine near the truth."""
-        sister, true = identified(trials(0)[:1], prior="sister_ship"), reference_coefficients(tanker())
-        away = [np.median(np.abs(ship.candidates[0].fit.coefficients / true - 1.0)) for ship in (sister, lone)]
-        assert away[0] < 0.1 < 0.3 < away[1]
+    def test_the_prior_is_that_of_the_hull_where_a_draught_is_stated(self, lone):
+        """By default; her own values as a sister's keep more near the truth, and a wide prior less."""
+        others = [identified(trials(0)[:1], prior=prior) for prior in ("sister_ship", "order_damped")]
+        assert [ship.prior for ship in (*others, lone)] == ["sister_ship", "order_damped", "hull_database"]
+        true = reference_coefficients(tanker())
+        sister, wide, hull = (
+            np.median(np.abs(ship.candidates[0].fit.coefficients / true - 1.0)) for ship in (*others, lone)
+        )
+        assert sister < 0.1 < hull < 0.25 < wide
+
+    def test_without_a_draught_it_is_wide(self, lone):
+        ship = replace(known(), particulars=replace(known().particulars, d=0.0))
+        found = identify_ship(trials(0)[:1], ship, terms=(TRUE_TERMS,), draws=2, rng=np.random.default_rng(0))
+        assert found.prior == "order_damped"
+        assert not any(c.sd > 0.0 for c in found.candidates[0].vessel.forces["yaw"])
+        assert sum(c.sd > 0.0 for c in lone.candidates[0].vessel.forces["yaw"]) == 6
 
     def test_a_set_that_runs_away_is_left_out(self, monkeypatch):
         """And one that is not fitted: the wrong terms are said to run away here."""
@@ -233,7 +243,7 @@ class TestErrors:
             identified(trials(0)[:1], draws=1)
 
     def test_unknown_prior(self):
-        with pytest.raises(PriorError, match=r"found 'vague', .*; correct them\.$"):
+        with pytest.raises(PriorError, match=r"found 'vague'; choose one of them\.$"):
             identified(trials(0)[:1], prior="vague")
 
     def test_unknown_set(self):

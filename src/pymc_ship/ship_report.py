@@ -226,6 +226,7 @@ def _page(
         correlated=f"{CORRELATED:g}",
         short=_short(model, rows),
         steering=_steering(model, given),
+        prior=_PRIORS[model.prior],
         corrections={name: list(trial.attrs.get("corrections", ())) for name, trial in trials.items()},
         doubtful=[row for row in rows["checks"] if row["verdict"] in ("doubtful", "bad")],
         unchecked=_unchecked(rows["checks"]),
@@ -258,6 +259,13 @@ def _short(model: ShipModel, rows: Mapping[str, list[dict]]) -> list[str]:
     ]
     text = f"{100.0 * share:.2g} % ran away and were drawn anew, none of those kept does" if share else "none ran away"
     return [*found, f"Every draw of the coefficients was tried in six standard manoeuvres; {text}."]
+
+
+_PRIORS = {
+    "hull_database": "the hull by captive tests of other ships (Yoshimura & Masumoto 2012), all else wide about 0",
+    "order_damped": "wide about 0",
+    "sister_ship": "about the values of the vessel file, with 30 % of them as sd",
+}
 
 
 def _steering(model: ShipModel, given: Vessel | None) -> list[str]:
