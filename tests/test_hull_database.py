@@ -7,29 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks import kvlcc2
 from pymc_ship.hull_database import SOURCE, hull_coefficients, with_hull_database
 from pymc_ship.term_sets import TERM_SETS, with_terms
-from pymc_ship.vessel import Coefficient, VesselError
+from pymc_ship.vessel import LETTER, Coefficient, VesselError
 from ship_trials import tanker
 
-CAPTIVE = {
-    "Xvv": -0.040,
-    "Xvr": 0.002 + 0.223,
-    "Xrr": 0.011,
-    "Yv": -0.315,
-    "Yr": 0.083 - 0.022,
-    "Yvvv": -1.607,
-    "Yvvr": 0.379,
-    "Yvrr": -0.391,
-    "Yrrr": 0.008,
-    "Nv": -0.137,
-    "Nr": -0.049,
-    "Nvvv": -0.030,
-    "Nvvr": -0.294,
-    "Nvrr": 0.055,
-    "Nrrr": -0.013,
-}
-"""Yasukawa & Yoshimura (2015), Table 3, over rho/2 L d U^2; with m_y' v r and m_x' u r, which they keep apart."""
+CAPTIVE = {LETTER[dof] + term: value for dof, row in kvlcc2.HULL.items() for term, value in row.items()}
+CAPTIVE |= {"Xvr": CAPTIVE["Xvr"] + kvlcc2.ADDED["y"], "Yr": CAPTIVE["Yr"] - kvlcc2.ADDED["x"]}
+del CAPTIVE["X0"], CAPTIVE["Xvvvv"]
+"""Yasukawa & Yoshimura (2015) over rho/2 L d U^2, with m_y' v r and m_x' u r, which they keep apart."""
 
 BY_DRAUGHT = 20.8 / 320.0
 
