@@ -19,7 +19,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship import cli, command_parser, commands, cross_validation, identification
+from pymc_ship import cli, command_parser, commands, cross_validation, identification, ship_model
 from pymc_ship.cli import main
 from pymc_ship.command_parser import parser
 from pymc_ship.denoise import DERIVATIVES
@@ -30,6 +30,7 @@ from pymc_ship.manoeuvres import SIDES
 from pymc_ship.priors import FAMILIES
 from pymc_ship.regression_data import WEAK
 from pymc_ship.simulate import METHODS
+from pymc_ship.trajectory_prior import KINDS
 from pymc_ship.trial import CHANNELS
 from pymc_ship.vessel import DOFS
 from small_vessel import TERMS
@@ -171,6 +172,8 @@ def test_choices_are_those_of_the_api():
     assert METHODS == command_parser.METHODS
     assert (*DERIVATIVES, *WEAK) == command_parser.DERIVATIVES
     assert PRIORS == command_parser.DENOISE_PRIORS
+    assert ship_model.PRIORS == command_parser.SHIP_PRIORS
+    assert set(KINDS) == set(command_parser.TRAJECTORY_PRIORS)
     assert DOFS == command_parser.DOFS
     for split in command_parser.SPLITS:
         assert len(cross_validation.fold_rows(10, split=split, rng=np.random.default_rng(1))) == 5

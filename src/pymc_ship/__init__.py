@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 
 _PUBLIC = {
     "vessel": ("load_vessel", "shipped_vessels", "Vessel", "VesselError"),
+    "hull_database": ("hull_coefficients",),
     "manoeuvres": ("zigzag", "turning_circle", "rudder_programme", "Manoeuvre", "ManoeuvreError"),
     "candidates": ("candidate_trials",),
     "trial": ("write_trial", "check_trial", "TrialError"),
