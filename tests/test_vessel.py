@@ -213,6 +213,13 @@ class TestErrors:
             vessel_file(rf"^{key} = .*$", f"{key} = -1")
         )
 
+    @pytest.mark.parametrize(("d", "block"), [(-10.0, "-0.624"), (6.0, "1.04")])
+    def test_a_draught_at_which_the_hull_is_fuller_than_its_box(self, vessel_file, d, block):
+        assert ps.load_vessel(vessel_file(r"^B = 32.0 ", "d = 6.3\nB = 32.0 ")).particulars.d == 6.3
+        assert f"found d = {d} with a block coefficient of {block}; correct it." in error_of(
+            vessel_file(r"^B = 32.0 ", f"d = {d}\nB = 32.0 ")
+        )
+
     @pytest.mark.parametrize("term", ["Yw", "Yv|v", "Y", "Yvbeta", '"Yv v"'])
     def test_an_unknown_term_is_named(self, vessel_file, term):
         message = error_of(vessel_file(r"^Yv =", f"{_quoted(term)} = 1.0\nYv ="))

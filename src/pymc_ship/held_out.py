@@ -122,7 +122,7 @@ def forecast_indices(
 
 def simulation_settings(vessel: Vessel) -> dict:
     """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
-    step = vessel.particulars.L / vessel.particulars.nominal_speed / STEPS
+    step = vessel.particulars.ship_time / STEPS
     return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
 
 

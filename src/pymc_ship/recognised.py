@@ -75,7 +75,7 @@ def recognise(trials: Sequence[xr.Dataset], vessel: Vessel) -> tuple[list[Manoeu
         check_trial(trial, ("u", "r", "psi", "delta"), uniform=False)
     found = [_reversals(trial) for trial in trials]
     every = [reversal for reversals in found for reversal in reversals]
-    unit = vessel.particulars.L / vessel.particulars.nominal_speed
+    unit = vessel.particulars.ship_time
     delay = _common_delay(found, _LONGEST_DELAY * unit) if every else np.nan
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
     pairs = zip(trials, found, strict=True)

@@ -89,8 +89,7 @@ def forecast_ship(
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
     counts = [max(round(len(rows) * min(draws / total, 1.0)), 1) for _, rows in ship.models]
-    particulars = ship.models[0][0].particulars
-    unit = particulars.L / particulars.nominal_speed
+    unit = ship.models[0][0].particulars.ship_time
     duration = _LASTS * unit if duration is None else duration
     models = []
     for (vessel, rows), count in zip(ship.models, counts, strict=True):

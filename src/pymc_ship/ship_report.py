@@ -126,7 +126,7 @@ def write_ship_report(
 
 def run_rows(model: ShipModel, trials: Mapping[str, xr.Dataset], checks: Mapping[str, Sequence[Check]]) -> list[dict]:
     """What each run is: manoeuvre, duration [s and L/U], approach speed [m/s], sampling [s], verdict of its checks."""
-    unit, rows = model.vessel.particulars.L / model.vessel.particulars.nominal_speed, []
+    unit, rows = model.vessel.particulars.ship_time, []
     for (name, trial), manoeuvre in zip(trials.items(), model.manoeuvres, strict=True):
         duration = float(np.ptp(trial["time"].values))
         row = {"run": name, "manoeuvre": "none recognised" if manoeuvre is None else manoeuvre.label}

@@ -81,6 +81,11 @@ class Particulars:
     rudder_delay: float = 0.0
     d: float = 0.0
 
+    @property
+    def ship_time(self) -> float:
+        """Time in which the ship covers her length at the nominal speed, L/U [s]."""
+        return self.L / self.nominal_speed
+
 
 @dataclass(frozen=True)
 class Vessel:
@@ -234,13 +239,7 @@ def _vessel(table: dict, path: Path) -> Vessel:
     forces = table["coefficients"]
     _check_keys(forces, set(DOFS), set(DOFS[:3]), path, "coefficients")
     has_roll = "roll" in forces
-    particulars = _numbers(table["particulars"], path, "particulars", [f.name for f in fields(Particulars)])
-    roll_keys = {"z_G", "GM", "BM"} if has_roll else set()
-    required = {"L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G"} | roll_keys
-    _check_keys(particulars, required | {"z_G", "GM", "BM", "rudder_delay", "d"}, required, path, "particulars")
-    for key in ("L", "B", "volume", "nominal_speed", "rudder_rate_deg"):
-        if particulars[key] <= 0.0:
-            raise VesselError(f"{path}: particulars.{key} must be positive, found {particulars[key]}.")
+    particulars = _particulars(table["particulars"], has_roll, path)
     inertia = _numbers(table["inertia"], path, "inertia", ["m", "I_zz", "I_xx"])
     _check_keys(inertia, {"m", "I_zz", "I_xx"}, {"m", "I_zz"} | ({"I_xx"} if has_roll else set()), path, "inertia")
     added = _numbers(table.get("added_mass", {}), path, "added_mass", ADDED_MASS)
@@ -248,13 +247,13 @@ def _vessel(table: dict, path: Path) -> Vessel:
         name=str(table["name"]),
         title=str(table.get("title", table["name"])),
         sources=tuple(table.get("sources", ())),
-        particulars=Particulars(**particulars),
+        particulars=particulars,
         m=inertia["m"],
         I_zz=inertia["I_zz"],
         I_xx=inertia.get("I_xx", 0.0),
         added_mass=dict.fromkeys(ADDED_MASS, 0.0) | added,
         forces={dof: _force(forces[dof], dof, path) for dof in DOFS if dof in forces},
-        propeller=_propeller(table["propeller"], particulars, path) if "propeller" in table else None,
+        propeller=_propeller(table["propeller"], particulars.nominal_speed, path) if "propeller" in table else None,
     )
     idle = [c.name for force in vessel.forces.values() for c in force if loaded(c.term)] if not vessel.propeller else []
     if idle:
@@ -264,14 +263,29 @@ def _vessel(table: dict, path: Path) -> Vessel:
     return vessel
 
 
-def _propeller(table: dict, particulars: dict[str, float], path: Path) -> Propeller:
+def _particulars(table: dict, has_roll: bool, path: Path) -> Particulars:
+    values = _numbers(table, path, "particulars", [f.name for f in fields(Particulars)])
+    roll_keys = {"z_G", "GM", "BM"} if has_roll else set()
+    required = {"L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G"} | roll_keys
+    _check_keys(values, required | {"z_G", "GM", "BM", "rudder_delay", "d"}, required, path, "particulars")
+    for key in ("L", "B", "volume", "nominal_speed", "rudder_rate_deg"):
+        if values[key] <= 0.0:
+            raise VesselError(f"{path}: particulars.{key} must be positive, found {values[key]}.")
+    box = values["L"] * values["B"] * values.get("d", 0.0)
+    if box < 0.0 or 0.0 < box < values["volume"]:
+        raise VesselError(
+            f"{path}: particulars.d is a draught at which L B d holds the volume, found d = {values['d']} with a "
+            f"block coefficient of {values['volume'] / box:.3g}; correct it."
+        )
+    return Particulars(**values)
+
+
+def _propeller(table: dict, nominal_speed: float, path: Path) -> Propeller:
     names = [field.name for field in fields(Propeller)]
     values = _numbers(table, path, "propeller", names)
     _check_keys(values, set(names), set(names), path, "propeller")
     propeller = Propeller(**values)
-    J, k_0, k_1, k_2, eta, kappa = (
-        propeller.constants(particulars["nominal_speed"]) if values["n"] * values["D"] else ((0.0,) * 6)
-    )
+    J, k_0, k_1, k_2, eta, kappa = propeller.constants(nominal_speed) if values["n"] * values["D"] else ((0.0,) * 6)
     if not (J > 0.0 and k_0 + k_1 * J + k_2 * J**2 > 0.0 and 0.0 < eta <= 1.0 and kappa >= 0.0):
         raise VesselError(
             f"{path}: a propeller has positive D, n, advance ratio and thrust at the nominal speed, eta in (0, 1] and "

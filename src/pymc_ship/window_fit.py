@@ -82,7 +82,7 @@ def thinned(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
     TrialError
         For a record shorter than one window.
     """
-    unit, step = vessel.particulars.L / vessel.particulars.nominal_speed, sampling_interval(trial)
+    unit, step = vessel.particulars.ship_time, sampling_interval(trial)
     count = max(int(unit / SAMPLES / step + 1e-6), 1)
     size = round(LENGTH * unit / (count * step))
     if trial["time"].size // count < max(size // 2, 1):
@@ -97,7 +97,7 @@ def thinned(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
 
 def window_records(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
     """Windows of a thinned record, one after the other; a rest of half a window or more is one, too."""
-    unit = vessel.particulars.L / vessel.particulars.nominal_speed
+    unit = vessel.particulars.ship_time
     size = round(LENGTH * unit / sampling_interval(trial))
     begins = range(0, trial["time"].size - size // 2 + 1, size)
     return [trial.isel(time=slice(begin, begin + size)) for begin in begins]
@@ -105,7 +105,7 @@ def window_records(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
 
 def prepared_windows(trial: xr.Dataset, vessel: Vessel) -> list[Window]:
     """Windows of a thinned record for the fit and the score of a vessel's model."""
-    unit, step = vessel.particulars.L / vessel.particulars.nominal_speed, sampling_interval(trial)
+    unit, step = vessel.particulars.ship_time, sampling_interval(trial)
     channels = ("u", "v", "r", *(("p", "phi") if "roll" in vessel.dofs else ()))
     size = {"u": vessel.particulars.nominal_speed, "v": vessel.particulars.nominal_speed, "phi": 1.0}
     sd = {name: _FIRST_SD[name] * size.get(name, 1.0 / unit) for name in channels}
