@@ -14,9 +14,9 @@ from ship_trials import tanker
 
 UNSOUND = {
     "thrust that brakes a slow ship": {"XT": -94e-5},
-    "sway force that grows with the drift": {"Yv": 0.1},
+    "sway force that grows with the drift": {"Yv": 0.2},
     "drift that drives the ship": {"Xvv": 0.4},
-    "resistance that stops it in a turn only": {"Xvv": -0.1},
+    "resistance that stops it in a turn only": {"Xvv": -0.2},
     "turn on the spot": {"Ngdelta": -0.02},
 }
 
@@ -62,17 +62,16 @@ def test_a_ship_may_run_away_in_a_single_manoeuvre():
 
 
 def test_it_may_not_go_much_faster_than_it_came(monkeypatch):
-    row = changed(**UNSOUND["turn on the spot"])
+    row = changed(Yv=0.15)
     fastest, _ = extremes(row, ps.zigzag(10.0, 10.0))
     assert fastest > 1.15
-    monkeypatch.setattr(soundness, "_TIGHTEST", 0.0)
     assert not sound(tanker(), row[None])[0]
     monkeypatch.setattr(soundness, "FASTEST", 2.0)
     assert sound(tanker(), row[None])[0]
 
 
 def test_it_may_not_turn_within_its_own_length(monkeypatch):
-    row = changed(Ngdelta=-0.008)
+    row = changed(Ngdelta=-0.005)
     reached = [extremes(row, what) for what in (ps.zigzag(10.0, 10.0), ps.zigzag(20.0, 20.0), ps.turning_circle(35.0))]
     assert max(speed for speed, _ in reached) < 1.15
     assert max(rate for _, rate in reached) > 2.0

@@ -27,6 +27,7 @@ from pymc_ship.window_fit import (
     prepared_windows,
     restarted,
     thinned,
+    widened,
     window_records,
 )
 from ship_trials import RUNS, TRUE_TERMS, tanker, trial, wide_prior, with_values
@@ -289,12 +290,19 @@ class TestBesideAPrior:
         assert self.kept(container, many_fits) > 0.7
 
 
+def test_what_the_prior_leaves_open_does_not_grow(many_fits):
+    fit = many_fits[1][0]
+    alone = replace(fit, from_windows=0.0 * fit.from_windows)
+    np.testing.assert_array_equal(widened(alone, 3.0).covariance, fit.from_prior)
+    np.testing.assert_allclose(widened(fit, 3.0).covariance - fit.covariance, 8.0 * fit.from_windows, rtol=1e-9)
+
+
 def test_draws_have_the_mean_and_covariance_of_the_fit():
     rng = np.random.default_rng(2)
     root = rng.standard_normal((3, 3))
-    fit = WindowFit(tanker(), np.array([1.0, -2.0, 3.0]), root @ root.T, np.eye(3), {}, 1.0, 5)
+    fit = WindowFit(tanker(), np.array([1.0, -2.0, 3.0]), root @ root.T, np.zeros((3, 3)), np.eye(3), {}, 1.0, 5)
     n = 20_000
-    draws = normal_draws(fit, 2.0, n, np.random.default_rng(3))
+    draws = normal_draws(widened(fit, 2.0), n, np.random.default_rng(3))
     white = np.linalg.solve(2.0 * root, (draws - fit.coefficients).T)
     assert np.max(np.abs(white.mean(axis=1))) < 4.0 / np.sqrt(n)
     assert np.max(np.abs(np.cov(white) - np.eye(3))) < 4.0 * np.sqrt(2.0 / n)

@@ -37,9 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     try:
         args = parser().parse_args(argv)
-        from pymc_ship import commands
-
         with _interrupts_kept(), _progress(args.quiet) as progress:
+            from pymc_ship import commands
+
             text, path, *failures = getattr(commands, args.command)(args, progress)
         if text:
             print(text, flush=True)
@@ -66,21 +66,22 @@ def _fail(sentence: str, status: int) -> int:
 @contextmanager
 def _interrupts_kept() -> Iterator[None]:
     """Raise an interrupt again that fell where Python ignores exceptions (weakref callbacks, ``__del__``)."""
-    others = sys.unraisablehook
+    others, pending = sys.unraisablehook, []
 
     def hook(ignored: object) -> None:
-        if not issubclass(ignored.exc_type, KeyboardInterrupt):
-            return others(ignored)
-        again = threading.Timer(0.1, _thread.interrupt_main)  # not at once: it would be ignored again
-        again.daemon = True
-        again.start()
-        return None
+        if issubclass(ignored.exc_type, KeyboardInterrupt):
+            pending.append(threading.Timer(0.05, _thread.interrupt_main))  # not at once: it would be ignored again
+            pending[-1].start()
+        else:
+            others(ignored)
 
     sys.unraisablehook = hook
     try:
         yield
     finally:
         sys.unraisablehook = others
+        for timer in pending:
+            timer.cancel()
 
 
 @contextmanager

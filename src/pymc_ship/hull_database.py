@@ -36,7 +36,7 @@ _SD = {
 """Standard deviations over rho/2 L d U^2, set by judgement: the paper states none.
 
 Of the captive tests of the KVLCC2 (Yasukawa & Yoshimura 2015, doi:10.1007/s00773-014-0293-y) Yvvr is 1.9 sd from the
-formulae, the others 1.2 at most.
+formulae, the others 1.2 at most. Nvrr is taken as 0: codings of its formula at hand differ in its sign.
 """
 
 
@@ -46,13 +46,14 @@ def hull_coefficients(vessel: Vessel) -> dict[str, tuple[float, float]]:
     Parameters
     ----------
     vessel : Vessel
-        L, B, draught d, volume and x_G of its particulars, and Yvdot of its added mass.
+        L, B, draught d and volume of its particulars.
 
     Returns
     -------
     dict of str to (float, float)
         Of Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. The added mass of
-        the steady turn (m_y v r, m_x u r), which the equations of motion leave to the coefficients, is in them.
+        the steady turn (m_y v r, m_x u r), which the equations of motion leave to the coefficients, is in them. The
+        formulae have a term in v^4 for surge that no term set has: the sd of Xvv covers it up to v' of 0.3.
 
     Raises
     ------
@@ -67,11 +68,10 @@ def hull_coefficients(vessel: Vessel) -> dict[str, tuple[float, float]]:
         )
     fullness, slender, by_draught = s.volume / (s.L**2 * s.d), s.L / s.B, s.d / s.L
     block, aspect = fullness * slender, 2.0 * by_draught
-    m_y = -vessel.added_mass["Yvdot"] / by_draught
     mean = {
         "Xvv": 1.15 * fullness - 0.18,
         "Xvr": 1.91 * fullness - 0.08,
-        "Xrr": -0.085 * fullness + 0.008 - vessel.x_G * m_y,
+        "Xrr": -0.085 * fullness + 0.008,
         "Yv": -(0.5 * math.pi * aspect + 1.4 * fullness),
         "Yr": 0.5 * fullness,
         "Yvvv": -(0.185 * slender + 0.48),
@@ -82,7 +82,7 @@ def hull_coefficients(vessel: Vessel) -> dict[str, tuple[float, float]]:
         "Nr": -0.54 * aspect + aspect**2,
         "Nvvv": -(0.66 - 0.69 * block),
         "Nvvr": 1.55 * fullness - 0.76,
-        "Nvrr": 0.075 * (1.0 - block) * slender + 0.098,
+        "Nvrr": 0.0,
         "Nrrr": 0.25 * fullness - 0.056,
     }
     return {name: (value * by_draught, _SD[name] * by_draught) for name, value in mean.items()}
@@ -92,7 +92,8 @@ def with_hull_database(vessel: Vessel) -> Vessel:
     """Vessel whose hull coefficients are known to what the database says.
 
     A coefficient of which the vessel file states an sd stays as it is; so does a linear one of sway and yaw without a
-    partner by the propeller's loading (``gv`` of ``v``), since it holds the share of the rudder, too.
+    partner by the propeller's loading (``gv`` of ``v``), since it holds the share of the rudder, too. Beside squares of
+    v and r, where the formulae have cubes, a linear force is another by less than its sd.
 
     Raises
     ------

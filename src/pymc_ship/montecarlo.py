@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -83,7 +84,9 @@ def reported_montecarlo(
     executor = Cluster(scheduler) if scheduler else LocalCores(workers)
     with opened(out, grid) as store:
         if store.missing():
-            with executor:
+            with executor, warnings.catch_warnings():
+                # joblib renews a worker that has grown; no task is lost
+                warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
                 _run(store, executor, work, progress)
         progress("tables and page")
         return write_report(store)

@@ -10,7 +10,6 @@ import os
 import signal
 import threading
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
@@ -66,14 +65,9 @@ class LocalCores:
             raise WorkersLostError from None
 
     def __enter__(self) -> LocalCores:
-        self._warnings = warnings.catch_warnings()
-        self._warnings.__enter__()
-        # joblib renews a worker that has grown; no task is lost
-        warnings.filterwarnings("ignore", "A worker stopped while some jobs were given to the executor", UserWarning)
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._warnings.__exit__(*error)
         if self.workers > 1:
             from joblib.externals.loky import get_reusable_executor
 

@@ -22,6 +22,11 @@ CITATIONS = {
     "nuts": "Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516",
     "trajectory": "Maine & Iliff (1986), Application of parameter estimation to aircraft, NASA RP-1168",
     "trajectory_nuts": "Maine & Iliff (1986), NASA RP-1168; Hoffman & Gelman (2014), JMLR 15:1593",
+    "windows": (
+        "White (1982), Econometrica 50:1, doi:10.2307/1912526; Ribatet, Cooley & Davison (2012), Stat. Sinica 22:813, "
+        "doi:10.5705/ss.2009.248; Yao et al. (2018), Bayesian Analysis 13(3):917, doi:10.1214/17-BA1091; "
+        "Yoshimura & Masumoto (2012), Proc. MARSIM"
+    ),
     "arviz": "Vehtari et al. (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221",
 }
 """Works a posterior rests on, kept in its attrs."""

@@ -142,6 +142,7 @@ def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:
             write_posterior(_tree(candidate, model, made_by), path.with_suffix(".nc"))
         index = {
             "terms": [{"name": c.name, "file": _stem(c.name), "weight": c.weight} for c in counted],
+            "prior": model.prior,
             "model_error": model.model_error,
             "steering": asdict(model.steering),
             "runs": list(model.names),
@@ -198,8 +199,10 @@ def _tree(candidate: Candidate, model: ShipModel, made_by: str) -> xr.DataTree:
         "terms": candidate.name,
         "weight": candidate.weight,
         "inflation": candidate.inflation,
+        "dispersion": candidate.fit.dispersion,
+        "prior": model.prior,
         "made_by": made_by,
-        **provenance("trajectory"),
+        **provenance("windows"),
     }
     return xr.DataTree.from_dict(
         {

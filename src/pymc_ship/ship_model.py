@@ -31,7 +31,7 @@ from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trial import TrialError
 from pymc_ship.vessel import Vessel
 from pymc_ship.weak_form import motion_record, weak_form_start
-from pymc_ship.window_fit import Window, WindowFit, fit_windows, normal_draws, prepared_windows, thinned
+from pymc_ship.window_fit import Window, WindowFit, fit_windows, normal_draws, prepared_windows, thinned, widened
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
@@ -52,9 +52,9 @@ _FEWEST_SOUND = 0.1  # share of them that must not run away
 class Candidate:
     """One term set of the ensemble.
 
-    ``fit`` is to all runs, ``inflation`` a factor on the sd of its coefficients from the scatter of the fits to all
-    runs but one, ``weight`` its share of the ensemble, ``draws`` (n_draws, n_coefficients) are those of the normal law
-    that do not run away, ``share_unsound`` of all drawn did.
+    ``fit`` is to all runs, widened by the factor ``inflation`` from the scatter of the fits to all runs but one, and so
+    are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
+    of the normal law that do not run away, ``share_unsound`` of all drawn did.
     """
 
     name: str
@@ -170,7 +170,7 @@ def identify_ship(
     VesselError, PriorError
         For unknown term sets or priors, or the hull database without a draught.
     """
-    prior = prior or ("hull_database" if vessel.particulars.d > 0.0 else "order_damped")
+    prior = chosen_prior(vessel, prior)
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     if not trials or len(names) != len(trials) or draws < 2:
         raise TrialError(
@@ -215,19 +215,29 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> _Trai
     return _Training([thinned(trial, vessel) for trial in trials], manoeuvres, steering, vessel, prior)
 
 
-def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
-    """Prior of a window fit, one of :data:`PRIORS`; wide ones for every coefficient, whatever its order.
+def chosen_prior(vessel: Vessel, kind: str | None) -> str:
+    """The kind of prior asked for, one of :data:`PRIORS`; by default the hull database where a draught is stated.
 
     Raises
     ------
-    PriorError, VesselError
-        For an unknown kind, or the hull database without a draught.
+    PriorError
+        For an unknown kind.
     """
+    if kind is None:
+        return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
     if kind not in PRIORS:
         raise PriorError(f"The prior of a ship is one of {', '.join(PRIORS)}; found {kind!r}; choose one of them.")
-    if kind == "hull_database":
-        vessel, kind = with_hull_database(vessel), "order_damped"
-    return coefficient_prior(trials, vessel, kind, damping=1.0)
+    return kind
+
+
+def informed(vessel: Vessel, kind: str) -> Vessel:
+    """Vessel whose coefficients hold what the prior of this kind knows of the hull; VesselError without a draught."""
+    return with_hull_database(vessel) if kind == "hull_database" else vessel
+
+
+def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
+    """Prior of a window fit of an informed vessel; a wide one for every coefficient, whatever its order."""
+    return coefficient_prior(trials, vessel, "sister_ship" if kind == "sister_ship" else "order_damped", damping=1.0)
 
 
 def _candidates(wanted: Sequence[str], training: _Training) -> tuple[list[Candidate], list[str]]:
@@ -244,21 +254,23 @@ def _candidates(wanted: Sequence[str], training: _Training) -> tuple[list[Candid
 def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
     """Candidate of a term set, or why there is none."""
     try:
-        vessel = with_terms(training.vessel, name)
-        if training.prior == "hull_database":
-            vessel = with_hull_database(vessel)
+        plain = with_terms(training.vessel, name)
+        vessel = informed(plain, training.prior)
         runs = [prepared_windows(trial, vessel) for trial in training.trials]
         prior = stated_prior(training.trials, vessel, training.prior)
-        whole = _first_fit(training.trials, [window for run in runs for window in run], vessel, prior)
+        starts = (prior, coefficient_prior(training.trials, plain))
+        whole = _first_fit(training.trials, [window for run in runs for window in run], vessel, starts)
 
         def fit(windows: Sequence[Window]) -> WindowFit:
-            return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd)
+            return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd, whole.dispersion)
 
         judged = held_out(held_together(runs), vessel, fit)
     except TrajectoryError as error:
         return None, f"The {name} terms were left out: {error}"
     inflation = _inflation(whole, judged)
-    tried = np.vstack([whole.coefficients, normal_draws(whole, inflation, _TRIED, np.random.default_rng(_TRIED))])
+    whole, *others = (widened(fit, inflation) for fit in (whole, *judged.fits))
+    judged = replace(judged, fits=tuple(others))
+    tried = np.vstack([whole.coefficients, normal_draws(whole, _TRIED, np.random.default_rng(_TRIED))])
     good = sound(vessel, tried)
     if not good[0] or good.mean() < _FEWEST_SOUND:
         return None, f"The {name} terms were left out: fitted to these trials, they run away in a standard manoeuvre."
@@ -266,13 +278,13 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
 
 
 def _first_fit(
-    trials: Sequence[xr.Dataset], windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior
+    trials: Sequence[xr.Dataset], windows: Sequence[Window], vessel: Vessel, starts: Sequence[CoefficientPrior]
 ) -> WindowFit:
-    """Fit from the weak form or, where that ship leaves the model's range, from its fit with small high orders."""
-    for scale in (prior.scale, coefficient_prior(trials, vessel).scale):
-        start = weak_form_start(trials, vessel, prior.mean, scale, method="rk4")
+    """Fit under the first prior from its weak form or, where that ship leaves the model's range, the next one's."""
+    for prior in starts:
+        start = weak_form_start(trials, vessel, prior.mean, prior.scale, method="rk4")
         try:
-            return fit_windows(windows, vessel, prior, start)
+            return fit_windows(windows, vessel, starts[0], start)
         except TrajectoryError as error:
             failure = error
     raise failure
@@ -300,13 +312,14 @@ def _weighted(found: Sequence[Candidate], rng: np.random.Generator) -> list[Cand
 def _inflation(whole: WindowFit, judged: HeldOut) -> float:
     """Factor on the sd of the coefficients from the scatter of the fits to all runs but one (jackknife), 1 or more.
 
-    Windows of one run share what the run has of its own; the traces are taken in the metric of the information, where
-    what the runs determine counts.
+    Windows of one run share what the run has of its own. The traces are taken in the metric of the windows' own
+    information, where what they determine counts and not the prior.
     """
     apart = np.array([fit.coefficients for fit in judged.fits])
     apart -= apart.mean(axis=0)
     scatter = (len(apart) - 1) / len(apart) * apart.T @ apart
-    ratio = np.trace(whole.information @ scatter) / np.trace(whole.information @ whole.covariance)
+    own = whole.information - whole.information @ whole.from_prior @ whole.information
+    ratio = np.trace(own @ scatter) / np.trace(own @ whole.from_windows)
     return float(np.clip(np.sqrt(ratio), 1.0, LARGEST_INFLATION))
 
 
@@ -319,11 +332,8 @@ def _held_out_indices(
     rows = []
     for k, (trial, manoeuvre) in enumerate(zip(training.trials, training.manoeuvres, strict=True)):
         if manoeuvre is not None:
-            fits = [(candidate.held_out.fits[k], candidate.inflation) for candidate in counted]
-            models = [
-                (fit.vessel, np.vstack([fit.coefficients, normal_draws(fit, inflation, _FORECASTS, rng)]))
-                for fit, inflation in fits
-            ]
+            fits = [candidate.held_out.fits[k] for candidate in counted]
+            models = [(fit.vessel, np.vstack([fit.coefficients, normal_draws(fit, _FORECASTS, rng)])) for fit in fits]
             rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum())
     return rows
 
@@ -337,7 +347,7 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
     for candidate, count in zip(found, counts, strict=True):
         kept, tried = np.empty((0, candidate.fit.coefficients.size)), 0
         while len(kept) < count and tried < _ATTEMPTS * count:
-            batch = normal_draws(candidate.fit, candidate.inflation, int(count), rng)
+            batch = normal_draws(candidate.fit, int(count), rng)
             kept, tried = np.vstack([kept, batch[sound(candidate.vessel, batch)]]), tried + int(count)
         if len(kept) < count:
             raise TrajectoryError(

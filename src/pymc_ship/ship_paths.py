@@ -18,7 +18,7 @@ from pymc_ship.manoeuvres import Manoeuvre
 from pymc_ship.model_error import index_rows, index_sd, model_error
 from pymc_ship.recognised import recognise, with_steering
 from pymc_ship.regression_data import RegressionDataError, regression_data
-from pymc_ship.ship_model import stated_prior
+from pymc_ship.ship_model import chosen_prior, informed, stated_prior
 from pymc_ship.trajectory_fit import TrajectoryError
 from pymc_ship.trajectory_prior import CoefficientPrior
 from pymc_ship.trial import TrialError
@@ -58,7 +58,7 @@ class _Runs:
 def compare_paths(
     trials: Sequence[xr.Dataset],
     vessel: Vessel,
-    prior_kind: str = "order_damped",
+    prior_kind: str | None = None,
     *,
     names: Sequence[str] | None = None,
     trajectory: HeldOut | None = None,
@@ -100,7 +100,7 @@ def compare_paths(
     """
     if len(trials) < 2:
         raise TrialError(f"Paths are compared on held-out runs, which takes two runs or more, found {len(trials)}.")
-    runs = _prepared(trials, vessel, prior_kind, names)
+    runs = _prepared(trials, vessel, chosen_prior(vessel, prior_kind), names)
     rows = []
     for name, estimate in _ESTIMATES.items():
         progress(f"path: {name}")
@@ -114,7 +114,7 @@ def compare_paths(
 
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str, names: Sequence[str] | None) -> _Runs:
     manoeuvres, steering = recognise(trials, vessel)
-    vessel = with_steering(vessel, steering)
+    vessel = informed(with_steering(vessel, steering), kind)
     short = [thinned(trial, vessel) for trial in trials]
     windows = [prepared_windows(trial, vessel) for trial in short]
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
@@ -174,7 +174,7 @@ def _trajectories(runs: _Runs) -> Iterator[Estimated]:
     whole = fit_windows([window for run in runs.windows for window in run], runs.vessel, runs.prior, start)
     for k in range(len(runs.windows)):
         windows = [window for run in _without(runs.windows, k) for window in run]
-        yield fit_windows(windows, runs.vessel, runs.prior, whole.coefficients, whole.channel_sd)
+        yield fit_windows(windows, runs.vessel, runs.prior, whole.coefficients, whole.channel_sd, whole.dispersion)
 
 
 _ESTIMATES: dict[str, Callable[[_Runs], Iterator]] = {

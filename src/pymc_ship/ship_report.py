@@ -156,7 +156,7 @@ def term_set_rows(model: ShipModel) -> list[dict]:
         row = {"terms": candidate.name, "coefficients": candidate.fit.coefficients.size, "weight": candidate.weight}
         row |= {"score": -np.inf if lost else float(score), "to_best": -np.inf if lost else float(score - best)}
         row |= {f"rms_{channel}": np.nan if lost else sd for channel, sd in candidate.held_out.rms.items()}
-        row |= {"inflation": candidate.inflation, "draws": len(candidate.draws)}
+        row |= {"inflation": candidate.inflation, "dispersion": candidate.fit.dispersion, "draws": len(candidate.draws)}
         row["share_unsound"] = candidate.share_unsound if len(candidate.draws) else np.nan
         about = TERM_SETS[candidate.name].about if candidate.name in TERM_SETS else "terms of the vessel file"
         rows.append(row | {"about": about.replace("`", '"')})
@@ -164,17 +164,16 @@ def term_set_rows(model: ShipModel) -> list[dict]:
 
 
 def coefficient_rows(candidate: Candidate) -> list[dict]:
-    """Estimate and sd (sandwich times inflation) of each coefficient and what was known beforehand, prime values."""
-    vessel, sd = candidate.vessel, candidate.inflation * np.sqrt(np.diag(candidate.fit.covariance))
+    """Estimate and sd (sandwich, widened) of each coefficient and what was known beforehand, prime values."""
+    vessel, sd = candidate.vessel, np.sqrt(np.diag(candidate.fit.covariance))
     held = {c.name: c for force in vessel.forces.values() for c in force}
     pairs = correlation_rows(candidate)
     rows = []
     for name, value, spread in zip(coefficient_names(vessel), candidate.fit.coefficients, sd, strict=True):
-        known = held[name].sd > 0.0
-        before = {"known_value": held[name].value, "known_sd": held[name].sd} if known else {}
+        center, width = (held[name].value, held[name].sd) if held[name].sd > 0.0 else (np.nan, np.nan)
         partners = [row["second" if row["first"] == name else "first"] for row in pairs if name in row.values()]
         row = {"coefficient": name, "estimate": float(value), "sd": float(spread)}
-        row |= {"known_value": np.nan, "known_sd": np.nan} | before
+        row |= {"known_value": center, "known_sd": width, "apart": float((value - center) / width)}
         rows.append(row | {"correlated_with": " ".join(partners)})
     return rows
 
@@ -316,11 +315,12 @@ def _tables(model: ShipModel, rows: Mapping[str, list[dict]]) -> dict[str, Table
     runs |= {"checks": ("checks made", fixed(0)), "verdict": ("worst of them", str)}
     sets = {"terms": ("term set", str), "coefficients": ("coefficients", fixed(0)), "weight": ("weight %", fixed(1))}
     sets |= {"score": ("held-out score", _score), "to_best": ("to the best", _score)}
-    sets |= _rms_columns(channels) | {"inflation": ("sd inflation", fixed(2)), "draws": ("draws", fixed(0))}
-    sets |= {"share_unsound": ("ran away %", fixed(1)), "about": ("what it is", str)}
+    sets |= _rms_columns(channels) | {"inflation": ("sd inflation", fixed(2)), "dispersion": ("count 1 in", fixed(0))}
+    sets |= {"draws": ("draws", fixed(0)), "share_unsound": ("ran away %", fixed(1)), "about": ("what it is", str)}
     held = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "unit": ("", str)}
     held |= {key: (key, fixed(2)) for key in ("measured", "forecast", "error", "sd", "z")}
     known = {"known_value": ("known beforehand", fixed(1)), "known_sd": ("± sd", fixed(1))}
+    known |= {"apart": ("sd away", fixed(1))}
     coefficients = {"coefficient": ("coefficient", str), "estimate": ("estimate", fixed(1)), "sd": ("sd", fixed(1))}
     coefficients |= known | {"correlated_with": (f"correlated beyond {CORRELATED:g} with", str)}
     pairs = {"first": ("coefficient", str), "second": ("with", str), "correlation": ("correlation", fixed(3))}

@@ -54,8 +54,9 @@ class WindowFit:
     ----------
     vessel : Vessel
     coefficients : ndarray, shape (n_coefficients,)
-    covariance : ndarray, shape (n_coefficients, n_coefficients)
-        Of the estimate over windows like these: model error that differs between windows is in it.
+    from_windows, from_prior : ndarray, shape (n_coefficients, n_coefficients)
+        Parts of the covariance: the scatter of the estimate over windows like these, with the model error that differs
+        between them, and what the prior leaves open.
     information : ndarray, shape (n_coefficients, n_coefficients)
         Curvature of the negative log posterior, the initial states profiled out.
     channel_sd : dict of str to float
@@ -67,11 +68,17 @@ class WindowFit:
 
     vessel: Vessel
     coefficients: np.ndarray
-    covariance: np.ndarray
+    from_windows: np.ndarray
+    from_prior: np.ndarray
     information: np.ndarray
     channel_sd: dict[str, float]
     dispersion: float
     n_windows: int
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the coefficients, both parts together."""
+        return self.from_windows + self.from_prior
 
 
 def thinned(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
@@ -142,6 +149,7 @@ def fit_windows(
     prior: CoefficientPrior,
     start: np.ndarray,
     sd: dict[str, float] | None = None,
+    dispersion: float | None = None,
 ) -> WindowFit:
     """Fit coefficients to windows, the noise of each channel being what they leave of it.
 
@@ -155,6 +163,8 @@ def fit_windows(
     start : ndarray, shape (n_coefficients,)
     sd : dict of str to float, optional
         First guess of the noise by channel, SI.
+    dispersion : float, optional
+        Of a fit to more windows; found from these by default, which takes some more than there are coefficients.
 
     Returns
     -------
@@ -177,12 +187,14 @@ def fit_windows(
         unknowns, noise_sd = fit.unknowns, noise_sd * ratio
         if np.max(np.abs(np.log(ratio))) < _SETTLED:
             break
-    dispersion = _dispersion(fit)
+    dispersion = dispersion or _dispersion(fit)
     fit = fit_trajectory(_with_noise(problem, noise_sd * np.sqrt(dispersion)), unknowns)
+    from_windows, from_prior = _sandwich(fit)
     return WindowFit(
         vessel=vessel,
         coefficients=fit.coefficients,
-        covariance=_sandwich(fit),
+        from_windows=from_windows,
+        from_prior=from_prior,
         information=np.linalg.inv(fit.covariance),
         channel_sd=dict(zip(runs[0].channels, noise_sd.tolist(), strict=True)),
         dispersion=dispersion,
@@ -206,15 +218,16 @@ def _dispersion(fit: TrajectoryFit) -> float:
     return max(float(np.trace(C @ G) / (len(C) - np.trace(C @ P))), 1.0)
 
 
-def _sandwich(fit: TrajectoryFit) -> np.ndarray:
-    """Covariance C (G + P) C of the coefficients: G the sum of squared gradients of the windows, P prior precision.
+def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
+    """Parts C G C and C P C of the covariance: G the sum of squared gradients of the windows, P prior precision.
 
     White (1982), doi:10.2307/1912526, with windows as clusters and the prior as one more observation; C is the
     posterior covariance that residuals independent of each other would give.
     """
     C = fit.covariance
-    covariance = C @ (_squared_gradients(fit) + _prior_precision(fit)) @ C
-    return 0.5 * (covariance + covariance.T)
+    parts = (C @ middle @ C for middle in (_squared_gradients(fit), _prior_precision(fit)))
+    from_windows, from_prior = (0.5 * (part + part.T) for part in parts)
+    return from_windows, from_prior
 
 
 def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
@@ -235,8 +248,13 @@ def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
     return g.T @ g * (count / max(count - 1, 1))
 
 
-def normal_draws(fit: WindowFit, inflation: float, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draws (count, n_coefficients) from the normal law of a fit, its standard deviations times ``inflation``."""
+def widened(fit: WindowFit, factor: float) -> WindowFit:
+    """Fit whose estimate scatters over windows by so many times more; what the prior leaves open stays as it is."""
+    return replace(fit, from_windows=factor**2 * fit.from_windows)
+
+
+def normal_draws(fit: WindowFit, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws (count, n_coefficients) from the normal law of a fit."""
     values, vectors = np.linalg.eigh(fit.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return fit.coefficients + inflation * rng.standard_normal((count, values.size)) @ root.T
+    return fit.coefficients + rng.standard_normal((count, values.size)) @ root.T
