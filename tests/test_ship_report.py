@@ -134,8 +134,9 @@ def test_the_term_sets_stand_by_weight_with_their_scores(text, out):
         line, score = lines[candidate.name], candidate.held_out.log_density.sum()
         assert line[1:4] == [str(candidate.fit.coefficients.size), fixed(1)(100.0 * candidate.weight), fixed(1)(score)]
         assert float(line[7]) == pytest.approx(np.rad2deg(candidate.held_out.rms["r"]), rel=5e-3)
-        assert line[8:10] == [fixed(2)(candidate.inflation), str(len(candidate.draws))]
-    assert lines["loading"][10] == "–"
+        assert line[8:10] == [fixed(2)(candidate.inflation), fixed(0)(candidate.fit.dispersion)]
+        assert line[10] == str(len(candidate.draws))
+    assert lines["loading"][11] == "–"
     found = table_of(out, "term_sets")
     assert [row["terms"] for row in found] == [candidate.name for candidate in model().candidates]
     assert [float(row["weight"]) for row in found] == [candidate.weight for candidate in model().candidates]
@@ -206,6 +207,9 @@ def test_coefficients_carry_the_widened_sandwich_and_what_was_known(text, out):
     assert [float(row["estimate"]) for row in found] == best.fit.coefficients.tolist()
     sd = np.sqrt(np.diag(best.fit.covariance))
     assert [float(row["sd"]) for row in found] == pytest.approx(sd.tolist(), rel=1e-12)
+    for row in (row for row in found if row["known_sd"] != "nan"):
+        away = (float(row["estimate"]) - float(row["known_value"])) / float(row["known_sd"])
+        assert float(row["apart"]) == pytest.approx(away, rel=1e-9)
     known = {row["coefficient"]: row["known_sd"] for row in found if row["known_sd"] != "nan"}
     hull = {name: str(sd) for name, (_, sd) in ps.hull_coefficients(kvlcc2()).items()}
     assert known == hull | {"XT": "0.00014"}
@@ -218,7 +222,7 @@ def test_correlated_coefficients_are_warned_of():
     covariance = np.diag(np.arange(1.0, best.fit.coefficients.size + 1.0))
     covariance[1, 3] = covariance[3, 1] = -0.97 * np.sqrt(8.0)
     covariance[5, 6] = covariance[6, 5] = 0.94 * np.sqrt(42.0)
-    candidate = replace(best, fit=replace(best.fit, covariance=covariance))
+    candidate = replace(best, fit=replace(best.fit, from_windows=covariance, from_prior=0.0 * covariance))
     assert correlation_rows(candidate) == [{"first": "Xvv", "second": "Xrr", "correlation": pytest.approx(-0.97)}]
     marked = {row["coefficient"]: row["correlated_with"] for row in coefficient_rows(candidate)}
     assert {name: partner for name, partner in marked.items() if partner} == {"Xvv": "Xrr", "Xrr": "Xvv"}

@@ -262,7 +262,7 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
         whole = _first_fit(training.trials, [window for run in runs for window in run], vessel, starts)
 
         def fit(windows: Sequence[Window]) -> WindowFit:
-            return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd, whole.dispersion)
+            return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd)
 
         judged = held_out(held_together(runs), vessel, fit)
     except TrajectoryError as error:

@@ -149,7 +149,6 @@ def fit_windows(
     prior: CoefficientPrior,
     start: np.ndarray,
     sd: dict[str, float] | None = None,
-    dispersion: float | None = None,
 ) -> WindowFit:
     """Fit coefficients to windows, the noise of each channel being what they leave of it.
 
@@ -163,8 +162,6 @@ def fit_windows(
     start : ndarray, shape (n_coefficients,)
     sd : dict of str to float, optional
         First guess of the noise by channel, SI.
-    dispersion : float, optional
-        Of a fit to more windows; found from these by default, which takes some more than there are coefficients.
 
     Returns
     -------
@@ -187,7 +184,7 @@ def fit_windows(
         unknowns, noise_sd = fit.unknowns, noise_sd * ratio
         if np.max(np.abs(np.log(ratio))) < _SETTLED:
             break
-    dispersion = dispersion or _dispersion(fit)
+    dispersion = _dispersion(fit)
     fit = fit_trajectory(_with_noise(problem, noise_sd * np.sqrt(dispersion)), unknowns)
     from_windows, from_prior = _sandwich(fit)
     return WindowFit(
