@@ -3,7 +3,8 @@
 Yoshimura & Masumoto (2012), Hydrodynamic database and manoeuvring prediction method with medium high-speed merchant
 ships and fishing vessels, Proc. MARSIM, fitted the forces on bare hulls about midship, X', Y', N' over rho/2 L d U^2
 (N' by L more) as polynomials of drift angle and yaw rate, with coefficients from C_B, L/B and d/L alone. A few zigzags
-tell linear from cubic forces poorly, since v follows r in all of them; the formulae tell them apart.
+tell linear from cubic forces poorly, since v follows r in all of them; the formulae tell them apart. They stand here as
+others have coded them, compared with each other and with captive tests of the KVLCC2.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _SD = {
     "Nvrr": 0.2,
     "Nrrr": 0.02,
 }
-"""Standard deviations over rho/2 L d U^2, set by judgement: the paper states none.
+"""Standard deviations over rho/2 L d U^2, set by judgement.
 
 Of the captive tests of the KVLCC2 (Yasukawa & Yoshimura 2015, doi:10.1007/s00773-014-0293-y) Yvvr is 1.9 sd from the
 formulae, the others 1.2 at most. Nvrr is taken as 0: codings of its formula at hand differ in its sign.
