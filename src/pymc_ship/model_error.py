@@ -76,8 +76,8 @@ def _robust_sd(values: np.ndarray) -> float:
 
 def _scale(name: str, value, heading_deg: float, vessel: Vessel):
     """What an error of an index is measured in."""
-    L, U = vessel.particulars.L, vessel.particulars.nominal_speed
-    return {"angle": heading_deg + value, "time": L / U, "distance": L}[_KIND_OF[name]]
+    s = vessel.particulars
+    return {"angle": heading_deg + value, "time": s.ship_time, "distance": s.L}[_KIND_OF[name]]
 
 
 def model_error(rows: Sequence[Mapping]) -> dict[str, float]:

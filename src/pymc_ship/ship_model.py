@@ -258,8 +258,8 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
         vessel = informed(plain, training.prior)
         runs = [prepared_windows(trial, vessel) for trial in training.trials]
         prior = stated_prior(training.trials, vessel, training.prior)
-        starts = (prior, coefficient_prior(training.trials, plain))
-        whole = _first_fit(training.trials, [window for run in runs for window in run], vessel, starts)
+        windows = [window for run in runs for window in run]
+        whole = _first_fit(training.trials, windows, vessel, prior, plain)
 
         def fit(windows: Sequence[Window]) -> WindowFit:
             return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd)
@@ -278,16 +278,17 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
 
 
 def _first_fit(
-    trials: Sequence[xr.Dataset], windows: Sequence[Window], vessel: Vessel, starts: Sequence[CoefficientPrior]
+    trials: Sequence[xr.Dataset], windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, plain: Vessel
 ) -> WindowFit:
-    """Fit under the first prior from its weak form or, where that ship leaves the model's range, the next one's."""
-    for prior in starts:
-        start = weak_form_start(trials, vessel, prior.mean, prior.scale, method="rk4")
-        try:
-            return fit_windows(windows, vessel, starts[0], start)
-        except TrajectoryError as error:
-            failure = error
-    raise failure
+    """Fit from the weak form or, where that ship leaves the model's range, from that of ``plain`` with small orders."""
+
+    def from_weak_form(law: CoefficientPrior) -> WindowFit:
+        return fit_windows(windows, vessel, prior, weak_form_start(trials, vessel, law.mean, law.scale, method="rk4"))
+
+    try:
+        return from_weak_form(prior)
+    except TrajectoryError:
+        return from_weak_form(coefficient_prior(trials, plain))
 
 
 def held_together(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:

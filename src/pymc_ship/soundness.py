@@ -46,8 +46,8 @@ def sound(
     -------
     ndarray of bool, shape (n_draws,)
     """
-    L, U = vessel.particulars.L, vessel.particulars.nominal_speed
-    settings = {"duration": reach * L / U, "step": _STEP * L / U, "method": "rk4", "coefficients": coefficients}
+    L, U, unit = vessel.particulars.L, vessel.particulars.nominal_speed, vessel.particulars.ship_time
+    settings = {"duration": reach * unit, "step": _STEP * unit, "method": "rk4", "coefficients": coefficients}
     good = np.ones(len(coefficients), dtype=bool)
     for manoeuvre in manoeuvres:
         ships = simulate(vessel, manoeuvre, **settings)
