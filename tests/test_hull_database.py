@@ -44,6 +44,14 @@ class TestFormulae:
         known = hull_coefficients(tanker())
         assert abs(distances(known | {name: (-known[name][0], known[name][1])})[name]) > 2.0
 
+    def test_those_of_a_fine_hull_worked_by_hand(self):
+        """C_B = 0.5, L/B = 5, d/L = 0.05; over rho/2 L d U^2."""
+        fine = replace(tanker().particulars, L=100.0, B=20.0, d=5.0, volume=5000.0)
+        known = hull_coefficients(replace(tanker(), particulars=fine))
+        found = [known[name][0] / 0.05 for name in CAPTIVE]
+        surge, sway = [-0.065, 0.111, -0.0005], [-0.29708, 0.05, -1.405, -0.75, -0.76, -0.051]
+        assert found == pytest.approx([*surge, *sway, -0.1, -0.044, -0.315, -0.605, 0.0, -0.031], abs=1e-6)
+
     def test_ships_of_one_form_have_the_same_prime_values(self):
         s = tanker().particulars
         model = replace(s, L=s.L / 50, B=s.B / 50, d=s.d / 50, x_G=s.x_G / 50, volume=s.volume / 50**3)
@@ -73,7 +81,9 @@ class TestInformedVessel:
         assert sum(c.source == SOURCE for c in found.values()) == count
 
     def test_what_the_file_knows_stays(self):
-        stated = replace(tanker(), forces=tanker().forces | {"yaw": (Coefficient("Nr", -0.003, sd=1e-4),)})
+        stated = replace(
+            tanker(), forces=tanker().forces | {"yaw": (Coefficient("Nr", -0.003, sd=1e-4), Coefficient("Ngr", 0.0))}
+        )
         found = coefficients(with_hull_database(stated))
         assert found["Nr"].value == -0.003
         assert found["XT"] == coefficients(tanker())["XT"]
