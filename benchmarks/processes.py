@@ -26,7 +26,7 @@ _STUDY = """
 import json, resource, sys, time
 from pathlib import Path
 import pymc_ship as ps
-from pymc_ship.report import write_study
+from pymc_ship.replication.page import write_study
 begin = time.perf_counter()
 result = ps.run_study(ps.load_vessel("container"), level=0.01, seed=2020)
 middle = time.perf_counter()

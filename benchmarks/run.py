@@ -20,7 +20,7 @@ import pymc_ship as ps
 from benchmarks import ROOT, denoising, fitting, growth, processes, regression, simulation
 from benchmarks.growth import Curve
 from benchmarks.table import HEADER, Row, collected, line, markdown, write_csv
-from pymc_ship.output import staged, writable_folder
+from pymc_ship.machine.files import staged, writable_folder
 
 PACKAGES = ("pymc-ship", "numpy", "scipy", "numba", "pymc", "nutpie", "arviz", "xarray", "PyWavelets")
 PEERS = ("scikit-learn", "scikit-image", "shipmmg")

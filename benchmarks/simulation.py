@@ -11,8 +11,8 @@ import plain_hull
 import pymc_ship as ps
 from benchmarks import kvlcc2
 from benchmarks.table import Row, imported, median_seconds
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.simulate import replay
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.simulation import replay
 
 
 def plain_zigzag(n_steps: int, step: float) -> np.ndarray:

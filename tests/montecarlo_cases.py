@@ -9,7 +9,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from pymc_ship.montecarlo_task import PARTS, SCORES
+from pymc_ship.experiments.task import PARTS, SCORES
 
 TOML = """
 title = "small"

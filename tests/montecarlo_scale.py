@@ -21,8 +21,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from montecarlo_cases import slow, trivial
-from pymc_ship.montecarlo import reported_montecarlo
-from pymc_ship.montecarlo_task import PARTS, measure
+from pymc_ship.experiments.run import reported_montecarlo
+from pymc_ship.experiments.task import PARTS, measure
 
 STUDY = Path(__file__).parents[1] / "studies" / "container.toml"
 

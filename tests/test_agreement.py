@@ -6,11 +6,11 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from pymc_ship.agreement import LEVEL, agreement
-from pymc_ship.conjugate import conjugate, conjugate_posterior
-from pymc_ship.posterior import posterior_tree
-from pymc_ship.priors import ConjugatePrior
-from pymc_ship.regression_data import RegressionData
+from pymc_ship.diagnostics.agreement import LEVEL, agreement
+from pymc_ship.regression.conjugate import conjugate, conjugate_posterior
+from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.priors import ConjugatePrior
+from pymc_ship.regression.tree import posterior_tree
 
 N_COMPARISONS = 5 * 4
 """Mean, standard deviation and three quantiles of three coefficients and the noise variance."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.candidates import labelled_trials
+from pymc_ship.design.candidates import labelled_trials
 
 
 def rng(seed=1):

@@ -19,20 +19,25 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship import cli, command_parser, commands, cross_validation, identification, ship_model
-from pymc_ship.cli import main
-from pymc_ship.command_parser import parser
-from pymc_ship.denoise import DERIVATIVES
-from pymc_ship.ebayes import PRIORS
-from pymc_ship.equations_of_motion import prime_record
-from pymc_ship.identification import identify
-from pymc_ship.manoeuvres import SIDES
-from pymc_ship.priors import FAMILIES
-from pymc_ship.regression_data import WEAK
-from pymc_ship.simulate import METHODS
-from pymc_ship.trajectory_prior import KINDS
-from pymc_ship.trial import CHANNELS
-from pymc_ship.vessel import DOFS
+from pymc_ship.cli import commands
+from pymc_ship.cli import main as cli
+from pymc_ship.cli import parser as command_parser
+from pymc_ship.cli.main import main
+from pymc_ship.cli.parser import parser
+from pymc_ship.denoising.denoise import DERIVATIVES
+from pymc_ship.denoising.ebayes import PRIORS
+from pymc_ship.manoeuvre.standard import SIDES
+from pymc_ship.motion.equations import prime_record
+from pymc_ship.motion.simulation import METHODS
+from pymc_ship.regression import cross_validation
+from pymc_ship.regression import identify as identification
+from pymc_ship.regression.data import WEAK
+from pymc_ship.regression.identify import identify
+from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.ship import model as ship_model
+from pymc_ship.trajectory.prior import KINDS
+from pymc_ship.trial.record import CHANNELS
+from pymc_ship.vessel.vessel import DOFS
 from small_vessel import TERMS
 
 COMMANDS = ("study", "simulate", "denoise", "regress", "tune", "forecast", "report")
@@ -565,7 +570,7 @@ def test_study_passes_its_options_on(tmp_path, monkeypatch, capsys):
         called.append((out, settings))
         return SimpleNamespace(comparisons=[]), Path(out) / "index.html"
 
-    monkeypatch.setattr(import_module("pymc_ship.report"), "reported_study", reported_study)
+    monkeypatch.setattr(import_module("pymc_ship.replication.page"), "reported_study", reported_study)
     run("study", "--vessel", "my/other.toml", "--level", 0.05, "--seed", 3, "--quiet")
     ((out, settings),) = called
     assert out == Path("reports/other")
@@ -578,7 +583,7 @@ def test_study_passes_its_options_on(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("failed", [[], ["nuts: largest R-hat 1.02 (Yv), to be < 1.01"]])
 def test_a_study_whose_check_fails_writes_its_pages_and_ends_with_status_3(tmp_path, monkeypatch, capsys, failed):
-    report = import_module("pymc_ship.report")
+    report = import_module("pymc_ship.replication.page")
     good, poor = (
         SimpleNamespace(name=name, failed_gates=said, disagreements=[])
         for name, said in zip("ab", ([], failed), strict=True)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.closed_loop import STEP, closed_loop_sensitivities, straight_course
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.sensitivities import sensitivities
-from pymc_ship.trajectory_prior import coefficient_names
+from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities, straight_course
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.sensitivities import sensitivities
+from pymc_ship.trajectory.prior import coefficient_names
 
 PSI = 5
 

@@ -11,10 +11,10 @@ from scipy import stats
 from scipy.integrate import quad
 
 from peers import largest_z, oracle, simulated, z_limit
-from pymc_ship.conjugate import conjugate, conjugate_posterior
-from pymc_ship.posterior import rng_state
-from pymc_ship.priors import ConjugatePrior, PriorError, SemiConjugatePrior
-from pymc_ship.regression_data import RegressionData, RegressionDataError
+from pymc_ship.regression.conjugate import conjugate, conjugate_posterior
+from pymc_ship.regression.data import RegressionData, RegressionDataError
+from pymc_ship.regression.priors import ConjugatePrior, PriorError, SemiConjugatePrior
+from pymc_ship.regression.tree import rng_state
 
 SHAPES = [(12, 3), (3, 7), (5, 5), (1, 2)]
 """Rows and terms: more rows, more terms, as many, and a single row."""

@@ -6,11 +6,11 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from peers import oracle, simulated
-from pymc_ship.conjugate import conjugate
-from pymc_ship.cross_validation import CrossValidationError, cross_validation, fold_rows
-from pymc_ship.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.regression_data import RegressionData
-from pymc_ship.semiconjugate import semiconjugate
+from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.cross_validation import CrossValidationError, cross_validation, fold_rows
+from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import semiconjugate
 
 PRIORS = [
     ConjugatePrior(kappa=2.0, shape=3.0, scale=1.5),

@@ -12,8 +12,8 @@ import pytest
 import pywt
 import xarray as xr
 
-from pymc_ship.denoise import _inverse, _transform, denoise, denoise_signal, derivative
-from pymc_ship.ebayes import ebayes_threshold, mad
+from pymc_ship.denoising.denoise import _inverse, _transform, denoise, denoise_signal, derivative
+from pymc_ship.denoising.ebayes import ebayes_threshold, mad
 
 DATA = Path(__file__).parent / "data" / "wavelet"
 SMOOTHED = ("u", "v", "r", "psi")

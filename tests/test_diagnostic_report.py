@@ -9,10 +9,10 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.agreement import Comparison, comparisons
-from pymc_ship.cli import main
-from pymc_ship.diagnostic_parts import parts, verdict
-from pymc_ship.posterior import read_posterior, write_posterior
+from pymc_ship.cli.main import main
+from pymc_ship.diagnostics.agreement import Comparison, comparisons
+from pymc_ship.diagnostics.parts import parts, verdict
+from pymc_ship.regression.tree import read_posterior, write_posterior
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -294,7 +294,7 @@ def test_draws_of_one_method_twice_are_told_apart_by_their_names():
 )
 def test_why_there_is_no_agreement_is_said(monkeypatch, trees, sentence):
     (one,) = comparisons(trees(three_ways()))
-    part = import_module("pymc_ship.diagnostic_parts")._agreement(one)
+    part = import_module("pymc_ship.diagnostics.parts")._agreement(one)
     assert (part.text, part.tables) == (f"Not shown: {sentence}.", [])
 
 
@@ -357,7 +357,7 @@ def test_another_vessel_is_refused(good, container, tmp_path):
 @pytest.fixture
 def quick(monkeypatch):
     """Leave the figures out, which have their own tests above."""
-    monkeypatch.setattr(import_module("pymc_ship.diagnostic_report"), "parts", lambda *args: [])
+    monkeypatch.setattr(import_module("pymc_ship.diagnostics.page"), "parts", lambda *args: [])
 
 
 @pytest.mark.usefixtures("quick")

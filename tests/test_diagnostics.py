@@ -8,7 +8,7 @@ import xarray as xr
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship import diagnostics as d
+from pymc_ship.diagnostics import regression as d
 
 TRUTH = np.array([1.0, -2.0, 0.0])
 

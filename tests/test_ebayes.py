@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.special import log_ndtr
 
-from pymc_ship.ebayes import (
+from pymc_ship.denoising.ebayes import (
     PRIORS,
     RULES,
     beta_cauchy,
@@ -27,7 +27,7 @@ from pymc_ship.ebayes import (
     threshold_from_weight,
     weight_from_threshold,
 )
-from pymc_ship.spike_and_slab import SCALE_BOX
+from pymc_ship.denoising.spike_and_slab import SCALE_BOX
 
 DATA = Path(__file__).parent / "data" / "ebayes"
 TRUTH_TOLERANCE = 1e-10  # relative above 1, absolute below

@@ -8,7 +8,7 @@ from numba import njit
 
 import plain_hull
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import (
+from pymc_ship.motion.equations import (
     STATE,
     prime_record,
     reference_coefficients,

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
-from pymc_ship.conjugate import conjugate
-from pymc_ship.error_laws import ERRORS
-from pymc_ship.error_models import row_statistics
-from pymc_ship.posterior import read_posterior, write_posterior
-from pymc_ship.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.pymc_model import nuts_posterior, pymc_model
-from pymc_ship.regression_data import RegressionData, RegressionDataError
+from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.data import RegressionData, RegressionDataError
+from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
+from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.sampling.error_laws import ERRORS
+from pymc_ship.sampling.regression_model import nuts_posterior, pymc_model
+from pymc_ship.sampling.rows_model import row_statistics
 from test_pymc_model import N_TERMS, hyperparameters, log_volume, regression, scaled_parameters
 
 pytestmark = pytest.mark.slow

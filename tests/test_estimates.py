@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship import estimates
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.estimates import (
+from pymc_ship.frontier import estimates
+from pymc_ship.frontier.estimates import (
     DIFFERENCES,
     Estimate,
     cramer_rao_bound,
@@ -22,9 +21,10 @@ from pymc_ship.estimates import (
     trajectory_modes,
     weak_form_estimate,
 )
-from pymc_ship.identification import identify
-from pymc_ship.tables import SHARES, error_summary, relative_error, summary_rows
-from pymc_ship.trajectory_fit import TrajectoryError
+from pymc_ship.frontier.scores import SHARES, error_summary, relative_error, summary_rows
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.regression.identify import identify
+from pymc_ship.trajectory.fit import TrajectoryError
 from small_vessel import TERMS
 
 LEVEL = 0.01

@@ -14,9 +14,9 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship import figures
-from pymc_ship.identification import EXACT
-from pymc_ship.priors import FAMILIES
+from pymc_ship.pages import drawing as figures
+from pymc_ship.regression.identify import EXACT
+from pymc_ship.regression.priors import FAMILIES
 
 pytestmark = pytest.mark.slow
 

@@ -3,11 +3,18 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import prime_record
-from pymc_ship.extrapolation import extrapolation
-from pymc_ship.forecast import _quantiles, coefficient_draws, fitted_motion, forecast, sensor_noise, stated_shares
-from pymc_ship.terms import SYMBOLS
-from pymc_ship.trial import CHANNELS
+from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.forecasting.extrapolation import extrapolation
+from pymc_ship.forecasting.forecast import (
+    _quantiles,
+    coefficient_draws,
+    fitted_motion,
+    forecast,
+    sensor_noise,
+    stated_shares,
+)
+from pymc_ship.motion.equations import prime_record
+from pymc_ship.trial.record import CHANNELS
 
 ZIGZAG = ps.zigzag(20.0, 20.0)
 STEPS = ps.rudder_programme([0.0, 20.0, 60.0], [0.0, 0.3, -0.3])

@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 
 import pymc_ship as ps
 from manoeuvre_cases import MANOEUVRES, forecast, scattered, trial
-from pymc_ship import forecast_report
-from pymc_ship.forecast_report import index_rows, index_table, verdict_rows, verdict_table, write_forecast_page
-from pymc_ship.output import OutputError
-from pymc_ship.terms import SYMBOLS
+from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.forecasting import page as forecast_report
+from pymc_ship.forecasting.page import index_rows, index_table, verdict_rows, verdict_table, write_forecast_page
+from pymc_ship.machine.files import OutputError
 from trajectory_cases import without_roll
 
 L = 230.66

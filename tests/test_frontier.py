@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.cli import main
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.frontier_data import NOISES, SLOW_SPEED, Cell, DataSet, data_set, noisy_trial
-from pymc_ship.frontier_tables import (
+from pymc_ship.cli.main import main
+from pymc_ship.frontier.data_sets import NOISES, SLOW_SPEED, Cell, DataSet, data_set, noisy_trial
+from pymc_ship.frontier.tables import (
     AIMS,
     DIFFERENCES,
     METHODS,
@@ -25,9 +24,10 @@ from pymc_ship.frontier_tables import (
     over_seeds,
     with_error,
 )
-from pymc_ship.trajectory_data import trajectory_run
-from pymc_ship.trajectory_fit import TrajectoryError, fit_trajectory, initial_problem
-from pymc_ship.trajectory_prior import CoefficientPrior
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
+from pymc_ship.trajectory.prior import CoefficientPrior
+from pymc_ship.trajectory.runs import trajectory_run
 from small_vessel import small_vessel
 
 frontier, frontier_report = (import_module(f"pymc_ship.{name}") for name in ("frontier", "frontier_report"))
@@ -239,7 +239,7 @@ def test_the_error_of_a_mean_is_its_standard_error():
 )
 def test_an_aim_is_met_within_its_limits_alone(monkeypatch, value, verdict):
     aim = Aim("x", "%", "white", ("fit",), "x", "median", {0.01: (1.0, 2.0)})
-    monkeypatch.setattr(import_module("pymc_ship.frontier_tables"), "AIMS", (aim,))
+    monkeypatch.setattr(import_module("pymc_ship.frontier.tables"), "AIMS", (aim,))
     (row,) = aim_rows(made_up("fit", [value] * 3))
     assert row["met"] == verdict
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from peers import cholesky_gibbs, largest_z, oracle, simulated, z_limit
-from pymc_ship.conjugate import conjugate
-from pymc_ship.gibbs import gibbs, gibbs_posterior
-from pymc_ship.posterior import rng_state
-from pymc_ship.priors import ConjugatePrior, PriorError, SemiConjugatePrior
-from pymc_ship.regression_data import RegressionData
-from pymc_ship.semiconjugate import semiconjugate
+from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.priors import ConjugatePrior, PriorError, SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import semiconjugate
+from pymc_ship.regression.tree import rng_state
+from pymc_ship.sampling.gibbs import gibbs, gibbs_posterior
 
-module = importlib.import_module("pymc_ship.gibbs")
+module = importlib.import_module("pymc_ship.sampling.gibbs")
 
 
 def vector_prior(n_terms, seed=9):

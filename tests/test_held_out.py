@@ -7,12 +7,12 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.held_out import JUDGED, SCORED, forecast_indices, held_out, scored, scored_indices
-from pymc_ship.indices import CIRCLE_INDICES, ZIGZAG_INDICES
-from pymc_ship.term_sets import with_terms
-from pymc_ship.trajectory_prior import coefficient_prior
-from pymc_ship.window_fit import WindowFit, fit_windows, prepared_windows, restarted
+from pymc_ship.manoeuvre.indices import CIRCLE_INDICES, ZIGZAG_INDICES
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.ship.held_out import JUDGED, SCORED, forecast_indices, held_out, scored, scored_indices
+from pymc_ship.trajectory.prior import coefficient_prior
+from pymc_ship.trajectory.windows import WindowFit, fit_windows, prepared_windows, restarted
+from pymc_ship.vessel.term_sets import with_terms
 from ship_trials import RUNS, TRUE_TERMS, tanker, trial, trials
 
 

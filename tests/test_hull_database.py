@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks import kvlcc2
-from pymc_ship.hull_database import SOURCE, hull_coefficients, with_hull_database
-from pymc_ship.term_sets import TERM_SETS, with_terms
-from pymc_ship.vessel import LETTER, Coefficient, VesselError
+from pymc_ship.vessel.hull_database import SOURCE, hull_coefficients, with_hull_database
+from pymc_ship.vessel.term_sets import TERM_SETS, with_terms
+from pymc_ship.vessel.vessel import LETTER, Coefficient, VesselError
 from ship_trials import tanker
 
 CAPTIVE = {LETTER[dof] + term: value for dof, row in kvlcc2.HULL.items() for term, value in row.items()}

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.identifiability import UNKNOWN, _without
-from pymc_ship.noise import FACTORS
-from pymc_ship.sensitivities import sensitivities
-from pymc_ship.trajectory_data import SENSORS, trajectory_run
-from pymc_ship.trajectory_fit import TrajectoryError, fit_trajectory, initial_problem, white_noise
-from pymc_ship.trajectory_prior import CoefficientPrior, coefficient_names
+from pymc_ship.design.identifiability import UNKNOWN, _without
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.sensitivities import sensitivities
+from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem, white_noise
+from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
+from pymc_ship.trajectory.runs import SENSORS, trajectory_run
+from pymc_ship.trial.noise import FACTORS
 
 STEP = 0.5
 

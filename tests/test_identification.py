@@ -5,10 +5,10 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship import identification
-from pymc_ship.denoise import DERIVATIVES
-from pymc_ship.identification import DRAWS, EXACT, SELECTIONS, identify
-from pymc_ship.priors import FAMILIES, PriorError
+from pymc_ship.denoising.denoise import DERIVATIVES
+from pymc_ship.regression import identify as identification
+from pymc_ship.regression.identify import DRAWS, EXACT, SELECTIONS, identify
+from pymc_ship.regression.priors import FAMILIES, PriorError
 from small_vessel import TERMS
 
 

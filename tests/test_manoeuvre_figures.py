@@ -13,8 +13,9 @@ from matplotlib.patches import Polygon
 
 import pymc_ship as ps
 from manoeuvre_cases import MANOEUVRES, forecast, scattered, trial
-from pymc_ship import figures
-from pymc_ship.manoeuvre_figures import (
+from pymc_ship.forces.propeller import Propeller
+from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.forecasting.figures import (
     force_curves,
     force_draws,
     heading_and_rudder,
@@ -22,10 +23,9 @@ from pymc_ship.manoeuvre_figures import (
     motion,
     overshoot_peaks,
 )
-from pymc_ship.manoeuvre_track import hull, median_ship, track
-from pymc_ship.measured_manoeuvre import aligned, measured_indices
-from pymc_ship.propeller import Propeller
-from pymc_ship.terms import SYMBOLS
+from pymc_ship.forecasting.track import hull, median_ship, track
+from pymc_ship.manoeuvre.measured import aligned, measured_indices
+from pymc_ship.pages import drawing as figures
 from trajectory_cases import without_roll
 
 L, B = 230.66, 32.0

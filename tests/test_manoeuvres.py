@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.manoeuvres import rudder_command
+from pymc_ship.manoeuvre.standard import rudder_command
 
 
 @pytest.mark.parametrize(

@@ -28,13 +28,13 @@ from threadpoolctl import threadpool_info
 
 import montecarlo_cases as cases
 import pymc_ship as ps
-from pymc_ship.cli import main
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.montecarlo_grid import Cell, MonteCarloError, difference, read_grid
-from pymc_ship.montecarlo_store import opened
-from pymc_ship.montecarlo_tables import Costs, Sizes, bottleneck, cell_row, method_rows, plan_rows
-from pymc_ship.montecarlo_task import METHODS, PARTS, Task, measure, turn_error
-from pymc_ship.threads import one_thread, thread_pool
+from pymc_ship.cli.main import main
+from pymc_ship.experiments.grid import Cell, MonteCarloError, difference, read_grid
+from pymc_ship.experiments.store import opened
+from pymc_ship.experiments.tables import Costs, Sizes, bottleneck, cell_row, method_rows, plan_rows
+from pymc_ship.experiments.task import METHODS, PARTS, Task, measure, turn_error
+from pymc_ship.machine.threads import one_thread, thread_pool
+from pymc_ship.motion.equations import reference_coefficients
 from test_cli import toml
 
 engine, report, store_module, task_module, workers_module = (
@@ -164,7 +164,7 @@ def test_workers_that_die_again_and_again_end_the_study_in_a_sentence(study, pla
 
 def killed_parent(study, out, least):
     """Start a study of slow tasks, kill its parent with SIGKILL after so many results; return the results kept."""
-    code = "import sys, montecarlo_cases as c; from pymc_ship.montecarlo import reported_montecarlo as run\n"
+    code = "import sys, montecarlo_cases as c; from pymc_ship.experiments.run import reported_montecarlo as run\n"
     code += "run(sys.argv[1], sys.argv[2], workers=2, work=c.slow)"
     environment = os.environ | {"PYTHONPATH": PATH}
     process = subprocess.Popen([sys.executable, "-c", code, str(study), str(out)], env=environment)
@@ -524,7 +524,7 @@ def test_a_full_disk_ends_in_a_sentence_and_loses_nothing(study, plain, tmp_path
     code += "import importlib; e = importlib.import_module('pymc_ship.montecarlo')\n"
     code += "e.reported_montecarlo.__kwdefaults__['work'] = c.trivial\n"
     code += "e._rehearsed = lambda *_: 0.001\n"
-    code += "from pymc_ship.cli import main; sys.exit(main(sys.argv[1:]))"
+    code += "from pymc_ship.cli.main import main; sys.exit(main(sys.argv[1:]))"
     words = ["montecarlo", str(study), "--workers", "1", "--quiet", "--out", str(tmp_path)]
 
     def limited():

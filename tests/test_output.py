@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from pymc_ship.output import OutputError, staged, writable_folder
+from pymc_ship.machine.files import OutputError, staged, writable_folder
 
 
 def names(folder):

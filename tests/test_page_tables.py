@@ -3,7 +3,7 @@ import pytest
 from jinja2 import UndefinedError
 
 import pymc_ship as ps
-from pymc_ship.page_tables import agreement_rows, agreement_table, fixed, number, rendered, table
+from pymc_ship.pages.tables import agreement_rows, agreement_table, fixed, number, rendered, table
 
 MINUS, DASH = "−", "–"
 

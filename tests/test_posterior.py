@@ -9,12 +9,12 @@ import xarray as xr
 from scipy import stats
 
 from peers import simulated
-from pymc_ship.conjugate import conjugate_posterior
-from pymc_ship.gibbs import gibbs_posterior
-from pymc_ship.posterior import posterior_tree, read_posterior, rng_state, write_posterior
-from pymc_ship.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.regression_data import RegressionData
-from pymc_ship.semiconjugate import semiconjugate_posterior
+from pymc_ship.regression.conjugate import conjugate_posterior
+from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import semiconjugate_posterior
+from pymc_ship.regression.tree import posterior_tree, read_posterior, rng_state, write_posterior
+from pymc_ship.sampling.gibbs import gibbs_posterior
 
 FORMATS = [".nc", ".zarr"]
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pymc_ship.conjugate import conjugate, conjugate_posterior
-from pymc_ship.error_laws import ERRORS
-from pymc_ship.gibbs import gibbs_posterior
-from pymc_ship.posterior import read_posterior, write_posterior
-from pymc_ship.predictive import PREDICTIVE_DRAWS, predictive, prior_draws, with_predictive
-from pymc_ship.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.semiconjugate import semiconjugate, semiconjugate_posterior
+from pymc_ship.regression.conjugate import conjugate, conjugate_posterior
+from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import semiconjugate, semiconjugate_posterior
+from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.sampling.error_laws import ERRORS
+from pymc_ship.sampling.gibbs import gibbs_posterior
+from pymc_ship.sampling.predictive import PREDICTIVE_DRAWS, predictive, prior_draws, with_predictive
 from test_pymc_model import hyperparameters, regression
 
 EXACT = {ConjugatePrior: (conjugate, conjugate_posterior), SemiConjugatePrior: (semiconjugate, semiconjugate_posterior)}

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.prime_system import QUANTITIES, relative_speed, righting_moment, scale, to_prime, to_si
+from pymc_ship.forces.prime_system import QUANTITIES, relative_speed, righting_moment, scale, to_prime, to_si
 
 LENGTH, TIME, MASS = np.eye(3)
 UNIT = {"m": LENGTH, "s": TIME, "kg": MASS}

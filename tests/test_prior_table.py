@@ -11,15 +11,21 @@ from scipy import stats
 
 import pymc_ship as ps
 from peers import largest_z, simulated, z_limit
-from pymc_ship.conjugate import conjugate
-from pymc_ship.forecast import coefficient_draws
-from pymc_ship.gibbs import gibbs, gibbs_posterior
-from pymc_ship.posterior import read_posterior, write_posterior
-from pymc_ship.prior_table import hold_fixed, informed_prior, order_damped_prior, restore_fixed, sister_ship_table
-from pymc_ship.priors import FAMILIES, ConjugatePrior, PriorError, SemiConjugatePrior
-from pymc_ship.pymc_model import nuts_posterior
-from pymc_ship.regression_data import RegressionData, RegressionDataError, regression_data
-from pymc_ship.semiconjugate import semiconjugate, semiconjugate_posterior
+from pymc_ship.forecasting.forecast import coefficient_draws
+from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.data import RegressionData, RegressionDataError, regression_data
+from pymc_ship.regression.prior_table import (
+    hold_fixed,
+    informed_prior,
+    order_damped_prior,
+    restore_fixed,
+    sister_ship_table,
+)
+from pymc_ship.regression.priors import FAMILIES, ConjugatePrior, PriorError, SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import semiconjugate, semiconjugate_posterior
+from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.sampling.gibbs import gibbs, gibbs_posterior
+from pymc_ship.sampling.regression_model import nuts_posterior
 
 NAMES = ("Y0", "Yv", "Yr", "Yv|v|", "Ydelta")
 EXACT = {"conjugate": conjugate, "semiconjugate": semiconjugate}

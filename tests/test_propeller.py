@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.propeller import Propeller, loading
+from pymc_ship.forces.propeller import Propeller, loading
 
 SCREW = Propeller(D=9.326, n=1.513, wake_fraction=0.4, k_0=0.335, k_1=-0.27, k_2=-0.05, eta=0.59, kappa=0.5)
 NOMINAL = 7.974

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pymc_ship.conjugate import conjugate_posterior
-from pymc_ship.posterior import read_posterior, write_posterior
-from pymc_ship.priors import ConjugatePrior, PriorError, SemiConjugatePrior
-from pymc_ship.pymc_model import nuts_posterior, pymc_model
-from pymc_ship.regression_data import RegressionData
-from pymc_ship.semiconjugate import semiconjugate
+from pymc_ship.regression.conjugate import conjugate_posterior
+from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.priors import ConjugatePrior, PriorError, SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import semiconjugate
+from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.sampling.regression_model import nuts_posterior, pymc_model
 
 N_TERMS = 5
 """One number of terms throughout: the whitened model is compiled once."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.command_parser import parser
+from pymc_ship.cli.parser import parser
 from test_structure import HOSTS
 
 ROOT = Path(__file__).parents[1]

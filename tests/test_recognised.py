@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship import recognised
-from pymc_ship.held_out import scored_indices
-from pymc_ship.measured_manoeuvre import aligned
-from pymc_ship.recognised import (
+from pymc_ship.manoeuvre import recognition as recognised
+from pymc_ship.manoeuvre.measured import aligned
+from pymc_ship.manoeuvre.recognition import (
     Steering,
     _reversals,
     approach_speed,
@@ -17,7 +16,8 @@ from pymc_ship.recognised import (
     recognise,
     with_steering,
 )
-from pymc_ship.trial import TrialError
+from pymc_ship.ship.held_out import scored_indices
+from pymc_ship.trial.record import TrialError
 from ship_trials import STEP, tanker, trial, with_delay
 
 ZIGZAGS = (

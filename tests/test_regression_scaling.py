@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from peers import simulated
-from pymc_ship.priors import FAMILIES, ConjugatePrior, PriorError, SemiConjugatePrior, prior_family
-from pymc_ship.regression_data import RegressionData, RegressionDataError
+from pymc_ship.regression.data import RegressionData, RegressionDataError
+from pymc_ship.regression.priors import FAMILIES, ConjugatePrior, PriorError, SemiConjugatePrior, prior_family
 
 
 def plain_arrays(n_rows=40, seed=1):

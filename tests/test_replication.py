@@ -9,15 +9,15 @@ import xarray as xr
 from scipy.stats import invgamma
 
 import pymc_ship as ps
-from pymc_ship import replication
-from pymc_ship.conjugate import conjugate
-from pymc_ship.cross_validation import cross_validation
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.estimates import Estimate
-from pymc_ship.identification import EXACT
-from pymc_ship.noise import LITERAL_LEVEL
-from pymc_ship.priors import FAMILIES
-from pymc_ship.replication import (
+from pymc_ship.frontier.estimates import Estimate
+from pymc_ship.frontier.scores import relative_error
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.cross_validation import cross_validation
+from pymc_ship.regression.identify import EXACT
+from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.replication import measurements as replication
+from pymc_ship.replication.measurements import (
     BOUND,
     PUBLISHED_PRIORS,
     differencing_rows,
@@ -31,7 +31,7 @@ from pymc_ship.replication import (
     published_bound_rows,
     relative_bound,
 )
-from pymc_ship.tables import relative_error
+from pymc_ship.trial.noise import LITERAL_LEVEL
 
 CONTAINER = Path(__file__).parents[1] / "models" / "container.toml"
 DOFS = ("surge", "sway", "yaw", "roll")

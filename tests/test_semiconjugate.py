@@ -11,9 +11,9 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from peers import largest_z, oracle, simulated, z_limit
-from pymc_ship.priors import ConjugatePrior, PriorError, SemiConjugatePrior
-from pymc_ship.regression_data import RegressionData, RegressionDataError
-from pymc_ship.semiconjugate import semiconjugate, semiconjugate_posterior
+from pymc_ship.regression.data import RegressionData, RegressionDataError
+from pymc_ship.regression.priors import ConjugatePrior, PriorError, SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import semiconjugate, semiconjugate_posterior
 
 SHAPES = [(12, 3), (3, 7), (5, 5), (1, 2)]
 """Rows and terms: more rows, more terms, as many, and a single row."""

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import STATE, reference_coefficients
-from pymc_ship.propeller import Propeller
-from pymc_ship.sensitivities import sensitivities
-from pymc_ship.simulate import SimulationError, replay
+from pymc_ship.forces.propeller import Propeller
+from pymc_ship.motion.equations import STATE, reference_coefficients
+from pymc_ship.motion.sensitivities import sensitivities
+from pymc_ship.motion.simulation import SimulationError, replay
 
 SETTINGS = {"interval": 0.5, "substeps": 2, "block": 5}
 START = np.array([12.0, -0.3, 0.004, 0.002, 0.03, 0.2, 50.0, -20.0])
@@ -102,7 +102,7 @@ class TestDerivatives:
 
     def test_a_tangent_of_the_wrong_sign_shows(self, container, monkeypatch):
         """The kernels as plain Python: as they are, then with the slope of the known forces turned round."""
-        module = sys.modules["pymc_ship.sensitivities"]
+        module = sys.modules["pymc_ship.motion.sensitivities"]
         monkeypatch.setattr(sys.modules[__name__], "DELTA", DELTA[:20])
         for name, kernel in vars(module).copy().items():
             if hasattr(kernel, "py_func") and kernel.__module__ == module.__name__:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.cli import main
-from pymc_ship.ship_commands import _named
+from pymc_ship.cli.main import main
+from pymc_ship.cli.ship_commands import _named
 
 FOLDER = Path(__file__).parents[1] / "docs" / "tutorial"
 COMMON = ("--format", str(FOLDER / "format.toml"))

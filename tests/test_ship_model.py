@@ -9,18 +9,18 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship import ship_model
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.forecast import pooled_forecast
-from pymc_ship.held_out import SCORED, HeldOut
-from pymc_ship.priors import PriorError
-from pymc_ship.ship_model import LARGEST_INFLATION, Candidate, identify_ship
-from pymc_ship.soundness import sound
-from pymc_ship.term_sets import OWN, TERM_SETS
-from pymc_ship.terms import SYMBOLS
-from pymc_ship.trajectory_fit import TrajectoryError
-from pymc_ship.trial import TrialError
-from pymc_ship.vessel import VesselError
+from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.forecasting.forecast import pooled_forecast
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.regression.priors import PriorError
+from pymc_ship.ship import model as ship_model
+from pymc_ship.ship.held_out import SCORED, HeldOut
+from pymc_ship.ship.model import LARGEST_INFLATION, Candidate, identify_ship
+from pymc_ship.ship.soundness import sound
+from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trial.record import TrialError
+from pymc_ship.vessel.term_sets import OWN, TERM_SETS
+from pymc_ship.vessel.vessel import VesselError
 from ship_trials import RUNS, TRUE_TERMS, tanker, trial, trials
 
 POORER = "loading"

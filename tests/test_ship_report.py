@@ -13,20 +13,21 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship import figures, ship_report
-from pymc_ship.check_verdicts import Check
-from pymc_ship.output import OutputError
-from pymc_ship.page_tables import fixed
-from pymc_ship.ship_figures import (
+from pymc_ship.checks.verdicts import Check
+from pymc_ship.machine.files import OutputError
+from pymc_ship.pages import drawing as figures
+from pymc_ship.pages.tables import fixed
+from pymc_ship.ship import page as ship_report
+from pymc_ship.ship.figures import (
     held_out_overshoots,
     held_out_windows,
     restarted_motion,
     score_differences,
     term_set_scores,
 )
-from pymc_ship.ship_model import identify_ship
-from pymc_ship.ship_paths import coverage, held_out_rows, overshoot_errors
-from pymc_ship.ship_report import coefficient_rows, correlation_rows, term_set_rows, write_ship_report
+from pymc_ship.ship.model import identify_ship
+from pymc_ship.ship.page import coefficient_rows, correlation_rows, term_set_rows, write_ship_report
+from pymc_ship.ship.paths import coverage, held_out_rows, overshoot_errors
 from test_ship_paths import TERMS, kvlcc2, model, rows, runs
 
 COMMAND = "pymc-ship identify 'my <ship>.csv' --seed 3"

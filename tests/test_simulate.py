@@ -9,8 +9,8 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 
 import plain_hull
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.simulate import replay
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.simulation import replay
 
 CHANNELS = ("u", "v", "r", "p", "phi", "psi", "x", "y", "delta")
 ODD = ("v", "r", "p", "phi", "psi", "y", "delta")

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.agreement import failure
-from pymc_ship.noise import LITERAL_LEVEL
-from pymc_ship.output import OutputError
-from pymc_ship.priors import FAMILIES
-from pymc_ship.study_tables import agreement_blocks, csv_tables, page_tables
+from pymc_ship.diagnostics.agreement import failure
+from pymc_ship.machine.files import OutputError
+from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.replication.tables import agreement_blocks, csv_tables, page_tables
+from pymc_ship.trial.noise import LITERAL_LEVEL
 
 
 def module(name):

@@ -6,8 +6,8 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.forecast import BANDS
-from pymc_ship.tables import (
+from pymc_ship.forecasting.forecast import BANDS
+from pymc_ship.frontier.scores import (
     FORECAST_CHANNELS,
     coefficient_rows,
     error_summary,

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.term_sets import OWN, TERM_SETS, term_sets, with_terms
-from pymc_ship.terms import factors, loaded
-from pymc_ship.trajectory_prior import coefficient_names
-from pymc_ship.vessel import Coefficient, VesselError
+from pymc_ship.forces.terms import factors, loaded
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.trajectory.prior import coefficient_names
+from pymc_ship.vessel.term_sets import OWN, TERM_SETS, term_sets, with_terms
+from pymc_ship.vessel.vessel import Coefficient, VesselError
 from ship_trials import TRUE_TERMS, tanker, trial
 
 LOADED = tuple(name for name, terms in TERM_SETS.items() if terms.propeller)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from plain_hull import expression, printed_rows
-from pymc_ship.terms import SYMBOLS, UnknownTerm, evaluate, factors, order, plan
+from pymc_ship.forces.terms import SYMBOLS, UnknownTerm, evaluate, factors, order, plan
 
 TERMS = sorted({row["term"] for row in printed_rows() if not row["term"].endswith("dot")})
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.trajectory_data import second_difference_sd, trajectory_run
+from pymc_ship.trajectory.runs import second_difference_sd, trajectory_run
 from trajectory_cases import SD, record, rough, without_roll
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymc_ship import trajectory_diagnostics as d
-from pymc_ship.diagnostics import cross_validation
-from pymc_ship.identifiability import UNKNOWN, fitted_identifiability
-from pymc_ship.posterior import read_posterior, write_posterior
+from pymc_ship.design.identifiability import UNKNOWN, fitted_identifiability
+from pymc_ship.diagnostics import trajectory as d
+from pymc_ship.diagnostics.regression import cross_validation
+from pymc_ship.regression.tree import read_posterior, write_posterior
 from short_trajectories import changed, sampled, short_mode, short_posterior, with_attrs, without
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from pymc_ship import trajectory_diagnostics, trajectory_figures
-from pymc_ship.diagnostics import autocorrelation
+from pymc_ship.diagnostics import trajectory as trajectory_diagnostics
+from pymc_ship.diagnostics import trajectory_figures
+from pymc_ship.diagnostics.regression import autocorrelation
 from short_trajectories import changed, hull, short_posterior
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -8,12 +8,16 @@ import pymc as pm
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.posterior import read_posterior, write_posterior
-from pymc_ship.trajectory_data import trajectory_run
-from pymc_ship.trajectory_fit import TrajectoryError, fit_trajectory, linearise
-from pymc_ship.trajectory_model import mode_model, mode_nuts_posterior, trajectory_model, trajectory_nuts_posterior
-from pymc_ship.trajectory_noise import fit_with_noise
-from pymc_ship.trajectory_posterior import (
+from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.sampling.trajectory_model import (
+    mode_model,
+    mode_nuts_posterior,
+    trajectory_model,
+    trajectory_nuts_posterior,
+)
+from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, linearise
+from pymc_ship.trajectory.noise import fit_with_noise
+from pymc_ship.trajectory.posterior import (
     KHAT_LIMIT,
     TrajectoryMode,
     laplace_posterior,
@@ -22,7 +26,8 @@ from pymc_ship.trajectory_posterior import (
     trajectory_mode,
     verdict,
 )
-from pymc_ship.trajectory_prior import coefficient_prior
+from pymc_ship.trajectory.prior import coefficient_prior
+from pymc_ship.trajectory.runs import trajectory_run
 
 CASES = {
     "white": {"noise": "white", "offsets": False},

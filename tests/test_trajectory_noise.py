@@ -11,9 +11,9 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.trajectory_fit import TrajectoryError, fit_trajectory, run_rows, whiten
-from pymc_ship.trajectory_noise import (
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, whiten
+from pymc_ship.trajectory.noise import (
     ALPHA,
     fit_with_noise,
     offset_test,
@@ -141,7 +141,7 @@ class TestTests:
         problem = problem_of(ship, [rough(zigzag, 0)])
         fit = fit_trajectory(problem, truth(ship, [zigzag]))
         clean = fit.problem.runs[0].samples - sample_residuals(fit)[0]
-        monkeypatch.setattr(sys.modules["pymc_ship.trajectory_noise"], "offset_test", lambda fit: 1.0)
+        monkeypatch.setattr(sys.modules["pymc_ship.trajectory.noise"], "offset_test", lambda fit: 1.0)
         rng, found = np.random.default_rng(8), []
         run = fit.problem.runs[0]
         for _ in range(100):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.agreement import Comparison, comparisons, failure
-from pymc_ship.cli import main
-from pymc_ship.diagnostic_report import check_trees, parts, verdict
-from pymc_ship.posterior import write_posterior
+from pymc_ship.cli.main import main
+from pymc_ship.diagnostics.agreement import Comparison, comparisons, failure
+from pymc_ship.diagnostics.page import check_trees, parts, verdict
+from pymc_ship.regression.tree import write_posterior
 from short_trajectories import changed, hull, sampled, short_posterior, with_attrs, without
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -37,7 +37,7 @@ def parts_of(tree):
 
 
 def part(name, tree, *ship):
-    return getattr(import_module("pymc_ship.trajectory_parts"), name)(tree, *ship)
+    return getattr(import_module("pymc_ship.diagnostics.trajectory_parts"), name)(tree, *ship)
 
 
 def regression():
@@ -254,7 +254,7 @@ def test_a_posterior_of_another_vessel_is_refused(container):
 
 @pytest.mark.parametrize("khat", [0.3, 0.85])
 def test_a_failing_gate_is_status_3_and_the_page_is_written(monkeypatch, tmp_path, capsys, khat):
-    monkeypatch.setattr(import_module("pymc_ship.diagnostic_report"), "parts", lambda *args: [])
+    monkeypatch.setattr(import_module("pymc_ship.diagnostics.page"), "parts", lambda *args: [])
     tree = with_attrs(short_posterior(), pareto_khat=khat)
     path = write_posterior(tree, tmp_path / "trials.nc")
     assert main(["report", str(path), "--quiet", "--out", str(tmp_path / "out")]) == (0 if khat < 0.7 else 3)

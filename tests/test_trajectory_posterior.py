@@ -13,17 +13,17 @@ import pytest
 from scipy.special import logsumexp
 
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.terms import SYMBOLS
-from pymc_ship.trajectory_fit import TrajectoryError, fit_trajectory
-from pymc_ship.trajectory_posterior import (
+from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory
+from pymc_ship.trajectory.posterior import (
     log_likelihood_rows,
     log_prior_density,
     pareto_khat,
     trajectory_mode,
     trajectory_posterior,
 )
-from pymc_ship.trajectory_prior import coefficient_names
+from pymc_ship.trajectory.prior import coefficient_names
 from trajectory_cases import SD, problem_of, record, rough, truth
 
 
@@ -104,7 +104,7 @@ class TestKhat:
 
 class TestMode:
     def test_both_starts_end_there_though_they_are_apart(self, ship, trials, monkeypatch):
-        module, starts = sys.modules["pymc_ship.trajectory_mode"], []
+        module, starts = sys.modules["pymc_ship.trajectory.mode"], []
         plain = module.weak_form_start
         monkeypatch.setattr(
             module, "weak_form_start", lambda *args, **settings: starts.append(plain(*args, **settings)) or starts[-1]

@@ -7,9 +7,9 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.terms import order
-from pymc_ship.trajectory_prior import coefficient_dofs, coefficient_names
+from pymc_ship.forces.terms import order
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.trajectory.prior import coefficient_dofs, coefficient_names
 from trajectory_cases import record
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.check_verdicts import VERDICTS, Check
-from pymc_ship.cli import main
-from pymc_ship.kinematic_closure import earth_velocity
-from pymc_ship.record_quality import spikes
-from pymc_ship.trial import CHANNELS
-from pymc_ship.trial_checks import failed_checks
+from pymc_ship.checks.kinematics import earth_velocity
+from pymc_ship.checks.record_quality import spikes
+from pymc_ship.checks.trial_checks import failed_checks
+from pymc_ship.checks.verdicts import VERDICTS, Check
+from pymc_ship.cli.main import main
+from pymc_ship.trial.record import CHANNELS
 
 TERMS = ("Xu", "Xrr", "Xdeltadelta", "Yv", "Yv|v|", "Yr", "Ydelta", "Nv", "Nr", "Ndelta")
 """Ten coefficients of the container ship, without roll."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.trial_columns import FACTORS, SI, matched_columns, unit_factor
+from pymc_ship.trial.columns import FACTORS, SI, matched_columns, unit_factor
 
 DEG, KNOT = np.pi / 180.0, 1852.0 / 3600.0
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.trial_format import TrialFormat, load_format
+from pymc_ship.trial.format import TrialFormat, load_format
 from trial_texts import NAMES, columns, record, written
 
 

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.trial_time import regular, rounding, typical_step
+from pymc_ship.trial.time_base import regular, rounding, typical_step
 
 STEP = 0.1352644
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from peers import oracle, simulated
-from pymc_ship.conjugate import conjugate
-from pymc_ship.cross_validation import CrossValidationError, cross_validation
-from pymc_ship.priors import FAMILIES, PriorError
-from pymc_ship.regression_data import RegressionData
-from pymc_ship.semiconjugate import semiconjugate
-from pymc_ship.tune import BOXES, TuningError, maximise_evidence, tune_prior
+from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.cross_validation import CrossValidationError, cross_validation
+from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.priors import FAMILIES, PriorError
+from pymc_ship.regression.semiconjugate import semiconjugate
+from pymc_ship.regression.tune import BOXES, TuningError, maximise_evidence, tune_prior
 
-module = importlib.import_module("pymc_ship.tune")
+module = importlib.import_module("pymc_ship.regression.tune")
 
 EXACT = {"conjugate": conjugate, "semiconjugate": semiconjugate}
 

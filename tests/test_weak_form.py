@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship import weak_form as module
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.terms import evaluate, order
-from pymc_ship.weak_form import METHODS, RADIUS, bump, motion_record, weak_form
+from pymc_ship.forces.terms import evaluate, order
+from pymc_ship.motion import weak_form as module
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.weak_form import METHODS, RADIUS, bump, motion_record, weak_form
 
 DOFS = ("surge", "sway", "yaw", "roll")
 

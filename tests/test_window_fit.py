@@ -9,15 +9,13 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship import window_fit
-from pymc_ship.equations_of_motion import reference_coefficients
-from pymc_ship.simulate import replay
-from pymc_ship.term_sets import with_terms
-from pymc_ship.trajectory_data import trajectory_run
-from pymc_ship.trajectory_fit import TrajectoryError
-from pymc_ship.trajectory_prior import coefficient_prior
-from pymc_ship.trial import TrialError
-from pymc_ship.window_fit import (
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.simulation import replay
+from pymc_ship.trajectory import windows as window_fit
+from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trajectory.prior import coefficient_prior
+from pymc_ship.trajectory.runs import trajectory_run
+from pymc_ship.trajectory.windows import (
     LENGTH,
     SAMPLES,
     Window,
@@ -30,6 +28,8 @@ from pymc_ship.window_fit import (
     widened,
     window_records,
 )
+from pymc_ship.trial.record import TrialError
+from pymc_ship.vessel.term_sets import with_terms
 from ship_trials import RUNS, TRUE_TERMS, tanker, trial, wide_prior, with_values
 from small_vessel import small_vessel
 from trajectory_cases import correlated

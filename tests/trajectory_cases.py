@@ -9,9 +9,9 @@ import xarray as xr
 from scipy.signal import lfilter
 
 import pymc_ship as ps
-from pymc_ship.equations_of_motion import STATE, reference_coefficients
-from pymc_ship.simulate import replay
-from pymc_ship.trajectory_fit import Problem, initial_problem
+from pymc_ship.motion.equations import STATE, reference_coefficients
+from pymc_ship.motion.simulation import replay
+from pymc_ship.trajectory.fit import Problem, initial_problem
 
 SD = {"u": 0.04, "v": 0.015, "r": 3e-5, "p": 4e-5, "phi": 5e-4, "psi": 1e-3, "x": 0.5, "y": 0.5}
 """Noise of single samples."""
@@ -77,7 +77,7 @@ def truth(vessel, trials) -> np.ndarray:
 
 def problem_of(vessel, trials, prior="order_damped", **settings) -> Problem:
     """Problem of fitting u, v, r, p, phi of some trials under white noise."""
-    from pymc_ship.trajectory_data import trajectory_run
+    from pymc_ship.trajectory.runs import trajectory_run
 
     runs = [trajectory_run(trial, vessel, **settings) for trial in trials]
     chosen = ps.coefficient_prior(trials, vessel, prior) if isinstance(prior, str) else prior

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.identification import EXACT
-from pymc_ship.study import INTERVAL, generator
+from pymc_ship.regression.identify import EXACT
+from pymc_ship.replication.study import INTERVAL, generator
 
 FOLDER = Path(__file__).parent
 TABLE = pytest.StashKey[list]()

@@ -10,14 +10,14 @@ import pytest
 from scipy.stats import binom
 
 from peers import simulated
-from pymc_ship.calibration import coverage, exact_draws, geweke, rank_p_value, simulation_based_calibration
-from pymc_ship.gibbs import gibbs
-from pymc_ship.identification import EXACT
-from pymc_ship.priors import FAMILIES
-from pymc_ship.pymc_model import nuts_posterior
-from pymc_ship.regression_data import RegressionData
+from pymc_ship.diagnostics.calibration import coverage, exact_draws, geweke, rank_p_value, simulation_based_calibration
+from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.identify import EXACT
+from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.sampling.gibbs import gibbs
+from pymc_ship.sampling.regression_model import nuts_posterior
 
-module = importlib.import_module("pymc_ship.gibbs")
+module = importlib.import_module("pymc_ship.sampling.gibbs")
 LONG = pytest.mark.consistency
 families = pytest.mark.parametrize("family", FAMILIES)
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymc_ship.agreement import agreement
-from pymc_ship.gibbs import gibbs_posterior
-from pymc_ship.posterior import posterior_tree
-from pymc_ship.pymc_model import nuts_posterior
+from pymc_ship.diagnostics.agreement import agreement
+from pymc_ship.regression.tree import posterior_tree
+from pymc_ship.sampling.gibbs import gibbs_posterior
+from pymc_ship.sampling.regression_model import nuts_posterior
 
-module = importlib.import_module("pymc_ship.gibbs")
+module = importlib.import_module("pymc_ship.sampling.gibbs")
 
 FAMILIES = ("conjugate", "semiconjugate")
 SAMPLERS = {"gibbs": gibbs_posterior, "nuts": nuts_posterior}

@@ -1,0 +1,247 @@
+"""Check a trial before it is fitted, and mend what can be mended with certainty.
+
+The checks are made in an order in which each builds on what is mended before it: spikes and wraps of the heading first,
+then units and signs, the axes of the velocities, offsets of the gyros and the lever arm, and what is left of the track.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.checks.excitation import approach_check, excitation_checks, range_check
+from pymc_ship.checks.kinematics import (
+    axes_checks,
+    body_velocity,
+    drift_check,
+    heading_check,
+    lever_check,
+    rate_checks,
+    speed_check,
+)
+from pymc_ship.checks.record_quality import (
+    frozen_check,
+    gap_check,
+    noise_check,
+    present,
+    resolution_check,
+    sampling_check,
+    spike_check,
+    unwrapped_heading,
+    without_spikes,
+    wrap_check,
+)
+from pymc_ship.checks.rudder import (
+    rudder_delay_check,
+    rudder_rate_check,
+    rudder_sign_check,
+    rudder_unit_check,
+    rudder_zero_check,
+)
+from pymc_ship.checks.verdicts import VERDICTS, Check, not_checked, ship_scale
+from pymc_ship.trial.record import CHANNELS, TrialError, check_trial
+from pymc_ship.vessel.vessel import Vessel
+
+_LARGEST = 1e12
+
+
+def trial_checks(trial: xr.Dataset, vessel: Vessel | None = None) -> tuple[Check, ...]:
+    """Check a trial: record, kinematic closure, rudder, approach and excitation.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        Any of u, v [m/s], r, p [rad/s], phi, psi, delta [rad], x, y [m], and ``delta_command`` [rad]; uniform time [s].
+        Checks that need a missing channel are not made and say so; p and phi that are 0 throughout count as missing.
+    vessel : Vessel, optional
+        Gives L, speed, rudder rate and terms. Without it, L/U is taken from the tightest turn.
+
+    Returns
+    -------
+    tuple of Check
+        Each with ``name``, ``verdict`` ("good", "not checked", "doubtful" or "bad"), ``sentence``, ``numbers`` (name,
+        value, unit) and ``mendable``. A check is made of the trial as the mendable ones before it leave it.
+
+    Raises
+    ------
+    TrialError
+        For NaN, time that does not increase or is not uniform, fewer than 20 samples, none of the channels or values
+        beyond 1e12.
+    """
+    _check_record(trial)
+    trial = trial.drop_vars([name for name in ("p", "phi") if name in trial and name not in present(trial)])
+    found = [spike_check(trial), wrap_check(trial)]
+    trial = _mended(trial, found)
+    scale = ship_scale(trial, vessel)
+    found += [sampling_check(trial, scale), gap_check(trial), noise_check(trial), resolution_check(trial)]
+    found += [frozen_check(trial, scale)]
+    trial, closure = _closure_checks(trial, vessel)
+    yaw_sign = next(check for check in closure if check.name == "yaw rate")
+    found += closure
+    found += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
+    scale = ship_scale(trial, vessel)
+    found += [approach_check(trial, scale, vessel), range_check(trial, scale), *excitation_checks(trial, vessel)]
+    return tuple(found)
+
+
+def _check_record(trial: xr.Dataset) -> None:
+    """Raise TrialError for a record that no check can be made of."""
+    names = [name for name in CHANNELS if name in trial]
+    check_trial(trial, names or ("u",))
+    if trial["time"].size < 20:
+        raise TrialError(f"A trial is checked from 20 samples up, found {trial['time'].size}; use a longer record.")
+    for name in names:
+        largest = float(np.abs(trial[name].values).max())
+        if largest > _LARGEST:
+            raise TrialError(f"Channel {name} must be that of a ship, found {largest:.3g}; mend the record.")
+
+
+def _closure_checks(trial: xr.Dataset, vessel: Vessel | None) -> tuple[xr.Dataset, list[Check]]:
+    """Trial with what the closure mends, and the checks."""
+    scale = ship_scale(trial, vessel)
+    found = [*rate_checks(trial, scale, "r", "psi"), *rate_checks(trial, scale, "p", "phi")]
+    found += [heading_check(trial, scale), speed_check(trial, scale)]
+    trial = _mended(trial, found)
+    wrong = [check.name for check in found if check.verdict == "bad" and not check.name.startswith("roll")]
+    if wrong:
+        reason = f"{' and '.join(wrong)} must be right first"
+        names = ("velocity axes", "sway sign", "lever arm", "track closure")
+        return trial, found + [not_checked(name, reason) for name in names]
+    axes = axes_checks(trial, scale)
+    trial = _mended(trial, axes)
+    if axes[1].verdict == "bad":
+        rest = [not_checked(name, "the sign of v must be right first") for name in ("lever arm", "track closure")]
+        return trial, [*found, *axes, *rest]
+    lever = lever_check(trial, scale)
+    trial = _mended(trial, [lever])
+    return trial, [*found, *axes, lever, drift_check(trial, scale)]
+
+
+def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool) -> list[Check]:
+    unit = rudder_unit_check(trial)
+    names = ("rudder sign", "rudder zero", "rudder rate", "rudder delay")
+    if unit.verdict != "good":
+        reason = "the unit of delta must be right first" if unit.verdict == "bad" else "no delta in the record"
+        return [unit, *(not_checked(name, reason) for name in names)]
+    sign = rudder_sign_check(trial, ship_scale(trial, vessel))
+    if yaw_is_bad:
+        sign = not_checked("rudder sign", "r must be right first")
+    return [unit, sign, rudder_zero_check(trial), rudder_rate_check(trial, vessel), rudder_delay_check(trial)]
+
+
+def check_table(checks: Iterable[Check]) -> xr.Dataset:
+    """Checks as data.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+        From :func:`trial_checks`.
+
+    Returns
+    -------
+    Dataset, dims (check,) and (number,)
+        ``verdict``, ``sentence`` and ``mendable`` over the names of the checks; ``value`` and ``unit`` over the
+        numbers, with the coordinates ``of`` (name of the check) and ``quantity``.
+    """
+    checks = list(checks)
+    rows = [(check.name, *number) for check in checks for number in check.numbers]
+    columns = {
+        name: ("check", [getattr(check, name) for check in checks]) for name in ("verdict", "sentence", "mendable")
+    }
+    columns["value"] = ("number", np.array([row[2] for row in rows], dtype=float))
+    columns["unit"] = ("number", [row[3] for row in rows])
+    coords = {
+        "check": [check.name for check in checks],
+        "of": ("number", [row[0] for row in rows]),
+        "quantity": ("number", [row[1] for row in rows]),
+    }
+    return xr.Dataset(columns, coords, {"verdict": worst_verdict(checks)})
+
+
+def worst_verdict(checks: Iterable[Check]) -> str:
+    """Worst verdict of some checks."""
+    return max((check.verdict for check in checks), key=VERDICTS.index, default="good")
+
+
+def failed_checks(checks: Iterable[Check]) -> str:
+    """Sentence that says which checks are bad; empty where none is."""
+    bad = [check for check in checks if check.verdict == "bad"]
+    if not bad:
+        return ""
+    return "The trial cannot be fitted: " + " ".join(f"{check.name}: {check.sentence}" for check in bad)
+
+
+def corrected_trial(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
+    """Mend what the checks have found to be wrong with certainty.
+
+    Spikes are replaced by interpolation, the heading is unwrapped, earth-fixed velocities are turned to body axes, the
+    offsets of r and p subtracted, v moved to the point whose track is recorded, and a zero error of the rudder that
+    approach and zigzag agree on subtracted.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        The one that was checked.
+    checks : iterable of Check
+        From :func:`trial_checks`.
+
+    Returns
+    -------
+    Dataset, dims (time,)
+        Copy; ``attrs["corrections"]`` is a list with one sentence for each correction.
+
+    Raises
+    ------
+    TrialError
+        Where a check is bad: wrong units or signs, a track that nothing mends, a sensor that stands still.
+    """
+    checks = list(checks)
+    if sentence := failed_checks(checks):
+        raise TrialError(sentence)
+    mended = _mended(trial, checks)
+    told = [*trial.attrs.get("corrections", []), *(_TOLD[check.name](check) for check in checks if check.mendable)]
+    return mended.assign_attrs(corrections=told)
+
+
+def _mended(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
+    for check in checks:
+        if check.mendable:
+            trial = _MEND[check.name](trial, check)
+    return trial
+
+
+def _less(trial: xr.Dataset, name: str, shift: float | np.ndarray) -> xr.Dataset:
+    return trial.assign({name: ("time", trial[name].values - shift, trial[name].attrs)})
+
+
+def _turned(trial: xr.Dataset, _: Check) -> xr.Dataset:
+    velocity = zip(("u", "v"), body_velocity(trial), strict=True)
+    return trial.assign({name: ("time", values, trial[name].attrs) for name, values in velocity})
+
+
+def _zero(check: Check) -> float:
+    return check.value("between the sides of the zigzag")
+
+
+_MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
+    "spikes": lambda trial, _: without_spikes(trial),
+    "heading wraps": lambda trial, _: trial.assign(psi=("time", unwrapped_heading(trial), trial["psi"].attrs)),
+    "gyro offset": lambda trial, check: _less(trial, "r", np.deg2rad(check.value("offset"))),
+    "roll rate offset": lambda trial, check: _less(trial, "p", np.deg2rad(check.value("offset"))),
+    "velocity axes": _turned,
+    "lever arm": lambda trial, check: _less(trial, "v", -check.value("lever arm") * trial["r"].values),
+    "rudder zero": lambda trial, check: _less(trial, "delta", np.deg2rad(_zero(check))),
+}
+"""How what a check found is mended, in the order of the checks."""
+
+_TOLD: dict[str, Callable[[Check], str]] = {
+    "spikes": lambda check: f"Samples replaced by interpolation: {sum(value for _, value, _ in check.numbers):.0f}.",
+    "heading wraps": lambda check: f"Jumps of psi by a whole turn taken out: {check.value('jumps'):.0f}.",
+    "gyro offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from r.",
+    "roll rate offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from p.",
+    "velocity axes": lambda check: "Earth-fixed velocities turned to u, v in body axes.",
+    "lever arm": lambda check: f"{check.value('lever arm'):+.3f} m times r added to v.",
+    "rudder zero": lambda check: f"{_zero(check):+.2f} deg subtracted from delta.",
+}

@@ -1,0 +1,177 @@
+"""What a check of a trial says: a verdict with numbers and a sentence; and the scales of the ship it is judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.trial.record import sampling_interval
+from pymc_ship.vessel.vessel import Vessel
+
+VERDICTS = ("good", "not checked", "doubtful", "bad")
+"""From the least to the most that there is to do; a trial with a bad check is not fitted."""
+
+SIGNIFICANT = 5.0
+"""Standard errors from which a finding counts; a few dozen tests a trial then give a false alarm in 1e5 trials."""
+
+TIGHTEST_TURN = 0.4
+"""L over the smallest radius U/|r| where L is unknown: hard zigzags and turns of merchant ships reach 0.3 to 0.6."""
+
+_DIFFERENCE = 0.6744897501960817 * np.sqrt(2.0)
+_IDLE = 1e-100
+
+
+@dataclass(frozen=True)
+class Check:
+    """Outcome of one check of a trial.
+
+    Attributes
+    ----------
+    name : str
+    verdict : {"good", "not checked", "doubtful", "bad"}
+    sentence : str
+        What was found and what to do.
+    numbers : tuple of (str, float, str)
+        Name, value and unit of what was measured.
+    mendable : bool
+        Whether :func:`pymc_ship.corrected_trial` mends what was found.
+    """
+
+    name: str
+    verdict: str
+    sentence: str
+    numbers: tuple[tuple[str, float, str], ...] = ()
+    mendable: bool = False
+
+    def value(self, name: str) -> float:
+        """Number of that name; KeyError where there is none."""
+        return {label: value for label, value, _ in self.numbers}[name]
+
+
+def not_checked(name: str, reason: str, numbers: tuple[tuple[str, float, str], ...] = ()) -> Check:
+    """Check that could not be made, and why."""
+    return Check(name, "not checked", f"Not checked: {reason}.", numbers)
+
+
+@dataclass(frozen=True)
+class ShipScale:
+    """Length [m] and speed [m/s] of the ship; ``known`` where the length is that of a vessel file."""
+
+    L: float
+    U: float
+    known: bool
+
+    @property
+    def time(self) -> float:
+        """L/U [s]."""
+        return self.L / self.U
+
+
+def ship_scale(trial: xr.Dataset, vessel: Vessel | None) -> ShipScale:
+    """Scales by which findings are judged.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+    vessel : Vessel or None
+        Without one, the length comes from the tightest turn, see :data:`TIGHTEST_TURN`.
+
+    Returns
+    -------
+    ShipScale
+    """
+    time = trial["time"].values
+    duration = float(time[-1] - time[0])
+    U = vessel.particulars.nominal_speed if vessel else 1.0
+    if "u" in trial:
+        v = trial["v"].values if "v" in trial else 0.0
+        U = float(np.median(np.hypot(trial["u"].values, v))) or U
+    elif {"x", "y"} <= set(trial.data_vars):
+        U = float(np.hypot(np.diff(trial["x"].values), np.diff(trial["y"].values)).sum() / duration) or U
+    if vessel:
+        return ShipScale(vessel.particulars.L, U, known=True)
+    turning = _turning_rate(trial)
+    ship_time = TIGHTEST_TURN / turning if turning > 0.0 else duration
+    return ShipScale(U * float(np.clip(ship_time, duration / 500.0, duration / 5.0)), U, known=False)
+
+
+def _turning_rate(trial: xr.Dataset) -> float:
+    """Largest rate of turn [rad/s] of the gyro or the heading, the smaller of the two; 0 where neither is there."""
+    rates = []
+    if "r" in trial:
+        rates.append(float(np.quantile(np.abs(trial["r"].values), 0.99)))
+    if "psi" in trial:
+        size = max(1, trial.sizes["time"] // 200)
+        blocks = Blocks(size)
+        psi = np.unwrap(trial["psi"].values)
+        rates.append(float(np.quantile(np.abs(blocks.increments(psi)), 0.99)) / (size * sampling_interval(trial)))
+    return min(filter(None, rates), default=0.0)
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Means over blocks of ``size`` samples, which quieten the noise of position and heading."""
+
+    size: int
+
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """Block means, shape (n_blocks,)."""
+        n = values.size // self.size
+        return values[: n * self.size].reshape(n, self.size).mean(axis=1)
+
+    def increments(self, values: np.ndarray) -> np.ndarray:
+        """Differences of the means of neighbouring blocks, shape (n_blocks - 1,)."""
+        return np.diff(self.means(values))
+
+    def middles(self, values: np.ndarray) -> np.ndarray:
+        """Means over two neighbouring blocks, shape (n_blocks - 1,)."""
+        means = self.means(values)
+        return 0.5 * (means[1:] + means[:-1])
+
+
+def ship_blocks(trial: xr.Dataset, scale: ShipScale, share: float) -> Blocks:
+    """Blocks of a share of L/U, of three samples or more, at least ten of them where the record allows."""
+    n_time = trial.sizes["time"]
+    return Blocks(max(1, min(max(3, round(share * scale.time / sampling_interval(trial))), n_time // 10)))
+
+
+def straight_approach(trial: xr.Dataset) -> int:
+    """Samples before the rudder leaves its first angle by 0.3 deg and by more than its noise; 0 without a rudder."""
+    if "delta" not in trial:
+        return 0
+    delta = trial["delta"].values
+    noise = float(np.median(np.abs(np.diff(delta)))) / _DIFFERENCE
+    moved = np.abs(delta - np.median(delta[:3])) > max(np.deg2rad(0.3), SIGNIFICANT * noise)
+    return int(np.argmax(moved)) if moved.any() else delta.size
+
+
+def regressed(columns: list[np.ndarray], response: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Least squares: coefficients, their standard errors and the residuals.
+
+    The standard errors are the larger of the ordinary ones and those that hold where the residuals differ in size
+    (HC3; MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7), widened for residuals that are alike in neighbours.
+    """
+    X = np.column_stack(columns)
+    scale = np.sqrt(np.mean(X**2, axis=0))
+    idle = scale < _IDLE
+    scale[idle] = 1.0
+    left, s, right = np.linalg.svd(np.where(idle, 0.0, X) / scale, full_matrices=False)
+    kept = s > s[0] * 1e-12
+    inverse = right.T * np.where(kept, 1.0 / np.where(kept, s, 1.0), 0.0)
+    coefficients = inverse @ (left.T @ response) / scale
+    residuals = response - X @ coefficients
+    sd = np.sqrt(residuals @ residuals / max(1, response.size - X.shape[1]))
+    ordinary = sd * np.sqrt(np.sum(inverse**2, axis=1))
+    free = np.maximum(1.0 - np.sum(left**2, axis=1), 1e-6)
+    robust = np.sqrt(np.sum((inverse @ left.T * (residuals / free)) ** 2, axis=1))
+    alike = residuals[1:] @ residuals[:-1] / max(residuals @ residuals, np.finfo(float).tiny)
+    alike = np.clip(alike, 0.0, 0.9)
+    widened = np.sqrt((1.0 + alike) / (1.0 - alike)) / scale
+    return coefficients, np.maximum(ordinary, robust) * widened, residuals
+
+
+def integral(rate: np.ndarray, interval: float) -> np.ndarray:
+    """Integral by trapezoids from the first sample on, shape (n_time,)."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * interval])

@@ -1,0 +1,1 @@
+"""The command line: words in, text out. No other wing imports this one."""

@@ -1,0 +1,330 @@
+"""What each command of the command line does: reads, calls the API, writes, returns the text to print.
+
+Every command takes the parsed words and a function that shows progress, and returns its text, the path it wrote and,
+where a check of the results can fail, the sentence that says so.
+Inputs are read first, then the output is tried, then the long work begins.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.cli.files import (
+    Outcome,
+    Progress,
+    made_by,
+    output_file,
+    requested_manoeuvres,
+    staged_files,
+    trial_argument,
+    write_csv,
+    write_trial_file,
+)
+from pymc_ship.cli.texts import (
+    check_text,
+    coefficient_rows,
+    coefficient_table,
+    criteria_table,
+    design_text,
+    divergence,
+    forecast_text,
+    index_table,
+    montecarlo_text,
+    table,
+    trajectory_rows,
+    trajectory_text,
+    tuning_text,
+)
+from pymc_ship.forecasting.forecast import BANDS, stated_shares
+from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.manoeuvre.standard import Manoeuvre, ManoeuvreError
+from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.trial.record import CHANNELS, UNITS, TrialError
+from pymc_ship.vessel.vessel import Vessel
+
+_PROGRAMME_HEADER = ["time", "delta_deg"]
+_COEFFICIENT_HEADER = ("dof", "family", "coefficient", "reference", "mean", "sd", "quantile_5", "quantile_95")
+OFFSETS = {"auto": None, "yes": True, "no": False}
+"""Whether sensors may have constant offsets, by the words of the command line."""
+
+
+def study(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Run the paper's study; the text is empty, the page says it all."""
+    from pymc_ship.diagnostics.agreement import failure
+    from pymc_ship.replication.page import reported_study
+
+    out = args.out or Path("reports", Path(args.vessel).stem)
+    result, page = reported_study(out, vessel=args.vessel, level=args.level, seed=args.seed, progress=progress)
+    return "", page, failure(result.comparisons)
+
+
+def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Simulate a trial; the text has the indices and IMO criteria of the clean run."""
+    vessel, manoeuvre = ps.load_vessel(args.vessel), _manoeuvre(args)
+    out = output_file(args.out)
+    progress(f"simulating the {manoeuvre.label}")
+    run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
+    text = [divergence(run)] if run["diverged"] else []
+    if manoeuvre.kind != "rudder_programme":
+        found = ps.indices(run)
+        text += [index_table(found, {"value": found}), criteria_table(ps.imo_criteria(found, vessel))]
+    trial = run.isel(time=np.isfinite(run["psi"].values))
+    if trial.sizes["time"] < 2:
+        raise TrialError(f"A trial has at least two samples, found {trial.sizes['time']}; change duration or step.")
+    if args.noise is not None:
+        trial = ps.pollute(trial, level=args.noise, rng=np.random.default_rng(args.seed))
+    write_trial_file(trial, out, args)
+    return "\n\n".join(filter(None, text)), out
+
+
+def check(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Check a trial; the text has the verdict of each check and what was corrected."""
+    from pymc_ship.checks.trial_checks import failed_checks
+
+    vessel = ps.load_vessel(args.vessel) if args.vessel else None
+    trial = trial_argument(args.trial, args, progress)
+    out = output_file(args.out) if args.out else None
+    progress("checking")
+    checks = ps.trial_checks(trial, vessel)
+    failure = failed_checks(checks)
+    if failure or not out:
+        return check_text(checks), None, failure
+    corrected = ps.corrected_trial(trial, checks)
+    write_trial_file(corrected, out, args)
+    return "\n".join([check_text(checks), "", *(corrected.attrs["corrections"] or ["Nothing to correct."])]), out
+
+
+def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Denoise a trial; the text has the noise found on each channel."""
+    trial = trial_argument(args.trial, args, progress)
+    out = output_file(args.out)
+    progress("denoising")
+    smooth = ps.denoise(trial, args.wavelet, args.prior, not args.decimated)
+    names = smooth.attrs["denoised"].split()
+    write_trial_file(smooth, out, args)
+    return table(("channel", "noise sd", ""), [(n, smooth[n].attrs["noise_sdev"], UNITS[n]) for n in names]), out
+
+
+def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
+    from pymc_ship.regression.identify import EXACT
+    from pymc_ship.regression.identify import identify as identified
+
+    vessel, trial = ps.load_vessel(args.vessel), trial_argument(args.trial, args, progress)
+    out = writable_folder(args.out)
+    rng = np.random.default_rng(args.seed)
+    families = tuple(EXACT) if args.family == "both" else (args.family,)
+    settings = {"interval": args.interval, "derivative": args.derivative, "selection": args.select}
+    trial = _smooth(trial, args, progress)
+    found = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)
+    rows = []
+    with staged_files(out) as folder:
+        for family in families:
+            progress(f"posterior draws, {family}")
+            for dof, tree in found.posteriors(family, draws=args.draws, rng=rng).items():
+                tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}
+                write_posterior(tree, folder / f"{dof}-{family}.nc")
+            rows += coefficient_rows(vessel, family, found.exact[family])
+        write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
+    return coefficient_table(rows, families), out
+
+
+def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
+    vessel, trials = ps.load_vessel(args.vessel), [trial_argument(path, args, progress) for path in args.trials]
+    out = writable_folder(args.out)
+    settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
+    progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
+    rng = np.random.default_rng(args.seed)
+    tree = ps.trajectory_posterior(
+        trials, vessel, args.prior, draws=args.draws, rng=rng, method=args.method, **settings
+    )
+    tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}
+    rows = trajectory_rows(vessel, tree)
+    with staged_files(out) as folder:
+        write_posterior(tree, folder / "trajectory.nc")
+        write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
+    return "\n\n".join([trajectory_text(tree), coefficient_table(rows, ("trajectory",))]), out
+
+
+def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
+    vessel, trial = ps.load_vessel(args.vessel), trial_argument(args.trial, args, progress)
+    out = output_file(args.out) if args.out else None
+    trial = _smooth(trial, args, progress)
+    data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)
+    progress(f"tuning the {args.family} prior of the {args.dof}: {args.evaluations} evaluations")
+    settings = {"evaluations": args.evaluations, "folds": args.folds, "split": args.split}
+    tuned = ps.tune_prior(data, args.family, rng=np.random.default_rng(args.seed), **settings)
+    if out:
+        scores = {name: getattr(tuned, name) for name in ("score", "score_se", "evidence_score", "log_evidence")}
+        table = {**tuned.prior.hyperparameters(), **scores, "dof": args.dof, "made_by": made_by(args)}
+        with staged(out) as partial:
+            partial.write_text(json.dumps(table, indent=2) + "\n", encoding="utf-8")
+    return tuning_text(tuned), out
+
+
+def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Identify a ship from her trials; the text has term sets, held-out manoeuvres and what was corrected."""
+    from pymc_ship.cli.ship_commands import identify as identified
+
+    return identified(args, progress)
+
+
+def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Forecast manoeuvres; the text has the indices of each beside those of the vessel file's ship."""
+    from pymc_ship.cli.ship_commands import forecast_identified, holds_ship
+
+    if holds_ship(args.posterior):
+        return forecast_identified(args, progress)
+    for option in ("vessel", "out"):
+        if getattr(args, option) is None:
+            raise ValueError(
+                f"A forecast from a posterior needs --{option}, found none and no identified ship in {args.posterior}; "
+                "add it."
+            )
+    if args.measured:
+        raise ValueError("Measured trials are shown beside forecasts of an identified ship; leave --measured out.")
+    vessel, side, duration = ps.load_vessel(args.vessel), args.side or "port", args.duration or 400.0
+    manoeuvres = requested_manoeuvres(args, (side,))
+    if not manoeuvres:
+        raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10 or --turn 35.")
+    posteriors, ending = _posteriors(Path(args.posterior), args.family, vessel)
+    out, text = writable_folder(args.out), []
+    with staged_files(out) as folder:
+        for manoeuvre in manoeuvres:
+            progress(f"forecasting the {manoeuvre.label}")
+            rng = np.random.default_rng(args.seed)
+            settings = {"draws": 300 if args.draws is None else args.draws, "duration": duration}
+            tree = ps.forecast(vessel, posteriors, manoeuvre, rng=rng, **settings)
+            name = manoeuvre.label.replace(" ", "-").replace("/", "-")
+            _write_bands(folder / f"{name}-{ending}.csv", tree, args)
+            reference = ps.simulate(vessel, manoeuvre, duration=duration, record_interval=0.5)
+            text.append(forecast_text(tree, {"reference": ps.indices(reference)}))
+    return "\n\n".join(text), out
+
+
+def design(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Design the next runs; the text has the gain of each candidate and the accuracy that the chosen ones promise."""
+    vessel, rng = ps.load_vessel(args.vessel), np.random.default_rng(args.seed)
+    posterior = _of_vessel(read_posterior(args.posterior), Path(args.posterior), vessel)
+    candidates = ps.candidate_trials(vessel, duration=args.duration, rng=rng)
+    out, settings = writable_folder(args.out), {"criterion": args.criterion, "duration": args.duration}
+    progress(f"simulating {len(candidates)} candidates")
+    found = ps.design_trials(vessel, posterior, candidates, args.n, rng=rng, **settings)
+    with staged_files(out) as folder:
+        for label in np.unique(found["chosen"].values):
+            if (manoeuvre := candidates[label]).kind == "rudder_programme":
+                rows = zip(manoeuvre.time, np.rad2deg(manoeuvre.delta).round(6).tolist(), strict=True)
+                path = folder / f"{label.replace('m/s', 'mps').replace(' ', '-')}.csv"
+                write_csv(path, _PROGRAMME_HEADER, rows, args, remark=label)
+        table = found.drop_dims(("stage", "coefficient")).to_dataframe().reset_index()
+        write_csv(folder / "design.csv", tuple(table), table.itertuples(index=False), args)
+        sd = found["sd"].transpose("coefficient", "stage")
+        header = ("coefficient", "sd", *(f"sd_after_{k}" for k in sd["stage"].values[1:]))
+        rows = zip(sd["coefficient"].values, *sd.values.T.tolist(), strict=True)
+        write_csv(folder / "predicted_sd.csv", header, rows, args)
+    return design_text(found), out
+
+
+def frontier(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Measure every method against the Cramer-Rao bound; the text has each number beside its aim."""
+    from pymc_ship.frontier.page import reported_frontier
+
+    return reported_frontier(args.out, seeds=args.seeds, seed=args.seed, progress=progress)
+
+
+def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Run a Monte-Carlo study; the text has the scores of each cell."""
+    from pymc_ship.experiments.run import reported_montecarlo
+
+    settings = {"workers": args.workers, "scheduler": args.scheduler, "progress": progress}
+    rows, page = reported_montecarlo(args.study, args.out, **settings)
+    return montecarlo_text(rows), page
+
+
+def report(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Report on saved posteriors; the text has the verdict on each."""
+    from pymc_ship.diagnostics.agreement import comparisons, failure
+    from pymc_ship.diagnostics.page import check_trees, verdict, write_diagnostics
+
+    vessel = ps.load_vessel(args.vessel) if args.vessel else None
+    paths = {Path(path).stem: path for path in args.posteriors}
+    if len(paths) < len(args.posteriors):
+        paths = {path: path for path in args.posteriors}
+    trees = {name: read_posterior(path) for name, path in paths.items()}
+    check_trees(trees, vessel)
+    out, compared = writable_folder(args.out), comparisons(trees)
+    page = write_diagnostics(compared, out, vessel, seed=args.seed, progress=progress)
+    return "\n\n".join("\n".join([one.name, *verdict(one)]) for one in compared), page, failure(compared)
+
+
+def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:
+    if args.programme is not None:
+        if args.side:
+            raise ManoeuvreError("A rudder programme has its own sides, found --side; leave it out.")
+        return ps.rudder_programme(*_read_programme(args.programme), approach_speed=args.speed)
+    settings = {"side": args.side or "port", "approach_speed": args.speed}
+    return ps.zigzag(*args.zigzag, **settings) if args.zigzag else ps.turning_circle(args.turn, **settings)
+
+
+def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and rudder angles [rad] of a CSV with the header ``time,delta_deg``."""
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        header, *rows = [line.split(",") for line in lines if line.strip() and line[0] != "#"] or [[]]
+        if [name.strip() for name in header] != _PROGRAMME_HEADER:
+            raise ValueError(f"the header is not time,delta_deg but {','.join(header)!r}")
+        time, delta_deg = np.array(rows, dtype=float).reshape(len(rows), len(_PROGRAMME_HEADER)).T
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ManoeuvreError(f"The rudder programme {path} cannot be read: {reason}; mend it.") from None
+    return time, np.deg2rad(delta_deg)
+
+
+def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
+    """Denoised trial; as it is where it was smooth before or the weak form smooths for itself."""
+    from pymc_ship.regression.data import WEAK
+
+    if args.raw or args.derivative in WEAK:
+        return trial
+    progress("denoising")
+    return ps.denoise(trial)
+
+
+def _posteriors(path: Path, family: str, vessel: Vessel) -> tuple[xr.DataTree | dict[str, xr.DataTree], str]:
+    """Joint posterior of a file or those of each DOF that `regress` wrote, and how a result of them is called."""
+    if path.suffix in (".nc", ".zarr"):
+        return _of_vessel(read_posterior(path), path, vessel), path.stem
+    return {dof: _posterior(path, dof, family, vessel) for dof in vessel.dofs}, family
+
+
+def _posterior(folder: Path, dof: str, family: str, vessel: Vessel) -> xr.DataTree:
+    """Posterior that `regress` wrote, of the vessel asked for."""
+    path = folder / f"{dof}-{family}.nc"
+    tree = read_posterior(path)
+    if tree.attrs.get("dof") != dof:
+        raise ValueError(f"{path} is no posterior of the {dof}; run `pymc-ship regress` first.")
+    return _of_vessel(tree, path, vessel)
+
+
+def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
+    """The posterior itself, where it is of the vessel."""
+    found = tree.attrs.get("vessel")
+    if found != vessel.name:
+        raise ValueError(f"The posterior is to be of {vessel.name!r}, found {found!r} in {path}; use its own vessel.")
+    return tree
+
+
+def _write_bands(path: Path, forecast: xr.DataTree, args: argparse.Namespace) -> None:
+    bands = forecast["bands"].to_dataset()
+    names = [f"{channel}_{band}" for channel in CHANNELS for band in BANDS]
+    columns = [bands[channel].sel(band=band).values for channel in CHANNELS for band in BANDS]
+    rows = np.column_stack([bands["time"].values, *columns]).tolist()
+    write_csv(path, ("time", *names), rows, args, remark=stated_shares(forecast))

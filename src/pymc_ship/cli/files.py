@@ -1,0 +1,79 @@
+"""Words of the command line that name files and manoeuvres: trials in, CSV out, with a remark on what made it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.machine.files import OutputError, staged, writable_folder
+from pymc_ship.manoeuvre.standard import Manoeuvre
+
+Progress = Callable[..., None]
+Outcome = tuple[str, Path | None] | tuple[str, Path | None, str]
+
+_NOT_RECORDED = ("command", "out", "quiet")
+
+
+def trial_argument(path: str, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
+    """Trial of a file; what was interpreted or changed in it is shown."""
+    trial = ps.read_trial(path, format=args.format)
+    for sentence in trial.attrs["reading"].splitlines():
+        progress(f"{path}: {sentence}", remark=True)
+    return trial
+
+
+def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str]) -> list[Manoeuvre]:
+    """Zigzags and turning circles of a command line, each to every side."""
+    found = [ps.zigzag(*angles, side=side) for angles in args.zigzag for side in sides]
+    return found + [ps.turning_circle(rudder, side=side) for rudder in args.turn for side in sides]
+
+
+def output_file(path: str) -> Path:
+    """Path of a file that can be written; its folder is created where it is missing."""
+    if Path(path).is_dir():
+        raise OutputError(f"{path} is a folder; give the name of a file in it.")
+    writable_folder(Path(path).parent)
+    return Path(path)
+
+
+@contextmanager
+def staged_files(folder: Path) -> Iterator[Path]:
+    """Temporary folder whose files move to ``folder`` together when the block ends without an exception."""
+    with tempfile.TemporaryDirectory(prefix=".partial-", dir=folder) as partial:
+        yield Path(partial)
+        for path in sorted(Path(partial).iterdir()):
+            os.replace(path, folder / path.name)
+
+
+def made_by(args: argparse.Namespace) -> str:
+    """What made a file: version, command and options, but not where it was written."""
+    options = {key: value for key, value in sorted(vars(args).items()) if key not in _NOT_RECORDED}
+    for key in ("trial", "format", "posterior", "programme", "vessel"):
+        if options.get(key):
+            options[key] = Path(options[key]).name
+    return f"pymc-ship {ps.__version__} {args.command} {json.dumps(options)}"
+
+
+def write_trial_file(trial: xr.Dataset, path: Path, args: argparse.Namespace) -> None:
+    """Write a trial under remarks on what made it and what was corrected."""
+    with staged(path) as partial:
+        text = ps.write_trial(trial, partial).read_text(encoding="utf-8")
+        remarks = [f"# {remark}\n" for remark in (made_by(args), *trial.attrs.get("corrections", ()))]
+        partial.write_text("".join(remarks) + text, encoding="utf-8")
+
+
+def write_csv(
+    path: Path, header: Sequence[str], rows: Iterable[Sequence], args: argparse.Namespace, remark: str = ""
+) -> None:
+    """Write rows under a header and remarks on what made them."""
+    remarks = [f"# {text}" for text in (made_by(args), remark) if text]
+    lines = [*remarks, ",".join(header), *(",".join(map(str, row)) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,0 +1,113 @@
+"""Command line ``pymc-ship``: parses, calls, prints; the only place that prints.
+
+Results go to standard output, progress and remarks to standard error. A command that cannot run says so in one sentence
+and ends with status 2, an interrupted one with status 130; results that fail a check are written, and one sentence and
+status 3 say that they do. Nothing heavy is imported before a command line is accepted.
+"""
+
+from __future__ import annotations
+
+import _thread
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from pymc_ship.cli.parser import parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Words after the program's name; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status: 0, 2 when the command cannot run, 3 when a check of the results fails, 130 when it was interrupted.
+
+    Raises
+    ------
+    SystemExit
+        Status 2 for words that cannot be parsed, 0 after ``--help`` and ``--version``.
+    """
+    try:
+        args = parser().parse_args(argv)
+        with _interrupts_kept(), _progress(args.quiet) as progress:
+            from pymc_ship.cli import commands
+
+            text, path, *failures = getattr(commands, args.command)(args, progress)
+        if text:
+            print(text, flush=True)
+        if path and not args.quiet:
+            print(f"Written to {path}.", file=sys.stderr)
+    except KeyboardInterrupt:
+        return _fail("interrupted; nothing is left half-written and earlier results stand as they were.", 130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 2
+    except MemoryError as error:
+        return _fail(f"The memory does not hold this run: {error}; make it shorter.", 2)
+    except (ValueError, OSError) as error:
+        return _fail(str(error), 2)
+    return _fail(failures[0], 3) if any(failures) else 0
+
+
+def _fail(sentence: str, status: int) -> int:
+    """Print an error as one line that ends with a full stop; return the exit status."""
+    print(f"pymc-ship: {' '.join(sentence.split()).removesuffix('.')}.", file=sys.stderr)
+    return status
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Raise an interrupt again that fell where Python ignores exceptions (weakref callbacks, ``__del__``)."""
+    others, pending = sys.unraisablehook, []
+
+    def hook(ignored: object) -> None:
+        if issubclass(ignored.exc_type, KeyboardInterrupt):
+            pending.append(threading.Timer(0.05, _thread.interrupt_main))  # not at once: it would be ignored again
+            pending[-1].start()
+        else:
+            others(ignored)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = others
+        for timer in pending:
+            timer.cancel()
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[..., None]]:
+    """Function that shows what is going on: a spinner on a terminal, otherwise a line for each step.
+
+    With ``remark=True`` the text is to stay, on a terminal, too.
+    """
+    if quiet:
+        yield lambda text, remark=False: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda text, remark=False: print(text, file=sys.stderr, flush=True)
+        return
+    columns = (SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("")
+
+        def show(text: str, remark: bool = False) -> None:
+            if remark:
+                console.print(text, markup=False, highlight=False, soft_wrap=True)
+            else:
+                bar.update(task, description=text)
+
+        yield show

@@ -1,0 +1,344 @@
+"""Words of the command line: every command with its options, help and worked examples.
+
+Nothing heavy is imported here: choices are copies of the API's, which tests hold beside them.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from pymc_ship import __version__
+from pymc_ship.cli.words import draws, interval, level, names, seed, zigzag
+
+FAMILIES = ("conjugate", "semiconjugate")
+"""Prior families; like the choices below a copy of the API's, so that ``--help`` need not import it."""
+
+SELECTIONS = ("evidence", "bayesian_optimisation")
+SIDES = ("port", "starboard")
+METHODS = ("euler", "rk4")
+DERIVATIVES = ("euler", "central", "savgol", "weak", "weak_euler")
+DENOISE_PRIORS = ("laplace", "cauchy")
+SPLITS = ("blocks", "random")
+DOFS = ("surge", "sway", "yaw", "roll")
+TRAJECTORY_PRIORS = ("order_damped", "sister_ship", "flat")
+SHIP_PRIORS = ("hull_database", "order_damped", "sister_ship")
+NOISE_MODELS = ("auto", "white", "ar1", "student_t")
+CRITERIA = ("information", "forecast")
+
+_SIMULATE_EXAMPLES = """examples:
+  pymc-ship simulate container --zigzag 20/20 --noise 0.01 --out trial.csv
+  pymc-ship simulate my.toml --turn 35 --side starboard --duration 1200 --method rk4 --out circle.csv
+"""
+_DENOISE_EXAMPLES = """examples:
+  pymc-ship denoise trial.csv --out smooth.csv
+  pymc-ship denoise trial.csv --wavelet db8 --prior cauchy --out smooth.csv
+"""
+_CHECK_EXAMPLES = """examples:
+  pymc-ship check trial.csv --vessel container
+  pymc-ship check trial.txt --format columns.toml --vessel my.toml --out corrected.csv
+
+status 3 says that a check is bad: the trial is not to be fitted, and no corrected one is written.
+"""
+_REGRESS_EXAMPLES = """examples:
+  pymc-ship regress trial.csv --vessel container --out regressed
+  pymc-ship regress smooth.csv --vessel my.toml --raw --select bayesian_optimisation --out regressed
+"""
+_IDENTIFY_EXAMPLES = """examples:
+  pymc-ship identify trials/*.csv --vessel my_ship.toml --out reports/my_ship
+  pymc-ship identify zigzag.csv circle.csv --vessel kvlcc2 --format columns.toml --out reports/tanker
+
+a trial with a bad check is refused: look at it with `pymc-ship check` first.
+"""
+_FIT_EXAMPLES = """examples:
+  pymc-ship fit trial.csv --vessel container --out fitted
+  pymc-ship fit zigzag.csv circle.csv --vessel my.toml --prior sister_ship --channels u,v,r,psi --out fitted
+"""
+_TUNE_EXAMPLES = """examples:
+  pymc-ship tune trial.csv --vessel container --dof sway --family conjugate
+  pymc-ship tune trial.csv --vessel container --dof yaw --family semiconjugate --evaluations 60 --out prior.json
+"""
+_FORECAST_EXAMPLES = """examples:
+  pymc-ship forecast reports/my_ship --zigzag 10/10 --turn 35
+  pymc-ship forecast reports/my_ship --measured circle.csv --format columns.toml
+  pymc-ship forecast regressed --vessel container --zigzag 10/10 --turn 35 --out forecast
+  pymc-ship forecast trajectory.nc --vessel my.toml --zigzag 20/20 --draws 1000 --out forecast
+"""
+_DESIGN_EXAMPLES = """examples:
+  pymc-ship design trajectory.nc --vessel container --n 2 --out design
+  pymc-ship design trajectory.nc --vessel my.toml --criterion forecast --out design
+"""
+_FRONTIER_EXAMPLES = """examples:
+  pymc-ship frontier --out reports/frontier
+  pymc-ship frontier --seeds 4 --seed 7 --quiet --out frontier
+"""
+_MONTECARLO_EXAMPLES = """examples:
+  pymc-ship montecarlo studies/container.toml --out reports/montecarlo
+  pymc-ship montecarlo my.toml --scheduler tcp://10.0.0.1:8786 --out grid
+"""
+_STUDY_EXAMPLES = """example:
+  pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/container
+
+status 3 says that a convergence gate or the agreement of the methods fails; the report is written all the same.
+"""
+
+
+_REPORT_EXAMPLES = """examples:
+  pymc-ship report regressed/sway-conjugate.nc --vessel container --out diagnostics
+  pymc-ship report reports/container/posteriors/sway-*-nuts.nc
+
+draws are compared with an exact posterior of the same data and prior that is given, too.
+status 3 says that a convergence gate or that agreement fails; the report is written all the same.
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Parser whose complaints are one sentence, like every other error of the program."""
+
+    def error(self, message: str):
+        self.exit(2, f"pymc-ship: {message}; see {self.prog} --help.\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Parser of the whole command line."""
+    words = _Parser(
+        prog="pymc-ship",
+        description="Bayesian identification of ship manoeuvring models: from a trial to coefficients and forecasts.",
+        epilog="`pymc-ship COMMAND --help` explains a command and shows worked examples.",
+    )
+    words.add_argument("--version", action="version", version=f"pymc-ship {__version__}")
+    commands = words.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for add in (
+        _add_study,
+        _add_simulate,
+        _add_check,
+        _add_denoise,
+        _add_identify,
+        _add_regress,
+        _add_fit,
+        _add_tune,
+        _add_forecast,
+        _add_design,
+        _add_frontier,
+        _add_montecarlo,
+        _add_report,
+    ):
+        add(commands)
+    return words
+
+
+def _command(commands, name: str, description: str, epilog: str) -> argparse.ArgumentParser:
+    """Parser of a command with the options that all have."""
+    formatter = argparse.RawDescriptionHelpFormatter
+    command = commands.add_parser(
+        name, help=description, description=description, epilog=epilog, formatter_class=formatter
+    )
+    command.add_argument(
+        "--seed", type=seed, default=2020, help="root of every random number, recorded in the output (%(default)s)"
+    )
+    command.add_argument("--quiet", action="store_true", help="no progress and no remarks; results and errors only")
+    return command
+
+
+def _add_study(commands) -> None:
+    command = _command(commands, "study", "run the paper's study and write its report", _STUDY_EXAMPLES)
+    command.add_argument("--vessel", default="container", help="shipped vessel or TOML file (%(default)s)")
+    command.add_argument(
+        "--level", type=float, default=0.01, help="noise level shown in detail: sd over peak (%(default)s)"
+    )
+    command.add_argument("--out", help="folder of the report (reports/<vessel>)")
+
+
+def _add_simulate(commands) -> None:
+    command = _command(commands, "simulate", "simulate a trial and print its indices", _SIMULATE_EXAMPLES)
+    command.add_argument("vessel", metavar="VESSEL", help="shipped vessel or TOML file")
+    manoeuvre = command.add_mutually_exclusive_group(required=True)
+    manoeuvre.add_argument("--zigzag", type=zigzag, metavar="RUDDER/HEADING", help="zigzag test [deg], such as 20/20")
+    manoeuvre.add_argument("--turn", type=float, metavar="RUDDER", help="turning circle [deg], such as 35")
+    manoeuvre.add_argument("--programme", metavar="FILE", help="rudder programme: CSV with the header time,delta_deg")
+    command.add_argument("--side", choices=SIDES, help="side turned to first by a zigzag or a circle (port)")
+    command.add_argument("--speed", type=float, help="approach speed [m/s] (the vessel's nominal speed)")
+    command.add_argument("--duration", type=float, default=400.0, help="[s] (%(default)s)")
+    command.add_argument("--step", type=float, default=0.02, help="integration and sampling step [s] (%(default)s)")
+    command.add_argument("--method", choices=METHODS, default="euler", help="integrator (%(default)s)")
+    command.add_argument(
+        "--noise", type=level, help="noise level: sd over peak of sway, 0.3 of it elsewhere, or `literal` (none)"
+    )
+    command.add_argument("--out", required=True, help="CSV file of the trial")
+
+
+def _add_check(commands) -> None:
+    command = _command(commands, "check", "check a trial before it is fitted, and correct it", _CHECK_EXAMPLES)
+    _add_trial(command)
+    command.add_argument("--vessel", help="shipped vessel or TOML file (L/U is guessed from the tightest turn)")
+    command.add_argument("--out", help="CSV file of the corrected trial (not written)")
+
+
+def _add_denoise(commands) -> None:
+    command = _command(commands, "denoise", "denoise the motion channels of a trial", _DENOISE_EXAMPLES)
+    _add_trial(command)
+    command.add_argument("--wavelet", default="sym8", help="orthogonal wavelet of PyWavelets (%(default)s)")
+    command.add_argument("--prior", choices=DENOISE_PRIORS, default="laplace", help="prior of details (%(default)s)")
+    command.add_argument("--decimated", action="store_true", help="decimated transform, not averaged over shifts")
+    command.add_argument("--out", required=True, help="CSV file of the smooth trial")
+
+
+def _add_trial(command, name: str = "trial", **settings) -> None:
+    """Trial files of a command and how they are read."""
+    command.add_argument(
+        name, metavar="TRIAL", help="text or .gz: time [s], u v [m/s], r p [rad/s], phi psi delta [rad]", **settings
+    )
+    command.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
+
+
+def _add_regression(command) -> None:
+    """Options that make regression data of a trial."""
+    _add_trial(command)
+    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
+    command.add_argument("--raw", action="store_true", help="the trial is smooth already, do not denoise it")
+    command.add_argument(
+        "--interval",
+        type=interval,
+        default=1.0,
+        help="interval of the rows [s] or `all` samples (%(default)s); 4 suits the weak form, whose windows overlap",
+    )
+    command.add_argument(
+        "--derivative",
+        choices=DERIVATIVES,
+        default="euler",
+        help="how accelerations are formed, or the weak form, which does without and is not denoised (%(default)s)",
+    )
+
+
+def _add_regress(commands) -> None:
+    command = _command(commands, "regress", "regress the accelerations of a trial, as the paper", _REGRESS_EXAMPLES)
+    _add_regression(command)
+    command.add_argument("--family", choices=(*FAMILIES, "both"), default="both", help="prior family (%(default)s)")
+    command.add_argument(
+        "--select", choices=SELECTIONS, default="evidence", help="how hyperparameters are chosen (%(default)s)"
+    )
+    command.add_argument("--draws", type=draws, default=4000, help="posterior draws, a multiple of 4 (%(default)s)")
+    command.add_argument("--out", required=True, help="folder of <dof>-<family>.nc and coefficients.csv")
+
+
+def _add_identify(commands) -> None:
+    command = _command(commands, "identify", "identify a ship from her trials and report on it", _IDENTIFY_EXAMPLES)
+    _add_trial(command, "trials", nargs="+")
+    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars, perhaps propeller")
+    command.add_argument(
+        "--terms",
+        action="append",
+        metavar="SET",
+        help="term set, or `own terms` of the file; repeatable (all there are)",
+    )
+    command.add_argument(
+        "--prior",
+        choices=SHIP_PRIORS,
+        help="of the coefficients: captive tests of other hulls, wide about 0, or the values of the vessel file "
+        "(hull_database where the file states the draught d, else order_damped)",
+    )
+    command.add_argument("--draws", type=draws, default=1000, help="posterior draws, a multiple of 4 (%(default)s)")
+    command.add_argument("--out", required=True, help="folder of the report, which `forecast` takes")
+
+
+def _add_fit(commands) -> None:
+    command = _command(commands, "fit", "fit the simulated trajectory to raw trials", _FIT_EXAMPLES)
+    _add_trial(command, "trials", nargs="+")
+    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
+    command.add_argument(
+        "--prior",
+        choices=TRAJECTORY_PRIORS,
+        default="order_damped",
+        help="of the coefficients: small for high orders, near the vessel file's values, or none (%(default)s)",
+    )
+    command.add_argument(
+        "--channels", type=names, metavar="NAME,...", help="channels to fit (those of u, v, r, p, phi there are)"
+    )
+    command.add_argument(
+        "--noise-model", choices=NOISE_MODELS, default="auto", help="auto tests the residuals (%(default)s)"
+    )
+    command.add_argument(
+        "--offsets", choices=("auto", "yes", "no"), default="auto", help="constant sensor offsets (%(default)s)"
+    )
+    command.add_argument("--method", choices=METHODS, default="rk4", help="integrator (%(default)s)")
+    command.add_argument("--draws", type=draws, default=1000, help="posterior draws, a multiple of 4 (%(default)s)")
+    command.add_argument("--out", required=True, help="folder of trajectory.nc and coefficients.csv")
+
+
+def _add_tune(commands) -> None:
+    command = _command(commands, "tune", "choose hyperparameters by Bayesian optimisation", _TUNE_EXAMPLES)
+    _add_regression(command)
+    command.add_argument("--dof", choices=DOFS, required=True, help="degree of freedom")
+    command.add_argument("--family", choices=FAMILIES, required=True, help="prior family")
+    command.add_argument("--evaluations", type=int, default=40, help="priors tried (%(default)s)")
+    command.add_argument("--folds", type=int, default=5, help="folds of the cross-validation (%(default)s)")
+    command.add_argument("--split", choices=SPLITS, default="blocks", help="how rows are dealt to folds (%(default)s)")
+    command.add_argument("--out", help="JSON file of the chosen prior (not written)")
+
+
+def _add_forecast(commands) -> None:
+    command = _command(commands, "forecast", "forecast manoeuvres with bands from a posterior", _FORECAST_EXAMPLES)
+    command.add_argument(
+        "posterior",
+        metavar="POSTERIOR",
+        help="folder that `identify` or `regress` wrote, or joint posterior, .nc or .zarr",
+    )
+    command.add_argument(
+        "--vessel", help="shipped vessel or TOML file: the reference ship (an identified one: herself)"
+    )
+    command.add_argument(
+        "--zigzag", type=zigzag, action="append", default=[], metavar="RUDDER/HEADING", help="zigzag [deg]; repeatable"
+    )
+    command.add_argument(
+        "--turn", type=float, action="append", default=[], metavar="RUDDER", help="turning circle [deg]; repeatable"
+    )
+    command.add_argument(
+        "--family", choices=FAMILIES, default="conjugate", help="prior family, of a folder of `regress` (%(default)s)"
+    )
+    command.add_argument(
+        "--measured", action="append", default=[], metavar="TRIAL", help="trial to forecast and show beside; repeatable"
+    )
+    command.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
+    command.add_argument("--draws", type=int, help="simulated ships (300, of an identified ship 1000)")
+    command.add_argument("--duration", type=float, help="[s] (400, of an identified ship 40 L/U)")
+    command.add_argument("--side", choices=SIDES, help="side turned to first (port, of an identified ship both)")
+    command.add_argument("--out", help="folder of the bands, or of an identified ship's page (her own folder)")
+
+
+def _add_design(commands) -> None:
+    command = _command(commands, "design", "choose the runs that will tell most about a ship", _DESIGN_EXAMPLES)
+    command.add_argument("posterior", metavar="POSTERIOR", help="joint posterior of a trajectory fit, .nc or .zarr")
+    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: terms and reference values")
+    command.add_argument("--n", type=int, default=2, help="runs to choose (%(default)s)")
+    command.add_argument(
+        "--criterion",
+        choices=CRITERIA,
+        default="information",
+        help="precision of the coefficients, or of a 10/10 zigzag and a 35 deg turn (%(default)s)",
+    )
+    command.add_argument("--duration", type=float, default=400.0, help="of each run [s] (%(default)s)")
+    command.add_argument("--out", required=True, help="folder of design.csv, predicted_sd.csv and rudder programmes")
+
+
+def _add_frontier(commands) -> None:
+    description = "measure how close every method comes to the Cramer-Rao bound"
+    command = _command(commands, "frontier", description, _FRONTIER_EXAMPLES)
+    command.add_argument("--seeds", type=int, default=25, help="data sets of each kind and noise level (%(default)s)")
+    command.add_argument("--out", default="reports/frontier", help="folder of the report (%(default)s)")
+
+
+def _add_montecarlo(commands) -> None:
+    description = "run a grid of experiments, or go on with one that was stopped"
+    settings = {"epilog": _MONTECARLO_EXAMPLES, "formatter_class": argparse.RawDescriptionHelpFormatter}
+    command = commands.add_parser("montecarlo", help=description, description=description, **settings)
+    command.add_argument("--quiet", action="store_true", help="no progress and no remarks; results and errors only")
+    command.add_argument("study", metavar="STUDY.toml", help="ships, manoeuvres, noise, methods, seeds, root_seed")
+    command.add_argument("--workers", type=int, help="processes (one for each core)")
+    command.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the tasks instead")
+    command.add_argument("--out", required=True, help="folder of the results and the page")
+
+
+def _add_report(commands) -> None:
+    command = _command(commands, "report", "diagnose saved posteriors and write a report", _REPORT_EXAMPLES)
+    command.add_argument("posteriors", metavar="POSTERIOR", nargs="+", help="posterior file, .nc or .zarr")
+    command.add_argument("--vessel", help="shipped vessel or TOML file: reference and published values (none)")
+    command.add_argument("--out", default="reports/diagnostics", help="folder of diagnostics.html (%(default)s)")

@@ -1,0 +1,171 @@
+"""The commands of a naval architect: identify a ship from her trials, forecast what she will do."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.checks.verdicts import Check
+from pymc_ship.cli.files import Outcome, Progress, made_by, requested_manoeuvres, trial_argument
+from pymc_ship.cli.texts import forecast_text, held_out_text, probability_text, term_set_text
+from pymc_ship.machine.files import writable_folder
+from pymc_ship.manoeuvre.recognition import recognise
+from pymc_ship.manoeuvre.standard import Manoeuvre, ManoeuvreError
+from pymc_ship.ship.files import FOLDER, IdentifiedShip, forecast_ship, load_ship, save_ship
+from pymc_ship.trial.record import TrialError
+from pymc_ship.vessel.vessel import Vessel
+
+SIDES = ("port", "starboard")
+
+
+def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Identify a ship from her trials, report on it and save it."""
+    from pymc_ship.ship.model import identify_ship
+    from pymc_ship.ship.page import write_ship_report
+    from pymc_ship.ship.paths import compare_paths
+
+    vessel = ps.load_vessel(args.vessel)
+    trials, checks = checked_trials(_named(args.trials), vessel, args, progress)
+    out, rng = writable_folder(args.out), np.random.default_rng(args.seed)
+    settings = {"names": list(trials), "terms": args.terms, "prior": args.prior, "draws": args.draws}
+    model = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
+    progress("other paths to the coefficients")
+    paths = []
+    if len(trials) > 1:
+        best = model.candidates[0]
+        known = {"names": list(trials), "trajectory": best.held_out, "progress": progress}
+        paths = compare_paths(list(trials.values()), best.vessel, model.prior, **known)
+    save_ship(model, out, made_by=made_by(args))
+    made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
+    page = write_ship_report(model, trials, checks, paths, out, **made)
+    text = [term_set_text(model), held_out_text(model), "\n".join(model.remarks)]
+    return "\n\n".join(filter(None, text)), page
+
+
+def checked_trials(
+    paths: Mapping[str, str], vessel: Vessel, args: argparse.Namespace, progress: Progress
+) -> tuple[dict[str, xr.Dataset], dict[str, tuple[Check, ...]]]:
+    """Corrected trials and their checks by name.
+
+    Raises
+    ------
+    TrialError
+        When a check is bad: no model is fitted to such a record.
+    """
+    from pymc_ship.checks.trial_checks import failed_checks
+
+    trials, checks = {}, {}
+    for name, path in paths.items():
+        trial = trial_argument(path, args, progress)
+        progress(f"checking {name}")
+        checks[name] = ps.trial_checks(trial, vessel)
+        if failure := failed_checks(checks[name]):
+            raise TrialError(f"{path}: {failure}")
+        trials[name] = ps.corrected_trial(trial, checks[name])
+        for sentence in trials[name].attrs["corrections"]:
+            progress(f"{path}: {sentence}", remark=True)
+    return trials, checks
+
+
+def _named(paths: Sequence[str]) -> dict[str, str]:
+    """Paths by the names of the runs: those of the files without endings or, where two are alike, the paths."""
+    named = {Path(path).name.split(".")[0]: path for path in paths}
+    return named if len(named) == len(paths) else {path: path for path in paths}
+
+
+def holds_ship(path: str) -> bool:
+    """Whether a path is the folder of an identified ship."""
+    return (Path(path) / FOLDER).is_dir()
+
+
+def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Forecast manoeuvres of an identified ship and write the page; the text has indices and IMO verdicts."""
+    from pymc_ship.forecasting.page import write_forecast_page
+
+    ship = load_ship(args.posterior)
+    vessel = ps.load_vessel(args.vessel) if args.vessel else ship.vessel
+    manoeuvres = requested_manoeuvres(args, (args.side,) if args.side else SIDES)
+    measured = _measured(args, ship, progress)
+    known = {manoeuvre.label for manoeuvre, _ in measured.values()}
+    wanted = {manoeuvre.label: manoeuvre for manoeuvre in manoeuvres if manoeuvre.label not in known}
+    wanted |= {label: manoeuvre for label, (manoeuvre, _) in measured.items()}
+    if not wanted:
+        raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35 or --measured.")
+    out = writable_folder(args.out or args.posterior)
+    trees, text = {}, []
+    for label, manoeuvre in wanted.items():
+        progress(f"forecasting the {label}")
+        settings = {"draws": 1000 if args.draws is None else args.draws, "duration": args.duration}
+        trees[label] = forecast_ship(ship, manoeuvre, rng=np.random.default_rng(args.seed), **settings)
+        text.append(_text(trees[label], label, measured, ship.vessel))
+    page = write_forecast_page(
+        trees,
+        vessel,
+        out,
+        measured={label: trial for label, (_, trial) in measured.items()},
+        models=ship.models,
+        motion=ship.motion,
+        remarks=(*ship.remarks, *_remarks(ship, trees)),
+        command=made_by(args),
+        progress=progress,
+    )
+    return "\n\n".join(text), page
+
+
+def _measured(
+    args: argparse.Namespace, ship: IdentifiedShip, progress: Progress
+) -> dict[str, tuple[Manoeuvre, xr.Dataset]]:
+    """Measured trials by the label of the manoeuvre they were recognised as; a second one carries its file's name."""
+    found: dict[str, tuple[Manoeuvre, xr.Dataset]] = {}
+    if not args.measured:
+        return found
+    trials, _ = checked_trials(_named(args.measured), ship.vessel, args, progress)
+    manoeuvres, _ = recognise(list(trials.values()), ship.vessel)
+    for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True):
+        if manoeuvre is None:
+            raise ManoeuvreError(
+                f"A measured trial is a zigzag or a turning circle, {name} was recognised as neither; leave it out."
+            )
+        label = manoeuvre.label if manoeuvre.label not in found else f"{manoeuvre.label} {name}"
+        found[label] = manoeuvre, trial
+    return found
+
+
+def _text(tree: xr.DataTree, label: str, measured: Mapping[str, tuple[Manoeuvre, xr.Dataset]], vessel: Vessel) -> str:
+    """Bands of the indices beside what was measured, where it was, and the probability of each IMO criterion."""
+    from pymc_ship.manoeuvre.measured import measured_indices
+
+    beside = {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
+    parts = [forecast_text(tree, beside), _refused(tree), probability_text(ps.imo_probabilities(tree, vessel))]
+    return "\n".join(filter(None, parts))
+
+
+def _refused(tree: xr.DataTree) -> str:
+    """Sentence on the draws that run away in a manoeuvre; empty where none does."""
+    share = 100.0 * tree.attrs["share_refused"]
+    return f"{share:.2g} % of the draws run away in the {tree.attrs['label']} and are left out." if share else ""
+
+
+_UNITS = {
+    "angle": "of the swing of heading for overshoot angles",
+    "time": "L/U for times",
+    "distance": "L for distances",
+}
+
+
+def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str]:
+    """How the intervals of an identified ship are made."""
+    widened = ", ".join(f"{value:.2g} {_UNITS[kind]}" for kind, value in ship.model_error.items())
+    found = [
+        f"{len(ship.models)} term sets take part by their score on held-out runs: their scatter and that of the "
+        "coefficients make the bands, tracks and force curves.",
+        *filter(None, map(_refused, trees.values())),
+    ]
+    if widened:
+        found.append(f"Intervals of the indices also hold what held-out manoeuvres show beyond it, an sd of {widened}.")
+    return found

@@ -1,0 +1,190 @@
+"""Texts that commands print: tables in columns, one line for each coefficient, index, criterion or candidate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forecasting.forecast import BANDS, stated_shares
+from pymc_ship.vessel.vessel import Vessel
+
+if TYPE_CHECKING:
+    from pymc_ship.checks.verdicts import Check
+    from pymc_ship.regression.tune import TunedPrior
+    from pymc_ship.ship.model import ShipModel
+
+
+def coefficient_rows(vessel: Vessel, family: str, exact: Mapping[str, object]) -> list[tuple]:
+    """Rows (dof, family, coefficient, reference, mean, sd, 5 %, 95 %) of exact posteriors by DOF."""
+    rows = []
+    for dof, posterior in exact.items():
+        reference = vessel.coefficients(dof)
+        columns = (reference.values, posterior.mean, posterior.sd, *posterior.quantiles([0.05, 0.95]))
+        names = reference["coefficient"].values.tolist()
+        rows += [(dof, family, name, *values) for name, *values in zip(names, *np.array(columns).tolist(), strict=True)]
+    return rows
+
+
+def trajectory_rows(vessel: Vessel, tree: xr.DataTree) -> list[tuple]:
+    """Rows as :func:`coefficient_rows` from the draws of a trajectory posterior."""
+    sample = tree["posterior"]["coefficients"].stack(sample=("chain", "draw"))
+    rows = []
+    for dof in vessel.dofs:
+        reference = vessel.coefficients(dof)
+        draws = sample.sel(coefficient=reference["coefficient"].values).transpose("sample", "coefficient").values
+        columns = (reference.values, draws.mean(axis=0), draws.std(axis=0), *np.quantile(draws, [0.05, 0.95], axis=0))
+        names = reference["coefficient"].values.tolist()
+        lines = zip(names, *np.array(columns).tolist(), strict=True)
+        rows += [(dof, "trajectory", name, *values) for name, *values in lines]
+    return rows
+
+
+def trajectory_text(tree: xr.DataTree) -> str:
+    """Noise model, agreement of the starts and how far to trust the normal approximation."""
+    attrs = tree.attrs
+    return (
+        f"{attrs['noise_sentence']}\n"
+        f"{attrs['starts_agreeing']} of {attrs['starts']} starts ended at this mode; Pareto k-hat "
+        f"{attrs['pareto_khat']:.2f}: {attrs['verdict']}"
+    )
+
+
+def tuning_text(tuned: TunedPrior) -> str:
+    """Chosen prior and its rivals with their scores, and what the optimisation gained over the evidence."""
+    rivals = {
+        "chosen": (tuned.prior, tuned.score),
+        "best seen": (tuned.seen_prior, tuned.seen_score),
+        "best of the Gaussian process": (tuned.surrogate_prior, tuned.surrogate_score),
+        "evidence maximum": (tuned.evidence_prior, tuned.evidence_score),
+    }
+    rows = [(name, prior.shape, prior.scale, prior.kappa, f"{score:.4f}") for name, (prior, score) in rivals.items()]
+    return (
+        f"{table(('prior', 'shape', 'scale', 'kappa', 'score'), rows)}\n\n"
+        f"Score (log predictive density per held-out row): {tuned.score:.4f} ± {tuned.score_se:.4f}.\n"
+        f"Log evidence at its maximum: {tuned.log_evidence:.2f}.\n"
+        f"Bayesian optimisation gained {tuned.score - tuned.evidence_score:+.4f} a row over the evidence maximum."
+    )
+
+
+def coefficient_table(rows: list[tuple], families: Sequence[str]) -> str:
+    """One line for each coefficient, the families side by side."""
+    lines: dict[tuple, list] = {}
+    for dof, _, name, reference, *values in rows:
+        lines.setdefault((name, dof), [1e5 * reference]).extend(1e5 * value for value in values)
+    columns = [column for family in families for column in (f"{family} mean", "sd", "5 %", "95 %")]
+    return table(("times 1e5", "dof", "reference", *columns), [(*key, *line) for key, line in lines.items()])
+
+
+def check_text(checks: Iterable[Check]) -> str:
+    """One line for each check: name, verdict and sentence; those that nothing is the matter with come last."""
+    order = {verdict: place for place, verdict in enumerate(("bad", "doubtful", "good", "not checked"))}
+    checks = sorted(checks, key=lambda check: order[check.verdict])
+    width = max(len(check.name) for check in checks)
+    rows = ((check.name, check.verdict, check.sentence.removeprefix("Not checked: ")) for check in checks)
+    return "\n".join(f"{name:{width}}  {verdict:11}  {sentence}" for name, verdict, sentence in rows)
+
+
+def divergence(run: xr.Dataset) -> str:
+    """When a run diverged."""
+    return f"The run diverged at t = {float(run['diverged_at']):g} s; the trial holds what was before."
+
+
+def index_table(found: xr.Dataset, columns: Mapping[str, xr.Dataset]) -> str:
+    """One line for each index, one column for each data set."""
+    rows = [
+        (name.replace("_", " "), *(float(values[name]) for values in columns.values()), found[name].attrs["units"])
+        for name in found.data_vars
+    ]
+    return table(("index", *columns, ""), rows)
+
+
+def criteria_table(criteria: list[dict]) -> str:
+    """One line for each IMO criterion; empty where none applies."""
+    words = {True: "pass", False: "fail", None: "not reached"}
+    rows = [(c["criterion"], c["value"], c["limit"], c["units"], words[c["passed"]]) for c in criteria]
+    return table(("IMO MSC.137(76)", "value", "limit", "", ""), rows) if rows else ""
+
+
+def design_text(found: xr.Dataset) -> str:
+    """Gain and median relative standard deviation of every candidate, and what the chosen runs leave."""
+    steps = found["step"].values
+    header = ("candidate", *(word for k in steps for word in (f"gain {k}", f"sd % {k}")), "diverged")
+    columns = [found[name].sel(step=k).values for k in steps for name in ("gain", "relative_sd")]
+    rows = list(zip(found["candidate"].values, *columns, found["n_diverged"].values, strict=True))
+    runs = ("nothing", *found["chosen"].values)
+    stages = [found[name].values for name in ("relative_sd_chosen", "shrinkage_chosen", "forecast_sd")]
+    chosen = table(("after", "median sd %", "cut by", "forecast sd %"), zip(runs, *stages, strict=True))
+    return f"{table(header, rows)}\n\n{chosen}"
+
+
+def montecarlo_text(rows: list[dict], most: int = 60) -> str:
+    """One line for each cell of a Monte-Carlo study: median errors and coverage, and tasks that did not end well."""
+    keys = ("ship", "manoeuvre", "noise", "level", "method")
+    keys = [key for key in keys if key == "method" or len({row[key] for row in rows}) > 1]
+    scores = ("median_error", "coverage", "tactical_diameter_error", "diverged", "failed")
+    header = (*keys, "error %", "± se", "coverage %", "± se", "tactical diameter error %", "± se", *scores[3:])
+    values = [(name, f"{name}_se") for name in scores[:3]]
+    names = [*keys, *(name for pair in values for name in pair), *scores[3:]]
+    lines = table(header, [[row[name] for name in names] for row in rows[:most]])
+    return lines + (f"\n... and {len(rows) - most} more cells" if len(rows) > most else "")
+
+
+def forecast_text(tree: xr.DataTree, beside: Mapping[str, xr.Dataset]) -> str:
+    """Median and band of each index and what stands beside them, between shares of the forecast and extrapolation."""
+    bands = tree["index_bands"].to_dataset()
+    columns = {band: bands.sel(band=band) for band in BANDS}
+    title = f"{tree.attrs['label']}: {stated_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"
+    return f"{title}\n{index_table(bands, {**beside, **columns})}\n{tree.attrs['extrapolation']}"
+
+
+def probability_text(rows: Iterable[Mapping]) -> str:
+    """One sentence for each IMO criterion that applies; empty where none does."""
+    return "\n".join(f"IMO MSC.137(76): {row['verdict']}" for row in rows)
+
+
+def term_set_text(model: ShipModel) -> str:
+    """Weight, held-out score and errors of every term set."""
+    channels = dict.fromkeys(name for candidate in model.candidates for name in candidate.held_out.rms)
+    rows = [
+        (
+            *(c.name, c.weight, c.held_out.log_density.sum()),
+            *(c.held_out.rms.get(name, math.nan) for name in channels),
+            f"{c.share_unsound:.0%}",
+        )
+        for c in model.candidates
+    ]
+    return table(("term set", "weight", "score", *(f"rms {name}" for name in channels), "ran away"), rows)
+
+
+def held_out_text(model: ShipModel) -> str:
+    """Indices of each held-out manoeuvre beside their forecast; empty where none was held out."""
+    if not model.index_rows:
+        return ""
+    header = ("held-out run", "manoeuvre", "index", "measured", "forecast", "± sd")
+    names = ("run", "manoeuvre", "index", "measured", "forecast", "sd")
+    return table(
+        header, [[str(row[n]).replace("_", " ") if n == "index" else row[n] for n in names] for row in model.index_rows]
+    )
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence]) -> str:
+    """Columns of text, the first one flush left and the others flush right."""
+    cells = [list(header), *([_cell(value) for value in row] for row in rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
+    lines = (
+        "  ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True))])
+        for row in cells
+    )
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _cell(value: str | float) -> str:
+    if isinstance(value, str):
+        return value
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"

@@ -1,0 +1,1 @@
+"""Wavelet shrinkage of signals and records."""

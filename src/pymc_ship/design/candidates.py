@@ -1,0 +1,66 @@
+"""Manoeuvres that may be worth running next: standard tests and rudder programmes drawn at random, by label."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pymc_ship.manoeuvre.standard import Manoeuvre, rudder_programme, turning_circle, zigzag
+from pymc_ship.vessel.vessel import Vessel
+
+_JUMP = 0.1  # s, from one angle to the next; the rudder follows at its own rate
+
+
+def candidate_trials(vessel: Vessel, *, duration: float = 400.0, rng: np.random.Generator) -> dict[str, Manoeuvre]:
+    """Manoeuvres worth considering for a next run, by label.
+
+    Parameters
+    ----------
+    vessel : Vessel
+        Its nominal speed, and half of it, are the approach speeds.
+    duration : float, optional
+        Of the rudder programmes [s].
+    rng : numpy.random.Generator
+        Draws the programmes: angles of up to 35 deg held for 8 to 30 s, and 20 deg to either side held for multiples
+        of 10 s, in whole degrees and seconds.
+
+    Returns
+    -------
+    dict of str to Manoeuvre
+    """
+    half = 0.5 * vessel.particulars.nominal_speed
+    manoeuvres = [
+        *(zigzag(*angles) for angles in ((35, 35), (35, 20), (20, 20), (10, 10))),
+        zigzag(20, 20, approach_speed=half),
+        turning_circle(35),
+    ]
+    steps, binary = (lambda: (rng.integers(8, 31), rng.integers(-35, 36))), (lambda: (10, 20 * rng.choice((-1, 1))))
+    return {
+        "random steps 35": _programme(steps, duration, None),
+        f"random steps 35 from {half:g} m/s": _programme(steps, duration, half),
+        "random binary 20": _programme(binary, duration, None),
+    } | labelled_trials(manoeuvres)
+
+
+def _programme(draw, duration: float, approach_speed: float | None) -> Manoeuvre:
+    """Rudder programme of (dwell [s], angle [deg]) drawn until the duration is filled."""
+    time, angles, end = [], [], 0.0
+    while end < duration:
+        dwell, angle = draw()
+        time += [end + (_JUMP if time else 0.0), end + float(dwell)]
+        angles += [angle, angle]
+        end += float(dwell)
+    return rudder_programme(time, np.deg2rad(angles), approach_speed=approach_speed)
+
+
+def labelled_trials(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
+    """Manoeuvres by label; those without one are called by kind, angles, speed and, where it repeats, a number."""
+    if isinstance(manoeuvres, Mapping):
+        return dict(manoeuvres)
+    labelled: dict[str, Manoeuvre] = {}
+    for one in manoeuvres:
+        label = one.label + (f" from {one.approach_speed:g} m/s" if one.approach_speed else "")
+        same = sum(name.split(" #")[0] == label for name in labelled)
+        labelled[f"{label} #{same + 1}" if same else label] = one
+    return labelled

@@ -1,0 +1,272 @@
+"""Do draws agree with the exact posterior? z-scores of their means, spreads and quantiles, with one limit for all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from statistics import NormalDist
+from typing import Protocol
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.diagnostics.regression import DESIGN, R_HAT_LIMIT, data_of, gates, missing, prior_of, quantities, summary
+from pymc_ship.diagnostics.trajectory import gates as trajectory_gates
+from pymc_ship.diagnostics.trajectory import of_trajectories
+from pymc_ship.regression.identify import EXACT
+
+PROBABILITIES = (0.05, 0.5, 0.95)
+"""Probabilities of the quantiles compared."""
+
+LEVEL = 1e-3
+"""Chance that one of all the comparisons of a table exceeds its limit when every chain is right."""
+
+_SAMPLE = ("chain", "draw")
+
+
+class ExactPosterior(Protocol):
+    """What an exact posterior offers on the original scale; quantiles where it has them."""
+
+    mean: np.ndarray
+    sd: np.ndarray
+    noise_variance_mean: float
+    noise_variance_sd: float
+
+
+def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> xr.Dataset:
+    """Compare draws with the exact posterior of the same data and prior.
+
+    A z-score is the error of an estimate over its Monte Carlo standard error, estimated from the chains. For a
+    quantile it is the share of draws below the exact one against its probability, which needs no density. The limit
+    on every |z| is the two-sided normal quantile at ``LEVEL`` over the number of comparisons; the normal law behind
+    it asks for some hundred effective draws.
+
+    Parameters
+    ----------
+    exact : NormalInverseGamma or NormalMixture
+        From :func:`~pymc_ship.regression.conjugate.conjugate` or
+        :func:`~pymc_ship.regression.semiconjugate.semiconjugate`; anything with ``mean`` and ``sd``, shape (n_terms,),
+        ``noise_variance_mean`` and ``noise_variance_sd``. Quantiles are compared where it has ``quantiles`` and
+        ``noise_variance_quantiles``.
+    posteriors : mapping of str to DataTree
+        Posteriors by the name of their method, laid out by :func:`~pymc_ship.regression.tree.posterior_tree`.
+
+    Returns
+    -------
+    Dataset
+        Dims method, quantity (every coefficient and ``"noise_variance"``) and probability; as ``sel`` of xarray has an
+        argument of that name, one method is ``table.sel({"method": "nuts"})``. ``exact_mean``,
+        ``exact_sd``, ``exact_quantile``; ``mean``, ``sd``, ``mcse_mean``, ``mcse_sd``, ``share_below``; ``z_mean``,
+        ``z_sd``, ``z_quantile``; ``r_hat``, ``ess_bulk``, ``ess_tail``; per method ``divergences`` (NaN for a sampler
+        that knows none), ``largest_z`` and ``agrees``: every z within ``attrs["z_limit"]``, R-hat at most 1.01 and no
+        divergence. ``attrs["verdict"]`` says it in words.
+
+    Raises
+    ------
+    ValueError
+        When there is no posterior, one holds other coefficients than the rest or the exact posterior, or one is of
+        errors that are not normal.
+
+    References
+    ----------
+    Vehtari, Gelman, Simpson, Carpenter & Buerkner (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221.
+    """
+    names = _coefficient_names(exact, posteriors)
+    exact_values = _exact_values(exact, [*names, "noise_variance"])
+    rows = [_compare(tree, exact_values) for tree in posteriors.values()]
+    table = xr.concat(rows, xr.DataArray(list(posteriors), dims="method", name="method"))
+    return _judge(xr.merge([exact_values, table]))
+
+
+def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> list[str]:
+    if not posteriors:
+        raise ValueError("An agreement needs at least one posterior, found none; give draws by the name of the method.")
+    found = {method: list(tree["posterior"]["coefficient"].values) for method, tree in posteriors.items()}
+    names = list(getattr(exact, "coefficients", next(iter(found.values()))))
+    for method, given in found.items():
+        if errors_of(posteriors[method]) != "normal":
+            raise ValueError(
+                "An agreement is held against the exact posterior, which is of normal errors, found "
+                f"{errors_of(posteriors[method])} errors in "
+                f"{method!r}; leave it out."
+            )
+        if given != names or len(given) != len(exact.mean):
+            raise ValueError(
+                f"All posteriors must hold the {len(exact.mean)} coefficients of the exact one in its order, found "
+                f"{', '.join(given)} in {method!r}; compare posteriors of the same data."
+            )
+    return names
+
+
+def errors_of(tree: xr.DataTree) -> str:
+    """Law of the errors that a posterior records."""
+    return tree.attrs.get("errors", "normal")
+
+
+def _exact_values(exact: ExactPosterior, quantities: list[str]) -> xr.Dataset:
+    values = {
+        "exact_mean": ("quantity", np.append(exact.mean, exact.noise_variance_mean)),
+        "exact_sd": ("quantity", np.append(exact.sd, exact.noise_variance_sd)),
+    }
+    coords = {"quantity": quantities}
+    if hasattr(exact, "quantiles") and hasattr(exact, "noise_variance_quantiles"):
+        probabilities = np.array(PROBABILITIES)
+        of_noise = exact.noise_variance_quantiles(probabilities)
+        quantiles = np.column_stack([exact.quantiles(probabilities), of_noise])
+        values["exact_quantile"] = (("probability", "quantity"), quantiles)
+        coords["probability"] = probabilities
+    return xr.Dataset(values, coords)
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def _compare(tree: xr.DataTree, exact: xr.Dataset) -> xr.Dataset:
+    """Estimates, z-scores and diagnostics of one posterior; a chain that stands still has z-scores infinite or NaN."""
+    import arviz as az
+
+    draws, values = quantities(tree), dict(summary(tree).drop_vars(("lower", "upper")).data_vars)
+    values["z_mean"] = (values["mean"] - exact["exact_mean"]) / values["mcse_mean"]
+    values["z_sd"] = (values["sd"] - exact["exact_sd"]) / values["mcse_sd"]
+    if "exact_quantile" in exact:
+        below = (draws < exact["exact_quantile"]).astype(float)
+        values["share_below"] = below.mean(_SAMPLE)
+        probability = exact["probability"]
+        error = np.sqrt(probability * (1.0 - probability) / az.ess(below, method="mean"))
+        values["z_quantile"] = (values["share_below"] - probability) / error
+    stats = tree["sample_stats"].dataset if "sample_stats" in tree.children else {}
+    values["divergences"] = float(stats["diverging"].sum()) if "diverging" in stats else np.nan
+    return xr.Dataset(values)
+
+
+def _judge(table: xr.Dataset) -> xr.Dataset:
+    """Limit and verdict over all the comparisons of a table; a z-score that is NaN fails."""
+    scores = [table[name].stack(comparison=["quantity"]) for name in ("z_mean", "z_sd")]
+    if "z_quantile" in table:
+        scores.append(table["z_quantile"].stack(comparison=["quantity", "probability"]))
+    z = np.concatenate([np.abs(score.transpose("method", "comparison").to_numpy()) for score in scores], axis=1)
+    limit = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL / z.size)
+    largest = np.where(np.isnan(z).any(axis=1), np.nan, z.max(axis=1))
+    r_hat = table["r_hat"].max("quantity", skipna=False)
+    agrees = (largest <= limit) & (r_hat <= R_HAT_LIMIT) & ~(table["divergences"] > 0)
+    table = table.assign(largest_z=("method", largest), agrees=agrees)
+    verdict = "; ".join(_said(table.isel(method=k)) for k in range(table.sizes["method"]))
+    return table.assign_attrs(
+        z_limit=limit, level=LEVEL, comparisons=z.size, r_hat_limit=R_HAT_LIMIT, verdict=f"{verdict}; limit {limit:.2f}"
+    )
+
+
+def _said(one: xr.Dataset) -> str:
+    """Verdict on one method."""
+    r_hat, count = float(one["r_hat"].max(skipna=False)), float(one["divergences"])
+    counted = "" if np.isnan(count) else f", divergences {count:.0f}"
+    numbers = f"largest |z| {float(one['largest_z']):.1f}, largest R-hat {r_hat:.4f}{counted}"
+    return f"{one['method'].item()} {'agrees' if one['agrees'] else 'DISAGREES'} ({numbers})"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One posterior by one method or several, and what fails in it.
+
+    Attributes
+    ----------
+    name : str
+    trees : mapping of str to DataTree
+        Draws by the name of their method; the first are those whose posterior is reported, the exact ones where given.
+    agreement : Dataset or None
+        Of the other methods with the exact posterior, from :func:`agreement`.
+    """
+
+    name: str
+    trees: Mapping[str, xr.DataTree]
+    agreement: xr.Dataset | None = None
+
+    @property
+    def posterior(self) -> xr.DataTree:
+        """The draws whose posterior is reported."""
+        return next(iter(self.trees.values()))
+
+    @property
+    def sampler(self) -> str:
+        """Method whose chains are reported: the last with ``sample_stats``, otherwise the last."""
+        return max(reversed(self.trees), key=lambda method: "sample_stats" in self.trees[method].children)
+
+    @cached_property
+    def gates(self) -> dict[str, list[dict]]:
+        """Convergence gates of every method, or those of whole trajectories."""
+        return {
+            method: (trajectory_gates if of_trajectories(tree) else gates)(tree) for method, tree in self.trees.items()
+        }
+
+    @property
+    def failed_gates(self) -> list[str]:
+        """The gates that fail, in words."""
+        return [
+            f"{f'{method}: ' if len(self.trees) > 1 else ''}{gate['gate']} {_value(gate['value'])} ({gate['where']}), "
+            f"to be {gate['limit']}"
+            for method, rows in self.gates.items()
+            for gate in rows
+            if not gate["holds"]
+        ]
+
+    @property
+    def disagreements(self) -> list[str]:
+        """The methods that disagree with the exact posterior, in words."""
+        if self.agreement is None:
+            return []
+        methods = (self.agreement.isel(method=k) for k in range(self.agreement.sizes["method"]))
+        return [_said(one) for one in methods if not one["agrees"]]
+
+
+def _value(value: float) -> str:
+    return f"{value:.4g}" if np.isfinite(value) else "not finite"
+
+
+def comparisons(trees: Mapping[str, xr.DataTree]) -> list[Comparison]:
+    """Posteriors by name, each beside the exact one of the same data and prior where that is among them.
+
+    The exact posterior behind an agreement is computed from the data and the prior that its draws record.
+    """
+    exact = [name for name, tree in trees.items() if tree.attrs["method"] in EXACT]
+    groups: dict[str, list[str]] = {}
+    for name, tree in trees.items():
+        same = (other for other in exact if name not in exact and _same_posterior(trees[other], tree))
+        groups.setdefault(next(same, name), []).append(name)
+    return [_compared({name: trees[name] for name in dict.fromkeys([first, *rest])}) for first, rest in groups.items()]
+
+
+def _same_posterior(exact: xr.DataTree, other: xr.DataTree) -> bool:
+    """Whether draws are meant to be of the posterior that the exact ones are of."""
+    if errors_of(other) != "normal" or missing(exact, *DESIGN) or missing(other, *DESIGN):
+        return False
+    labels = all(exact.attrs[key] == other.attrs[key] for key in ("vessel", "dof", "prior", "scaling"))
+    names = [tree["posterior"]["coefficient"].values.tolist() for tree in (exact, other)]
+    data = all(exact[group].dataset.equals(other[group].dataset) for group in ("constant_data", "observed_data"))
+    return labels and names[0] == names[1] and data
+
+
+def _compared(trees: Mapping[str, xr.DataTree]) -> Comparison:
+    name = ", ".join(trees)
+    if len(trees) == 1:
+        return Comparison(name, trees)
+    first, *rest = trees.values()
+    methods = ["exact", *(tree.attrs["method"] for tree in rest)]
+    labels = methods if len(set(methods)) == len(methods) else list(trees)
+    prior = prior_of(first)
+    exact = EXACT[prior.family](data_of(first), prior)
+    return Comparison(
+        name,
+        dict(zip(labels, trees.values(), strict=True)),
+        agreement(exact, dict(zip(labels[1:], rest, strict=True))),
+    )
+
+
+def failure(compared: Sequence[Comparison]) -> str:
+    """One sentence that says where a convergence gate or the agreement fails; empty where all holds."""
+    failed = [(one.name, [*one.failed_gates, *one.disagreements]) for one in compared]
+    failed = [f"{name}: {'; '.join(said)}" for name, said in failed if said]
+    if not failed:
+        return ""
+    return (
+        f"A convergence gate or the agreement with the exact posterior fails in {len(failed)} of {len(compared)} "
+        f"posteriors, first in {failed[0]}; the page is written and names them all."
+    )

@@ -1,0 +1,237 @@
+"""Figures of the diagnostic report: a posterior and its numbers -> matplotlib figures. Fits nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator
+
+from pymc_ship.diagnostics import regression as diagnostics
+from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, STYLE, subplots
+
+ESS_POINTS = 12
+"""Points of the curves of effective sample size."""
+
+PREDICTIVE_SAMPLES = 50
+"""Predictive data sets drawn over the record."""
+
+PAIR_DRAWS = 2000
+"""Draws shown in a pair plot."""
+
+_FOREST_TICKS = np.concatenate([[0.0], *np.outer((-1, 1), (1, 2, 3, 10, 100, 1000, 1e4, 1e5, 1e6))])
+_INK, _BLUE, _RUST = REFERENCE, COLOURS["conjugate"], COLOURS["semiconjugate"]
+
+
+def chosen_draws(tree: xr.DataTree, names: Sequence[str]) -> xr.DataTree:
+    """Draws of a few quantities as variables of their own: coefficients times 1e5, the noise variance as log10."""
+    posterior = tree["posterior"].dataset
+    drawn = {}
+    for name in names:
+        if name == "noise_variance":
+            drawn["log10 σ²"] = np.log10(posterior["noise_variance"])
+        else:
+            drawn[f"{name} · 1e5"] = 1e5 * posterior["coefficients"].sel(coefficient=name, drop=True)
+    groups = {"posterior": xr.Dataset(drawn)}
+    if "sample_stats" in tree.children:
+        groups["sample_stats"] = tree["sample_stats"].dataset
+    return xr.DataTree.from_dict(groups)
+
+
+def arviz_figure(plot: str, subject: object, size: tuple[float, float], **settings) -> Figure:
+    """Draw a plot of ArviZ in the house style, of a size in inches; pyplot forgets the figure."""
+    import arviz as az
+    import matplotlib.pyplot as plt
+
+    with matplotlib.rc_context(STYLE), plt.ioff():
+        panels = getattr(az, plot)(subject, backend="matplotlib", figure_kwargs={"figsize": size}, **settings)
+        fig = panels.get_viz("figure")
+        fig = fig.item() if isinstance(fig, np.ndarray | xr.DataArray) else fig
+        fig.set_layout_engine("constrained")
+        plt.close(fig)
+    return fig
+
+
+def _labelled(fig: Figure, x: str, y: str) -> Figure:
+    for ax in fig.axes:
+        ax.set_xlabel(x)
+        ax.set_ylabel(y)
+    return fig
+
+
+def _panels(count: int) -> dict:
+    return {"col_wrap": 2, "size": (8.0, 2.1 * ((count + 1) // 2))}
+
+
+def trace(tree: xr.DataTree, names: Sequence[str]) -> Figure:
+    """Draws of the chosen quantities in their order, one colour a chain."""
+    return arviz_figure("plot_trace", chosen_draws(tree, names), **_panels(len(names)))
+
+
+def rank(tree: xr.DataTree, names: Sequence[str]) -> Figure:
+    """Difference of each chain's fractional ranks from uniform."""
+    drawn = chosen_draws(tree, names)
+    return arviz_figure("plot_rank", drawn, envelope_prob=diagnostics.ENVELOPE, **_panels(len(names)))
+
+
+def effective_sample_size(tree: xr.DataTree, names: Sequence[str]) -> Figure:
+    """Bulk and tail ESS of the chosen quantities against the number of draws."""
+    settings = {"min_ess": diagnostics.ESS_LIMIT, "n_points": ESS_POINTS, **_panels(len(names))}
+    return arviz_figure("plot_ess_evolution", chosen_draws(tree, names), **settings)
+
+
+def energy(tree: xr.DataTree) -> Figure:
+    """E-BFMI of each chain; marginal energy and energy transitions."""
+    fig = arviz_figure("plot_energy", tree, (8.0, 2.8), threshold=diagnostics.E_BFMI_LIMIT)
+    labels = (("E-BFMI", "chain"), ("energy, centred", "density"))
+    for ax, (x, y) in zip(fig.axes, labels, strict=False):
+        ax.set_xlabel(x)
+        ax.set_ylabel(y)
+    fig.axes[0].set_yticks(range(tree["posterior"].sizes["chain"]))
+    return fig
+
+
+def forest(tree: xr.DataTree, reference: np.ndarray | None, published: Mapping[str, np.ndarray]) -> Figure:
+    """Equal-tailed 50 and 95 % intervals of every coefficient with its mean.
+
+    With reference values each coefficient is divided by its own, so 1 is the reference and the published estimates
+    stand beside it; coefficients whose reference is zero are left out. Without, it is divided by its posterior
+    standard deviation.
+    """
+    draws = tree["posterior"]["coefficients"]
+    if reference is None:
+        unit, label = draws.std(("chain", "draw"), ddof=1).values, "coefficient / posterior sd"
+    else:
+        unit, label = np.asarray(reference, dtype=float), "coefficient / reference"
+    kept = np.flatnonzero(unit != 0.0)
+    fig, ax, heights = forest_of(draws.isel(coefficient=kept) / unit[kept])
+    ax.axvline(0.0, color=NOISE, lw=0.8, zorder=0)
+    if reference is not None:
+        ax.axvline(1.0, color=_INK, ls="--", lw=0.9, label="reference")
+        for (family, values), colour, marker in zip(published.items(), (_RUST, _INK), "dx", strict=False):
+            ratio = np.asarray(values, dtype=float)[kept] / unit[kept]
+            ax.plot(ratio, heights, marker, color=colour, ms=4.5, ls="none", label=f"published, {family}")
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
+    ax.set_xlabel(f"{label} (linear between −3 and 3, logarithmic beyond)")
+    return fig
+
+
+def forest_of(draws: xr.DataArray) -> tuple[Figure, Axes, np.ndarray]:
+    """Forest of draws, dims (chain, draw, coefficient), with equal-tailed 50 and 95 % intervals and means.
+
+    Linear between -3 and 3 and logarithmic beyond; with it come the axes and the height of each coefficient's row.
+    """
+    shown = draws.rename("coefficients")
+    relative, size = xr.DataTree.from_dict({"posterior": shown.to_dataset()}), (8.0, 0.9 + 0.24 * shown.shape[-1])
+    settings = {"combined": True, "ci_kind": "eti", "ci_probs": (0.5, diagnostics.CI_PROB), "point_estimate": "mean"}
+    fig = arviz_figure("plot_forest", relative, size, labels=["coefficient"], **settings)
+    ax = max(fig.axes, key=lambda axes: len(axes.collections) + len(axes.lines))
+    for names in fig.axes:
+        names.set_visible(names is ax or bool(names.texts))
+        names.set_xlabel("")
+        names.spines["bottom"].set_visible(names is ax)
+        names.set_xticks([] if names is not ax else ax.get_xticks())
+    heights = _heights(ax, shown.mean(("chain", "draw")).values)
+    ax.set_xscale("symlog", linthresh=3.0)
+    ax.xaxis.set_major_locator(FixedLocator(_FOREST_TICKS))
+    ax.xaxis.set_major_formatter("{x:g}")
+    return fig, ax, heights
+
+
+def _heights(ax, means: np.ndarray) -> np.ndarray:
+    """Height of each coefficient's row in a forest, read from where its mean stands."""
+    points = [np.asarray(c.get_offsets(), dtype=float) for c in ax.collections]
+    points += [np.column_stack([line.get_xdata(), line.get_ydata()]) for line in ax.lines if len(line.get_xdata()) == 1]
+    points = np.vstack([p for p in points if p.size])
+    return np.array([points[np.argmin(np.abs(points[:, 0] - mean)), 1] for mean in means])
+
+
+def noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Figure:
+    """Prior and posterior of log10 sigma2, the prior from draws inside its central 95 %."""
+    posterior = np.log10(tree["posterior"]["noise_variance"])
+    prior = np.log10(np.maximum(diagnostics.prior_noise_variance(tree, 20 * posterior.size, rng), 1e-300))
+    prior = prior[(prior >= np.quantile(prior, 0.025)) & (prior <= np.quantile(prior, 0.975))][: posterior.size]
+    groups = {
+        "prior": xr.Dataset({"log10 σ²": (("chain", "draw"), prior[None])}),
+        "posterior": xr.Dataset({"log10 σ²": posterior}),
+    }
+    together = xr.DataTree.from_dict(groups)
+    return _labelled(
+        arviz_figure("plot_prior_posterior", together, (8.0, 3.2), kind="kde"),
+        "log10 σ² of the prime response",
+        "density",
+    )
+
+
+def predictive(tree: xr.DataTree) -> Figure:
+    """Density of the response and of predictive data sets."""
+    fig = arviz_figure("plot_ppc_dist", tree, (8.0, 3.2), num_samples=PREDICTIVE_SAMPLES, kind="kde")
+    return _labelled(fig, "prime response", "density")
+
+
+def pair(tree: xr.DataTree, names: Sequence[str]) -> Figure:
+    """Draws of the most correlated coefficients against each other."""
+    sizes = tree["posterior"].sizes
+    thin = max(1, sizes["chain"] * sizes["draw"] // PAIR_DRAWS)
+    drawn = chosen_draws(tree, names).isel(draw=slice(None, None, thin))
+    fig = arviz_figure("plot_pair", drawn, (8.0, 5.6), marginal=True, marginal_kind="kde")
+    for ax in fig.axes:
+        ax.locator_params(axis="x", nbins=5)
+    return fig
+
+
+def correlation(tree: xr.DataTree) -> Figure:
+    """Heat map of the posterior correlation of the coefficients."""
+    matrix = diagnostics.correlation(tree)
+    names = [str(name) for name in matrix["coefficient"].values]
+    with matplotlib.rc_context({**STYLE, "axes.grid": False}):
+        side = 2.2 + 0.2 * len(names)
+        fig, axes = subplots(side + 0.8, side)
+        image = axes[0, 0].imshow(matrix.values, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+        axes[0, 0].set_xticks(range(len(names)), names, rotation=90, fontsize=7)
+        axes[0, 0].set_yticks(range(len(names)), names, fontsize=7)
+        fig.colorbar(image, ax=axes[0, 0], label="posterior correlation", shrink=0.8)
+    return fig
+
+
+def pareto_k(loo: object) -> Figure:
+    """Pareto k of every row with the limit of ArviZ."""
+    with matplotlib.rc_context(STYLE):
+        fig, axes = subplots(8.0, 2.8)
+        k = np.ravel(loo.pareto_k.values)
+        axes[0, 0].plot(np.arange(k.size), k, ".", color=_BLUE, ms=4)
+        axes[0, 0].axhline(loo.good_k, color=_INK, ls="--", lw=0.9, label=f"limit {loo.good_k:.2f}")
+        axes[0, 0].set_xlabel("row")
+        axes[0, 0].set_ylabel("Pareto k")
+        axes[0, 0].legend()
+    return fig
+
+
+def loo_pit(tree: xr.DataTree) -> Figure:
+    """Leave-one-out probability integral transform, ECDF minus uniform."""
+    fig = arviz_figure("plot_loo_pit", tree, (8.0, 3.2), var_names=["response"], envelope_prob=diagnostics.ENVELOPE)
+    low, high = fig.axes[0].get_ylim()
+    fig.axes[0].set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    return _labelled(fig, "LOO-PIT", "ECDF minus uniform")
+
+
+def residuals(values: xr.DataArray, band: float) -> Figure:
+    """Residuals over time and their autocorrelation with the band of white noise."""
+    lags = min(40, values.size - 2)
+    r = diagnostics.autocorrelation(values.values, lags)
+    with matplotlib.rc_context(STYLE):
+        fig, axes = subplots(8.0, 2.9, 1, 2, width_ratios=(1.5, 1.0))
+        axes[0, 0].plot(values["time"], 1e5 * values, color=_BLUE, lw=0.8)
+        axes[0, 0].set_xlabel("time [s]")
+        axes[0, 0].set_ylabel("residual · 10⁵ (prime)")
+        axes[0, 1].axhspan(-band, band, color=NOISE, alpha=0.5, lw=0, label="white noise, 95 %")
+        axes[0, 1].vlines(np.arange(1, lags + 1), 0.0, r, color=_RUST, lw=1.4)
+        axes[0, 1].axhline(0.0, color=_INK, lw=0.7)
+        axes[0, 1].set_xlabel("lag [rows]")
+        axes[0, 1].set_ylabel("autocorrelation")
+        axes[0, 1].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    return fig

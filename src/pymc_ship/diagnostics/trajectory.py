@@ -1,0 +1,233 @@
+"""What a posterior of whole trajectories says about itself: gates, what the records determine, residuals by channel.
+
+Every function takes a tree laid out by :func:`~pymc_ship.trajectory.posterior.trajectory_tree` and returns numbers.
+"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.design.identifiability import UNKNOWN
+from pymc_ship.diagnostics import regression as diagnostics
+from pymc_ship.diagnostics.regression import CONTRACTION_LIMIT, SD_LIMIT, check_draws
+from pymc_ship.trajectory.fit import whiten
+from pymc_ship.trajectory.posterior import KHAT_LIMIT
+from pymc_ship.trial.record import UNITS
+from pymc_ship.vessel.vessel import LETTER
+
+METHODS = ("trajectory", "trajectory_nuts")
+"""Methods whose posteriors are of whole trajectories: the normal approximation, and the sampler."""
+
+RECORDS = tuple(f"constant_data/{name}" for name in ("time", "run", "fitted", "block_sd", "correlation"))
+RECORDS = (*RECORDS, "observed_data/response")
+"""Variables of a tree that residuals are made from."""
+
+PRIOR = ("constant_data/prior_sd",)
+"""Variables of a tree that the posterior is compared with its prior by."""
+
+_DEGREES = {"rad": "deg", "rad/s": "deg/s"}
+_SAMPLE = ("chain", "draw")
+_ATTRS = ("dof", "vessel", "prior", "integrator", "noise_model", "noise_sentence", "starts", "starts_agreeing")
+
+
+def of_trajectories(tree: xr.DataTree) -> bool:
+    """Whether a posterior is of whole trajectories."""
+    return tree.attrs.get("method") in METHODS
+
+
+def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
+    """Raise a ValueError that says what a tree lacks to be a posterior of whole trajectories."""
+    needed = (*_ATTRS, *(["pareto_khat"] if tree.attrs["method"] == "trajectory" else []))
+    check_draws(tree, name, {"coefficients": (*_SAMPLE, "coefficient")}, needed)
+    try:
+        prior = json.loads(tree.attrs["prior"])
+        sizes = {len(prior[key]) for key in ("mean", "scale")} | {tree["posterior"].sizes["coefficient"]}
+        complete = len(sizes) == 1 and isinstance(prior["tau"], dict) and isinstance(prior["family"], str)
+    except (ValueError, KeyError, TypeError):
+        complete = False
+    if not complete:
+        raise ValueError(
+            f"{name} is no posterior of this package: its prior is to give family, tau, and mean and scale of every "
+            "coefficient; give one that `pymc-ship fit` made."
+        )
+
+
+def gates(tree: xr.DataTree) -> list[dict]:
+    """Gates of a posterior of whole trajectories, laid out as :func:`~pymc_ship.diagnostics.regression.gates`.
+
+    Draws of the normal approximation are independent: their only gate is Pareto k-hat. Those of a sampler have the
+    gates of chains, over coefficients, initial states and sensor offsets.
+    """
+    if tree.attrs["method"] != "trajectory":
+        return diagnostics.gates(tree, unknowns(tree))
+    khat = float(tree.attrs["pareto_khat"])
+    where, limit = "importance weights of the draws", f"≤ {KHAT_LIMIT:g}"
+    return [{"gate": "Pareto k-hat", "value": khat, "where": where, "limit": limit, "holds": khat <= KHAT_LIMIT}]
+
+
+def unknowns(tree: xr.DataTree) -> xr.DataArray:
+    """Draws of every coefficient, initial state and sensor offset, dims (chain, draw, quantity)."""
+    posterior = tree["posterior"].dataset
+    values = [posterior["coefficients"].transpose(*_SAMPLE, "coefficient").values]
+    names = [str(name) for name in posterior["coefficient"].values]
+    for name, of, said in (("initial_state", "state", "initial {}"), ("sensor_offset", "channel", "offset of {}")):
+        if name not in posterior:
+            continue
+        draws = posterior[name].transpose(*_SAMPLE, "run", of)
+        for run, label in np.argwhere(np.isfinite(draws.values).all((0, 1))):
+            values.append(draws.values[:, :, run, label, None])
+            names.append(f"{said.format(draws[of].values[label])}, run {run + 1}")
+    coords = {name: posterior[name].values for name in _SAMPLE} | {"quantity": names}
+    return xr.DataArray(np.concatenate(values, axis=2), coords, (*_SAMPLE, "quantity"))
+
+
+def contraction(tree: xr.DataTree) -> xr.Dataset:
+    """How far the records have narrowed each coefficient, and which they determine.
+
+    The contraction is 1 - (posterior variance)/(prior variance), 1 under a flat prior. A coefficient is determined
+    when it exceeds 0.9 and the mean lies more than 1.96 posterior standard deviations from zero.
+
+    Returns
+    -------
+    Dataset, dims (coefficient,)
+        ``mean``, ``sd``, ``prior_mean``, ``prior_sd``, ``contraction``, the flags ``narrowed``, ``determined``, and the
+        coordinate ``dof``.
+    """
+    draws, prior_sd = tree["posterior"]["coefficients"], tree["constant_data"]["prior_sd"]
+    mean, sd = draws.mean(_SAMPLE), draws.std(_SAMPLE, ddof=1)
+    shrunk = 1.0 - (sd / prior_sd) ** 2
+    narrowed = shrunk > CONTRACTION_LIMIT
+    values = {
+        "mean": mean,
+        "sd": sd,
+        "prior_mean": ("coefficient", json.loads(tree.attrs["prior"])["mean"]),
+        "prior_sd": prior_sd,
+        "contraction": shrunk,
+        "narrowed": narrowed,
+        "determined": narrowed & (np.abs(mean) > SD_LIMIT * sd),
+    }
+    return xr.Dataset(values).assign_coords(dof=("coefficient", dofs(tree)))
+
+
+def dofs(tree: xr.DataTree) -> list[str]:
+    """Degree of freedom of every coefficient, by the letter its name begins with."""
+    letters = {letter: dof for dof, letter in LETTER.items()}
+    return [letters[str(name)[0]] for name in tree["posterior"]["coefficient"].values]
+
+
+def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
+    """Directions of the coefficients from the least known, and what is left of the prior variance along each.
+
+    The principal directions of one half of the draws, in prior standard deviations, with the variance of the other
+    half along them: the draws that choose a direction do not judge it, so that a share is not too extreme. Coefficients
+    with a flat prior, which have no unit, are left out.
+
+    Returns
+    -------
+    Dataset, dims (direction,)
+        ``share`` of the prior variance that is left, ``text`` with the largest loadings; attrs ``n_unknown``, the
+        directions that keep more than half of it, ``n_effective``, the sum of the contractions, and ``n_flat``.
+
+    References
+    ----------
+    Lam (2016), Annals of Statistics 44(3):928, doi:10.1214/15-AOS1393; MacKay (1992), doi:10.1162/neco.1992.4.3.415,
+    for the effective number of directions.
+    """
+    found = contraction(tree)
+    proper = np.isfinite(found["prior_sd"].values)
+    names = found["coefficient"].values[proper]
+    draws = tree["posterior"]["coefficients"].stack(sample=_SAMPLE).transpose("sample", "coefficient").values
+    scaled = (draws[:, proper] - draws[:, proper].mean(axis=0)) / found["prior_sd"].values[proper]
+    _, _, right = np.linalg.svd(scaled[::2], full_matrices=True)
+    share = np.var(scaled[1::2] @ right.T, axis=0, ddof=1)
+    order = np.argsort(-share, kind="stable")
+    attrs = {
+        "n_unknown": int(np.sum(share > UNKNOWN)),
+        "n_effective": float(found["contraction"].values[proper].sum()),
+        "n_flat": int(np.sum(~proper)),
+    }
+    text = [_loadings(right[k], names, loadings) for k in order]
+    return xr.Dataset({"share": ("direction", share[order]), "text": ("direction", text)}, attrs=attrs)
+
+
+def _loadings(vector: np.ndarray, names: np.ndarray, count: int) -> str:
+    order = np.argsort(-np.abs(vector))[:count]
+    turned = vector * np.sign(vector[order[0]])
+    return " ".join(f"{turned[k]:+.2f} {names[k]}" for k in order)
+
+
+def residuals(tree: xr.DataTree) -> xr.Dataset:
+    """Block means minus fitted motion and posterior mean offset, in standard deviations of a block.
+
+    Returns
+    -------
+    Dataset, dims (row, channel)
+        ``residual``, and ``white``, from which the autocorrelation of the noise model is taken; NaN where a run does
+        not have the channel.
+    """
+    constant, posterior = tree["constant_data"].dataset, tree["posterior"].dataset
+    run, channels = constant["run"].values, constant["channel"].values
+    misfit = (tree["observed_data"]["response"] - constant["fitted"]).transpose("row", "channel").values
+    if "sensor_offset" in posterior:
+        offset = posterior["sensor_offset"].mean(_SAMPLE).sel(channel=channels).transpose("run", "channel").values
+        misfit = misfit - np.nan_to_num(offset)[run]
+    sd, correlation = (constant[name].transpose("run_index", "channel").values for name in ("block_sd", "correlation"))
+    white = np.empty_like(misfit)
+    for k, c in np.ndindex(sd.shape):
+        white[run == k, c] = whiten(misfit[run == k, c], sd[k, c], np.nan_to_num(correlation[k, c]))
+    values = {"residual": (("row", "channel"), misfit / sd[run]), "white": (("row", "channel"), white)}
+    coords = {"row": constant["row"].values, "channel": channels}
+    return xr.Dataset(values, coords | {name: ("row", constant[name].values) for name in ("time", "run")})
+
+
+def channel_rows(tree: xr.DataTree) -> list[dict]:
+    """Noise and residuals of every run and channel.
+
+    Returns
+    -------
+    list of dict
+        ``run`` (from 1), ``channel``, ``unit`` (deg for angles), ``blocks``; ``block_sd`` and ``offset`` (NaN without)
+        in that unit, ``correlation``; ``chi2``, the mean square of the whitened residuals, and the share ``inside``
+        1.96; ``r1``, ``p_value`` and ``lags`` of their Ljung-Box test; ``largest`` residual in standard deviations, and
+        ``at`` [s].
+    """
+    found, constant = residuals(tree), tree["constant_data"].dataset
+    offset = tree["posterior"].dataset.get("sensor_offset")
+    rows = []
+    for k, c in np.ndindex(constant["block_sd"].transpose("run_index", "channel").shape):
+        mine = found.isel(row=found["run"].values == k, channel=c)
+        if np.isnan(mine["white"].values).any():
+            continue
+        name, white, size = str(mine["channel"].item()), mine["white"].values, np.abs(mine["residual"].values)
+        factor, unit = shown_unit(name)
+        by_run = {key: float(constant[key].isel(run_index=k, channel=c)) for key in ("block_sd", "correlation")}
+        shift = np.nan if offset is None else float(offset.isel(run=k).sel(channel=name).mean())
+        test = diagnostics.whiteness(white)
+        rows.append(
+            {"run": k + 1, "channel": name, "unit": unit, "blocks": white.size, "offset": factor * shift}
+            | {"block_sd": factor * by_run["block_sd"], "correlation": by_run["correlation"]}
+            | {"chi2": float(np.mean(white**2)), "inside": float(np.mean(np.abs(white) <= SD_LIMIT))}
+            | {key: test[key] for key in ("r1", "p_value", "lags")}
+            | {"largest": float(size.max()), "at": float(mine["time"].values[size.argmax()])}
+        )
+    return rows
+
+
+def shown_unit(channel: str) -> tuple[float, str]:
+    """Factor from SI to the unit in which a channel is shown, and that unit: degrees for angles."""
+    unit = UNITS[channel]
+    return (float(np.rad2deg(1.0)), _DEGREES[unit]) if unit in _DEGREES else (1.0, unit)
+
+
+def ships_that_ran(tree: xr.DataTree) -> xr.DataTree:
+    """Draws whose ship did not diverge on the records, as one chain; the tree itself where none did."""
+    running = np.isfinite(tree["log_likelihood"]["response"].transpose(*_SAMPLE, "row").values).all(axis=-1)
+    if running.all():
+        return tree
+    chain, draw = (xr.DataArray(place, dims="draw") for place in np.nonzero(running))
+    groups = {name: node.to_dataset() for name, node in tree.children.items() if set(_SAMPLE) <= set(node.dims)}
+    groups = {name: group.isel(chain=chain, draw=draw).drop_vars(_SAMPLE) for name, group in groups.items()}
+    return xr.DataTree.from_dict({name: group.expand_dims(chain=[0]) for name, group in groups.items()})

@@ -1,0 +1,215 @@
+"""Figures of a posterior of whole trajectories: its numbers -> matplotlib figures. Fits nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import matplotlib
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pymc_ship.design.identifiability import UNKNOWN
+from pymc_ship.diagnostics import regression as diagnostics
+from pymc_ship.diagnostics import trajectory as trajectory_diagnostics
+from pymc_ship.diagnostics.figures import forest_of
+from pymc_ship.diagnostics.regression import CONTRACTION_LIMIT, SD_LIMIT
+from pymc_ship.diagnostics.trajectory import shown_unit
+from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, STYLE, subplots
+
+LAGS = 40
+"""Lags of the autocorrelation drawn, in blocks."""
+
+QUANTILES = 400
+"""Quantiles drawn of the residuals of a channel."""
+
+_BLUE, _RUST = COLOURS["conjugate"], COLOURS["semiconjugate"]
+_WORDS = {"phi": "roll angle φ", "psi": "heading ψ"}
+_JUDGED = {"determined": _BLUE, "not from zero": "#8fb7d8", "prior": _RUST}
+
+
+def motion(tree: xr.DataTree, run: int) -> Figure:
+    """Measured and fitted block means of every channel of a run, residuals below, and the rudder."""
+    found, constant = trajectory_diagnostics.residuals(tree), tree["constant_data"].dataset
+    rows = np.flatnonzero(found["run"].values == run)
+    one, time = found["residual"].isel(row=rows), found["time"].values[rows]
+    names = [str(name) for name in one["channel"].values if np.isfinite(one.sel(channel=name)).all()]
+    shifted = ", sensor offset included" if "sensor_offset" in tree["posterior"] else ""
+    with matplotlib.rc_context(STYLE):
+        fig, pairs, rudder = _motion_panels(len(names))
+        for (ax, below), name in zip(pairs, names, strict=True):
+            factor, unit = shown_unit(name)
+            measured, residual = tree["observed_data"]["response"].sel(channel=name)[rows], one.sel(channel=name)
+            fitted = measured - residual * constant["block_sd"].isel(run_index=run).sel(channel=name)
+            ax.plot(time, factor * measured, ".", color=NOISE, ms=2.0, label="measured, block means")
+            ax.plot(time, factor * fitted, color=_BLUE, label=f"fitted{shifted}")
+            ax.set_ylabel(f"{_WORDS.get(name, name)} [{unit}]")
+            below.plot(time, residual, ".", color=_RUST, ms=1.5)
+            below.axhline(0.0, color=REFERENCE, lw=0.7)
+            below.set_ylabel("residual [sd]")
+        rudder.plot(time, np.rad2deg(constant["motion"].sel(symbol="delta").values[rows]), color=REFERENCE)
+        rudder.set_ylabel("rudder δ [deg]")
+        fig.legend(*pairs[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=2, markerscale=3.0)
+    return fig
+
+
+def _motion_panels(n_channels: int) -> tuple[Figure, list[tuple], Axes]:
+    """Figure with a high panel above a low one for each channel, two in a row, and one for the rudder."""
+    count = (n_channels + 2) // 2
+    fig, axes = subplots(9.0, 2.5 * count, 2 * count, 2, height_ratios=(2.2, 1.0) * count, sharex=True)
+    pairs = [(axes[2 * (k // 2), k % 2], axes[2 * (k // 2) + 1, k % 2]) for k in range(2 * count)]
+    for ax in (ax for pair in pairs[n_channels:] for ax in pair):
+        ax.remove()
+    rudder = fig.add_subplot(axes[0, 0].get_gridspec()[2 * count - 2 :, n_channels % 2], sharex=axes[0, 0])
+    for ax in (pairs[n_channels - 1][1], rudder):
+        ax.set_xlabel("time [s]")
+        ax.tick_params(labelbottom=True)
+    return fig, pairs[:n_channels], rudder
+
+
+def _channel_panels(found: xr.Dataset, height: float, label: str) -> tuple[Figure, list[tuple]]:
+    """Figure with a panel for each channel, three in a row that share their label, and (axes, channel)."""
+    names = [str(name) for name in found["channel"].values]
+    count = (len(names) + 2) // 3
+    fig, axes = subplots(9.0, height * count, count, min(3, len(names)), sharey=True)
+    for ax in axes.flat[len(names) :]:
+        ax.set_visible(False)
+    for ax in axes[:, 0]:
+        ax.set_ylabel(label)
+    for ax, name in zip(axes.flat, names, strict=False):
+        ax.set_title(_WORDS.get(name, name))
+    return fig, list(zip(axes.flat, names, strict=False))
+
+
+def _series(found: xr.Dataset, name: str) -> Iterator[tuple[int, np.ndarray]]:
+    """Run and whitened residuals of a channel, of every run that has it."""
+    for run in np.unique(found["run"].values):
+        values = found["white"].sel(channel=name).values[found["run"].values == run]
+        if np.isfinite(values).all():
+            yield int(run), values
+
+
+def autocorrelation(found: xr.Dataset) -> Figure:
+    """Autocorrelation of the whitened residuals of every channel, a line for each run, with the band of white noise."""
+    with matplotlib.rc_context(STYLE):
+        fig, panels = _channel_panels(found, 2.0, "autocorrelation")
+        for ax, name in panels:
+            for run, values in _series(found, name):
+                lags = min(LAGS, values.size - 2)
+                interval = float(np.diff(found["time"].values[found["run"].values == run]).mean())
+                seconds = interval * np.arange(1, lags + 1)
+                band = 1.96 / np.sqrt(values.size)
+                ax.fill_between(seconds, -band, band, color=NOISE, alpha=0.35, lw=0, label="white noise, 95 %")
+                ax.plot(seconds, diagnostics.autocorrelation(values, lags), ".-", lw=0.8, ms=3, label=f"run {run + 1}")
+            ax.axhline(0.0, color=REFERENCE, lw=0.7)
+            ax.set_xlabel("lag [s]")
+        handles, labels = panels[0][0].get_legend_handles_labels()
+        shown = dict(zip(labels, handles, strict=True))
+        fig.legend(shown.values(), shown, loc="outside upper center", ncols=6)
+    return fig
+
+
+def quantiles(found: xr.Dataset) -> Figure:
+    """Quantiles of the whitened residuals of every channel against those of the standard normal."""
+    from scipy.stats import norm
+
+    with matplotlib.rc_context(STYLE):
+        fig, panels = _channel_panels(found, 2.4, "residual quantile [sd]")
+        for ax, name in panels:
+            for run, values in _series(found, name):
+                points = (np.arange(min(values.size, QUANTILES)) + 0.5) / min(values.size, QUANTILES)
+                ax.plot(norm.ppf(points), np.quantile(values, points), ".", ms=3, label=f"run {run + 1}")
+            ax.axline((0.0, 0.0), slope=1.0, color=REFERENCE, ls="--", lw=0.9, label="normal")
+            ax.set_xlabel("standard normal quantile")
+        fig.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=6, markerscale=2.0)
+    return fig
+
+
+def forest(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figure:
+    """Equal-tailed 50 and 95 % intervals of the coefficients of a DOF about the prior mean, in prior sd.
+
+    Coefficients with a flat prior are divided by their posterior standard deviation. ``marks`` are other values of the
+    coefficients by name, drawn beside them.
+    """
+    found = trajectory_diagnostics.contraction(tree)
+    mine = np.flatnonzero(found["dof"].values == dof)
+    one, draws = found.isel(coefficient=mine), tree["posterior"]["coefficients"].isel(coefficient=mine)
+    flat = np.isinf(one["prior_sd"].values)
+    unit = np.where(flat, one["sd"].values, one["prior_sd"].values)
+    fig, ax, heights = forest_of((draws - one["prior_mean"].values) / unit)
+    if not flat.all():
+        ax.axvspan(-SD_LIMIT, SD_LIMIT, color=NOISE, alpha=0.25, lw=0, zorder=0, label="prior, 95 %")
+    ax.axvline(0.0, color=NOISE, lw=0.8, zorder=0)
+    styles = (("|", REFERENCE, 9.0), ("d", _RUST, 4.0), ("x", REFERENCE, 4.0))
+    for (name, values), (marker, colour, size) in zip(marks.items(), styles, strict=False):
+        relative = (np.asarray(values, dtype=float) - one["prior_mean"].values) / unit
+        ax.plot(relative, heights, marker, color=colour, ms=size, ls="none", label=name)
+    handles, labels = ax.get_legend_handles_labels()
+    if labels:
+        fig.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
+    label = "(coefficient − prior mean) / prior sd"
+    if flat.any():
+        label = "coefficient / posterior sd" if flat.all() else f"{label}; of flat priors coefficient / posterior sd"
+    ax.set_xlabel(f"{dof}: {label} (linear between −3 and 3, logarithmic beyond)")
+    return fig
+
+
+def contraction(found: xr.Dataset) -> Figure:
+    """Contraction of every coefficient, a row of bars for each DOF."""
+    dofs = list(dict.fromkeys(found["dof"].values))
+    most = max(int(np.sum(found["dof"].values == dof)) for dof in dofs)
+    judged = np.where(found["determined"], "determined", np.where(found["narrowed"], "not from zero", "prior"))
+    with matplotlib.rc_context(STYLE | {"axes.grid": False}):
+        fig, axes = subplots(9.0, 2.3 * len(dofs), len(dofs))
+        for ax, dof in zip(axes[:, 0], dofs, strict=True):
+            mine = found["dof"].values == dof
+            place, height = np.arange(mine.sum()), np.maximum(found["contraction"].values[mine], 0.0)
+            for word, colour in _JUDGED.items():
+                which = judged[mine] == word
+                ax.bar(place[which], height[which], color=colour, label=word)
+            ax.axhline(CONTRACTION_LIMIT, color=REFERENCE, ls="--", lw=0.8)
+            ax.set_xticks(place, found["coefficient"].values[mine], rotation=90, fontsize=7)
+            ax.set_xlim(-0.6, most - 0.4)
+            ax.set_ylim(0.0, 1.02)
+            ax.set_ylabel(f"{dof}: contraction")
+        colours = {word: matplotlib.patches.Patch(color=colour) for word, colour in _JUDGED.items()}
+        fig.legend(colours.values(), colours, loc="outside upper center", ncols=3)
+    return fig
+
+
+def directions(found: xr.Dataset) -> Figure:
+    """Share of the prior variance left along every direction, the least known first."""
+    share = found["share"].values
+    with matplotlib.rc_context(STYLE):
+        fig, axes = subplots(8.0, 2.6)
+        ax, place = axes[0, 0], np.arange(1, share.size + 1)
+        for which, colour, label in (
+            (share > UNKNOWN, _RUST, "stays unknown"),
+            (share <= UNKNOWN, _BLUE, "told by the records"),
+        ):
+            ax.semilogy(place[which], share[which], ".", color=colour, ms=5, label=label)
+        ax.axhline(UNKNOWN, color=REFERENCE, ls="--", lw=0.9)
+        ax.set_xlabel("direction, the least known first")
+        ax.set_ylabel("prior variance left [share]")
+        ax.legend()
+    return fig
+
+
+def correlation(tree: xr.DataTree) -> Figure:
+    """Heat map of the posterior correlation of the coefficients, DOFs parted by lines."""
+    matrix, dofs = diagnostics.correlation(tree), np.array(trajectory_diagnostics.dofs(tree))
+    edges = np.flatnonzero(dofs[1:] != dofs[:-1]) + 0.5
+    middles = 0.5 * (np.append(-0.5, edges) + np.append(edges, dofs.size - 0.5))
+    names = list(dict.fromkeys(dofs))
+    with matplotlib.rc_context({**STYLE, "axes.grid": False}):
+        fig, axes = subplots(7.4, 6.4)
+        image = axes[0, 0].imshow(matrix.values, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+        axes[0, 0].set_xticks(middles, names)
+        axes[0, 0].set_yticks(middles, names)
+        axes[0, 0].tick_params(length=0)
+        for edge in edges:
+            axes[0, 0].axhline(edge, color=REFERENCE, lw=0.6)
+            axes[0, 0].axvline(edge, color=REFERENCE, lw=0.6)
+        fig.colorbar(image, ax=axes[0, 0], label="posterior correlation", shrink=0.8)
+    return fig

@@ -1,0 +1,354 @@
+"""Section of the diagnostic report for a posterior of whole trajectories: what each part says, tabulates and draws."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.design.identifiability import UNKNOWN
+from pymc_ship.diagnostics import figures as diagnostic_figures
+from pymc_ship.diagnostics import regression as diagnostics
+from pymc_ship.diagnostics import trajectory as trajectory_diagnostics
+from pymc_ship.diagnostics import trajectory_figures as drawn
+from pymc_ship.diagnostics.agreement import Comparison
+from pymc_ship.diagnostics.parts import Part, chain_images, energy_part, gate_table, missing_sentence
+from pymc_ship.diagnostics.regression import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
+from pymc_ship.pages.drawing import COLOURS
+from pymc_ship.pages.tables import Table, fixed, number, sensitivity_table, table
+from pymc_ship.trajectory.posterior import KHAT_LIMIT
+from pymc_ship.trajectory.posterior import verdict as khat_verdict
+from pymc_ship.vessel.vessel import Vessel
+
+DEFAULTS = (
+    f"Posteriors of whole trajectories: Pareto k-hat ≤ {KHAT_LIMIT:g} for draws of the normal approximation, the gates "
+    "of chains for a sampler; a direction is unknown where it keeps more than "
+    f"{UNKNOWN:g} of its prior variance; whiteness at {100 * WHITENESS_LEVEL:g} % for all channels together."
+)
+"""What a page with such a section states of its defaults."""
+
+SOURCES = (
+    "Maine & Iliff (1986), Application of parameter estimation to aircraft, NASA RP-1168",
+    "Vehtari, Simpson, Gelman, Yao & Gabry (2024), Pareto smoothed importance sampling, JMLR 25(72)",
+    "MacKay (1992), Neural Computation 4(3):415, doi:10.1162/neco.1992.4.3.415",
+    "Lam (2016), Annals of Statistics 44(3):928, doi:10.1214/15-AOS1393",
+    "Buerkner, Gabry & Vehtari (2020), J. Statistical Computation and Simulation 90:2499, "
+    "doi:10.1080/00949655.2020.1783262",
+)
+"""Works that such a section rests on."""
+
+_CI = f"{100 * CI_PROB:g} %"
+_WEAKEST = 8
+_LISTED = 12
+_n = number(3)
+
+
+def verdict(one: Comparison) -> list[str]:
+    """What heads a section: gates, what the records determine, the noise and the residuals, starts and divergences."""
+    tree = one.posterior
+    lines = ["All gates hold."]
+    if failed := one.failed_gates:
+        lines = [f"A gate fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
+    if tree.attrs["method"] == "trajectory":
+        khat = float(tree.attrs["pareto_khat"])
+        lines.append(f"Pareto k-hat {khat:.2f} (limit {KHAT_LIMIT:g}): {khat_verdict(khat)}.")
+    lacking = missing_sentence(tree, *PRIOR)
+    lines += [f"What the records determine is not known: {lacking}"] if lacking else _determined(tree)
+    lines += [tree.attrs["noise_sentence"], _white(tree)]
+    agreeing, starts = int(tree.attrs["starts_agreeing"]), int(tree.attrs["starts"])
+    return [*lines, f"{agreeing} of {starts} starts of the fit ended at this mode; {_diverged(tree)}."]
+
+
+def _determined(tree: xr.DataTree) -> list[str]:
+    found, along = trajectory_diagnostics.contraction(tree), trajectory_diagnostics.directions(tree)
+    total, count = found.sizes["coefficient"], int(found["determined"].sum())
+    prior = int((~found["narrowed"]).sum())
+    text = (
+        f"{count} of {total} coefficients are determined by the data; {prior} follow{'s' * (prior == 1)} the prior and "
+        f"{total - count - prior} cannot be told from zero."
+    )
+    proper = total - along.attrs["n_flat"]
+    if not proper:
+        return [f"{text} Every coefficient has a flat prior, which nothing can follow."]
+    unknown = along.attrs["n_unknown"]
+    flat = along.attrs["n_flat"]
+    left_out = f"{flat} coefficients with a flat prior are" if flat > 1 else "1 coefficient with a flat prior is"
+    return [
+        text,
+        f"Of {proper} directions of the coefficients {unknown or 'none'} follow{'s' * (unknown == 1)} the prior (more "
+        f"than {UNKNOWN:g} of its variance is left); the data determine "
+        f"{along.attrs['n_effective']:.1f} effectively.{f' {left_out} left out.' * (flat > 0)}",
+    ]
+
+
+def _white(tree: xr.DataTree) -> str:
+    if lacking := missing_sentence(tree, *RECORDS):
+        return f"The residuals are not known: {lacking}"
+    rows = trajectory_diagnostics.channel_rows(tree)
+    worst = min(rows, key=lambda row: row["p_value"])
+    numbers = (
+        f"least Ljung-Box p = {_n(worst['p_value'])} of {len(rows)}, r1 = {_n(worst['r1'])}, channel "
+        f"{worst['channel']} of run {worst['run']}"
+    )
+    if worst["p_value"] >= WHITENESS_LEVEL / len(rows):
+        return f"Under this noise the residuals pass for white ({numbers})."
+    return f"Under this noise the residuals are still autocorrelated ({numbers}): intervals are too narrow."
+
+
+def _diverged(tree: xr.DataTree) -> str:
+    if diagnostics.has(tree, "sample_stats/diverging"):
+        return f"{int(tree['sample_stats']['diverging'].sum())} transitions of the sampler diverged"
+    if "share_diverged" in tree.attrs:
+        return f"with {100 * float(tree.attrs['share_diverged']):.3g} % of the draws the ship diverged on the records"
+    return "divergences were not recorded"
+
+
+def origin(one: Comparison) -> str:
+    """What was estimated, how the draws were made, and under which prior and noise."""
+    tree = one.posterior
+    prior, sizes, attrs = json.loads(tree.attrs["prior"]), tree["posterior"].sizes, tree.attrs
+    laplace = attrs["method"] == "trajectory"
+    drawn_by = "independent draws of the normal approximation at the mode" if laplace else "draws of NUTS"
+    tau = ", ".join(f"{dof} {_n(value)}" for dof, value in prior["tau"].items())
+    return (
+        f"{', '.join(attrs['dof'].split()).capitalize()} of {attrs['vessel']}, method {attrs['method']}: "
+        f"{sizes['chain']} chains of {sizes['draw']} {drawn_by}; {sizes['coefficient']} coefficients; "
+        f"{prior['family']} prior with factors tau {tau}; noise model {attrs['noise_model']}; integrator "
+        f"{attrs['integrator']}."
+    )
+
+
+def parts(one: Comparison, ship: Vessel | None) -> list[Part]:
+    """Every part of a section, in order; a part whose variables the tree lacks says so."""
+    tree = one.posterior
+    sampled = [_chains(tree), energy_part(tree)] if tree.attrs["method"] != "trajectory" else []
+    return [
+        _gates(one),
+        *sampled,
+        _motion(tree),
+        _residuals(tree),
+        _coefficients(tree, ship),
+        _contraction(tree),
+        _directions(tree),
+        _correlation(tree),
+        _leave_one_out(tree),
+        _sensitivity(tree),
+    ]
+
+
+def _gates(one: Comparison) -> Part:
+    text = (
+        "The draws are independent, so chains have nothing to show. Pareto k-hat is the shape of the tail of the "
+        f"importance weights from the normal approximation to the posterior: up to {KHAT_LIMIT:g} its means and "
+        "intervals can be trusted, above it the posterior is of another shape."
+    )
+    if one.posterior.attrs["method"] != "trajectory":
+        text = "Over all coefficients, initial states and sensor offsets."
+    return Part("Gates", text, [(gate_table(one), "Worst value against its limit.")])
+
+
+def _chains(tree: xr.DataTree) -> Part:
+    found = diagnostics.summary(tree, trajectory_diagnostics.unknowns(tree))
+    names = [str(name) for name in found["quantity"].values]
+    worst = np.argsort(-np.nan_to_num(found["r_hat"].values, nan=np.inf), kind="stable")[:_LISTED]
+    keys = {"r_hat": fixed(4), "ess_bulk": fixed(0), "ess_tail": fixed(0)}
+    rows = [{"quantity": names[k], **{key: float(found[key][k]) for key in keys}} for k in worst]
+    heads = ("R-hat", "bulk ESS", "tail ESS")
+    columns = {"quantity": ("quantity", str)} | {
+        key: (head, form) for head, (key, form) in zip(heads, keys.items(), strict=True)
+    }
+    coefficients = set(map(str, tree["posterior"]["coefficient"].values))
+    chosen = [names[k] for k in worst if names[k] in coefficients][:1]
+    pair = diagnostics.correlated_pairs(tree, 1)[:1]
+    chosen = list(dict.fromkeys([*chosen, *(name for one in pair for name in (one["first"], one["second"]))]))
+    text = "Drawn are the coefficient of largest R-hat and the most correlated pair (prime values times 1e5)."
+    caption = f"The {len(rows)} quantities of largest R-hat."
+    return Part("Chains", text, [(table(rows, columns), caption)], chain_images(tree, chosen))
+
+
+def _motion(tree: xr.DataTree) -> Part:
+    title = "Measured and fitted motion"
+    if lacking := missing_sentence(tree, *RECORDS, "constant_data/motion"):
+        return Part(title, f"Not shown: {lacking}")
+    caption = "Run {}: block means and the motion at the posterior mode; below, residuals in sd of a block."
+    runs = range(tree["constant_data"].sizes["run_index"])
+    images = [(f"motion-{k + 1}", drawn.motion(tree, k), caption.format(k + 1)) for k in runs]
+    return Part(title, "", [], images)
+
+
+def _residuals(tree: xr.DataTree) -> Part:
+    if lacking := missing_sentence(tree, *RECORDS):
+        return Part("Residuals", f"Not shown: {lacking}")
+    found, rows = trajectory_diagnostics.residuals(tree), trajectory_diagnostics.channel_rows(tree)
+    columns = {
+        "run": ("run", number(4)),
+        "channel": ("channel", str),
+        "blocks": ("blocks", number(6)),
+        "block_sd": ("sd of a block", _n),
+        "offset": ("offset", _n),
+        "unit": ("unit", str),
+        "correlation": ("correlation", fixed(3)),
+        "chi2": ("χ²", fixed(3)),
+        "inside": (f"within {SD_LIMIT:g} sd", fixed(3)),
+        "r1": ("r1", fixed(3)),
+        "p_value": ("Ljung-Box p", _n),
+        "largest": ("largest [sd]", fixed(2)),
+        "at": ("at [s]", fixed(1)),
+    }
+    caption = (
+        "The noise of a block of samples, sensor offset and correlation with the block before, as the noise model has "
+        "them, and the residuals once that correlation is taken out: mean square χ², share within "
+        f"{SD_LIMIT:g} sd (of normal ones 0.95), r1 and Ljung-Box test over {rows[0]['lags']} lags."
+    )
+    student = (
+        " Under Student's t the sd is that of the information in a block; its mean scatters more, since the fit weighs "
+        "single samples, and χ² lies above 1."
+    )
+    text = _white(tree) + (student if tree.attrs["noise_model"].startswith("student_t") else "")
+    images = [
+        ("autocorrelation", drawn.autocorrelation(found), "Their autocorrelation; band of each run ± 1.96/√n."),
+        ("quantiles", drawn.quantiles(found), "Quantiles of these residuals against those of the normal."),
+    ]
+    return Part("Residuals", text, [(table(rows, columns), caption)], images)
+
+
+def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
+    title = "Coefficients"
+    if lacking := missing_sentence(tree, *PRIOR):
+        return Part(title, f"Not shown: {lacking}")
+    found = trajectory_diagnostics.contraction(tree)
+    tails = tree["posterior"]["coefficients"].quantile([0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], ("chain", "draw"))
+    found = found.assign(lower=tails[0].drop_vars("quantile"), upper=tails[1].drop_vars("quantile"))
+    tables, images, inside, total = [], [], 0, 0
+    for dof in dict.fromkeys(map(str, found["dof"].values)):
+        one, marks = found.isel(coefficient=found["dof"].values == dof), _marks(ship, dof)
+        if ship:
+            held = (one["lower"].values <= marks["reference"]) & (marks["reference"] <= one["upper"].values)
+            inside, total = inside + int(held.sum()), total + held.size
+        caption = f"{dof.capitalize()}, prime values times 1e5; equal-tailed (eti) intervals of {_CI}."
+        tables.append((coefficient_table(one, marks), caption))
+        images.append(
+            (f"forest-{dof}", drawn.forest(tree, dof, marks), f"{dof.capitalize()}: mean, 50 % and {_CI} eti.")
+        )
+    text = (
+        f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
+        f"{CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
+    )
+    held = f" The {_CI} intervals hold {inside} of {total} reference values." if ship else ""
+    return Part(title, f"{text}{held}", tables, images)
+
+
+def _marks(ship: Vessel | None, dof: str) -> dict[str, np.ndarray]:
+    """Reference and published values of a DOF by what they are called."""
+    if ship is None:
+        return {}
+    published = {f"publ. {family.removesuffix('ugate')}.": ship.published(dof, family) for family in COLOURS}
+    return {"reference": ship.coefficients(dof).values} | {
+        name: values for name, values in published.items() if np.isfinite(values).any()
+    }
+
+
+def coefficient_table(found: xr.Dataset, marks: dict[str, np.ndarray]) -> Table:
+    """Prior and posterior of the coefficients of a DOF beside other values; prior means of zero left out."""
+    scaled = {"prior_mean": "prior mean"} if found["prior_mean"].values.any() else {}
+    scaled |= {"prior_sd": "prior sd", "mean": "mean", "sd": "sd"}
+    scaled |= {"lower": f"{50 - 50 * CI_PROB:g} %", "upper": f"{50 + 50 * CI_PROB:g} %"}
+    columns = {"coefficient": ("coefficient", str)} | {name: (name, number(4)) for name in marks}
+    columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in scaled.items()}
+    columns |= {"contraction": ("contraction", fixed(3)), "judged": ("judged", str)}
+    rows = []
+    for k, name in enumerate(map(str, found["coefficient"].values)):
+        one = found.isel(coefficient=k)
+        judged = "determined" if one["determined"] else "not from zero" if one["narrowed"] else "prior"
+        rows.append(
+            {"coefficient": name, "contraction": float(one["contraction"]), "judged": judged}
+            | {key: 1e5 * float(one[key]) for key in scaled}
+            | {mark: 1e5 * float(values[k]) for mark, values in marks.items()}
+        )
+    return table(rows, columns)
+
+
+def _contraction(tree: xr.DataTree) -> Part:
+    title = "Contraction"
+    if lacking := missing_sentence(tree, *PRIOR):
+        return Part(title, f"Not shown: {lacking}")
+    text = "Contraction is 1 − posterior variance / prior variance, the factors tau included; 1 under a flat prior."
+    caption = f"Contraction of every coefficient; dashed: limit {CONTRACTION_LIMIT:g}."
+    return Part(
+        title, text, [], [("contraction", drawn.contraction(trajectory_diagnostics.contraction(tree)), caption)]
+    )
+
+
+def _directions(tree: xr.DataTree) -> Part:
+    title = "Directions that stay unknown"
+    if lacking := missing_sentence(tree, *PRIOR):
+        return Part(title, f"Not shown: {lacking}")
+    found = trajectory_diagnostics.directions(tree)
+    if not found.sizes["direction"]:
+        return Part(title, "Not shown: every coefficient has a flat prior, which gives a direction no unit.")
+    count = min(max(_WEAKEST, found.attrs["n_unknown"]), found.sizes["direction"])
+    rows = [{"share": float(found["share"][k]), "direction": str(found["text"].values[k])} for k in range(count)]
+    columns = {"share": ("prior variance left", fixed(3)), "direction": ("largest loadings, in prior sd", str)}
+    text = (
+        "Principal directions of one half of the draws in prior standard deviations, and the variance of the other "
+        "half along them; a share is known to a tenth or so and may come out above 1."
+    )
+    caption = f"The {len(rows)} least known directions."
+    image = ("directions", drawn.directions(found), f"Prior variance left along every direction; dashed: {UNKNOWN:g}.")
+    return Part(title, text, [(table(rows, columns), caption)], [image])
+
+
+def _correlation(tree: xr.DataTree) -> Part:
+    pairs = diagnostics.correlated_pairs(tree)
+    columns = {
+        "first": ("coefficient", str),
+        "second": ("and", str),
+        "correlation": ("posterior correlation", fixed(4)),
+    }
+    names = [pairs[0]["first"], pairs[0]["second"]]
+    shown = f"Draws of the most correlated pair, {diagnostic_figures.PAIR_DRAWS} at most, with marginals."
+    images = [
+        ("pair", diagnostic_figures.pair(tree, names), shown),
+        (
+            "correlation",
+            drawn.correlation(tree),
+            "Posterior correlation of all coefficients, degrees of freedom parted.",
+        ),
+    ]
+    caption = f"The {len(pairs)} strongest posterior correlations."
+    return Part("Correlation of the coefficients", "", [(table(pairs, columns), caption)], images)
+
+
+def _leave_one_out(tree: xr.DataTree) -> Part:
+    title = "Leave-one-out by block"
+    if lacking := missing_sentence(tree, "log_likelihood/response"):
+        return Part(title, f"Not shown: {lacking}")
+    loo = diagnostics.cross_validation(trajectory_diagnostics.ships_that_ran(tree))
+    k = np.ravel(loo.pareto_k.values)
+    worst = int(np.argmax(k))
+    text = (
+        f"elpd {number(6)(float(loo.elpd))} ± {_n(float(loo.se))}, p_loo {_n(float(loo.p))}. "
+        f"{int(np.sum(k > loo.good_k))} of {k.size} blocks have a Pareto k above {loo.good_k:.2f}; the largest is "
+        f"{_n(float(k[worst]))}, row {worst}. Neighbouring blocks of a trajectory are not exchangeable: those that "
+        "stay in tell the motion of the one left out. elpd compares models of the same record; for the forecast of a "
+        "manoeuvre leave out whole runs, or the future of one."
+    )
+    caption = f"Pareto k of every block; dashed: limit {loo.good_k:.2f}."
+    return Part(title, text, [], [("pareto", diagnostic_figures.pareto_k(loo), caption)])
+
+
+def _sensitivity(tree: xr.DataTree) -> Part:
+    title = "Sensitivity to prior and likelihood"
+    if lacking := missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
+        return Part(title, f"Not shown: {lacking}")
+    rows = diagnostics.prior_sensitivity(trajectory_diagnostics.ships_that_ran(tree))
+    moved = sum(row["prior"] > PSENSE_LIMIT for row in rows)
+    text = f"{moved} of {len(rows)} coefficients move with the prior. Its factors tau are held at their values."
+    shown = sorted(rows, key=lambda row: -row["prior"])[:_LISTED]
+    caption = (
+        f"The {len(shown)} most sensitive to the prior. Power-scaling by 0.99 and 1.01 (psense); above "
+        f"{PSENSE_LIMIT:g} a coefficient is moved."
+    )
+    return Part(title, text, [(sensitivity_table(shown, "coefficient"), caption)])

@@ -1,0 +1,1 @@
+"""Grids of experiments that can be stopped and continued."""

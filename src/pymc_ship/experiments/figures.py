@@ -1,0 +1,63 @@
+"""Figures of a Monte-Carlo study: each score against the noise level, a line a method, with Monte-Carlo error bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from pymc_ship.pages.drawing import REFERENCE, STYLE, subplots
+
+COLOURS = ("#7d4fa3", "#c8551b", "#3a8f4d", "#1f6fb2", "#7fb3dd", "#a8892c", "#8c564b", "#6b7680")
+"""One for each method, in the order of the study."""
+
+_MARKERS = "Dv^osP<>"
+_LABELS = {
+    "median_error": "median |coefficient error| [%]",
+    "coverage": "90 % intervals cover [%]",
+    "tactical_diameter_error": "tactical diameter error [%]",
+}
+
+
+def scores(rows: Sequence[Mapping]) -> Figure:
+    """Scores of the cells of one ship, manoeuvre and kind of noise; bars of two standard errors.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        From :func:`pymc_ship.experiments.tables.cell_row`.
+
+    Returns
+    -------
+    Figure
+    """
+    with matplotlib.rc_context(STYLE):
+        fig, axes = subplots(9.0, 3.6, 1, len(_LABELS))
+        for ax, (name, label) in zip(axes[0], _LABELS.items(), strict=True):
+            _lines(ax, rows, name)
+            ax.set_xlabel("noise level [%]")
+            ax.set_ylabel(label)
+        axes[0, 1].axhline(90.0, color=REFERENCE, ls="--", lw=0.9)
+        axes[0, 1].set_ylim(0.0, 104.0)
+        fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return fig
+
+
+def _lines(ax, rows: Sequence[Mapping], name: str) -> None:
+    """Line of each method over the levels; what is infinite or zero on a logarithmic axis is left out."""
+    logarithmic, levels = name != "coverage", sorted({row["level"] for row in rows if row["level"] > 0.0})
+    for k, method in enumerate(dict.fromkeys(row["method"] for row in rows)):
+        mine = sorted((row["level"], row[name], row[f"{name}_se"]) for row in rows if row["method"] == method)
+        level, value, se = np.array(mine).T
+        shown = (level > 0.0) & np.isfinite(value) & ((value > 0.0) | (not logarithmic))
+        bars = 2.0 * np.nan_to_num(se[shown])
+        lower = np.minimum(bars, 0.9 * value[shown]) if logarithmic else bars
+        style = {"color": COLOURS[k % len(COLOURS)], "marker": _MARKERS[k % len(_MARKERS)], "ms": 4.0, "capsize": 2.0}
+        ax.errorbar(100.0 * level[shown], value[shown], (lower, bars), label=method, elinewidth=0.8, **style)
+    ax.set_xscale("log")
+    if logarithmic:
+        ax.set_yscale("log")
+    ax.set_xticks([100.0 * level for level in levels], [f"{100.0 * level:g}" for level in levels])
+    ax.set_xticks([], minor=True)

@@ -1,0 +1,276 @@
+"""Grid of a Monte-Carlo study: ships x manoeuvres x noise x methods x seeds, as a small TOML, checked key by key."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from urllib.parse import quote
+
+from pymc_ship import __version__
+from pymc_ship.experiments.task import METHODS, Task
+from pymc_ship.frontier.data_sets import NOISES
+from pymc_ship.machine.toml import toml_table
+from pymc_ship.manoeuvre.standard import SIDES, Manoeuvre, ManoeuvreError, turning_circle, zigzag
+from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
+
+PART_SEEDS = 1000
+"""Seeds of a cell whose results share a file."""
+
+_KEYS = ("title", "ships", "manoeuvres", "methods", "seeds", "root_seed", "duration", "noise")
+_OPTIONAL = ("title", "duration")
+_KINDS = {"zigzag": zigzag, "turning circle": turning_circle}
+_LISTS = ("ships", "manoeuvres", "methods")
+_STEP = 0.02
+
+
+class MonteCarloError(ValueError):
+    """A study that cannot be run; the sentence says why."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of the grid; every field is a column of the results."""
+
+    ship: str
+    manoeuvre: str
+    noise: str
+    level: float
+    method: str
+
+    @property
+    def folder(self) -> str:
+        """Partition of the results, one ``key=value`` folder a field."""
+        return "/".join(f"{key}={quote(str(value), safe='')}" for key, value in asdict(self).items())
+
+
+@dataclass(frozen=True)
+class Grid:
+    """All experiments of a study.
+
+    Attributes
+    ----------
+    title : str
+    ships : dict of str to Vessel
+        By name.
+    manoeuvres : dict of str to Manoeuvre
+        By label; each makes a record.
+    noise : dict of str to tuple of float
+        Levels of each kind of :data:`pymc_ship.frontier.data_sets.NOISES`.
+    methods : tuple of str
+        Keys of :data:`pymc_ship.experiments.task.METHODS`.
+    seeds : int
+        Data sets of each cell.
+    root_seed : int
+        Root of every random number.
+    duration : float
+        Of each record [s].
+    """
+
+    title: str
+    ships: dict[str, Vessel]
+    manoeuvres: dict[str, Manoeuvre]
+    noise: dict[str, tuple[float, ...]]
+    methods: tuple[str, ...]
+    seeds: int
+    root_seed: int
+    duration: float
+
+    @property
+    def n_tasks(self) -> int:
+        """Number of tasks."""
+        return len(self.cells) * self.seeds
+
+    @property
+    def cells(self) -> list[Cell]:
+        """All cells in the order of the results."""
+        return [
+            Cell(ship, manoeuvre, noise, level, method)
+            for ship in self.ships
+            for manoeuvre in self.manoeuvres
+            for noise, levels in self.noise.items()
+            for level in levels
+            for method in self.methods
+        ]
+
+    def parts(self) -> Iterator[tuple[Cell, range, str]]:
+        """Every cell's seeds in parts of :data:`PART_SEEDS`, and the name of the part's results without an ending."""
+        for cell in self.cells:
+            for first in range(0, self.seeds, PART_SEEDS):
+                seeds = range(first, min(first + PART_SEEDS, self.seeds))
+                yield cell, seeds, f"{cell.folder}/seeds-{first:06d}"
+
+    def task(self, cell: Cell, seed: int, block: str = "") -> Task:
+        """Task of one seed of a cell."""
+        ship, manoeuvre = self.ships[cell.ship], self.manoeuvres[cell.manoeuvre]
+        return Task(ship, manoeuvre, cell.noise, cell.level, cell.method, seed, self.root_seed, self.duration, block)
+
+    def record(self) -> dict:
+        """What the results depend on, as it is kept beside them."""
+        digests = {name: hashlib.sha256(repr(ship).encode()).hexdigest() for name, ship in self.ships.items()}
+        return {
+            "version": __version__,
+            "root_seed": self.root_seed,
+            "duration": self.duration,
+            "seeds": self.seeds,
+            "ships": digests,
+            "manoeuvres": {label: repr(manoeuvre) for label, manoeuvre in self.manoeuvres.items()},
+            "noise": {kind: list(levels) for kind, levels in self.noise.items()},
+            "methods": list(self.methods),
+        }
+
+
+def difference(old: Mapping, new: Mapping) -> str:
+    """First thing in which a record of :meth:`Grid.record` does more than extend another one; empty where none does."""
+    for key in ("version", "root_seed", "duration"):
+        if old[key] != new[key]:
+            return f"{key} was {old[key]}, found {new[key]}"
+    if old["seeds"] > new["seeds"]:
+        return f"seeds was {old['seeds']}, found {new['seeds']}"
+    for key in ("ships", "manoeuvres"):
+        for name, digest in old[key].items():
+            if new[key].get(name, digest) != digest:
+                return f"{name!r} of {key} is not what it was"
+    lists = {key: (list(old[key]), list(new[key])) for key in (*_LISTS, "noise")}
+    lists |= {f"noise.{kind}": (levels, new["noise"].get(kind, [])) for kind, levels in old["noise"].items()}
+    for key, (before, now) in lists.items():
+        if gone := [value for value in before if value not in now]:
+            return f"{key} had {gone[0]!r}, which is gone"
+    return ""
+
+
+def read_grid(source: str | Path | Mapping) -> Grid:
+    """Read the grid of a study.
+
+    Parameters
+    ----------
+    source : str, Path or mapping
+        TOML file, or a table of the same form. Paths of ships in a file count from its folder.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    MonteCarloError
+        For a file that cannot be read, unknown or missing keys and values that cannot be used; the sentence names the
+        key.
+    """
+    if isinstance(source, Mapping):
+        return _grid(source, "The study", Path())
+    path = Path(source)
+    return _grid(toml_table(path, "The study", MonteCarloError), str(path), path.parent)
+
+
+def _grid(table: Mapping, where: str, folder: Path) -> Grid:
+    for key in table:
+        if key not in _KEYS:
+            raise MonteCarloError(f"{where}: unknown key {key}; known are {', '.join(_KEYS)}.")
+    for key in _KEYS:
+        if key not in table and key not in _OPTIONAL:
+            raise MonteCarloError(f"{where}: {key} is missing; add it.")
+    if not isinstance(title := table.get("title", "Monte-Carlo study"), str):
+        raise MonteCarloError(f"{where}: title must be a text, found {title!r}; put it in quotes.")
+    names = {key: _names(table[key], where, key) for key in _LISTS}
+    for name in names["methods"]:
+        _known(name, METHODS, where, "methods")
+    return Grid(
+        title=title,
+        ships=_ships(names["ships"], where, folder),
+        manoeuvres=_manoeuvres(names["manoeuvres"], where),
+        noise=_noise(table["noise"], where),
+        methods=tuple(names["methods"]),
+        seeds=_whole(table["seeds"], 1, where, "seeds"),
+        root_seed=_whole(table["root_seed"], 0, where, "root_seed"),
+        duration=_number(table.get("duration", 400.0), _STEP, where, "duration"),
+    )
+
+
+def _names(values: object, where: str, key: str) -> list[str]:
+    """List of at least one text, none of them twice."""
+    if not isinstance(values, list | tuple) or not values or not all(isinstance(value, str) for value in values):
+        raise MonteCarloError(f"{where}: {key} must be a list of at least one text, found {values!r}; correct it.")
+    _once(values, where, key)
+    return list(values)
+
+
+def _once(values: Sequence, where: str, key: str) -> None:
+    for value in values:
+        if list(values).count(value) > 1:
+            raise MonteCarloError(f"{where}: {key} must name everything once, found {value!r} twice; leave one out.")
+
+
+def _known(name: str, known: Mapping, where: str, key: str) -> None:
+    if name not in known:
+        raise MonteCarloError(f"{where}: {key} must be of {', '.join(known)}; found {name!r}; choose one of them.")
+
+
+def _whole(value: object, least: int, where: str, key: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise MonteCarloError(f"{where}: {key} must be a whole number from {least} up, found {value!r}; correct it.")
+    return value
+
+
+def _number(value: object, least: float, where: str, key: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
+        raise MonteCarloError(f"{where}: {key} must be a number from {least:g} up, found {value!r}; correct it.")
+    return float(value)
+
+
+def _noise(table: object, where: str) -> dict[str, tuple[float, ...]]:
+    if not isinstance(table, Mapping) or not table:
+        raise MonteCarloError(f"{where}: noise must be a table such as white = [0.01], found {table!r}; correct it.")
+    found = {}
+    for kind, levels in table.items():
+        _known(kind, NOISES, where, "the kinds of noise")
+        key = f"noise.{kind}"
+        if not isinstance(levels, list | tuple) or not levels:
+            raise MonteCarloError(f"{where}: {key} must be a list of levels, found {levels!r}; write [0.01].")
+        found[kind] = tuple(_number(level, 0.0, where, key) for level in levels)
+        _once(found[kind], where, key)
+    return found
+
+
+def _ships(sources: Sequence[str], where: str, folder: Path) -> dict[str, Vessel]:
+    ships = {}
+    for source in sources:
+        try:
+            ship = load_vessel(folder / source if source.endswith(".toml") else source)
+        except VesselError as error:
+            raise MonteCarloError(f"{where}: ships cannot have {source!r}: {error}") from None
+        if ship.name in ships:
+            raise MonteCarloError(f"{where}: ships must have different names, found {ship.name!r} twice; rename one.")
+        ships[ship.name] = ship
+    return ships
+
+
+def _manoeuvres(texts: Sequence[str], where: str) -> dict[str, Manoeuvre]:
+    found = {}
+    for text in texts:
+        try:
+            manoeuvre = _manoeuvre(text)
+        except ManoeuvreError as error:
+            raise MonteCarloError(f"{where}: manoeuvres cannot have {text!r}: {error}") from None
+        except ValueError:
+            raise MonteCarloError(
+                f"{where}: a manoeuvre is 'zigzag 20/20', 'turning circle 35' or one of them with its side, found "
+                f"{text!r}; write it so."
+            ) from None
+        _once([*found, manoeuvre.label], where, "manoeuvres")
+        found[manoeuvre.label] = manoeuvre
+    return found
+
+
+def _manoeuvre(text: str) -> Manoeuvre:
+    """Manoeuvre of a label such as ``zigzag 20/20 port``; the side may be left out."""
+    words = text.split()
+    side = words.pop() if words and words[-1] in SIDES else "port"
+    *kind, angles = words or [""]
+    build = _KINDS.get(" ".join(kind))
+    numbers = [float(angle) for angle in angles.split("/")]
+    if build is None or len(numbers) != (2 if build is zigzag else 1):
+        raise ValueError(text)
+    return build(*numbers, side=side)

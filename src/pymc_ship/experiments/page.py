@@ -1,0 +1,144 @@
+"""Report of a Monte-Carlo study: tables of results, timings and cells, and a page with figures, costs and a plan."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import resource
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from itertools import groupby
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pyarrow as pa
+
+from pymc_ship.experiments.figures import scores
+from pymc_ship.experiments.store import RESULTS, TIMINGS, Store, table_writer
+from pymc_ship.experiments.tables import (
+    BEYOND,
+    STATISTIC,
+    Costs,
+    Sizes,
+    bottleneck,
+    cell_row,
+    method_rows,
+    plan_rows,
+    session_rows,
+)
+from pymc_ship.experiments.task import PARTS, STATUSES
+from pymc_ship.machine.files import staged
+from pymc_ship.pages import drawing as figures
+from pymc_ship.pages.tables import Table, fixed, number, rendered, table
+from pymc_ship.replication.page import write_rows
+
+DIGITS = 6
+"""Significant digits of the numbers in ``cells.csv``."""
+
+MOST_FIGURES, MOST_ROWS = 12, 400
+"""Figures and rows of cells that the page shows; ``cells.csv`` has all."""
+
+_SHARED = ("ship", "manoeuvre", "noise")
+
+
+def write_report(store: Store) -> tuple[list[dict], Path]:
+    """Write the tables and the page of a complete study; each appears under its name when complete.
+
+    ``results.parquet`` and ``cells.csv`` depend on the study alone, ``timings.parquet`` and the page on the runs, too.
+
+    Parameters
+    ----------
+    store : Store
+
+    Returns
+    -------
+    list of dict, Path
+        Scores by cell, and the page, ``index.html``, which is moved into place last.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+    """
+    costs, start = Costs(), perf_counter()
+    with (
+        table_writer(store.out / "timings.parquet", TIMINGS) as add_timings,
+        table_writer(store.out / "results.parquet", RESULTS) as add_results,
+    ):
+        rows = list(_cells(store, costs, add_results, add_timings))
+    write_rows(rows, store.out / "cells.csv", digits=DIGITS)
+    page = _page(store, rows, costs, _sizes(store, perf_counter() - start))
+    with staged(store.out / "index.html") as partial:
+        partial.write_text(page, encoding="utf-8")
+    return rows, store.out / "index.html"
+
+
+def _cells(store: Store, costs: Costs, *writers) -> Iterator[dict]:
+    """Row of each cell; its parts go to the writers and its costs are counted on the way."""
+    for cell, parts in groupby(store.results(), key=lambda found: found[0]):
+        mine = []
+        for _, rows in parts:
+            for write in writers:
+                write(cell, rows)
+            costs.add(cell, rows)
+            mine.append(rows.select(["status", *STATISTIC]))
+        whole = pa.concat_tables(mine)
+        yield cell_row(cell, {name: np.array(whole[name].to_pylist()) for name in whole.column_names})
+
+
+def _sizes(store: Store, build: float) -> Sizes:
+    """Files and bytes on disk and under way, memory of the parent, and how long the tables took [s]."""
+    parts = list((store.out / "parts").rglob("*.parquet"))
+    tables = [store.out / f"{name}.parquet" for name in ("results", "timings")]
+    cell, _, part = next(store.grid.parts())
+    result = dict.fromkeys((*RESULTS, *TIMINGS), 0.0)
+    sent = len(pickle.dumps(store.grid.task(cell, 0, part))) + len(json.dumps(result)) + len(part)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    return Sizes(len(parts), sum(path.stat().st_size for path in parts + tables), sent, peak, build)
+
+
+def cell_table(rows: Sequence[Mapping]) -> Table:
+    """One line for each cell: scores with their standard errors, and how the tasks ended."""
+    lines = [
+        dict(row) | {name: f"{number(3)(row[name])} ± {number(2)(row[f'{name}_se'])}" for name in STATISTIC}
+        for row in rows
+    ]
+    columns = {name: (name, str) for name in _SHARED if len({row[name] for row in rows}) > 1}
+    columns |= {"level": ("noise level", number(3)), "method": ("method", str)}
+    columns |= {"median_error": ("median error %", str), "coverage": ("90 % intervals cover %", str)}
+    columns |= {"tactical_diameter_error": ("tactical diameter error %", str)}
+    return table(lines, columns | {name: (name, fixed(0)) for name in STATUSES})
+
+
+def _page(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> str:
+    n, grid = number(3), store.grid
+    sessions = session_rows(costs)
+    by_session = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed(0))}
+    by_session |= {"tasks": ("tasks", fixed(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
+    by_session |= {"overhead": ("overhead %", fixed(1)), "speed": ("tasks/s", n), "parent_ms": ("parent ms/task", n)}
+    by_method = {"method": ("method", str), "tasks": ("tasks", fixed(0))}
+    by_method |= {name: (f"{name} s", n) for name in PARTS} | {"sum": ("sum s", n), "cpu": ("processor s", n)}
+    plan = {"quantity": ("", str), "value": ("value", n), "unit": ("", str), "measured": ("from", str)}
+    groups = [list(group) for _, group in groupby(rows, key=lambda row: [row[name] for name in _SHARED])]
+    shown = groups[:MOST_FIGURES]
+    return rendered(
+        "experiments/page.html.j2",
+        title=grid.title,
+        grid=asdict(grid) | {"n_cells": len(rows), "n_tasks": grid.n_tasks},
+        ended={status: sum(row[status] for row in rows) for status in STATUSES},
+        captions={f"scores_{k}": ", ".join(str(group[0][name]) for name in _SHARED) for k, group in enumerate(shown)},
+        figures={f"scores_{k}": figures.svg(scores(group), f"scores_{k}") for k, group in enumerate(shown)},
+        left_out=len(groups) - len(shown),
+        rows_left_out=max(0, len(rows) - MOST_ROWS),
+        tables={
+            "cells": cell_table(rows[:MOST_ROWS]),
+            "sessions": table(sessions, by_session),
+            "methods": table(method_rows(costs), by_method),
+            "plan": table(plan_rows(costs, sizes), plan),
+        },
+        wall=n(sum(row["wall"] for row in sessions)),
+        beyond=f"{BEYOND:.0e}".replace("e+0", "e"),
+        bottleneck=bottleneck(costs),
+    )

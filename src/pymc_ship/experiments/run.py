@@ -1,0 +1,173 @@
+"""Monte-Carlo studies: a grid of experiments, measured by many workers, stopped and gone on with at will."""
+
+from __future__ import annotations
+
+import shutil
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from pymc_ship.experiments.grid import MonteCarloError, read_grid
+from pymc_ship.experiments.page import write_report
+from pymc_ship.experiments.store import Store, opened
+from pymc_ship.experiments.task import Task, measure, nothing
+from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError
+
+RESTARTS = 5
+"""How often workers may be lost without a result in between."""
+
+REHEARSED = 200
+"""Tasks that do nothing, by which a run begins."""
+
+_SHOWN_EVERY = 1.0
+
+
+def montecarlo(
+    study: str | Path | Mapping,
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Run a Monte-Carlo study, or go on with one, and write its tables and page.
+
+    Every result is kept the moment it is there, and not done again when the study is run again. Seeds, levels, methods,
+    manoeuvres and ships may be added. The tables of results are the same bytes whatever the workers and interruptions.
+
+    Parameters
+    ----------
+    study : str, Path or mapping
+        TOML file of the grid, or a table of the same form; see ``studies/container.toml``.
+    out : str or Path
+        Folder of the study; created where it is missing.
+    workers : int, optional
+        Processes on this machine, one for each core by default; 1 works in this process.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers do the tasks instead.
+    progress : callable, optional
+        Called now and then with a short text.
+
+    Returns
+    -------
+    Path
+        The page, ``out/index.html``; beside it ``results.parquet``, ``timings.parquet`` and ``cells.csv``.
+
+    Raises
+    ------
+    MonteCarloError
+        For a study that cannot be read or that another one in the folder does not allow, no scheduler that answers,
+        and workers that die again and again.
+    OutputError
+        For a folder that cannot be written; what was kept before stays.
+    """
+    return reported_montecarlo(study, out, workers=workers, scheduler=scheduler, progress=progress)[1]
+
+
+def reported_montecarlo(
+    study: str | Path | Mapping,
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    work: Callable[[Task], dict] = measure,
+) -> tuple[list[dict], Path]:
+    """Scores by cell, and the page; parameters and errors as :func:`montecarlo`, ``work`` is what a task does."""
+    if scheduler and workers:
+        raise MonteCarloError(
+            "The workers of a cluster are started beside its scheduler, found --workers; leave it out."
+        )
+    grid = read_grid(study)
+    executor = Cluster(scheduler) if scheduler else LocalCores(workers)
+    with opened(out, grid) as store:
+        if store.missing():
+            with executor, warnings.catch_warnings():
+                # joblib renews a worker that has grown; no task is lost
+                warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+                _run(store, executor, work, progress)
+        progress("tables and page")
+        return write_report(store)
+
+
+def _run(
+    store: Store, executor: LocalCores | Cluster, work: Callable[[Task], dict], progress: Callable[[str], None]
+) -> None:
+    """Do all tasks that are missing; start again with new workers where some were lost."""
+    session, lost = {"session": time.time_ns(), "executor": executor.label}, 0
+    start, shown = time.perf_counter(), _Progress(store.grid.n_tasks, progress)
+    while missing := store.missing():
+        shown.begin(store.grid.n_tasks - sum(len(seeds) for *_, seeds in missing))
+        try:
+            if "parent" not in session:
+                session["parent"] = _rehearsed(store, executor)
+            for result in executor.run(work, _tasks(store, missing)):
+                clock = {"wall": time.perf_counter() - start, "workers": executor.workers}
+                store.add(result | session | clock)
+                lost = 0
+                shown.one_more()
+        except WorkersLostError:
+            lost += 1
+            if lost > RESTARTS:
+                raise MonteCarloError(
+                    f"Workers died {lost} times without a result in between, of too little memory perhaps; what was "
+                    "measured so far is kept: run again with fewer workers."
+                ) from None
+
+
+def _rehearsed(store: Store, executor: LocalCores | Cluster) -> float:
+    """Seconds in which the parent hands out a task and keeps its result, from tasks that do nothing."""
+    none = {"session": 0, "executor": "", "workers": 0, "wall": 0.0, "parent": 0.0}
+    folder, kept = store.out / ".rehearsal", []
+    shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
+    stage = Store(folder, replace(store.grid, seeds=REHEARSED))
+    try:
+        for result in executor.run(nothing, _tasks(stage, stage.missing()[:1])):
+            stage.add(result | none)
+            kept.append(time.perf_counter())
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    late = kept[len(kept) // 2 :]  # all workers are there
+    return (late[-1] - late[0]) / (len(late) - 1)
+
+
+def _tasks(store: Store, missing: list) -> Iterator[Task]:
+    for cell, part, seeds in missing:
+        for seed in seeds:
+            yield store.grid.task(cell, seed, part)
+
+
+class _Progress:
+    """Bar, number of tasks, rate and time left, told once a second at most."""
+
+    def __init__(self, total: int, tell: Callable[[str], None]):
+        self.total, self.tell = total, tell
+        self.done = self.fresh = 0
+        self.start = self.told = time.perf_counter()
+
+    def begin(self, done: int) -> None:
+        """Say what is there already."""
+        self.done = done
+        self.tell(f"{self._bar()} {done} of {self.total} tasks")
+
+    def one_more(self) -> None:
+        """Count a task."""
+        self.done, self.fresh, now = self.done + 1, self.fresh + 1, time.perf_counter()
+        if now - self.told < _SHOWN_EVERY and self.done < self.total:
+            return
+        self.told, rate = now, self.fresh / (now - self.start)
+        left = _duration((self.total - self.done) / rate)
+        self.tell(f"{self._bar()} {self.done} of {self.total} tasks, {rate:.3g} a second, {left} left")
+
+    def _bar(self, width: int = 30) -> str:
+        filled = width * self.done // self.total
+        return f"{'█' * filled}{'░' * (width - filled)}"
+
+
+def _duration(seconds: float) -> str:
+    """Time in words: s up to 2 min, min up to 2 h, then h."""
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"

@@ -1,0 +1,216 @@
+"""Tables of a Monte-Carlo study: scores by cell, what the tasks cost, and what a study of many more would take.
+
+Scores come with standard errors from bootstrap samples of the seeds, as those of :mod:`pymc_ship.frontier.tables`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+import pyarrow as pa
+
+from pymc_ship.experiments.grid import Cell
+from pymc_ship.experiments.task import PARTS, STATUSES
+from pymc_ship.frontier.tables import with_error
+
+STATISTIC = {"median_error": "median", "coverage": "mean", "tactical_diameter_error": "median"}
+"""What is made of a score over the seeds."""
+
+BEYOND = 1_000_000
+"""Tasks of the study that is planned."""
+
+CORES = (64, 1024)
+"""Cores it is planned for, beside those of the run."""
+
+
+def cell_row(cell: Cell, rows: Mapping[str, np.ndarray]) -> dict:
+    """Scores of a cell with their standard errors, and how its tasks ended.
+
+    Parameters
+    ----------
+    cell : Cell
+    rows : mapping of str to ndarray, shape (n_seeds,)
+        ``status`` and the scores. A task without coefficients counts as infinitely wrong and as covering nothing, one
+        without a tactical diameter as infinitely wrong in that.
+
+    Returns
+    -------
+    dict
+        The fields of the cell, ``seeds``, the number of each status, and each score with its ``_se``.
+    """
+    row = asdict(cell) | {"seeds": len(rows["status"])}
+    row |= {status: int(np.sum(rows["status"] == status)) for status in STATUSES}
+    for name, statistic in STATISTIC.items():
+        missing = 0.0 if name == "coverage" else np.inf
+        values = np.where(np.isnan(rows[name]), missing, rows[name])
+        row[name], row[f"{name}_se"] = _with_error(values, statistic)
+    return row
+
+
+def _with_error(values: np.ndarray, statistic: str) -> tuple[float, float]:
+    """Statistic and its standard error: none of a single seed or of what is infinite."""
+    value, se = with_error(values, statistic)
+    return value, se if len(values) > 1 and math.isfinite(value) else float("nan")
+
+
+@dataclass
+class Session:
+    """Costs of the tasks that one call of the program did.
+
+    Attributes
+    ----------
+    executor : str
+    workers : int
+        At most.
+    tasks : int
+    seconds, cpu : float
+        Sums over the tasks of the parts and of processor time [s].
+    wall : float
+        From the start to the last result [s].
+    parent : float
+        Time in which the parent hands out a task and keeps its result [s].
+    """
+
+    executor: str
+    workers: int = 0
+    tasks: int = 0
+    seconds: float = 0.0
+    cpu: float = 0.0
+    wall: float = 0.0
+    parent: float = 0.0
+
+    def add(self, row: Mapping) -> None:
+        """Count a task."""
+        self.workers, self.tasks = max(self.workers, row["workers"]), self.tasks + 1
+        self.seconds += sum(row[name] for name in PARTS)
+        self.cpu += row["cpu"]
+        self.wall, self.parent = max(self.wall, row["wall"]), row["parent"]
+
+    @property
+    def overhead(self) -> float:
+        """Share [%] of the workers' time that went into none of the parts."""
+        return 100.0 * (1.0 - self.seconds / (self.workers * self.wall))
+
+
+@dataclass
+class Costs:
+    """What the tasks of a study cost, added up part by part.
+
+    Attributes
+    ----------
+    sessions : dict of int to Session
+        By their start [ns since 1970].
+    methods : dict of str to dict
+        Sums over the tasks of a method: ``tasks``, seconds of each part and ``cpu``.
+    """
+
+    sessions: dict[int, Session] = field(default_factory=dict)
+    methods: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def add(self, cell: Cell, rows: pa.Table) -> None:
+        """Count the tasks of a part."""
+        mine = self.methods.setdefault(cell.method, dict.fromkeys(("tasks", *PARTS, "cpu"), 0.0))
+        for row in rows.to_pylist():
+            self.sessions.setdefault(row["session"], Session(row["executor"])).add(row)
+            mine["tasks"] += 1
+            for name in (*PARTS, "cpu"):
+                mine[name] += row[name]
+
+    @property
+    def tasks(self) -> int:
+        """Number of tasks."""
+        return sum(session.tasks for session in self.sessions.values())
+
+    def mean(self, name: str) -> float:
+        """Mean over all tasks of ``seconds`` or ``cpu`` [s]."""
+        return sum(getattr(session, name) for session in self.sessions.values()) / self.tasks
+
+    @property
+    def longest(self) -> Session:
+        """Session with the most tasks."""
+        return max(self.sessions.values(), key=lambda session: session.tasks)
+
+
+def method_rows(costs: Costs) -> list[dict]:
+    """Mean seconds of each part and of processor time by method."""
+    return [
+        {"method": method, "tasks": int(sums["tasks"])}
+        | {name: sums[name] / sums["tasks"] for name in (*PARTS, "cpu")}
+        | {"sum": sum(sums[name] for name in PARTS) / sums["tasks"]}
+        for method, sums in costs.methods.items()
+    ]
+
+
+def session_rows(costs: Costs) -> list[dict]:
+    """Each session in the order of their starts: workers, tasks, wall time against the sum of the parts."""
+    rows = []
+    for number, (_, session) in enumerate(sorted(costs.sessions.items()), start=1):
+        row = {"session": number} | asdict(session)
+        row |= {"speed": session.tasks / session.wall, "overhead": session.overhead}
+        rows.append(row | {"parent_ms": 1e3 * session.parent})
+    return rows
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What a study takes besides time.
+
+    Attributes
+    ----------
+    files, disk : int
+        Files of parts, and bytes of all results.
+    sent : int
+        Bytes of a task and its result between parent and worker.
+    memory : int
+        Largest resident memory of the parent [bytes].
+    build : float
+        Seconds to read all parts and write the tables.
+    """
+
+    files: int
+    disk: int
+    sent: int
+    memory: int
+    build: float
+
+
+def plan_rows(costs: Costs, sizes: Sizes, tasks: int = BEYOND) -> list[dict]:
+    """What a study of so many tasks of this kind would take, each number from what this one cost.
+
+    Returns
+    -------
+    list of dict
+        quantity, value, unit, and ``measured``: what it is computed from.
+    """
+    n, cpu, seconds, best = costs.tasks, costs.mean("cpu"), costs.mean("seconds"), costs.longest
+    parent, efficiency = best.parent, best.seconds / (best.workers * best.wall)
+    rows = [("processor time", tasks * cpu / 3600.0, "h", f"{cpu:.3g} s a task")]
+    for workers in sorted({best.workers, *CORES}):
+        hours = tasks * max(seconds / efficiency / workers, parent) / 3600.0
+        basis = f"{seconds:.3g} s a task, workers {100.0 * efficiency:.3g} % busy, not faster than the parent"
+        rows.append((f"time on {workers} cores", hours, "h", basis))
+    rows += [
+        ("work of the parent", tasks * parent / 3600.0, "h", f"{1e3 * parent:.3g} ms a task, by tasks that do nothing"),
+        ("workers that one parent can feed", seconds / parent, "", f"{seconds:.3g} s over {1e3 * parent:.3g} ms"),
+        ("storage", tasks * sizes.disk / n / 1e6, "MB", f"{sizes.disk / n:.3g} bytes a task"),
+        ("files", tasks * sizes.files / n, "", f"{sizes.files} for {n} tasks"),
+        ("sent to and from workers", tasks * sizes.sent / 1e9, "GB", f"{sizes.sent} bytes a task"),
+        ("tables from the parts", tasks * sizes.build / n, "s", f"{1e6 * sizes.build / n:.3g} µs a task"),
+        ("memory of the parent", sizes.memory / 1e6, "MB", "the largest of this run; it does not grow with tasks"),
+    ]
+    return [dict(zip(("quantity", "value", "unit", "measured"), row, strict=True)) for row in rows]
+
+
+def bottleneck(costs: Costs, tasks: int = BEYOND) -> str:
+    """Sentence on what would limit a study of so many tasks."""
+    seconds, parent = costs.mean("seconds"), costs.longest.parent
+    most, hours = seconds / parent, tasks * parent / 3600.0
+    return (
+        f"Up to about {most:.2g} workers the cores are the bottleneck; beyond that it is the parent, which hands out "
+        f"and keeps one result after the other, {1e3 * parent:.2g} ms each, {hours:.2g} h in all however many workers "
+        "there are. Then split the grid into studies with folders of their own: seeds belong to the cell, so that the "
+        "results are the same."
+    )

@@ -1,0 +1,182 @@
+"""One task of a Monte-Carlo study: one ship, manoeuvre, noise and seed, by one method, measured and timed.
+
+A task depends on what it is and on nothing else, whatever process measures it: its noise is named by ship, manoeuvre,
+kind, level and number of the data set, so that all methods have the same records.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from time import perf_counter, process_time
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.denoising.denoise import denoise
+from pymc_ship.frontier.data_sets import noisy_trial
+from pymc_ship.frontier.estimates import (
+    DIFFERENCES,
+    Estimate,
+    regression_estimate,
+    trajectory_estimate,
+    weak_form_estimate,
+)
+from pymc_ship.machine.threads import one_thread
+from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.simulation import simulate
+from pymc_ship.replication.study import generator
+from pymc_ship.trajectory.mode import trajectory_mode
+from pymc_ship.vessel.vessel import Vessel
+
+SCORES = ("median_error", "coverage", "tactical_diameter_error")
+"""What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""
+
+PARTS = ("simulate", "pollute", "fit", "score")
+"""Parts of a task that are timed [s]."""
+
+STATUSES = ("ok", "diverged", "failed")
+"""Fitted and scored; fitted, but the ship it describes leaves the model's range in the turn; no coefficients."""
+
+TURN, TURN_DURATION = turning_circle(35), 400.0
+"""Manoeuvre whose tactical diameter is forecast, and its duration [s]."""
+
+
+def _differences(noisy: xr.Dataset, vessel: Vessel, derivative: str, interval: float | None) -> Estimate:
+    return regression_estimate(denoise(noisy), vessel, derivative=derivative, interval=interval)
+
+
+def _trajectory(noisy: xr.Dataset, vessel: Vessel, prior: str) -> Estimate:
+    return trajectory_estimate(trajectory_mode(noisy, vessel, prior, method="euler").choice.fit)
+
+
+METHODS: dict[str, Callable[[xr.Dataset, Vessel], Estimate]] = {
+    "paper's pipeline": partial(_differences, derivative="euler", interval=1.0),
+    **{name: partial(_differences, derivative=how[0], interval=how[1]) for name, how in DIFFERENCES.items()},
+    "weak form": partial(weak_form_estimate, method="euler"),
+    "trajectory fit": partial(_trajectory, prior="order_damped"),
+    "trajectory fit, flat prior": partial(_trajectory, prior="flat"),
+}
+"""Ways from a noisy record of Euler steps to coefficients, all with the settings of
+:mod:`pymc_ship.frontier.measure`."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one task measures.
+
+    Attributes
+    ----------
+    vessel : Vessel
+    manoeuvre : Manoeuvre
+        Of the record, simulated in Euler steps of 0.02 s.
+    noise : str
+        Key of :data:`pymc_ship.frontier.data_sets.NOISES`.
+    level : float
+        Noise level, as :func:`pymc_ship.pollute` takes it.
+    method : str
+        Key of :data:`METHODS`.
+    seed : int
+        Number of the data set.
+    root : int
+        Root of every random number.
+    duration : float
+        Of the record [s].
+    block : str
+        Where the result belongs.
+    """
+
+    vessel: Vessel
+    manoeuvre: Manoeuvre
+    noise: str
+    level: float
+    method: str
+    seed: int
+    root: int
+    duration: float
+    block: str = ""
+
+    def rng(self) -> np.random.Generator:
+        """Generator of the noise: that of every method on this data set."""
+        data_set = self.vessel.name, self.manoeuvre.label, self.noise, self.level, self.seed
+        return generator(self.root, "Monte-Carlo noise", *data_set)
+
+
+class _NoCoefficientsError(ValueError):
+    """A record that no ship can be fitted to."""
+
+
+def measure(task: Task) -> dict:
+    """Simulate, pollute, fit and score; a method that fails is a result like any other.
+
+    Parameters
+    ----------
+    task : Task
+
+    Returns
+    -------
+    dict
+        ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), those of
+        :data:`SCORES` [%, NaN where there is none], those of :data:`PARTS` [s] and ``cpu``, the processor time [s].
+    """
+    began, parts, scores = process_time(), dict.fromkeys(PARTS, 0.0), dict.fromkeys(SCORES, float("nan"))
+    with one_thread(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            status, sentence = _measured(task, parts, scores)
+        except Exception as error:  # whatever goes wrong in a method is what the study is to find out
+            scores, status = dict.fromkeys(SCORES, float("nan")), "failed"
+            sentence = " ".join(f"{type(error).__name__}: {error}".split())
+    identity = {"block": task.block, "seed": task.seed, "status": status, "sentence": sentence}
+    return identity | scores | parts | {"cpu": process_time() - began}
+
+
+def nothing(task: Task) -> dict:
+    """Result of :func:`measure` without doing anything, to see what the rest costs."""
+    empty = dict.fromkeys(SCORES, float("nan")) | dict.fromkeys((*PARTS, "cpu"), 0.0)
+    return {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""} | empty
+
+
+def _measured(task: Task, parts: dict[str, float], scores: dict[str, float]) -> tuple[str, str]:
+    """Fill in seconds and scores; return status and sentence."""
+    with _timed(parts, "simulate"):
+        clean = simulate(task.vessel, task.manoeuvre, duration=task.duration)
+        if clean["diverged"]:
+            raise _NoCoefficientsError(f"the record diverged at t = {float(clean['diverged_at']):g} s")
+    with _timed(parts, "pollute"):
+        noisy = noisy_trial(clean, task.level, task.noise, task.rng())
+    with _timed(parts, "fit"):
+        estimate = METHODS[task.method](noisy, task.vessel)
+    with _timed(parts, "score"):
+        found = estimate.scores(task.vessel)
+        if not np.isfinite(estimate.coefficients).all():
+            raise _NoCoefficientsError("the coefficients are not finite")
+        scores |= {"median_error": found["median"], "coverage": found["coverage"]}
+        scores["tactical_diameter_error"], diverged_at = turn_error(task.vessel, estimate.coefficients)
+    if np.isfinite(diverged_at):
+        return "diverged", f"the identified ship diverged in the {TURN.label} at t = {diverged_at:g} s"
+    return "ok", ""
+
+
+def turn_error(vessel: Vessel, coefficients: np.ndarray) -> tuple[float, float]:
+    """Error of the tactical diameter [%] and when the turn diverged [s], both NaN where there is none."""
+    ships = np.stack([coefficients, reference_coefficients(vessel)])
+    turned = simulate(vessel, TURN, duration=TURN_DURATION, record_interval=0.5, coefficients=ships)
+    diameter = indices(turned)["tactical_diameter"].values
+    diverged_at = float(turned["diverged_at"].values[0])
+    error = float("nan") if np.isfinite(diverged_at) else 100.0 * abs(float(diameter[0] / diameter[1]) - 1.0)
+    return error, diverged_at
+
+
+@contextmanager
+def _timed(parts: dict[str, float], name: str) -> Iterator[None]:
+    start = perf_counter()
+    try:
+        yield
+    finally:
+        parts[name] = perf_counter() - start

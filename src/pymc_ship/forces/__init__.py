@@ -1,0 +1,1 @@
+"""What acts on a ship, as functions of her motion and inputs."""

@@ -1,0 +1,1 @@
+"""Posterior draws carried into manoeuvres, with bands, intervals and a page."""

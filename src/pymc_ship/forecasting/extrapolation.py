@@ -1,0 +1,208 @@
+"""Whether a simulated motion leaves the motion that a model was fitted to, how far, and in which quantity.
+
+A polynomial in prime quantities is known only where its record has been. Each symbol is counted in units of its range
+in the record (in its own unit where it never moved). The convex hull of the record is replaced by the polytope of its
+supports in fixed directions: the axes, e_i + e_j and e_i - e_j for every pair, and random ones. The polytope contains
+the hull, so what is found outside is outside, a distance is a lower bound, and small departures may be missed.
+
+The support function of a convex set is that of Rockafellar (1970), Convex Analysis, section 13.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from itertools import combinations
+
+import numpy as np
+import xarray as xr
+from numba import njit
+
+from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.machine.threads import thread_pool
+from pymc_ship.motion.equations import KERNEL, STATE, prime_record
+from pymc_ship.trial.record import TrialError
+from pymc_ship.vessel.vessel import Vessel
+
+UNKNOWN = "Extrapolation is unknown: the posterior does not hold the motion it was fitted to."
+"""What is said of a forecast where no motion is known."""
+
+MARGIN = 0.01
+"""Departures below this part of the record's range count as inside; a repeat of the same run shows as much."""
+
+_CHANNELS = (*STATE[:5], "delta")
+_N_RANDOM = 100
+_BLOCK = 256
+"""Points that the kernel holds in the first cache."""
+_SHIPS = 16
+"""Ships a thread takes at a time."""
+_NAMED = 3
+"""Departures that a sentence names at most."""
+_VISIBLE = 0.005
+"""Departure from a symbol's range, in units of it, that a sentence names."""
+
+
+def extrapolation(vessel: Vessel, ships: xr.Dataset, motion: xr.DataArray) -> xr.Dataset:
+    """Distance of simulated ships from the motion of a training record, at every instant.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    ships : Dataset, dims (time,) or (draw, time)
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; NaN where a ship does not
+        run any more.
+    motion : DataArray, dims (row, symbol)
+        Prime motion of the record, ``symbol`` being :data:`pymc_ship.forces.terms.SYMBOLS`. It is taken as it is: a
+        record to one side says nothing of the other.
+
+    Returns
+    -------
+    Dataset
+        ``distance`` (the dims of the ships; in units of the record's range, 0 inside and within
+        :data:`MARGIN` of it, NaN where a ship does not run)
+        and ``outside``. By symbol, and by draw where the ships have draws: ``lowest`` and ``highest`` prime value,
+        ``below`` and ``above``, how far these leave the record's range, in units of it. By symbol ``trained_lowest``
+        and ``trained_highest``.
+
+    Raises
+    ------
+    TrialError
+        When the ships lack a channel, or the motion a dimension, a symbol, a row or a finite value.
+    """
+    trained = _trained(motion)
+    least, most = trained.min(axis=0), trained.max(axis=0)
+    unit = np.where(most > least, most - least, 1.0)
+    supports = (trained - least) / unit @ _directions().T
+    limits = np.array([supports.min(axis=0), supports.max(axis=0)])
+    distance, lowest, highest = _measured(vessel, ships, least, unit, limits)
+    by_symbol = ("draw", "symbol")
+    variables = {
+        "distance": (("draw", "time"), distance, {"units": "range of the record"}),
+        "outside": (("draw", "time"), distance > 0.0),
+        "lowest": (by_symbol, least + unit * lowest),
+        "highest": (by_symbol, least + unit * highest),
+        "below": (by_symbol, np.maximum(-lowest, 0.0), {"units": "range of the record"}),
+        "above": (by_symbol, np.maximum(highest - (most - least) / unit, 0.0), {"units": "range of the record"}),
+        "trained_lowest": ("symbol", least),
+        "trained_highest": ("symbol", most),
+    }
+    coords = {"time": ships["time"].reset_coords(drop=True), "symbol": list(SYMBOLS)}
+    if "draw" not in ships.dims:
+        return xr.Dataset(variables, coords).isel(draw=0)
+    return xr.Dataset(variables, coords | {"draw": np.arange(ships.sizes["draw"])})
+
+
+def sentence(vessel: Vessel, summary: xr.Dataset) -> str:
+    """Say in one sentence how much of a forecast lies outside the record, how far, and in which quantities.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    summary : Dataset
+        Over symbol ``below``, ``above``, ``lowest``, ``highest``, ``trained_lowest`` and ``trained_highest``, as from
+        :func:`extrapolation` for one ship or its medians over the draws; attrs ``share_extrapolated`` and
+        ``median_distance``.
+
+    Returns
+    -------
+    str
+        Speed in m/s and angles in deg; other quantities as the ratio or prime value they are.
+    """
+    share = summary.attrs["share_extrapolated"]
+    if share == 0.0:
+        return "Every instant lies inside the motion of the record."
+    sides = ("below", "lowest", "trained_lowest"), ("above", "highest", "trained_highest")
+    departures = [
+        (*(float(summary[name].sel(symbol=symbol)) for name in names), symbol) for names in sides for symbol in SYMBOLS
+    ]
+    named = sorted((found for found in departures if found[0] >= _VISIBLE), key=lambda found: -found[0])[:_NAMED]
+    where = "; ".join(_departure(vessel, *found[1:]) for found in named)
+    return (
+        f"{100.0 * share:.3g} % of the instants lie outside the motion of the record, by "
+        f"{summary.attrs['median_distance']:.2g} of its range in the median: "
+        f"{where or 'combinations of quantities that each keep to their range in the median ship'}."
+    )
+
+
+def _departure(vessel: Vessel, reached: float, trained: float, symbol: str) -> str:
+    """Name what one symbol reaches beside the end of its range in the record."""
+    verb, way = ("falls", "down") if reached < trained else ("rises", "up")
+    quantity, shown, units = _shown(vessel, symbol)
+    return f"{quantity} {verb} to {shown(reached):.3g}{units}, the record goes {way} to {shown(trained):.3g}{units}"
+
+
+def _shown(vessel: Vessel, symbol: str) -> tuple[str, Callable[[float], float], str]:
+    """Words for a symbol, how its prime value is shown, and the units of that."""
+    words = {
+        "u": ("speed", lambda u_a: vessel.particulars.nominal_speed / (1.0 - u_a), " m/s"),
+        "v": ("v/U", float, ""),
+        "r": ("rL/U", float, ""),
+        "p": ("pL/U", float, ""),
+        "phi": ("roll angle", np.rad2deg, " deg"),
+        "delta": ("rudder angle", np.rad2deg, " deg"),
+    }
+    return words[symbol]
+
+
+@cache
+def _directions() -> np.ndarray:
+    """Unit vectors that stand for themselves and their opposites, shape (n_directions, n_symbols)."""
+    axes = np.eye(len(SYMBOLS))
+    pairs = [axes[i] + sign * axes[j] for i, j in combinations(range(len(SYMBOLS)), 2) for sign in (1.0, -1.0)]
+    found = np.vstack([axes, pairs, np.random.default_rng(1970).standard_normal((_N_RANDOM, len(SYMBOLS)))])
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+def _trained(motion: xr.DataArray) -> np.ndarray:
+    """Prime motion of the record, shape (n_rows, n_symbols)."""
+    if set(motion.dims) != {"row", "symbol"} or set(map(str, motion.get_index("symbol"))) != set(SYMBOLS):
+        raise TrialError(
+            f"A training motion has the dims row and symbol ({', '.join(SYMBOLS)}), found {dict(motion.sizes)}; "
+            "rearrange it."
+        )
+    values = motion.sel(symbol=list(SYMBOLS)).transpose("row", "symbol").values
+    if not values.size or not np.isfinite(values).all():
+        raise TrialError(f"A training motion is finite and has rows, found {len(values)} rows; clean the record.")
+    return values
+
+
+def _measured(
+    vessel: Vessel, ships: xr.Dataset, least: np.ndarray, unit: np.ndarray, limits: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distances (n_draws, n_time) and extremes (n_draws, n_symbols), counted from ``least`` in ``unit``."""
+    missing = [name for name in ("u", "v", "r", "delta") if name not in ships]
+    if missing:
+        raise TrialError(f"Ships have the channels u, v, r and delta; {', '.join(missing)} missing; add them.")
+    record = {name: np.atleast_2d(ships[name].values) for name in _CHANNELS if name in ships}
+    n_draws, n_time = record["u"].shape
+    distance = np.zeros((n_draws, n_time))
+    lowest, highest = np.empty((2, n_draws, len(SYMBOLS)))
+
+    def run(begin: int) -> None:
+        rows = slice(begin, begin + _SHIPS)
+        prime, _, _ = prime_record(vessel, {name: values[rows].ravel() for name, values in record.items()})
+        points = (np.array([prime[symbol] for symbol in SYMBOLS]) - least[:, None]) / unit[:, None]
+        _fill_distances(points, _directions(), limits, distance[rows].reshape(-1))
+        by_ship = points.reshape(len(SYMBOLS), -1, n_time)
+        lowest[rows], highest[rows] = np.fmin.reduce(by_ship, axis=2).T, np.fmax.reduce(by_ship, axis=2).T
+
+    blocks = range(0, n_draws, _SHIPS)
+    with thread_pool(len(blocks)) as pool:
+        list(pool.map(run, blocks))
+    distance[distance < MARGIN] = 0.0
+    distance[np.isnan(record["u"])] = np.nan
+    return distance, lowest, highest
+
+
+@njit(**KERNEL)
+def _fill_distances(points, directions, limits, distance):
+    """Raise each distance to the largest excess of its point (n_symbols, n_points) over the supports."""
+    for begin in range(0, distance.size, _BLOCK):
+        end = min(begin + _BLOCK, distance.size)
+        for k in range(len(directions)):
+            a, b, c, d, e, f = directions[k]
+            low, high = limits[0, k], limits[1, k]
+            for i in range(begin, end):
+                support = a * points[0, i] + b * points[1, i] + c * points[2, i]
+                support += d * points[3, i] + e * points[4, i] + f * points[5, i]
+                distance[i] = max(distance[i], max(support - high, low - support))

@@ -1,0 +1,273 @@
+"""Figures of a forecast manoeuvre beside a measured trial, as naval architects expect them, and force curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pymc_ship.forces.terms import SYMBOLS, evaluate
+from pymc_ship.forecasting.track import median_ship, track
+from pymc_ship.manoeuvre.measured import aligned
+from pymc_ship.manoeuvre.standard import SIDES
+from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, _styled, subplots
+from pymc_ship.trial.record import UNITS
+from pymc_ship.vessel.vessel import LETTER, Vessel
+
+_BLUE, _RUST = COLOURS["conjugate"], COLOURS["semiconjugate"]
+_WORDS = {
+    "u": "surge velocity u",
+    "v": "sway velocity v",
+    "r": "yaw rate r",
+    "p": "roll rate p",
+    "phi": "roll angle φ",
+    "psi": "heading ψ",
+    "delta": "rudder δ",
+}
+_FORCES = ("surge", "sway", "yaw")
+_HALF_RANGE = {"v": 0.4, "r": 0.8, "delta": np.deg2rad(40.0)}
+_AXES = {"v": "sway velocity v'", "r": "yaw rate r'", "delta": "rudder δ [deg]"}
+_FALLEN = 0.5
+"""Heading change [deg] after which an overshoot has had its peak."""
+
+_GRID, _MARGIN, _POINTS = 81, 1.5, 400
+
+
+def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> dict[str, Figure]:
+    """Every figure of a forecast, by name: ``track``, ``heading_and_rudder`` and ``motion``."""
+    return {
+        "track": track(tree, vessel, measured),
+        "heading_and_rudder": heading_and_rudder(tree, measured),
+        "motion": motion(tree, measured),
+    }
+
+
+@_styled
+def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
+    """Heading and rudder [deg] against time: band, median and, where there is one, the measured trial.
+
+    Parameters
+    ----------
+    tree : DataTree
+        From :func:`pymc_ship.forecast`.
+    measured : Dataset, dims (time,), optional
+        Trial, see :func:`pymc_ship.manoeuvre.measured.aligned`; any of its channels may be missing.
+
+    Returns
+    -------
+    Figure
+        A zigzag has both on one axis, the switching headings dashed and the peaks of the overshoots marked: the
+        forecast's overshoot angle with its interval at the peak of the median ship, and the measured peak.
+    """
+    zigzag = tree.attrs["manoeuvre"] == "zigzag"
+    trial = None if measured is None else aligned(measured, tree.attrs["rudder_deg"])
+    fig, axes = subplots(8.0, 4.2 if zigzag else 4.6, 1 if zigzag else 2, 1, sharex=True)
+    upper, lower = axes[0, 0], axes[-1, 0]
+    if zigzag:
+        _panel(upper, tree, "psi", trial, mark="heading: ")
+        _panel(upper, tree, "delta", trial, colour=_RUST, mark="rudder: ")
+        _overshoots(upper, tree, trial)
+        upper.set_ylabel("heading ψ and rudder δ [deg]")
+    else:
+        _panel(upper, tree, "psi", trial)
+        _panel(lower, tree, "delta", trial)
+        upper.set_ylabel(_label("psi"))
+        lower.set_ylabel(_label("delta"))
+    lower.set_xlabel("time from the rudder's execution [s]")
+    lower.set_xlim(0.0, float(tree["bands"]["time"][-1]))
+    handles = dict(zip(*upper.get_legend_handles_labels()[::-1], strict=True))
+    if "measured" in handles:
+        handles["measured"] = handles.pop("measured")
+    fig.legend(handles.values(), handles, loc="outside upper center", ncols=4)
+    return fig
+
+
+def overshoot_peaks(ship: xr.Dataset, heading_deg: float, side: str) -> list[tuple[float, float]]:
+    """Time [s] and heading [deg] of the peaks beyond the switching heading, turns to alternate sides in order.
+
+    A peak counts once the heading has come back from it by half a degree, more than the noise of a gyro.
+    """
+    good = np.isfinite(ship["psi"].values)
+    time, psi, found = ship["time"].values[good], np.rad2deg(ship["psi"].values[good]), []
+    sign, begin = SIDES[side], 0
+    while (beyond := np.flatnonzero(sign * psi[begin:] >= heading_deg)).size:
+        begin += int(beyond[0])
+        beyond = sign * psi[begin:]
+        back = np.flatnonzero(np.maximum.accumulate(beyond) - beyond > _FALLEN)
+        if not back.size:
+            break
+        peak = begin + int(np.argmax(beyond[: back[0]]))
+        found.append((float(time[peak]), float(psi[peak])))
+        begin, sign = begin + int(back[0]), -sign
+    return found
+
+
+def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
+    """Switching headings, overshoots of the forecast with their intervals, and the measured peaks."""
+    heading, side = tree.attrs["heading_deg"], tree.attrs["side"]
+    for k, level in enumerate((heading, -heading)):
+        label = "switching headings" if k == 0 else None
+        ax.axhline(level, color=REFERENCE, lw=0.7, ls="--", label=label)
+    ship = tree["trajectories"].to_dataset().isel(draw=median_ship(tree))
+    sign, bands = SIDES[side], tree["index_bands"].to_dataset()
+    names = ("first", "second", "third")
+    for k, (name, (when, _)) in enumerate(zip(names, overshoot_peaks(ship, heading, side), strict=False)):
+        values = bands[f"{name}_overshoot_angle"]
+        lower, median, upper = (heading + float(values.sel(band=band)) for band in ("lower", "median", "upper"))
+        error = np.array([[median - lower], [upper - median]])[:: int(sign)]
+        label = "overshoot with its interval" if k == 0 else None
+        style = {"fmt": "o", "ms": 5, "color": _BLUE, "mec": "white", "capsize": 3, "zorder": 4}
+        ax.errorbar(when, sign * median, error, label=label, **style)
+        text, away = f"{float(values.sel(band='median')):.1f}°", 8 if sign > 0.0 else -8
+        settings = {"ha": "center", "va": "bottom" if sign > 0.0 else "top", "fontsize": 8.0, "color": _BLUE}
+        ax.annotate(text, (when, sign * upper), (0, away), textcoords="offset points", **settings)
+        sign = -sign
+    if trial is not None and "psi" in trial:
+        until = trial.sel(time=trial["time"] <= float(tree["bands"]["time"][-1]))
+        peaks = overshoot_peaks(until, heading, side)
+        label = "measured peak"
+        if peaks:
+            ax.plot(*zip(*peaks, strict=True), "D", ms=5, color=REFERENCE, mec="white", label=label, zorder=5)
+    ax.margins(y=0.12)
+
+
+@_styled
+def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
+    """Velocities, yaw rate and roll against time: band, median and measured trial; parameters as of the figures above.
+
+    The roll of a ship that does not roll is left out; the rudder stands last.
+    """
+    bands = tree["bands"].to_dataset()
+    rolls = [name for name in ("p", "phi") if np.nanmax(np.abs(bands[name].values)) > 0.0]
+    names = ["u", "v", "r", *rolls, "delta"]
+    trial = None if measured is None else aligned(measured, tree.attrs["rudder_deg"])
+    rows = len(names) // 2
+    fig, axes = subplots(8.0, 1.9 * rows + 0.6, rows, 2, sharex=True)
+    for ax, name in zip(axes.flat, names, strict=True):
+        _panel(ax, tree, name, trial)
+        ax.set_ylabel(_label(name))
+        ax.set_xlim(0.0, float(bands["time"][-1]))
+    for ax in axes[-1]:
+        ax.set_xlabel("time from the rudder's execution [s]")
+    handles = {label: handle for ax in axes.flat for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    fig.legend(handles.values(), handles, loc="outside upper center", ncols=3)
+    return fig
+
+
+def _panel(
+    ax: Axes, tree: xr.DataTree, name: str, trial: xr.Dataset | None, *, colour: str = _BLUE, mark: str = ""
+) -> None:
+    """Band, median and measured values of a channel against time, angles in degrees."""
+    bands = _thinned(tree["bands"].to_dataset()[[name]])
+    factor = np.rad2deg(1.0) if "rad" in UNITS[name] else 1.0
+    lower, median, upper = (factor * bands[name].sel(band=band).values for band in ("lower", "median", "upper"))
+    share = f"{100.0 * tree.attrs['ci_prob']:g} % band"
+    ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{mark}{share}")
+    ax.plot(bands["time"], median, color=colour, label=f"{mark}median")
+    if trial is not None and name in trial:
+        seen = _thinned(trial[[name]].sel(time=trial["time"] <= float(bands["time"][-1])))
+        ax.plot(seen["time"], factor * seen[name], color=REFERENCE, lw=1.0, label="measured")
+
+
+def _thinned(record: xr.Dataset) -> xr.Dataset:
+    """Every so many samples of a record, which keeps the page small."""
+    return record.isel(time=slice(None, None, max(1, record.sizes["time"] // _POINTS)))
+
+
+def _label(name: str) -> str:
+    return f"{_WORDS[name]} [{UNITS[name].replace('rad', 'deg')}]"
+
+
+@_styled
+def force_curves(
+    models: Sequence[tuple[Vessel, np.ndarray]], ranges: xr.DataArray | None = None, *, ci_prob: float = 0.95
+) -> Figure:
+    """Prime force and moment of the hull and rudder against v', r' and rudder, one at a time at the nominal speed.
+
+    Parameters
+    ----------
+    models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients))
+        Vessels, which may differ in their terms, with coefficient draws, DOFs one after the other in the vessel's
+        order; the curves of all of them are pooled, so that a structure weighs as much as its draws.
+    ranges : DataArray, dims (row, symbol), optional
+        Prime motion of the training record, ``symbol`` being :data:`pymc_ship.forces.terms.SYMBOLS`; the range of each
+        quantity is shaded.
+    ci_prob : float, optional
+        Probability inside the equal-tailed bands.
+
+    Returns
+    -------
+    Figure
+        Rows X', Y', N'; columns v', r', delta; all else is zero.
+
+    Raises
+    ------
+    ValueError
+        For no model, or draws that do not fit their vessel.
+    """
+    if not models:
+        raise ValueError("Force curves need at least one vessel with draws of its coefficients, found none; add one.")
+    fig, axes = subplots(8.0, 6.4, len(_FORCES), len(_AXES), sharex="col")
+    tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
+    for column, symbol in enumerate(_AXES):
+        trained = None if ranges is None else _trained(ranges, symbol)
+        half = max([_HALF_RANGE[symbol], *([] if trained is None else [_MARGIN * max(map(abs, trained))])])
+        values = np.linspace(-half, half, _GRID)
+        factor = np.rad2deg(1.0) if symbol == "delta" else 1.0
+        for row, dof in enumerate(_FORCES):
+            ax = axes[row, column]
+            curves = 1e3 * np.concatenate([force_draws(vessel, draws, dof, symbol, values) for vessel, draws in models])
+            lower, median, upper = np.quantile(curves, tails, axis=0)
+            if trained is not None:
+                ends = [factor * end for end in trained]
+                ax.axvspan(*ends, color=NOISE, alpha=0.3, lw=0, zorder=0, label="range of the training record")
+            ax.fill_between(
+                factor * values, lower, upper, color=_BLUE, alpha=0.25, lw=0, label=f"{100.0 * ci_prob:g} % band"
+            )
+            ax.plot(factor * values, median, color=_BLUE, label="median")
+            ax.set_xlim(-factor * half, factor * half)
+            if column == 0:
+                ax.set_ylabel(f"{LETTER[dof]}' · 10³")
+        axes[-1, column].set_xlabel(_AXES[symbol])
+    fig.align_ylabels(axes[:, 0])
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return fig
+
+
+def _trained(ranges: xr.DataArray, symbol: str) -> tuple[float, float]:
+    values = ranges.sel(symbol=symbol).values
+    return float(np.nanmin(values)), float(np.nanmax(values))
+
+
+def force_draws(vessel: Vessel, draws: np.ndarray, dof: str, symbol: str, values: np.ndarray) -> np.ndarray:
+    """Prime force of a DOF along one quantity, all others zero, at the nominal speed, shape (n_draws, n_values).
+
+    Parameters
+    ----------
+    vessel : Vessel
+    draws : ndarray, shape (n_draws, n_coefficients)
+        DOFs one after the other in the vessel's order.
+    dof, symbol : str
+        ``surge``, ``sway``, ``yaw`` or ``roll``; one of :data:`pymc_ship.forces.terms.SYMBOLS`.
+    values : ndarray, shape (n_values,)
+        Prime values of the quantity.
+
+    Raises
+    ------
+    ValueError
+        For draws that do not fit the vessel.
+    """
+    sizes = [len(vessel.terms(name)) for name in vessel.dofs]
+    if draws.ndim != 2 or draws.shape[1] != sum(sizes) or not len(draws):
+        raise ValueError(
+            f"Draws of {vessel.name!r} have shape (draws, {sum(sizes)}), found {draws.shape}; reorder them."
+        )
+    begin = sum(sizes[: vessel.dofs.index(dof)])
+    state = {name: np.zeros(values.size) for name in SYMBOLS} | {symbol: np.asarray(values, dtype=float)}
+    if vessel.propeller is not None:
+        state |= {"g": np.ones(values.size), "T": np.zeros(values.size)}
+    mine = draws[:, begin : begin + len(vessel.terms(dof))]
+    return mine @ evaluate(vessel.terms(dof), state).T

@@ -1,0 +1,288 @@
+"""Posterior draws -> manoeuvres with bands for every channel and intervals for every index."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forecasting.extrapolation import UNKNOWN, extrapolation, sentence
+from pymc_ship.forecasting.index_error import with_model_error
+from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.motion.simulation import simulate
+from pymc_ship.trial.record import CHANNELS
+from pymc_ship.vessel.vessel import Vessel, VesselError
+
+BANDS = ("lower", "median", "upper")
+"""Coordinate ``band`` of what a forecast summarises."""
+
+
+def coefficient_draws(
+    vessel: Vessel, posteriors: Mapping[str, xr.DataTree] | xr.DataTree, draws: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Draw whole parameter vectors from a joint posterior, or from the posteriors of the degrees of freedom.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    posteriors : DataTree or mapping of str to DataTree
+        Joint posterior of the coefficients of all DOFs, or the posterior of each DOF; a DOF that a mapping leaves out
+        keeps the vessel's reference values.
+    draws : int
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray, shape (draws, n_coefficients)
+        DOFs one after the other in the vessel's order; drawn without repetition where a posterior has enough draws.
+        The rows of a joint posterior stay whole; DOFs with posteriors of their own are independent.
+
+    Raises
+    ------
+    VesselError
+        For a DOF the vessel does not have or a posterior that lacks one of the coefficients it is to have.
+    """
+    if isinstance(posteriors, xr.DataTree):
+        names = [name for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
+        return _rows(posteriors, names, f"The joint posterior lacks {{}} of {vessel.name!r}", draws, rng)
+    unknown = [dof for dof in posteriors if dof not in vessel.dofs]
+    if unknown:
+        raise VesselError(f"{vessel.name!r} has the degrees of freedom {', '.join(vessel.dofs)}; found {unknown[0]!r}.")
+    blocks = []
+    for dof in vessel.dofs:
+        reference = vessel.coefficients(dof)
+        if dof in posteriors:
+            lacks = f"The {dof} posterior lacks {{}} of {vessel.name!r}"
+            blocks.append(_rows(posteriors[dof], reference["coefficient"].values, lacks, draws, rng))
+        else:
+            blocks.append(np.tile(reference.values, (draws, 1)))
+    return np.concatenate(blocks, axis=1)
+
+
+def _rows(tree: xr.DataTree, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws of the named coefficients of one posterior, each row from one draw of it."""
+    sample = tree["posterior"]["coefficients"].stack(sample=("chain", "draw"))
+    lacking = sorted(set(names) - set(sample["coefficient"].values))
+    if lacking:
+        raise VesselError(f"{lacks.format(', '.join(lacking))}; use its own terms.")
+    chosen = rng.choice(sample.sizes["sample"], draws, replace=sample.sizes["sample"] < draws)
+    return sample.sel(coefficient=names).transpose("sample", "coefficient").values[chosen]
+
+
+def fitted_motion(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> xr.DataArray | None:
+    """Prime motion that posteriors were fitted to, dims (row, symbol).
+
+    It is ``motion`` in the group constant_data of a joint posterior or of the posterior of every DOF; None where one
+    does not hold it or where they differ.
+    """
+    found = [_constant(tree, "motion") for tree in _trees(posteriors)]
+    return found[0] if found and all(motion is not None and motion.equals(found[0]) for motion in found) else None
+
+
+def sensor_noise(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> dict[str, float]:
+    """Standard deviation of the sensor noise by channel, SI: ``noise_sd`` in constant_data of a joint posterior.
+
+    Empty where it is not held: the posterior of a DOF knows the noise of its response, not that of a sensor.
+    """
+    held = _constant(posteriors, "noise_sd") if isinstance(posteriors, xr.DataTree) else None
+    return {} if held is None else dict(zip(map(str, held["channel"].values), held.values.tolist(), strict=True))
+
+
+def _trees(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> list[xr.DataTree]:
+    return [posteriors] if isinstance(posteriors, xr.DataTree) else list(posteriors.values())
+
+
+def _constant(tree: xr.DataTree, name: str) -> xr.DataArray | None:
+    return tree["constant_data"].data_vars.get(name) if "constant_data" in tree.children else None
+
+
+def forecast(
+    vessel: Vessel,
+    posteriors: Mapping[str, xr.DataTree] | xr.DataTree,
+    manoeuvre: Manoeuvre,
+    *,
+    draws: int = 300,
+    rng: np.random.Generator,
+    duration: float = 400.0,
+    ci_prob: float = 0.9,
+    noise_sd: Mapping[str, float] | None = None,
+    **settings,
+) -> xr.DataTree:
+    """Forecast a manoeuvre with one simulated ship for each posterior draw.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    posteriors : DataTree or mapping of str to DataTree
+        Joint posterior of all coefficients, or the posterior of each DOF, of any method; a DOF that a mapping leaves
+        out keeps the vessel's reference values.
+    manoeuvre : Manoeuvre
+    draws : int, optional
+        Simulated ships.
+    rng : numpy.random.Generator
+    duration : float, optional
+        [s].
+    ci_prob : float, optional
+        Probability inside the equal-tailed bands.
+    noise_sd : mapping of str to float, optional
+        Standard deviation of the noise of the sensors by channel [SI]; by default what a joint posterior holds.
+    **settings
+        ``step``, ``method`` and ``record_interval`` of :func:`pymc_ship.simulate`; by default Euler at 0.02 s,
+        recorded every 0.5 s.
+
+    Returns
+    -------
+    DataTree
+        ``trajectories`` (dims draw, time: the simulated ships with ``diverged`` and ``diverged_at``), ``bands`` (dims
+        band, time) and, for a zigzag or a turning circle, ``indices`` (dims draw) and ``index_bands`` (dims band).
+        Bands are quantiles of the ships still running at that instant; attrs tell the ``share_diverged``. ``bands``
+        hold the uncertainty of the coefficients alone; ``measured_bands``, there where a noise is known, that of what
+        the sensors would read on top of it. ``extrapolation``, there where the posterior holds the motion it was fitted
+        to: how the ships leave it, ``share_outside`` and median ``distance`` over time, and over symbol what is in
+        :func:`pymc_ship.extrapolation`, medians over draws. Attrs tell ``share_extrapolated``, the share of outside
+        instants of running ships (NaN where unknown), and ``extrapolation``, a sentence.
+
+    Raises
+    ------
+    VesselError, SimulationError, ValueError
+        For posteriors that do not fit the vessel, settings that cannot run, fewer than two draws, ``ci_prob`` not in
+        (0, 1), noise of an unknown channel or one that is negative or not finite.
+    TrialError
+        For a fitted motion that cannot be read.
+    """
+    if draws < 2 or not 0.0 < ci_prob < 1.0:
+        raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
+    noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)
+    _check_noise(noise)
+    models = [(vessel, coefficient_draws(vessel, posteriors, draws, rng))]
+    motion = fitted_motion(posteriors)
+    return pooled_forecast(
+        models, manoeuvre, duration=duration, ci_prob=ci_prob, noise=noise, motion=motion, rng=rng, **settings
+    )
+
+
+def pooled_forecast(
+    models: Sequence[tuple[Vessel, np.ndarray]],
+    manoeuvre: Manoeuvre,
+    *,
+    duration: float,
+    ci_prob: float,
+    rng: np.random.Generator,
+    noise: Mapping[str, float] | None = None,
+    motion: xr.DataArray | None = None,
+    errors: Mapping[str, float] | None = None,
+    **settings,
+) -> xr.DataTree:
+    """Forecast a manoeuvre with ships of several models at once: vessels that share all but their terms.
+
+    Parameters
+    ----------
+    models : sequence of (Vessel, ndarray of shape (n_draws, n_coefficients))
+        Each model counts by its number of draws.
+    manoeuvre, duration, ci_prob, rng, **settings
+        As :func:`forecast`.
+    noise : mapping of str to float, optional
+        Standard deviation of the sensors by channel [SI].
+    motion : DataArray, dims (row, symbol), optional
+        Prime motion the models were fitted to.
+    errors : mapping of str to float, optional
+        Model error of the indices by kind, see :func:`pymc_ship.forecasting.index_error.model_error`: ``indices`` are
+        then those that a trial would show.
+
+    Returns
+    -------
+    DataTree
+        As :func:`forecast`.
+    """
+    settings = {"step": 0.02, "record_interval": 0.5} | settings
+    runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
+    ships = runs[0]
+    if len(runs) > 1:
+        ships = xr.concat(runs, "draw", combine_attrs="override")
+        ships = ships.assign_coords(draw=np.arange(ships.sizes["draw"]))
+    vessel = models[0][0]
+    groups = {"trajectories": ships, "bands": _bands(ships[list(CHANNELS)], ci_prob)}
+    if noise:
+        groups["measured_bands"] = _bands(_measured(ships, noise, rng), ci_prob)
+    if manoeuvre.kind in ("zigzag", "turning_circle"):
+        groups["indices"] = with_model_error(indices(ships), errors or {}, vessel, rng)
+        groups["index_bands"] = _bands(groups["indices"], ci_prob)
+    attrs = {
+        **ships.attrs,
+        "label": manoeuvre.label,
+        "draws": ships.sizes["draw"],
+        "ci_prob": ci_prob,
+        "ci_kind": "eti",
+        "share_diverged": float(ships["diverged"].mean()),
+        "share_extrapolated": np.nan,
+        "extrapolation": UNKNOWN,
+    }
+    if motion is not None:
+        left = _over_draws(extrapolation(vessel, ships, motion))
+        groups["extrapolation"] = left
+        attrs |= {"share_extrapolated": left.attrs["share_extrapolated"], "extrapolation": sentence(vessel, left)}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
+
+
+def stated_shares(tree: xr.DataTree) -> str:
+    """Words on a forecast to stand wherever its bands do: ships, share diverged and, where known, extrapolated."""
+    diverged, extrapolated = (100.0 * tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
+    known = f", {extrapolated:.3g} % of the instants extrapolated" if np.isfinite(extrapolated) else ""
+    return f"{tree.attrs['draws']} ships, {diverged:.3g} % diverged{known}"
+
+
+def _check_noise(noise: Mapping[str, float]) -> None:
+    for name, sd in noise.items():
+        if name not in CHANNELS or not 0.0 <= sd < np.inf:
+            raise ValueError(
+                f"Sensor noise has a standard deviation from 0 up for any of {', '.join(CHANNELS)}; found {sd} for "
+                f"{name!r}; correct it."
+            )
+
+
+def _measured(ships: xr.Dataset, noise: Mapping[str, float], rng: np.random.Generator) -> xr.Dataset:
+    """What the sensors of the ships would read: independent normal noise at every instant."""
+    read = ships[[name for name in CHANNELS if name in noise]]
+    return read.map(lambda channel: channel + noise[channel.name] * rng.standard_normal(channel.shape), keep_attrs=True)
+
+
+def _over_draws(found: xr.Dataset) -> xr.Dataset:
+    """Share of running ships outside and median distance over time, medians over symbol, shares in attrs."""
+    distance, outside = found["distance"].values, found["outside"].values
+    running = np.isfinite(distance)
+    count = running.sum(axis=0)
+    share = np.where(count > 0, outside.sum(axis=0) / np.maximum(count, 1), np.nan)
+    over_time = {
+        "share_outside": ("time", share),
+        "distance": ("time", _quantiles(distance, [0.5])[0], found["distance"].attrs),
+    }
+    over_symbol = found.drop_dims("time").median("draw", keep_attrs=True)
+    attrs = {
+        "share_extrapolated": float(outside.sum() / running.sum()),
+        "median_distance": float(np.median(distance[outside])) if outside.any() else 0.0,
+    }
+    return over_symbol.assign(over_time).assign_coords(time=found["time"]).assign_attrs(attrs)
+
+
+def _bands(values: xr.Dataset, ci_prob: float) -> xr.Dataset:
+    """Equal-tailed band and median over the draws that are not NaN."""
+    tail = 0.5 * (1.0 - ci_prob)
+    variables = {
+        name: (("band", *variable.dims[1:]), _quantiles(variable.values, [tail, 0.5, 1.0 - tail]), variable.attrs)
+        for name, variable in values.data_vars.items()
+    }
+    coords = {"band": list(BANDS)} | {name: values.coords[name] for name in values.coords if name != "draw"}
+    return xr.Dataset(variables, coords)
+
+
+def _quantiles(values: np.ndarray, probabilities: list[float]) -> np.ndarray:
+    """Quantiles over the first axis without NaN (which sorts last), linear between order statistics."""
+    ordered = np.sort(values, axis=0)
+    count = np.isfinite(ordered).sum(axis=0)
+    rank = np.multiply.outer(probabilities, np.maximum(count - 1, 0))
+    below = np.floor(rank).astype(int)
+    above = np.minimum(below + 1, np.maximum(count - 1, 0))
+    low, high = (np.take_along_axis(ordered, index, axis=0) for index in (below, above))
+    return low + (rank - below) * (high - low)

@@ -1,0 +1,153 @@
+"""Model error of manoeuvre indices: what coefficients and term sets leave unexplained on runs that were held out.
+
+Two zigzags of the same ship on the same day differ by some tenths of a degree, and no set of terms is the true force.
+The error of a held-out index beyond the spread of the draws is measured in units of what the ship did: overshoot angles
+in the swing of her heading, times in L/U and distances in L, as an error of short ones is as large as one of long ones.
+It is pooled by kind, and a forecast of any manoeuvre is widened by as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.manoeuvre.indices import CIRCLE_INDICES, ZIGZAG_INDICES
+from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.ship.held_out import forecast_indices, scored_indices
+from pymc_ship.vessel.vessel import Vessel
+
+KINDS = ("angle", "time", "distance")
+"""Kinds of indices that carry a model error; where none of a kind was held out, that of the kind before it counts."""
+
+_HALVINGS = 60
+_KIND_OF = ZIGZAG_INDICES | CIRCLE_INDICES
+
+
+def index_rows(
+    run: str,
+    trial: xr.Dataset,
+    manoeuvre: Manoeuvre,
+    models: Sequence[tuple[Vessel, np.ndarray]],
+    weight: np.ndarray,
+) -> list[dict]:
+    """Indices of a held-out run beside their forecast.
+
+    Parameters
+    ----------
+    run : str
+        Name of the run.
+    trial : Dataset, dims (time,)
+    manoeuvre : Manoeuvre
+    models : sequence of (Vessel, ndarray of shape (1 + n_draws, n_coefficients))
+        Fits made without the run: the estimate, then draws.
+    weight : ndarray, shape (n_models,)
+
+    Returns
+    -------
+    list of dict
+        ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between
+        the models) and ``scale``, for every index that both reach.
+    """
+    duration = float(np.ptp(trial["time"].values))
+    found = [forecast_indices(vessel, coefficients, manoeuvre, duration) for vessel, coefficients in models]
+    rows = []
+    for name, measured in scored_indices(trial, manoeuvre).items():
+        mean = np.array([values[name][0] for values in found])
+        sd = np.array([_robust_sd(values[name][1:]) for values in found])
+        forecast = float(weight @ mean)
+        if np.isfinite([measured, forecast, *sd]).all():
+            between = float(np.sqrt(weight @ (mean - forecast) ** 2))
+            row = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": _KIND_OF[name]}
+            row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(weight @ sd**2))}
+            scale = _scale(name, measured, manoeuvre.heading_deg, models[0][0])
+            rows.append(row | {"model_sd": between, "scale": float(scale)})
+    return rows
+
+
+def _robust_sd(values: np.ndarray) -> float:
+    """Half the width of the central 68 % of the draws that reach the event: a few that run away do not count."""
+    if not np.isfinite(values).any():
+        return np.nan
+    low, high = np.nanquantile(values, [0.16, 0.84])
+    return float(0.5 * (high - low))
+
+
+def _scale(name: str, value, heading_deg: float, vessel: Vessel):
+    """What an error of an index is measured in."""
+    s = vessel.particulars
+    return {"angle": heading_deg + value, "time": s.ship_time, "distance": s.L}[_KIND_OF[name]]
+
+
+def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
+    """Standard deviation of the indices of each kind that the spread of the draws leaves unexplained.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        From :func:`index_rows`, of any number of runs.
+
+    Returns
+    -------
+    dict of str to float
+        Of overshoot angles over the swing, of times in L/U, of distances in L; empty without rows, 0 where the draws
+        explain the errors.
+    """
+    found: dict[str, float] = {}
+    for kind in KINDS if rows else ():
+        mine = [row for row in rows if row["kind"] == kind]
+        square = np.array([((row["measured"] - row["forecast"]) / row["scale"]) ** 2 for row in mine])
+        known = np.array([(row["parameter_sd"] ** 2 + row["model_sd"] ** 2) / row["scale"] ** 2 for row in mine])
+        found[kind] = _excess_sd(square, known) if mine else (list(found.values())[-1] if found else 0.0)
+    return found
+
+
+def _excess_sd(square: np.ndarray, known: np.ndarray) -> float:
+    """Sd beyond the ``known`` variances at which squared errors are on average as large as their variance, or 0.
+
+    Paule & Mandel (1982), doi:10.6028/jres.087.022: an error whose variance is known to be large counts for little.
+    """
+    low, high = 0.0, float(np.sqrt(square.max()))
+    if np.mean(square / np.maximum(known, np.finfo(float).tiny)) <= 1.0:
+        return 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if np.mean(square / (known + middle**2)) > 1.0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+def index_sd(row: Mapping, errors: Mapping[str, float]) -> float:
+    """Standard deviation of the forecast of a row of :func:`index_rows`: draws, models and model error together."""
+    return float(np.sqrt(row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + (errors[row["kind"]] * row["scale"]) ** 2))
+
+
+def with_model_error(
+    found: xr.Dataset, errors: Mapping[str, float], vessel: Vessel, rng: np.random.Generator
+) -> xr.Dataset:
+    """Indices of simulated ships as a trial would show them: each with a normal error of its kind.
+
+    Parameters
+    ----------
+    found : Dataset, dims (draw,)
+        From :func:`pymc_ship.indices`.
+    errors : mapping of str to float
+        From :func:`model_error`.
+    vessel : Vessel
+        Gives L and U.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Dataset, dims (draw,)
+    """
+    heading_deg = found.attrs.get("heading_deg", 0.0)
+
+    def widened(variable: xr.DataArray) -> xr.DataArray:
+        name = str(variable.name)
+        if _KIND_OF[name] not in errors or (_KIND_OF[name] == "angle" and not name.endswith("overshoot_angle")):
+            return variable
+        size = errors[_KIND_OF[name]] * _scale(name, variable, heading_deg, vessel)
+        return variable + size * rng.standard_normal(variable.shape)
+
+    return found.map(widened, keep_attrs=True)

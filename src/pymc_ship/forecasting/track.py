@@ -1,0 +1,250 @@
+"""The track of a forecast manoeuvre seen from above, with ship outlines to scale, marks and dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.measured import aligned, measured_indices
+from pymc_ship.manoeuvre.standard import SIDES
+from pymc_ship.pages.drawing import COLOURS, REFERENCE, _styled, subplots
+from pymc_ship.vessel.vessel import Vessel
+
+BEAM = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0.14)])
+"""Half an outline of a ship seen from above: forward in ship lengths, abeam in beams; it closes in a pointed bow."""
+
+N_TRACKS = 40
+"""Ships whose tracks are drawn."""
+
+_BLUE = COLOURS["conjugate"]
+_INTERVALS = (1, 2, 5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600)
+_SPACING, _POINTS, _FIRST_ROUND, _SHOWN_TURN = 1.6, 160, 360.0, 420.0
+_ROOM = 0.11
+"""Room for a dimension line, its text included, over the larger range of the track."""
+
+
+def median_ship(tree: xr.DataTree) -> int:
+    """Draw whose indices are nearest their medians, in units of their spread; by its track where there are none.
+
+    The indices are those of the tracks themselves, without the model error that a forecast may add to them. Ships that
+    diverged are left out unless all did.
+    """
+    ships = tree["trajectories"].to_dataset()
+    if "indices" in tree.children:
+        columns = [values.values for values in indices(ships).data_vars.values()]
+    else:
+        columns = [ships[name].values[:, k] for name in ("x", "y", "psi") for k in range(0, ships.sizes["time"], 20)]
+    distance, running = np.zeros(ships.sizes["draw"]), ~ships["diverged"].values
+    for values in columns:
+        if np.isfinite(values).any() and np.nanstd(values) > 0.0:
+            away = ((values - np.nanmedian(values)) / np.nanstd(values)) ** 2
+            distance += np.where(np.isfinite(away), away, 100.0)
+    return int(np.argmin(np.where(running, distance, np.inf) if running.any() else distance))
+
+
+def hull(vessel: Vessel, x: float, y: float, psi: float) -> np.ndarray:
+    """Outline of the ship at a position [m] and heading [rad]: advance and transfer [L], shape (n_points, 2)."""
+    half = np.vstack([BEAM, [(0.5, 0.0)], (BEAM * (1.0, -1.0))[::-1]])
+    ahead, abeam = half[:, 0], half[:, 1] * vessel.particulars.B / vessel.particulars.L
+    c, s = np.cos(psi), np.sin(psi)
+    centre = np.array([x, y]) / vessel.particulars.L
+    return centre + np.column_stack([c * ahead - s * abeam, s * ahead + c * abeam])
+
+
+class _Plan:
+    """Axes seen from above in ship lengths: ahead up and starboard right or, turned, ahead right and starboard down."""
+
+    def __init__(self, ax: Axes, vessel: Vessel, *, turned: bool):
+        self.ax, self.vessel, self.turned, self.L = ax, vessel, turned, vessel.particulars.L
+        ax.set_aspect("equal")
+        labels = ("transfer y/L" if turned else "transfer y/L (to starboard)", "advance x/L")
+        ax.set_xlabel(labels[turned])
+        ax.set_ylabel(labels[not turned])
+
+    def points(self, advance, transfer) -> tuple:
+        """Coordinates on the axes."""
+        return (advance, transfer) if self.turned else (transfer, advance)
+
+    def limits(self, advance: tuple[float, float], transfer: tuple[float, float]) -> None:
+        """Show these ranges [L]."""
+        horizontal, vertical = self.points(advance, transfer)
+        self.ax.set_xlim(*horizontal)
+        self.ax.set_ylim(*(vertical[::-1] if self.turned else vertical))
+
+    def line(self, ship: xr.Dataset, **style) -> None:
+        """Track of a ship."""
+        thinned = ship.isel(time=slice(None, None, max(1, ship.sizes["time"] // _POINTS)))
+        x, y = (thinned[name].values / self.L for name in ("x", "y"))
+        self.ax.plot(*self.points(x, y), **style)
+
+    def outlines(self, ship: xr.Dataset, interval: float, **style) -> None:
+        """Hull each interval, in the first round."""
+        time, x, y, psi = (ship[name].values for name in ("time", "x", "y", "psi"))
+        good = np.isfinite(x + y + psi)
+        for when in np.arange(0.0, time[good][-1] + 1e-9, interval):
+            place = [float(np.interp(when, time[good], values[good])) for values in (x, y, psi)]
+            if abs(place[2]) <= np.deg2rad(_FIRST_ROUND):
+                outline = hull(self.vessel, *place)
+                self.ax.add_patch(Polygon(np.column_stack(self.points(*outline.T)), **style))
+
+
+def _until(ship: xr.Dataset, turned: float) -> xr.Dataset:
+    """Finite part of a track, up to a heading change [deg]."""
+    psi = ship["psi"].values
+    over = np.flatnonzero(~np.isfinite(psi) | (np.abs(psi - psi[0]) > np.deg2rad(turned)))
+    return ship.isel(time=slice(0, over[0] if over.size else None))
+
+
+def _mark(ship: xr.Dataset, turned: float) -> tuple[float, float] | None:
+    """Position x, y [m] at which the heading has changed by so many degrees; None where it has not."""
+    psi = np.abs(ship["psi"].values - ship["psi"].values[0])
+    over = np.flatnonzero(psi >= np.deg2rad(turned))
+    if not over.size:
+        return None
+    pair = slice(max(over[0] - 1, 0), over[0] + 1)
+    return tuple(float(np.interp(np.deg2rad(turned), psi[pair], ship[name].values[pair])) for name in ("x", "y"))
+
+
+@_styled
+def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> Figure:
+    """Track of the forecast seen from above, in ship lengths, with ship outlines to scale at regular intervals.
+
+    Parameters
+    ----------
+    tree : DataTree
+        From :func:`pymc_ship.forecast`.
+    vessel : Vessel
+        Gives L and B.
+    measured : Dataset, dims (time,), optional
+        Trial, see :func:`pymc_ship.manoeuvre.measured.aligned`; left out where it lacks x, y or psi.
+
+    Returns
+    -------
+    Figure
+        Thin tracks of up to :data:`N_TRACKS` ships, the median ship and the trial. A turning circle shows its first
+        round, the points at 90 and 180 deg and the dimensions made there. Ahead is up and starboard right; a track
+        more than 2.5 times as long as wide, such as a zigzag's, has ahead to the right and starboard down.
+    """
+    turning = tree.attrs["manoeuvre"] == "turning_circle"
+    most = _SHOWN_TURN if turning else np.inf
+    ships = tree["trajectories"].to_dataset()
+    drawn = [_until(ships.isel(draw=k), most) for k in _some(ships, median_ship(tree))]
+    trial = _measured(tree, measured, most)
+    named = [(drawn[0], _BLUE, "median ship")] + ([] if trial is None else [(trial, REFERENCE, "measured")])
+    advance, transfer = (_extent([*drawn, *([] if trial is None else [trial])], name, vessel) for name in ("x", "y"))
+    turned = bool(not turning and np.ptp(advance) > 2.5 * np.ptp(transfer))
+    if turning:
+        advance, transfer = _with_room(advance, transfer, SIDES[tree.attrs["side"]])
+    ratio = float(np.ptp(transfer) / np.ptp(advance)) if turned else float(np.ptp(advance) / np.ptp(transfer))
+    fig, axes = subplots(8.0, float(np.clip(7.2 * ratio + 1.2, 2.0, 8.0)))
+    plan = _Plan(axes[0, 0], vessel, turned=turned)
+    for ship in drawn:
+        plan.line(ship, color=_BLUE, lw=0.4, alpha=0.35, label="forecast ships" if ship is drawn[0] else None)
+    interval = _interval(drawn[0], vessel)
+    for ship, colour, label in named:
+        plan.line(ship, color=colour, lw=1.9 if label == "measured" else 1.3, label=label, zorder=3)
+        face = (colour, 0.0 if label == "measured" else 0.3)
+        plan.outlines(ship, interval, fc=face, ec=colour, lw=0.9, zorder=3.5 if label == "measured" else 2.5)
+    if turning:
+        found = {} if trial is None else measured_indices(measured, tree.attrs)
+        _dimensions(plan, tree, named, (advance, transfer), found)
+    plan.limits(advance, transfer)
+    title = f"{tree.attrs['label']}: outlines every {interval:g} s, L = {plan.L:.4g} m"
+    plan.ax.set_title(f"{title}{', starboard is down' if turned else ''}", loc="left")
+    legend = fig.legend(*plan.ax.get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    for handle in legend.get_lines():
+        handle.set_alpha(1.0)
+    return fig
+
+
+def _extent(ships: Sequence[xr.Dataset], name: str, vessel: Vessel) -> tuple[float, float]:
+    """Range of a coordinate of some ships and of their hulls at the ends [L]."""
+    values = np.concatenate([[0.0], *(ship[name].values for ship in ships)]) / vessel.particulars.L
+    return float(np.nanmin(values)) - 0.6, float(np.nanmax(values)) + 0.6
+
+
+def _with_room(
+    advance: tuple[float, float], transfer: tuple[float, float], sign: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ranges with room for dimension lines below, above and on the side away from the turn."""
+    room = _ROOM * max(np.ptp(advance), np.ptp(transfer))
+    aside = (transfer[0] - room, transfer[1]) if sign > 0.0 else (transfer[0], transfer[1] + room)
+    return (advance[0] - room, advance[1] + room), aside
+
+
+def _some(ships: xr.Dataset, first: int) -> list[int]:
+    """Draws whose tracks are drawn, the median ship first."""
+    return [first, *(k for k in range(ships.sizes["draw"]) if k != first)][:N_TRACKS]
+
+
+def _measured(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr.Dataset | None:
+    """Aligned trial as long as the forecast, up to a heading change [deg]; None where it has no track."""
+    if measured is None:
+        return None
+    trial = aligned(measured, tree.attrs["rudder_deg"])
+    if not {"x", "y", "psi"} <= set(trial.data_vars):
+        return None
+    shown = trial.sel(time=trial["time"] <= float(tree["trajectories"]["time"][-1]))
+    trial = _until(shown[["x", "y", "psi"]].dropna("time"), most)
+    return trial if trial.sizes["time"] > 1 else None
+
+
+def _interval(ship: xr.Dataset, vessel: Vessel) -> float:
+    """Round interval [s] in which the ship moves about a ship length and a half."""
+    x, y, time = (ship[name].values for name in ("x", "y", "time"))
+    path = float(np.hypot(np.diff(x), np.diff(y)).sum()) / vessel.particulars.L
+    wanted = _SPACING * float(np.ptp(time)) / max(path, 1e-9)
+    return float(next((interval for interval in _INTERVALS if interval >= wanted), _INTERVALS[-1]))
+
+
+def _dimensions(
+    plan: _Plan,
+    tree: xr.DataTree,
+    named: Sequence[tuple[xr.Dataset, str, str]],
+    ranges: tuple[tuple[float, float], tuple[float, float]],
+    measured: Mapping[str, float],
+) -> None:
+    """Marks at 90 and 180 deg, and advance, transfer and tactical diameter with their intervals, inside the ranges."""
+    advance, transfer = ranges
+    marks = {(label, angle): _mark(ship, angle) for ship, _, label in named for angle in (90.0, 180.0)}
+    for (label, angle), place in marks.items():
+        if place is not None:
+            colour = _BLUE if label == "median ship" else REFERENCE
+            shape = {"marker": "o" if angle == 90.0 else "s", "ls": "none", "color": colour, "mec": "white"}
+            where = f"{angle:g}° of heading" if label == "median ship" else None
+            plan.ax.plot(place[1] / plan.L, place[0] / plan.L, ms=7.0, zorder=4, label=where, **shape)
+    inward = 0.8 * _ROOM / (1.0 + 2.0 * _ROOM) * np.ptp(advance)
+    side = transfer[0] + inward if tree.attrs["side"] == "starboard" else transfer[1] - inward
+    levels = {"advance": side, "transfer": advance[1] - inward, "tactical_diameter": advance[0] + inward}
+    for name, (angle, axis) in {"advance": (90.0, 0), "transfer": (90.0, 1), "tactical_diameter": (180.0, 1)}.items():
+        if (place := marks["median ship", angle]) is not None:
+            text = _dimension_text(tree, name, plan.L, measured.get(name, np.nan) / plan.L)
+            _dimension(plan.ax, np.array([place[1], place[0]]) / plan.L, levels[name], text, vertical=axis == 0)
+
+
+def _dimension_text(tree: xr.DataTree, name: str, L: float, measured: float) -> str:
+    bands = tree["index_bands"][name] / L
+    lower, median, upper = (f"{float(bands.sel(band=band)):.2f}" for band in ("lower", "median", "upper"))
+    beside = f"\nmeasured {measured:.2f} L" if np.isfinite(measured) else ""
+    return f"{name.replace('_', ' ')} {median} L\n({lower} to {upper}){beside}"
+
+
+def _dimension(ax: Axes, mark: np.ndarray, level: float, text: str, *, vertical: bool) -> None:
+    """Dimension line from the start of the manoeuvre to a mark, drawn aside at a level, with extension lines."""
+    ends = np.array([(level, 0.0), (level, mark[1])] if vertical else [(0.0, level), (mark[0], level)])
+    for corner, foot in zip((np.zeros(2), mark), ends, strict=True):
+        ax.plot(*np.column_stack([corner, foot]), color=REFERENCE, lw=0.6, ls=":", zorder=2)
+    arrow = {"arrowstyle": "<->", "lw": 0.9, "color": REFERENCE, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", ends[1], ends[0], arrowprops=arrow)
+    away = 5.0 if level > 0.0 else -5.0
+    if vertical:
+        settings = {"xytext": (away, 0), "ha": "left" if level > 0.0 else "right", "va": "center", "rotation": 90.0}
+    else:
+        settings = {"xytext": (0, away), "ha": "center", "va": "bottom" if level > 0.0 else "top"}
+    ax.annotate(text, ends.mean(axis=0), textcoords="offset points", fontsize=8.0, multialignment="center", **settings)

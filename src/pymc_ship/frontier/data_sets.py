@@ -1,0 +1,179 @@
+"""Data sets of the frontier: which runs, which integrator and which noise, simulated anew for each level and seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.design.trial_design import candidate_trials
+from pymc_ship.frontier.estimates import cramer_rao_bound
+from pymc_ship.manoeuvre.standard import Manoeuvre, zigzag
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.simulation import simulate
+from pymc_ship.replication.study import generator
+from pymc_ship.trajectory.runs import SENSORS
+from pymc_ship.trial.noise import FACTORS
+from pymc_ship.vessel.vessel import Vessel
+
+LEVELS = (0.001, 0.01, 0.05)
+"""Noise levels, as :func:`pymc_ship.pollute` takes them."""
+
+SLOW_SPEED = 6.0
+"""Approach speed [m/s] of the random rudder programme that is added to the zigzag."""
+
+_STEP = 0.02
+_SMALL_STEP = 0.002
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One kind of data set and what is measured on it.
+
+    Attributes
+    ----------
+    name : str
+    estimators : tuple of str
+        Keys of :data:`pymc_ship.frontier.measure.ESTIMATORS`.
+    levels : tuple of float
+    method : {"euler", "rk4"}
+        Integrator of the fit. The ship itself moves by the same Euler steps of 0.02 s, or by Runge-Kutta steps of
+        0.002 s recorded every 0.02 s.
+    n_designed : int
+        Runs added to the zigzag: random steps of the rudder from 6 m/s, then a 35/35 zigzag.
+    noise : str
+        Key of :data:`NOISES`.
+    """
+
+    name: str
+    estimators: tuple[str, ...]
+    levels: tuple[float, ...] = LEVELS
+    method: str = "euler"
+    n_designed: int = 0
+    noise: str = "white"
+
+
+CELLS = (
+    Cell("white", ("bound", "flat", "forecasts", "regressions")),
+    Cell("one designed run", ("bound", "starts"), n_designed=1),
+    Cell("two designed runs", ("bound", "starts"), n_designed=2),
+    Cell("small-step truth", ("bound", "default"), method="rk4"),
+    Cell("correlated 0.2 s", ("default", "white assumed"), (0.01,), noise="correlated 0.2 s"),
+    Cell("correlated 1 s", ("default", "white assumed"), (0.01,), noise="correlated 1 s"),
+    Cell("offsets", ("default", "white assumed"), (0.01,), noise="offsets"),
+    Cell("Student-t3", ("default", "white assumed"), (0.01,), noise="Student-t3"),
+)
+"""What the table of the frontier is made from."""
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Runs of one cell, level and seed: clean and as measured, and the Cramer-Rao bound (None until it is computed).
+
+    Every random number is named by purpose, cell, level and seed, so that the order of the work does not matter.
+    """
+
+    vessel: Vessel
+    cell: Cell
+    level: float
+    seed: int
+    root: int
+    clean: tuple[xr.Dataset, ...] = ()
+    trials: tuple[xr.Dataset, ...] = ()
+    bound: np.ndarray | None = None
+
+    def rng(self, purpose: str) -> np.random.Generator:
+        """Generator of one purpose."""
+        return generator(self.root, purpose, self.cell.name, self.level, self.seed)
+
+    @property
+    def truth(self) -> np.ndarray:
+        """Coefficients of the ship that ran, shape (n_coefficients,)."""
+        return reference_coefficients(self.vessel)
+
+
+def _white(size: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.standard_normal(size)
+
+
+def _student(size: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.standard_t(3.0, size) / np.sqrt(3.0)
+
+
+def _correlated(size: int, rng: np.random.Generator, *, time_constant: float) -> np.ndarray:
+    """First-order autoregression of unit variance from its stationary state."""
+    from scipy.signal import lfilter
+
+    correlation = np.exp(-_STEP / time_constant)
+    shocks = rng.standard_normal(size)
+    shocks[1:] *= np.sqrt(1.0 - correlation**2)
+    return lfilter([1.0], [1.0, -correlation], shocks)
+
+
+NOISES = {
+    "white": _white,
+    "correlated 0.2 s": partial(_correlated, time_constant=0.2),
+    "correlated 1 s": partial(_correlated, time_constant=1.0),
+    "offsets": _white,
+    "Student-t3": _student,
+}
+"""Sensor noise of unit variance: (size, generator) -> (size,). Under ``offsets`` a constant of either sign, half to
+all of the level times the peak of the channel, comes on top of the white noise."""
+
+
+def noisy_trial(clean: xr.Dataset, level: float, noise: str, rng: np.random.Generator) -> xr.Dataset:
+    """Trial with noise of the size that :func:`pymc_ship.pollute` gives, of any kind of :data:`NOISES`."""
+    trial = clean.copy()
+    for name in SENSORS:
+        values = clean[name].values
+        peak = level * np.abs(values).max()
+        seen = values + FACTORS[name] * peak * NOISES[noise](values.size, rng)
+        if noise == "offsets":
+            seen = seen + peak * rng.uniform(0.5, 1.0) * rng.choice((-1.0, 1.0))
+        trial[name] = ("time", seen, clean[name].attrs)
+        trial.attrs[f"noise_sd_{name}"] = float(FACTORS[name] * peak)
+    return trial
+
+
+def data_set(vessel: Vessel, cell: Cell, level: float, seed: int, *, root: int, duration: float = 400.0) -> DataSet:
+    """Simulate the runs of a cell and put the noise of a level on them.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    cell : Cell
+    level : float
+    seed : int
+        Number of the data set.
+    root : int
+        Root of every random number.
+    duration : float, optional
+        Of each run [s].
+
+    Returns
+    -------
+    DataSet
+        With the bound where the cell asks for it.
+    """
+    data = DataSet(vessel, cell, level, seed, root)
+    settings = {"method": cell.method, "step": _STEP if cell.method == "euler" else _SMALL_STEP}
+    clean = tuple(
+        simulate(vessel, manoeuvre, duration=duration, record_interval=_STEP, **settings)
+        for manoeuvre in _manoeuvres(vessel, cell.n_designed, duration, data.rng("rudder"))
+    )
+    rng = data.rng("noise")
+    data = replace(data, clean=clean, trials=tuple(noisy_trial(one, level, cell.noise, rng) for one in clean))
+    return replace(data, bound=_bound(data)) if "bound" in cell.estimators else data
+
+
+def _manoeuvres(vessel: Vessel, n_designed: int, duration: float, rng: np.random.Generator) -> list[Manoeuvre]:
+    steps = candidate_trials(vessel, duration=duration, rng=rng)["random steps 35"]
+    return [zigzag(20, 20), replace(steps, approach_speed=SLOW_SPEED), zigzag(35, 35)][: 1 + n_designed]
+
+
+def _bound(data: DataSet) -> np.ndarray:
+    """Cramer-Rao bound at the truth: white noise of the true size, unknown initial states."""
+    noise = [{name: trial.attrs[f"noise_sd_{name}"] for name in SENSORS} for trial in data.trials]
+    return cramer_rao_bound(data.clean, data.vessel, noise, method=data.cell.method).values

@@ -1,0 +1,149 @@
+"""Rows of the study's tables: coefficients beside their references, errors in summary, forecasts scored."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forecasting.forecast import BANDS
+from pymc_ship.vessel.vessel import Vessel
+
+SHARES = (5.0, 20.0, 50.0)
+"""Error limits [%] under which shares of the coefficients are counted."""
+
+FORECAST_CHANNELS = ("u", "v", "r", "phi", "psi")
+"""Channels a forecast is scored on."""
+
+
+def relative_error(estimate: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Absolute relative error [%] (Xue et al. 2020, Eq. 28); NaN where the reference is zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(reference == 0.0, np.nan, 100.0 * np.abs((estimate - reference) / reference))
+
+
+def coefficient_rows(vessel: Vessel, dof: str, exact: Mapping[str, object]) -> list[dict]:
+    """Tables 2 and 3: reference, published and own estimates of a DOF, all times 1e5, with their errors.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    dof : str
+    exact : mapping of str to exact posterior
+        By family.
+
+    Returns
+    -------
+    list of dict
+        coefficient, reference, sign_source, and for each family published_, published_error_, mean_, sd_, error_.
+    """
+    reference = vessel.coefficients(dof)
+    rows = [
+        {"coefficient": str(name), "reference": 1e5 * float(value), "sign_source": str(source)}
+        for name, value, source in zip(
+            reference["coefficient"].values, reference.values, reference["sign_source"].values, strict=True
+        )
+    ]
+    for family, posterior in exact.items():
+        published = vessel.published(dof, family)
+        columns = {
+            f"published_{family}": 1e5 * published,
+            f"published_error_{family}": relative_error(published, reference.values),
+            f"mean_{family}": 1e5 * posterior.mean,
+            f"sd_{family}": 1e5 * posterior.sd,
+            f"error_{family}": relative_error(posterior.mean, reference.values),
+        }
+        for k, row in enumerate(rows):
+            row.update({name: float(values[k]) for name, values in columns.items()})
+    return rows
+
+
+def error_summary(errors: np.ndarray) -> dict[str, float]:
+    """Median error [%] and the shares [%] of coefficients under each limit, NaN where no error is known.
+
+    Zeros of the reference have no relative error and do not count.
+    """
+    known = errors[np.isfinite(errors)]
+    names = [f"under_{limit:g}" for limit in SHARES]
+    if not known.size:
+        return {"coefficients": 0, "median": np.nan, **dict.fromkeys(names, np.nan)}
+    shares = [100.0 * float((known < limit).mean()) for limit in SHARES]
+    return {"coefficients": known.size, "median": float(np.median(known)), **dict(zip(names, shares, strict=True))}
+
+
+def summary_rows(vessel: Vessel, exact_by_family: Mapping[str, Mapping[str, object]], **labels) -> list[dict]:
+    """Error summary of each DOF and over all; ``coverage`` is the share [%] of references inside 90 % intervals."""
+    rows = []
+    for family, exact in exact_by_family.items():
+        errors, inside = {}, {}
+        for dof, posterior in exact.items():
+            reference = vessel.coefficients(dof).values
+            errors[dof] = relative_error(posterior.mean, reference)
+            lower, upper = posterior.quantiles([0.05, 0.95])
+            inside[dof] = (lower <= reference) & (reference <= upper)
+        errors["all"], inside["all"] = (np.concatenate(list(values.values())) for values in (errors, inside))
+        rows += [
+            {**labels, "family": family, "dof": dof, **error_summary(e), "coverage": 100.0 * float(inside[dof].mean())}
+            for dof, e in errors.items()
+        ]
+    return rows
+
+
+def published_rows(vessel: Vessel, families: Mapping[str, object]) -> list[dict]:
+    """Error summary of the published estimates, in the form of :func:`summary_rows`."""
+    rows = []
+    for family in families:
+        errors = {
+            dof: relative_error(vessel.published(dof, family), vessel.coefficients(dof).values) for dof in vessel.dofs
+        }
+        errors["all"] = np.concatenate(list(errors.values()))
+        rows += [
+            {"level": "published", "family": family, "dof": dof, **error_summary(e), "coverage": float("nan")}
+            for dof, e in errors.items()
+        ]
+    return rows
+
+
+def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **labels) -> dict:
+    """Score a forecast against the reference ship.
+
+    Parameters
+    ----------
+    reference : Dataset, dims (time,)
+        The reference ship on the forecast's time grid.
+    truth : Dataset, dims ()
+        Its indices.
+    tree : DataTree
+        From :func:`pymc_ship.forecast`.
+
+    Returns
+    -------
+    dict
+        ``error``: RMSE of the median over the range of the channel [%], mean over those of :data:`FORECAST_CHANNELS`
+        that move; ``coverage``: share of instants inside the band [%], mean likewise; ``share_diverged`` and, NaN where
+        unknown, ``share_extrapolated`` [%], with the sentence ``extrapolation``; for each index its reference, median
+        and band.
+    """
+    bands = tree["bands"].to_dataset()
+    errors, coverages = [], []
+    for name in FORECAST_CHANNELS:
+        true = reference[name].values
+        if np.ptp(true) == 0.0:
+            continue
+        lower, median, upper = (bands[name].sel(band=band).values for band in BANDS)
+        errors.append(100.0 * np.sqrt(np.mean((median - true) ** 2)) / np.ptp(true))
+        coverages.append(100.0 * np.mean((true >= lower) & (true <= upper)))
+    row = {
+        **labels,
+        "manoeuvre": tree.attrs["label"],
+        "error": float(np.mean(errors)),
+        "coverage": float(np.mean(coverages)),
+        "share_diverged": 100.0 * tree.attrs["share_diverged"],
+        "share_extrapolated": 100.0 * tree.attrs["share_extrapolated"],
+        "extrapolation": tree.attrs["extrapolation"],
+    }
+    for name, values in tree["index_bands"].to_dataset().data_vars.items():
+        row[f"{name}_reference"] = float(truth[name])
+        row |= {f"{name}_{band}": float(values.sel(band=band)) for band in BANDS}
+    return row

@@ -1,0 +1,1 @@
+"""What every wing asks of the computer: files, threads, workers and random numbers."""

@@ -1,0 +1,344 @@
+"""Weak form: the equations of motion integrated against test functions, so that no record is differentiated.
+
+J L_i nu_dot_i = U^2 (Phi theta + known forces) with nu = (u, v, r, p) and L_i = (L, L, L^2, L^2); multiplied by a test
+function phi of compact support and summed over the record, with the derivative taken over by phi:
+
+    -sum_k phi'_k (J L nu_k) = sum_k phi_k U_k^2 (Phi_k theta + known_k)
+
+It stays linear in theta, and U^2 stays in the integrand, so that white noise on nu gives every row the same variance.
+The left side takes the record as it is. On the right noise would enter through powers and absolute values, which
+biases the coefficients: there the motion is denoised first. Bortz, Messenger & Dukic (2023), Bull. Math. Biol. 85:110,
+doi:10.1007/s11538-023-01208-6; the evidence of the scales after MacKay (1992), Neural Computation 4(3):415.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forces.terms import evaluate
+from pymc_ship.motion.equations import prime_record
+from pymc_ship.trial.record import TrialError, check_trial, sampling_interval
+from pymc_ship.vessel.vessel import DOFS, Vessel
+
+RADIUS = 5.0
+"""Half the support of a test function [s]."""
+
+INTERVAL = 1.0
+"""Interval of the centres of the test functions for a start [s], where median errors were least (0.5 to 4 s tried)."""
+
+INDEPENDENT = 4.0
+"""Interval of the centres [s] from which rows may pass as independent."""
+
+METHODS = ("euler", "rk4")
+"""How a record came about: "euler" is exact for Euler steps of the sampling interval, "rk4" fits all other motion."""
+
+TAU = (0.05, 20.0)
+"""Bounds of the factor by which the evidence stretches the prior scales of a degree of freedom."""
+
+_MOTION = ("u", "v", "r", "p")
+_POWER = 6
+_FEWEST = 4  # samples in a radius
+_ITERATIONS = 200
+_UNSEEN = 0.01  # share of noise in the response where no more rows than terms tell it
+
+
+@dataclass(frozen=True)
+class WeakForm:
+    """Rows of the weak form of every DOF.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n_rows,)
+        Centres of the test functions [s].
+    design_matrices : dict of str to ndarray, shape (n_rows, n_terms)
+        By DOF: mean of the terms times (U/U_nom)^2 under each test function.
+    responses : dict of str to ndarray, shape (n_rows,)
+        By DOF: mean of the hydrodynamic force, a prime value at the nominal speed.
+    """
+
+    time: np.ndarray
+    design_matrices: dict[str, np.ndarray]
+    responses: dict[str, np.ndarray]
+
+
+def motion_record(trial: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:
+    """Channels of a trial that the equations of motion of a vessel need, each of shape (n_time,).
+
+    Raises
+    ------
+    TrialError
+        For missing channels, NaN, or time that is not uniform.
+    """
+    names = ("u", "v", "r", "delta", *(("p", "phi") if "roll" in vessel.dofs else ()))
+    check_trial(trial, names)
+    return {name: np.ascontiguousarray(trial[name].values, dtype=float) for name in names}
+
+
+def bump(step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:
+    """Test function (1 - s^2)^6 over [-1, 1] radii, of unit sum, and its derivative.
+
+    Parameters
+    ----------
+    step : float
+        Sampling interval [s], at most a quarter of :data:`RADIUS`.
+    method : {"euler", "rk4"}, optional
+        "euler": phi'_k = (phi_k - phi_(k-1)) / step, which undoes forward differences exactly; of first order in the
+        step elsewhere. "rk4": the derivative of the function, with an error far below that of central differences.
+
+    Returns
+    -------
+    phi, dphi : ndarray, shape (2 n_radius + 1,)
+        dphi in 1/s.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method.
+    TrialError
+        For a step that is too long.
+    """
+    if method not in METHODS:
+        raise ValueError(f"A record was made by {' or '.join(METHODS)}, found {method!r}; choose one of them.")
+    n_radius = round(RADIUS / step)
+    if n_radius < _FEWEST:
+        raise TrialError(
+            f"The weak form needs samples at most {RADIUS / _FEWEST:g} s apart, found {step:g} s; sample faster."
+        )
+    s = np.arange(-n_radius, n_radius + 1) / n_radius
+    phi = (1.0 - s**2) ** _POWER
+    slope = -2.0 * _POWER * s * (1.0 - s**2) ** (_POWER - 1) / (n_radius * step)
+    dphi = np.diff(phi, prepend=0.0) / step if method == "euler" else slope
+    return phi / phi.sum(), dphi / phi.sum()
+
+
+def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, method: str = "euler") -> WeakForm:
+    """Rows of the weak form of every DOF of a vessel, from a trial as it was measured.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; uniform time [s]. Not
+        denoised: the test functions smooth the record with less harm than a denoiser.
+    vessel : Vessel
+        Gives particulars, inertia and terms; its reference coefficients are not used.
+    stride : int, optional
+        Samples from one centre to the next, which lie on multiples of it; :data:`INTERVAL` by default.
+    method : {"euler", "rk4"}, optional
+        See :func:`bump`.
+
+    Returns
+    -------
+    WeakForm
+
+    Raises
+    ------
+    TrialError
+        For missing channels, NaN, time that is not uniform, a record that is too short or sampled too slowly.
+    ValueError
+        For an unknown method.
+    """
+    record, step = motion_record(trial, vessel), sampling_interval(trial)
+    phi, dphi = bump(step, method)
+    n_time, n_radius = record["u"].size, phi.size // 2
+    stride = max(1, round(INTERVAL / step)) if stride is None else stride
+    centres = np.arange(-(-n_radius // stride) * stride, n_time - n_radius, stride)
+    if centres.size == 0:
+        raise TrialError(
+            f"The weak form needs a record longer than its test function of {2.0 * RADIUS:g} s, found {n_time} samples "
+            f"over {(n_time - 1) * step:g} s; use a longer trial."
+        )
+    average, differentiate = (_windows(kernel, centres - n_radius, n_time) for kernel in (phi, dphi))
+    motion, speed, known = prime_record(vessel, _denoised(trial, record))
+    weight = (speed / vessel.particulars.nominal_speed) ** 2
+    terms = tuple(dict.fromkeys(term for dof in vessel.dofs for term in vessel.terms(dof)))
+    columns = average @ (evaluate(terms, motion) * weight[:, None])
+    force = -(differentiate @ _momentum(vessel, record).T) - average @ (known * weight).T
+    design = {dof: columns[:, [terms.index(term) for term in vessel.terms(dof)]] for dof in vessel.dofs}
+    responses = {dof: np.ascontiguousarray(force[:, DOFS.index(dof)]) for dof in vessel.dofs}
+    return WeakForm(trial["time"].values[centres], design, responses)
+
+
+def weak_form_start(
+    trials: xr.Dataset | Sequence[xr.Dataset],
+    vessel: Vessel,
+    mean: np.ndarray,
+    scale: np.ndarray,
+    *,
+    method: str = "euler",
+) -> np.ndarray:
+    """Coefficients of the weak form under the prior N(mean_j, (tau scale_j)^2): a start for a trajectory fit.
+
+    tau and the noise variance of each DOF maximise the evidence of the rows of all trials, taken as independent and
+    equally noisy.
+
+    Parameters
+    ----------
+    trials : Dataset or sequence of Dataset, dims (time,)
+        One or many runs, as they were measured; see :func:`weak_form`.
+    vessel : Vessel
+    mean, scale : ndarray, shape (n_coefficients,)
+        Prior of all coefficients, DOF after DOF in the order of :func:`~equations_of_motion.reference_coefficients`.
+        A scale of infinity leaves a coefficient free, 0 holds it at its mean.
+    method : {"euler", "rk4"}, optional
+        See :func:`bump`.
+
+    Returns
+    -------
+    ndarray, shape (n_coefficients,)
+
+    Raises
+    ------
+    TrialError
+        As :func:`weak_form`.
+    ValueError
+        For a mean or scale of another shape, not finite or negative, or an unknown method.
+    """
+    n_terms = [len(vessel.terms(dof)) for dof in vessel.dofs]
+    mean, scale = np.asarray(mean, dtype=float), np.asarray(scale, dtype=float)
+    if not mean.shape == scale.shape == (sum(n_terms),) or not np.isfinite(mean).all() or not (scale >= 0.0).all():
+        raise ValueError(
+            f"The prior has a finite mean and a scale from 0 up for each of {sum(n_terms)} coefficients, found shapes "
+            f"{mean.shape} and {scale.shape}, or values that are not so; correct them."
+        )
+    cuts = np.cumsum(n_terms)[:-1]
+    rows = _stacked(trials, vessel, method).values()
+    parts = zip(rows, np.split(mean, cuts), np.split(scale, cuts), strict=True)
+    return np.concatenate([evidence_posterior_mean(*data, *prior) for data, *prior in parts])
+
+
+def coefficient_scales(
+    trials: xr.Dataset | Sequence[xr.Dataset], vessel: Vessel, *, method: str = "euler"
+) -> np.ndarray:
+    """Size at which each coefficient alone would make the whole hydrodynamic force of its DOF.
+
+    That is rms(force) / rms(term) over the rows of the weak form, the force being that of a first fit.
+
+    Parameters
+    ----------
+    trials, vessel, method
+        As :func:`weak_form_start`.
+
+    Returns
+    -------
+    ndarray, shape (n_coefficients,)
+        Positive prime values, in the order of :func:`~equations_of_motion.reference_coefficients`.
+
+    Raises
+    ------
+    TrialError
+        As :func:`weak_form`, and for terms that no trial excites.
+    """
+    scales = []
+    for dof, (X, y) in _stacked(trials, vessel, method).items():
+        size = _rms(X)
+        idle = [term for term, value in zip(vessel.terms(dof), size, strict=True) if value == 0.0]
+        if idle:
+            raise TrialError(
+                f"A trial must excite every term; {', '.join(idle)} of the {dof} stay 0: leave them out or use a trial "
+                "that excites them."
+            )
+        scales.append(_rms(X @ evidence_posterior_mean(X, y, np.zeros(size.size), _rms(y) / size)) / size)
+    return np.concatenate(scales)
+
+
+def _rms(values: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+def _denoised(trial: xr.Dataset, record: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Record whose motion is denoised by the decimated transform: a tenth of the time, and as good under a window."""
+    from pymc_ship.denoising.denoise import denoise
+
+    names = [name for name in record if name != "delta"]
+    smooth = denoise(trial, translation_invariant=False, channels=names)
+    return record | {name: np.ascontiguousarray(smooth[name].values) for name in names}
+
+
+def _momentum(vessel: Vessel, record: dict[str, np.ndarray]) -> np.ndarray:
+    """J L nu over the square of the nominal speed, shape (4, n_time)."""
+    L, nominal_speed = vessel.particulars.L, vessel.particulars.nominal_speed
+    motion = np.array([record[name] if name in record else np.zeros_like(record["u"]) for name in _MOTION])
+    motion *= np.array([[L], [L], [L**2], [L**2]]) / nominal_speed**2
+    return vessel.inertia_matrix @ motion
+
+
+def _windows(kernel: np.ndarray, starts: np.ndarray, n_time: int):
+    """Sparse matrix (n_rows, n_time) with the kernel from each start on."""
+    from scipy.sparse import csr_array
+
+    columns = (starts[:, None] + np.arange(kernel.size)).ravel()
+    ends = np.arange(starts.size + 1) * kernel.size
+    return csr_array((np.tile(kernel, starts.size), columns, ends), shape=(starts.size, n_time))
+
+
+def _stacked(
+    trials: xr.Dataset | Sequence[xr.Dataset], vessel: Vessel, method: str
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Design matrix and response of each DOF over the rows of all trials."""
+    runs = [trials] if isinstance(trials, xr.Dataset) else list(trials)
+    if not runs:
+        raise TrialError("The weak form needs at least one trial, found none; give one.")
+    forms = [weak_form(run, vessel, method=method) for run in runs]
+    return {
+        dof: (
+            np.concatenate([form.design_matrices[dof] for form in forms]),
+            np.concatenate([form.responses[dof] for form in forms]),
+        )
+        for dof in vessel.dofs
+    }
+
+
+def evidence_posterior_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Posterior mean of coefficients whose prior scales and noise are tuned by the evidence of the rows.
+
+    The free coefficients are projected out, so that tau is that of the others.
+
+    Parameters
+    ----------
+    X : ndarray, shape (n_rows, n_terms)
+    y : ndarray, shape (n_rows,)
+        Rows that count as independent and equally noisy.
+    mean, scale : ndarray, shape (n_terms,)
+        Prior N(mean_j, (tau scale_j)^2); infinity leaves a coefficient free, 0 holds it at its mean.
+
+    Returns
+    -------
+    ndarray, shape (n_terms,)
+    """
+    free = np.isinf(scale)
+    coefficients, residual = mean.copy(), y - X @ mean
+    size = _rms(X[:, free])
+    size[size == 0.0] = 1.0
+    left, s, right = np.linalg.svd(X[:, free] / size, full_matrices=False)
+    kept = s > s.max(initial=0.0) * max(X.shape) * np.finfo(float).eps
+    left, s, right = left[:, kept], s[kept], right[kept]
+    held = X[:, ~free] * scale[~free]
+    step = _evidence_ridge(held - left @ (left.T @ held), residual - left @ (left.T @ residual), len(y) - s.size)
+    coefficients[~free] += scale[~free] * step
+    coefficients[free] += (left.T @ (residual - held @ step) / s) @ right / size
+    return coefficients
+
+
+def _evidence_ridge(X: np.ndarray, y: np.ndarray, n_rows: int) -> np.ndarray:
+    """Ridge coefficients of ``n_rows`` free rows, prior and noise variance by MacKay's fixed point."""
+    left, s, right = np.linalg.svd(X, full_matrices=False)
+    z = left.T @ y
+    outside = np.sum((y - left @ z) ** 2)
+    least = np.finfo(float).eps ** 2 * np.mean(y**2) + np.finfo(float).tiny
+    spare = n_rows - s.size
+    prior_variance, noise_variance = 1.0, max(outside / spare if spare > 0 else _UNSEEN * np.mean(y**2), least)
+    for _ in range(_ITERATIONS):
+        shrinkage = s**2 / (s**2 + noise_variance / prior_variance)
+        determined = max(shrinkage.sum(), np.finfo(float).tiny)
+        step = z * s / (s**2 + noise_variance / prior_variance)
+        before = prior_variance, noise_variance
+        prior_variance = np.clip(np.sum(step**2) / determined, TAU[0] ** 2, TAU[1] ** 2)
+        misfit = outside + np.sum(((1.0 - shrinkage) * z) ** 2)
+        noise_variance = max(misfit / max(n_rows - determined, 1.0), least)
+        if np.allclose((prior_variance, noise_variance), before, rtol=1e-6, atol=0.0):
+            break
+    return step @ right

@@ -1,0 +1,1 @@
+"""Drawing, formatted tables and the writer of pages."""

@@ -1,0 +1,114 @@
+"""From a trial to the exact posterior of every degree of freedom under both prior families."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.regression.conjugate import NormalInverseGamma, conjugate, conjugate_posterior
+from pymc_ship.regression.data import RegressionData, regression_data
+from pymc_ship.regression.priors import FAMILIES, prior_family
+from pymc_ship.regression.semiconjugate import NormalMixture, semiconjugate, semiconjugate_posterior
+from pymc_ship.regression.tune import TunedPrior, maximise_evidence, tune_prior
+from pymc_ship.vessel.vessel import Vessel
+
+EXACT = {"conjugate": conjugate, "semiconjugate": semiconjugate}
+"""Exact posterior of each prior family."""
+
+DRAWS = {"conjugate": conjugate_posterior, "semiconjugate": semiconjugate_posterior}
+"""Independent draws from it, as a DataTree."""
+
+SELECTIONS = ("evidence", "bayesian_optimisation")
+"""Ways to choose the hyperparameters."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Regression data of each DOF, and by family and DOF: the prior, how it was tuned and the exact posterior.
+
+    ``tuned`` is empty where the priors come from the evidence maximum.
+    """
+
+    data: dict[str, RegressionData]
+    priors: dict[str, dict[str, object]]
+    tuned: dict[str, dict[str, TunedPrior]]
+    exact: dict[str, dict[str, NormalInverseGamma | NormalMixture]]
+
+    def posteriors(self, family: str, *, draws: int, rng: np.random.Generator) -> dict[str, xr.DataTree]:
+        """Independent draws of every DOF under a family, by DOF."""
+        return {
+            dof: DRAWS[family](data, self.priors[family][dof], draws=draws, rng=rng) for dof, data in self.data.items()
+        }
+
+    def coefficients(self, family: str) -> dict[str, np.ndarray]:
+        """Posterior means by DOF, each of shape (n_terms,)."""
+        return {dof: exact.mean for dof, exact in self.exact[family].items()}
+
+
+def identify(
+    trial: xr.Dataset,
+    vessel: Vessel,
+    *,
+    families: Sequence[str] = tuple(FAMILIES),
+    selection: str = "evidence",
+    interval: float | None = 1.0,
+    derivative: str = "euler",
+    rng: np.random.Generator | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Identify a vessel's coefficients from a trial.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        Denoised for differences, as it was measured for the weak form.
+    vessel : Vessel
+        Gives particulars, inertia and terms.
+    families : sequence of str, optional
+        Prior families.
+    selection : {"evidence", "bayesian_optimisation"}, optional
+        Hyperparameters from the maximum of the evidence or from Bayesian optimisation of the cross-validated log
+        predictive density (which needs ``rng``).
+    interval : float, optional
+        Interval of the rows [s]; None for every sample, or each 4 s in the weak form, whose intervals get too narrow
+        when its windows overlap more.
+    derivative : str, optional
+        See :func:`pymc_ship.regression_data`.
+    rng : numpy.random.Generator, optional
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    TrialError, RegressionDataError, PriorError
+        For a trial that cannot be used, an unknown family.
+    ValueError
+        For an unknown selection, or Bayesian optimisation without ``rng``.
+    """
+    if selection not in SELECTIONS or (selection == "bayesian_optimisation" and rng is None):
+        raise ValueError(
+            f"Hyperparameters are selected by {' or '.join(SELECTIONS)} (which needs rng), found {selection!r}."
+        )
+    data = {dof: regression_data(trial, vessel, dof, interval=interval, derivative=derivative) for dof in vessel.dofs}
+    priors: dict[str, dict] = {}
+    tuned: dict[str, dict] = {}
+    exact: dict[str, dict] = {}
+    for family in families:
+        prior_family(family)
+        priors[family], exact[family], tuned[family] = {}, {}, {}
+        for dof, rows in data.items():
+            progress(f"prior of {dof}, {family}")
+            if selection == "evidence":
+                priors[family][dof], _ = maximise_evidence(rows, family)
+            else:
+                tuned[family][dof] = tune_prior(rows, family=family, rng=rng)
+                priors[family][dof] = tuned[family][dof].prior
+            exact[family][dof] = EXACT[family](rows, priors[family][dof])
+    return Identification(data, priors, tuned, exact)

@@ -1,0 +1,259 @@
+"""Choice of a prior's hyperparameters: Bayesian optimisation of the cross-validated score, and the evidence maximum."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.cross_validation import cross_validation
+from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior, prior_family
+from pymc_ship.regression.semiconjugate import semiconjugate
+
+BOXES = {
+    "conjugate": {"shape": (0.1, 1e5), "noise_variance": (1e-8, 10.0), "kappa": (1e-4, 1e12)},
+    "semiconjugate": {"shape": (0.1, 1e5), "noise_variance": (1e-8, 10.0), "kappa": (1e-6, 1e8)},
+}
+"""Where hyperparameters are sought, for z-scored data: response and columns of unit mean square.
+
+``noise_variance`` is scale / shape, the noise variance that the prior expects, from numerical noise to ten times the
+response; ``shape`` says how firmly (it is worth 2 shape rows); ``kappa`` allows coefficients from none to those of
+columns collinear to 1e-4, for the conjugate family in units of the noise variance.
+"""
+
+_STARTS = 12
+_RESOLUTION = 0.1
+
+
+class TuningError(ValueError):
+    """A search that cannot be made."""
+
+
+@dataclass(frozen=True)
+class TunedPrior:
+    """The prior that predicts held-out rows best, and how it was found.
+
+    Every score is a log predictive density per held-out row on the original response, mean over the folds.
+
+    Attributes
+    ----------
+    prior : ConjugatePrior or SemiConjugatePrior
+        The better of ``seen_prior`` and ``surrogate_prior`` by score: the score of a prior is exact given the folds, so
+        nothing is gained by trusting the surrogate over it.
+    score, score_se : float
+        Score of ``prior`` and its standard error over the folds.
+    seen_prior, seen_score
+        Best of the points that the search evaluated, and its score.
+    surrogate_prior, surrogate_score
+        Optimum of the surrogate's mean over the box, and its score by one more evaluation.
+    points : ndarray, shape (evaluations, 3)
+        Shape, scale and kappa of the points evaluated, in order.
+    scores : ndarray, shape (evaluations,)
+    evidence_prior : ConjugatePrior or SemiConjugatePrior
+        Prior of the same box with the largest evidence.
+    log_evidence : float
+        Log evidence of ``evidence_prior``.
+    evidence_score : float
+        Score of ``evidence_prior``.
+    """
+
+    prior: ConjugatePrior | SemiConjugatePrior
+    score: float
+    score_se: float
+    seen_prior: ConjugatePrior | SemiConjugatePrior
+    seen_score: float
+    surrogate_prior: ConjugatePrior | SemiConjugatePrior
+    surrogate_score: float
+    points: np.ndarray
+    scores: np.ndarray
+    evidence_prior: ConjugatePrior | SemiConjugatePrior
+    log_evidence: float
+    evidence_score: float
+
+
+def tune_prior(
+    data: RegressionData,
+    family: str = "conjugate",
+    *,
+    evaluations: int = 40,
+    folds: int = 5,
+    split: str = "blocks",
+    box: dict[str, tuple[float, float]] | None = None,
+    rng: np.random.Generator,
+) -> TunedPrior:
+    """Hyperparameters by Bayesian optimisation of the K-fold log predictive density; the prior mean is zero.
+
+    A Latin hypercube of 12 points (a third of the evaluations when they are few) starts the search; a Gaussian process
+    with expected improvement goes on with it, over the logarithms of the hyperparameters. It sees
+    asinh(10 (r - score)), r the score of the evidence maximum: linear within a tenth of a nat of r, logarithmic where
+    a prior fails.
+
+    Parameters
+    ----------
+    data : RegressionData
+    family : {"conjugate", "semiconjugate"}, optional
+    evaluations : int, optional
+        Points evaluated, at least 6.
+    folds, split : optional
+        As :func:`~pymc_ship.regression.cross_validation.fold_rows`.
+    box : dict of str to (float, float), optional
+        Bounds of ``shape``, ``noise_variance`` (scale / shape) and ``kappa``; those of ``BOXES`` by default.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    TunedPrior
+
+    Raises
+    ------
+    PriorError
+        For an unknown family.
+    CrossValidationError
+        For folds that the rows do not make.
+    TuningError
+        For fewer than 6 evaluations, or a box with other names, or bounds not positive and rising.
+
+    References
+    ----------
+    Xue et al. (2020), Algorithm 2, doi:10.1016/j.oceaneng.2019.106612; Jones, Schonlau & Welch (1998),
+    doi:10.1023/A:1008306431147.
+    """
+    prior_type, bounds = prior_family(family), _log_bounds(family, box)
+    if evaluations < 6:
+        raise TuningError(f"The search evaluates at least 6 points, found {evaluations}; raise evaluations.")
+    validation = cross_validation(data, folds, split=split, rng=rng)
+    evidence_prior, log_evidence = maximise_evidence(data, family, box=box)
+    evidence_score = validation.score(evidence_prior).mean
+
+    def loss(point):
+        return float(np.arcsinh((evidence_score - validation.score(_prior(prior_type, point)).mean) / _RESOLUTION))
+
+    points, losses, surrogate_point = _search(loss, bounds, evaluations, rng)
+    seen, surrogate = (_prior(prior_type, point) for point in (points[np.argmin(losses)], surrogate_point))
+    seen_score, surrogate_score = validation.score(seen), validation.score(surrogate)
+    best, score = (seen, seen_score) if seen_score.mean >= surrogate_score.mean else (surrogate, surrogate_score)
+    priors = [_prior(prior_type, point) for point in points]
+    return TunedPrior(
+        prior=best,
+        score=score.mean,
+        score_se=score.se,
+        seen_prior=seen,
+        seen_score=seen_score.mean,
+        surrogate_prior=surrogate,
+        surrogate_score=surrogate_score.mean,
+        points=np.array([[prior.shape, prior.scale, prior.kappa] for prior in priors]),
+        scores=evidence_score - _RESOLUTION * np.sinh(losses),
+        evidence_prior=evidence_prior,
+        log_evidence=log_evidence,
+        evidence_score=evidence_score,
+    )
+
+
+def maximise_evidence(
+    data: RegressionData, family: str = "conjugate", *, box: dict[str, tuple[float, float]] | None = None
+) -> tuple[ConjugatePrior | SemiConjugatePrior, float]:
+    """Prior of a box with the largest evidence (empirical Bayes), by L-BFGS-B from five starts.
+
+    Parameters
+    ----------
+    data : RegressionData
+    family : {"conjugate", "semiconjugate"}, optional
+    box : dict of str to (float, float), optional
+        As :func:`tune_prior`. The evidence often rises towards a known noise variance, so that ``shape`` ends on its
+        upper bound.
+
+    Returns
+    -------
+    prior : ConjugatePrior or SemiConjugatePrior
+        With mean zero.
+    log_evidence : float
+
+    Raises
+    ------
+    PriorError
+        For an unknown family.
+    TuningError
+        For a box with other names, or bounds not positive and rising.
+    """
+    from scipy.optimize import minimize
+
+    prior_type, bounds = prior_family(family), _log_bounds(family, box)
+    exact = conjugate if prior_type is ConjugatePrior else semiconjugate
+    low, width = bounds[:, 0], np.ptp(bounds, axis=1)
+
+    def loss(fraction):
+        return -exact(data, _prior(prior_type, low + width * np.clip(fraction, 0.0, 1.0))).log_evidence
+
+    starts = 0.5 + 0.25 * np.array([[0, 0, 0], [-1, -1, -1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]])
+    options = {"eps": 1e-6, "ftol": 1e-13, "maxiter": 200}
+    results = [minimize(loss, x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * 3, options=options) for x in starts]
+    best = min(results, key=lambda result: result.fun)
+    prior = _prior(prior_type, low + width * np.clip(best.x, 0.0, 1.0))
+    return prior, exact(data, prior).log_evidence
+
+
+def _search(loss, bounds: np.ndarray, evaluations: int, rng: np.random.Generator):
+    """Points evaluated (log hyperparameters), the loss there, and the optimum of the surrogate's mean."""
+    from skopt import Optimizer
+    from skopt.utils import cook_estimator, normalize_dimensions
+    from threadpoolctl import threadpool_limits
+
+    seed, space = int(rng.integers(2**31)), [tuple(map(float, pair)) for pair in bounds]
+    surrogate = cook_estimator("GP", space=normalize_dimensions(space), random_state=seed, noise=1e-6)
+    optimizer = Optimizer(
+        space,
+        base_estimator=surrogate,
+        acq_func="EI",
+        n_initial_points=min(_STARTS, evaluations // 3),
+        initial_point_generator="lhs",
+        random_state=seed,
+    )
+    points, losses = np.empty((evaluations, 3)), np.empty(evaluations)
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "The objective has been evaluated at point", UserWarning)
+        warnings.filterwarnings("ignore", category=_convergence_warning())
+        for k in range(evaluations):
+            points[k] = optimizer.ask()
+            losses[k] = loss(points[k])
+            optimizer.tell(list(points[k]), losses[k])
+        low, width = bounds[:, 0], np.ptp(bounds, axis=1)
+        fraction = _surrogate_optimum(optimizer.models[-1], (points - low) / width, rng)
+    return points, losses, low + width * fraction
+
+
+def _surrogate_optimum(surrogate, seen: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Where the mean of the surrogate is least in the unit cube."""
+    from scipy.optimize import minimize
+
+    candidates = np.vstack([rng.random((4096, 3)), np.clip(seen, 0.0, 1.0)])
+    best = candidates[np.argsort(surrogate.predict(candidates))[:5]]
+    results = [
+        minimize(lambda x: float(surrogate.predict(x[None])[0]), x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * 3)
+        for x in best
+    ]
+    return np.clip(min(results, key=lambda result: result.fun).x, 0.0, 1.0)
+
+
+def _convergence_warning() -> type[Warning]:
+    from sklearn.exceptions import ConvergenceWarning
+
+    return ConvergenceWarning
+
+
+def _log_bounds(family: str, box: dict[str, tuple[float, float]] | None) -> np.ndarray:
+    names = tuple(BOXES["conjugate"])
+    box = BOXES[family] if box is None else box
+    if set(box) != set(names):
+        raise TuningError(f"A box bounds {', '.join(names)}, found {', '.join(box) or 'nothing'}; name these.")
+    bounds = np.array([box[name] for name in names], dtype=float)
+    if bounds.shape != (3, 2) or not (bounds[:, 0] > 0.0).all() or not (bounds[:, 0] < bounds[:, 1]).all():
+        raise TuningError(f"Bounds are pairs that rise and lie above 0, found {bounds.tolist()}; mend them.")
+    return np.log(bounds)
+
+
+def _prior(prior_type: type, point: np.ndarray) -> ConjugatePrior | SemiConjugatePrior:
+    shape, noise_variance, kappa = np.exp(point).tolist()
+    return prior_type(shape=shape, scale=shape * noise_variance, kappa=kappa)

@@ -1,0 +1,1 @@
+"""The paper's study from end to end, and its page."""

@@ -1,0 +1,236 @@
+"""The study and its report: one self-contained HTML page, tables as CSV and posteriors as NetCDF."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pymc_ship.diagnostics.page import PAGE, diagnostic_page
+from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.pages import drawing as figures
+from pymc_ship.pages.tables import rendered
+from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.regression.tree import CITATIONS, write_posterior
+from pymc_ship.replication import bound_chapter, findings
+from pymc_ship.replication.study import DURATION, STEP, StudyResult, run_study
+from pymc_ship.replication.tables import agreement_blocks, csv_tables, dof_block, page_tables
+from pymc_ship.trial.noise import noise_sd
+from pymc_ship.vessel.vessel import load_vessel
+
+_ARVIZ_PLOTS = {
+    "trace": ({}, "trace of the coefficient of each degree of freedom with the largest |z|, one colour a chain."),
+    "rank": (
+        {"envelope_prob": 0.99},
+        "fractional ranks of the same draws, each chain's distribution function minus the uniform one, with the "
+        "p-value of uniformity (black: where it fails at the 1 % level).",
+    ),
+}
+
+
+def study(
+    out: str | Path,
+    *,
+    vessel: str | Path = "container",
+    level: float = 0.01,
+    seed: int = 2020,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Run the study and write its report, diagnostics, tables and posteriors.
+
+    Parameters
+    ----------
+    out : str or Path
+        Folder of the report; created where it is missing. An earlier report is replaced when the run is complete.
+    vessel : str or Path, optional
+        Shipped vessel or TOML file.
+    level : float, optional
+        Noise level shown in detail.
+    seed : int, optional
+        Root of every random number; the same seed gives the same report.
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    Path
+        The page, ``out/index.html``; a convergence gate that fails is said there and in ``out/diagnostics.html``.
+
+    Raises
+    ------
+    VesselError, OutputError
+        For a vessel that cannot be read or a folder that cannot be written.
+    """
+    return reported_study(out, vessel=vessel, level=level, seed=seed, progress=progress)[1]
+
+
+def reported_study(
+    out: str | Path, *, vessel: str | Path, level: float, seed: int, progress: Callable[[str], None]
+) -> tuple[StudyResult, Path]:
+    """Result and page of a study; parameters and errors as :func:`study`."""
+    ship, level = load_vessel(vessel), noise_sd(level)  # before the folder is made
+    out = writable_folder(out)
+    result = run_study(ship, level=level, seed=seed, progress=progress)
+    return result, write_study(result, out, progress=progress)
+
+
+def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], None] = lambda _: None) -> Path:
+    """Write pages, figures, tables and posteriors to a folder; each appears under its name when complete.
+
+    Parameters
+    ----------
+    result : StudyResult
+    out : Path
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    Path
+        ``out/index.html``, which is moved into place last, after ``out/diagnostics.html``.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+    """
+    diagnosed = diagnostic_page(
+        result.comparisons, result.vessel, seed=result.seed, progress=progress, back="index.html"
+    )
+    progress("report")
+    drawn = _figures(result)
+    page = render(result, drawn)
+    with staged(out / "figures") as folder:
+        folder.mkdir()
+        for name, figure in drawn.items():
+            (folder / f"{name}.png").write_bytes(figures.png(figure, dpi=110))
+    with staged(out / "posteriors") as folder:
+        folder.mkdir()
+        for family, methods in result.draws.items():
+            for method, trees in methods.items():
+                for dof, tree in trees.items():
+                    write_posterior(tree, folder / f"{dof}-{family}-{method}.nc")
+    with staged(out / "tables") as folder:
+        folder.mkdir()
+        for name, rows in csv_tables(result).items():
+            write_rows(rows, folder / f"{name}.csv")
+    for name, text in ((PAGE, diagnosed), ("index.html", page)):
+        with staged(out / name) as partial:
+            partial.write_text(text, encoding="utf-8")
+    return out / "index.html"
+
+
+def write_rows(rows: Sequence[Mapping], path: Path, *, digits: int | None = None) -> Path:
+    """Write rows of equal keys as CSV, numbers to so many significant digits, moved into place when complete."""
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    if digits is not None:
+        rows = [{key: _rounded(value, digits) for key, value in row.items()} for row in rows]
+    with staged(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, keys, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def _rounded(value: object, digits: int) -> object:
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
+
+
+def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
+    """The page as text: a function of the result and its figures alone, so the same seed gives the same page."""
+    exact = result.found[result.level].exact
+    trace = _trace_figures(result)
+    return rendered(
+        "replication/page.html.j2",
+        title=f"{result.vessel.name.capitalize()} ship: coefficients and forecasts from a noisy 20/20 zigzag",
+        subtitle=(
+            f"Noise level shown {result.level:g}, seed {result.seed}. Bayesian regression of {_n_coefficients(result)} "
+            "coefficients, exact and by Markov chains, after Xue, Liu, Ji & Xue (2020)."
+        ),
+        short=findings.short(result),
+        vessel_title=result.vessel.title,
+        duration=f"{DURATION:g}",
+        step=f"{STEP:g}",
+        side=result.trial.attrs["side"],
+        signs=_signs(result),
+        level=f"{result.level:g}",
+        rows=next(iter(result.found[result.level].data.values())).n_rows,
+        gained=findings.gained(result),
+        bound_text=bound_chapter.beside_errors(result),
+        dofs=[dof_block(result, dof, exact) for dof in result.vessel.dofs],
+        tables=page_tables(result),
+        figures={name: figures.svg(figure, name) for name, figure in drawn.items()}
+        | {name: image for name, image, _ in trace},
+        trace_figures=[(name, caption) for name, _, caption in trace],
+        diagnostics=PAGE,
+        agreement_text=findings.agreement(result),
+        agreement_blocks=agreement_blocks(result),
+        findings=findings.all_findings(result),
+        bound=bound_chapter.chapter(result),
+        command=f"pymc-ship study --vessel {result.vessel.name} --level {result.level:g} --seed {result.seed}",
+        versions=", ".join(
+            f"{p} {version(p)}" for p in ("pymc-ship", "pymc", "arviz", "numpy", "scipy", "xarray", "numba")
+        ),
+        sources=[*result.vessel.sources, *CITATIONS.values(), *findings.SOURCES],
+    )
+
+
+def _n_coefficients(result: StudyResult) -> int:
+    return sum(len(result.vessel.terms(dof)) for dof in result.vessel.dofs)
+
+
+def _signs(result: StudyResult) -> str:
+    sources = [str(s) for dof in result.vessel.dofs for s in result.vessel.coefficients(dof)["sign_source"].values]
+    return ", ".join(f"{sources.count(name)} {name}" for name in dict.fromkeys(sources))
+
+
+def _figures(result: StudyResult) -> dict[str, Figure]:
+    level = result.level
+    found = result.found[level]
+    return {
+        "denoising": figures.denoising(result.trial, result.noisy[level], result.smooth[level], (100.0, 130.0)),
+        "noise_variance": figures.noise_variance(
+            {family: found.exact[family]["surge"] for family in FAMILIES}, "surge"
+        ),
+        "tuning": figures.tuning(found.tuned["conjugate"]),
+        "sample_paths": _sample_paths(result),
+        "sweep": findings.sweep_figure(result),
+        "methods": bound_chapter.figure(result),
+    } | {
+        f"forecast_{name}": figures.forecast_channels(result.references[name], trees)
+        for name, trees in result.forecasts.items()
+    }
+
+
+def _sample_paths(result: StudyResult):
+    names = {dof: list(result.vessel.coefficients(dof)["coefficient"].values) for dof in result.vessel.dofs}
+    wanted = {name: dof for name, dof in {"Xu": "surge", "Kv|v|": "roll"}.items() if name in names.get(dof, ())}
+    wanted = wanted or {names[dof][0]: dof for dof in ("surge", "sway")}
+    return figures.sample_paths(
+        {
+            name: (
+                result.draws["semiconjugate"]["gibbs"][dof],
+                float(result.vessel.coefficients(dof).sel(coefficient=name)),
+            )
+            for name, dof in wanted.items()
+        }
+    )
+
+
+def _trace_figures(result: StudyResult) -> list[tuple[str, str, str]]:
+    """Name, image and caption of trace and rank plots of NUTS: the coefficient of each DOF with the largest |z|."""
+    shown = []
+    for family, by_dof in result.agreement.items():
+        worst = {}
+        for dof, dataset in by_dof.items():
+            score = np.abs(dataset["z_mean"].sel({"method": "nuts"}).values[:-1])
+            worst[dof] = str(dataset["quantity"].values[int(score.argmax())])
+        trees = {dof: result.draws[family]["nuts"][dof] for dof in by_dof}
+        for kind, (settings, caption) in _ARVIZ_PLOTS.items():
+            image = figures.embedded(figures.arviz_panels(f"plot_{kind}", trees, worst, **settings), caption)
+            shown.append((f"{kind}_{family}", image, f"NUTS, {family} family: {caption}"))
+    return shown

@@ -1,0 +1,215 @@
+"""The paper's study on one ship, in its order: trial, noise, denoising, priors, posteriors, forecasts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from hashlib import sha256
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.denoising.denoise import denoise
+from pymc_ship.diagnostics.agreement import Comparison, agreement
+from pymc_ship.forecasting.forecast import forecast
+from pymc_ship.frontier.estimates import cramer_rao_bound, trajectory_modes
+from pymc_ship.frontier.scores import forecast_row, published_rows, summary_rows
+from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
+from pymc_ship.motion.simulation import simulate
+from pymc_ship.regression.identify import Identification, identify
+from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.replication import measurements as replication
+from pymc_ship.sampling.gibbs import gibbs_posterior
+from pymc_ship.sampling.regression_model import nuts_posterior
+from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior
+from pymc_ship.trajectory.runs import SENSORS
+from pymc_ship.trial.noise import FACTORS, LITERAL_LEVEL, noise_sd, pollute
+from pymc_ship.vessel.vessel import Vessel
+
+LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
+"""Noise levels of the study; the last is the paper's literal one."""
+
+SWEEP = tuple(10.0 ** (0.5 * k) for k in range(-14, -1))
+"""Noise levels between which the published errors are looked for."""
+
+DURATION, STEP, INTERVAL = 400.0, 0.02, 1.0
+"""The paper's record: 400 s in Euler steps of 0.02 s, one row of the regression each second."""
+
+MANOEUVRES = {"zigzag": zigzag(10, 10), "turning_circle": turning_circle(35)}
+"""What is forecast."""
+
+TRAJECTORY_PRIORS = ("flat", "order_damped")
+"""Priors of the trajectory fits; the last one forecasts."""
+
+
+@dataclass
+class StudyResult:
+    """What the study found; the report draws it and computes nothing.
+
+    ``bound``, dims (coefficient,), is the Cramer-Rao bound of the trial at a noise level of 1, to which it is
+    proportional.
+    """
+
+    vessel: Vessel
+    trial: xr.Dataset
+    level: float
+    seed: int
+    bound: xr.DataArray
+    noisy: dict[float, xr.Dataset] = field(default_factory=dict)
+    smooth: dict[float, xr.Dataset] = field(default_factory=dict)
+    found: dict[float, Identification] = field(default_factory=dict)
+    draws: dict[str, dict[str, dict[str, xr.DataTree]]] = field(default_factory=dict)
+    agreement: dict[str, dict[str, xr.Dataset]] = field(default_factory=dict)
+    references: dict[str, xr.Dataset] = field(default_factory=dict)
+    forecasts: dict[str, dict[str, xr.DataTree]] = field(default_factory=dict)
+    tables: dict[str, list[dict]] = field(default_factory=dict)
+
+    @cached_property
+    def comparisons(self) -> list[Comparison]:
+        """Exact, Gibbs and NUTS draws of each DOF and family with their agreement."""
+        return [
+            Comparison(
+                f"{dof}, {family}",
+                {method: trees[dof] for method, trees in methods.items()},
+                self.agreement[family][dof],
+            )
+            for dof in self.vessel.dofs
+            for family, methods in self.draws.items()
+        ]
+
+
+def run_study(
+    vessel: Vessel,
+    *,
+    level: float = 0.01,
+    seed: int = 2020,
+    levels: Sequence[float] = LEVELS,
+    sweep: Sequence[float] = SWEEP,
+    progress: Callable[[str], None] = lambda _: None,
+) -> StudyResult:
+    """Run the study in memory; parameters as :func:`pymc_ship.study`, with the levels of the tables and the sweep."""
+    level = noise_sd(level)
+    progress("reference trial")
+    trial = simulate(vessel, zigzag(20, 20), duration=DURATION, step=STEP)
+    unit_sd = {name: FACTORS[name] * float(np.abs(trial[name]).max()) for name in SENSORS}
+    result = StudyResult(vessel, trial, level, seed, cramer_rao_bound(trial, vessel, unit_sd, method="euler"))
+    for name, manoeuvre in MANOEUVRES.items():
+        result.references[name] = simulate(vessel, manoeuvre, duration=DURATION, step=STEP, record_interval=0.5)
+    for one in sorted({*levels, level}):
+        _level(result, one, progress)
+    _cross_check(result, progress)
+    _replication(result, sweep, progress)
+    _from_the_bound(result, progress)
+    return result
+
+
+def generator(seed: int, *purpose: float | str) -> np.random.Generator:
+    """Generator of one purpose, independent of what else runs and in which order."""
+    digest = sha256("\n".join(map(str, purpose)).encode()).digest()
+    return np.random.default_rng([seed, int.from_bytes(digest, "little")])
+
+
+def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -> None:
+    """Pollute, denoise, identify and forecast at one noise level."""
+    progress(f"noise level {level:.3g}: denoising")
+    noisy = pollute(result.trial, level=level, rng=generator(result.seed, "noise", level))
+    smooth = denoise(noisy)
+    optimised = level in (result.level, LITERAL_LEVEL)
+    found = identify(
+        smooth,
+        result.vessel,
+        interval=INTERVAL,
+        selection="bayesian_optimisation" if optimised else "evidence",
+        rng=generator(result.seed, "prior", level),
+        progress=lambda text: progress(f"noise level {level:.3g}: {text}"),
+    )
+    result.noisy[level], result.smooth[level], result.found[level] = noisy, smooth, found
+    summary = summary_rows(result.vessel, found.exact, level=level)
+    result.tables.setdefault("errors", []).extend(summary)
+    for name, manoeuvre in MANOEUVRES.items():
+        progress(f"noise level {level:.3g}: forecast of the {manoeuvre.label}")
+        trees = {family: _forecast(result, found, family, manoeuvre, level) for family in FAMILIES}
+        truth = indices(result.references[name])
+        rows = [
+            forecast_row(result.references[name], truth, tree, level=level, family=family)
+            for family, tree in trees.items()
+        ]
+        result.tables.setdefault(f"forecast_{name}", []).extend(rows)
+        if level == result.level:
+            result.forecasts[name] = trees
+
+
+def _forecast(result: StudyResult, found: Identification, family: str, manoeuvre: Manoeuvre, level: float):
+    rng = generator(result.seed, "forecast", level, family, manoeuvre.kind)
+    posteriors = found.posteriors(family, draws=400, rng=rng)
+    return forecast(result.vessel, posteriors, manoeuvre, draws=300, rng=rng, duration=DURATION, step=STEP)
+
+
+def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
+    """Exact, Gibbs and NUTS draws of every DOF and family at the level shown, side by side."""
+    found = result.found[result.level]
+    samplers = {"gibbs": gibbs_posterior, "nuts": nuts_posterior}
+    for family in FAMILIES:
+        exact = found.posteriors(family, draws=4000, rng=generator(result.seed, "exact", family))
+        result.draws[family] = {"exact": exact, **{name: {} for name in samplers}}
+        result.agreement[family] = {}
+        for dof, data in found.data.items():
+            prior = found.priors[family][dof]
+            trees = {}
+            for name, sampler in samplers.items():
+                progress(f"{name}: {dof}, {family}")
+                rng = generator(result.seed, name, family, dof)
+                # the exact draws carry the log likelihood of the rows; it is large
+                tree = sampler(data, prior, draws=2000, chains=4, rng=rng).drop_nodes("log_likelihood")
+                result.draws[family][name][dof] = trees[name] = tree
+            result.agreement[family][dof] = agreement(found.exact[family][dof], trees)
+
+
+def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable[[str], None]) -> None:
+    """Tables of what the replication found."""
+    vessel, found = result.vessel, result.found[result.level]
+    progress("cost of discretisation")
+    result.tables["discretisation"] = replication.discretisation_rows(result.trial, vessel, interval=INTERVAL)
+    result.tables["differencing"] = replication.differencing_rows(
+        result.smooth[result.level], vessel, ("euler", "central", "savgol"), (INTERVAL, None)
+    )
+    result.tables["sweep"] = replication.level_rows(
+        result.trial, vessel, sweep, rng=generator(result.seed, "sweep"), progress=progress
+    )
+    result.tables["priors"] = replication.prior_rows(vessel, found)
+    result.tables["published"] = published_rows(vessel, FAMILIES)
+    result.tables["printed_errors"] = replication.printed_error_rows(vessel, tuple(FAMILIES))
+    result.tables["full_conditional"] = replication.full_conditional_rows(found, result.draws["conjugate"]["nuts"])
+
+
+def _from_the_bound(result: StudyResult, progress: Callable[[str], None]) -> None:
+    """Every method on the noisy trials beside the Cramer-Rao bound, and forecasts of the trajectory fit."""
+    vessel, bound, tables = result.vessel, result.bound.values, result.tables
+    tables["published_bound"] = replication.published_bound_rows(vessel, bound, tuple(FAMILIES))
+    tables["methods"] = []
+    for level in [level for level in result.noisy if level > 0.0]:
+        progress(f"noise level {level:.3g}: trajectory fit and weak form")
+        noisy = result.noisy[level]
+        modes = trajectory_modes(noisy, vessel, TRAJECTORY_PRIORS, method="euler")  # as the trial was made
+        tables["methods"] += replication.method_rows(
+            vessel, level * bound, noisy, result.smooth[level], result.found[level], modes, level=level
+        )
+        if (mode := modes[TRAJECTORY_PRIORS[-1]]) is not None:
+            _trajectory_forecasts(result, level, mode, progress)
+
+
+def _trajectory_forecasts(
+    result: StudyResult, level: float, mode: TrajectoryMode, progress: Callable[[str], None]
+) -> None:
+    rng = generator(result.seed, "trajectory", level)
+    posterior = laplace_posterior(mode, draws=400, chains=4, rng=rng)
+    labels = {"level": level, "pareto_khat": posterior.attrs["pareto_khat"]}
+    settings = {"draws": 300, "rng": rng, "duration": DURATION, "step": STEP, "noise_sd": {}}
+    for name, manoeuvre in MANOEUVRES.items():
+        progress(f"noise level {level:.3g}: forecast of the {manoeuvre.label} from the trajectory fit")
+        tree = forecast(result.vessel, posterior, manoeuvre, **settings)
+        reference = result.references[name]
+        row = forecast_row(reference, indices(reference), tree, **labels)
+        result.tables.setdefault(f"trajectory_{name}", []).append(row)

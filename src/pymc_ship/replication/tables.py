@@ -1,0 +1,237 @@
+"""Tables of the study: rows from its result, for the page and for CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pymc_ship.frontier.scores import coefficient_rows, relative_error
+from pymc_ship.manoeuvre.indices import imo_criteria, indices
+from pymc_ship.pages.tables import AGREEMENT, Table, agreement_rows, agreement_table, fixed, number, table
+from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.replication.study import MANOEUVRES, StudyResult
+from pymc_ship.trial.noise import LITERAL_LEVEL
+from pymc_ship.vessel.vessel import LETTER
+
+
+def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
+    """Title, caption and table of one DOF's coefficients (Tables 2 and 3)."""
+    n, error, families = number(4), ("error %", number(3)), (("conjugate", "conj."), ("semiconjugate", "semi-c."))
+    columns = {"coefficient": ("coefficient", str), "reference": ("reference", n)}
+    for family, short in families:
+        columns |= {f"published_{family}": (f"publ. {short}", n), f"published_error_{family}": error}
+    columns["bound_literal"] = ("bound %", number(3))
+    for family, short in families:
+        columns |= {
+            f"mean_{family}": (f"ours {short}", n),
+            f"sd_{family}": ("± sd", number(2)),
+            f"error_{family}": error,
+        }
+    columns |= {"bound": ("bound %", number(3)), "sign_source": ("sign from", str)}
+    rows = _coefficient_rows(result, dof, exact)
+    number_of_table = "2" if dof in ("surge", "sway") else "3"
+    return {
+        "title": f"Table {number_of_table}  {dof.capitalize()}: {LETTER[dof]}-coefficients",
+        "caption": "Prime values times 1e5; the published error is recomputed from the published estimate. Cramer-Rao "
+        f"bounds at noise levels {LITERAL_LEVEL:.3f} (beside the published) and {result.level:g} (beside ours).",
+        "table": table(rows, columns),
+    }
+
+
+def csv_tables(result: StudyResult) -> dict[str, list[dict]]:
+    """Every table of the study as rows, by the name of its file."""
+    exact = result.found[result.level].exact
+    coefficients = [{"dof": dof, **row} for dof in result.vessel.dofs for row in _coefficient_rows(result, dof, exact)]
+    own = {"coefficients": coefficients, "agreement": _agreement_rows(result)}
+    tables = own | {"denoising": _denoising_rows(result), "data": _data_rows(result)} | result.tables
+    return {name: rows for name, rows in tables.items() if rows}
+
+
+def _coefficient_rows(result: StudyResult, dof: str, exact: Mapping) -> list[dict]:
+    """Rows of Tables 2 and 3 with the bound [% of the reference] at the literal noise level and at the one shown."""
+    rows = coefficient_rows(result.vessel, dof, {family: exact[family][dof] for family in FAMILIES})
+    reference = result.vessel.coefficients(dof)
+    bound = result.bound.sel(coefficient=reference["coefficient"].values).values
+    unit = relative_error(reference.values + bound, reference.values)
+    for row, relative in zip(rows, unit.tolist(), strict=True):
+        row |= {"bound_literal": LITERAL_LEVEL * relative, "bound": result.level * relative}
+    return rows
+
+
+def page_tables(result: StudyResult) -> dict[str, Table]:
+    """Formatted tables of the page, by name."""
+    p, n = fixed(1), number(3)
+    shares = {f"under_{k}": (f"< {k} %", fixed(0)) for k in (5, 20, 50)}
+    error_columns = {
+        "level": ("noise level", n),
+        "family": ("family", str),
+        "dof": ("DOF", str),
+        "median": ("median %", n),
+        **shares,
+        "coverage": ("90 % intervals cover %", fixed(0)),
+    }
+    return {
+        "indices": _index_table(result),
+        "denoising": table(
+            _denoising_rows(result),
+            {
+                "channel": ("channel", str),
+                "noise": ("noise sd", n),
+                "before": ("RMSE before", n),
+                "after": ("RMSE after", n),
+                "gain": ("before / after", n),
+            },
+        ),
+        "data": table(
+            _data_rows(result),
+            {
+                "dof": ("DOF", str),
+                "rows": ("rows", str),
+                "terms": ("terms", str),
+                "condition": ("condition number", number(4)),
+                "vif_median": ("VIF, median", n),
+                "vif_largest": ("VIF, largest", n),
+                "largest": ("of", str),
+            },
+        ),
+        "priors": table(
+            result.tables["priors"],
+            {
+                "family": ("family", str),
+                "dof": ("DOF", str),
+                "choice": ("choice", str),
+                "shape": ("shape A", n),
+                "scale": ("scale b = 1/B", n),
+                "kappa": ("kappa", n),
+                "score": ("score", fixed(4)),
+                "score_se": ("± se", fixed(4)),
+                "log_evidence": ("log evidence", p),
+            },
+        ),
+        "errors": table(
+            [
+                row
+                for row in result.tables["errors"] + result.tables["published"]
+                if row["dof"] == "all" or row["level"] in (result.level, "published")
+            ],
+            error_columns,
+        ),
+        "agreement": table(
+            _agreement_rows(result),
+            {"family": ("family", str), "dof": ("DOF", str), **AGREEMENT},
+        ),
+        "forecast_zigzag": _forecast_table(
+            result,
+            "zigzag",
+            {"first_overshoot_angle": ("1st overshoot", 1.0), "second_overshoot_angle": ("2nd overshoot", 1.0)},
+        ),
+        "forecast_turning_circle": _forecast_table(
+            result,
+            "turning_circle",
+            {
+                "advance": ("advance", result.vessel.particulars.L),
+                "tactical_diameter": ("tactical diameter", result.vessel.particulars.L),
+            },
+        ),
+    }
+
+
+def _index_table(result: StudyResult) -> Table:
+    rows = []
+    runs = {"zigzag 20/20": result.trial} | {MANOEUVRES[name].label: run for name, run in result.references.items()}
+    L = result.vessel.particulars.L
+    for label, run in runs.items():
+        found = indices(run)
+        limits = {row["criterion"].replace(" ", "_"): row for row in imo_criteria(found, result.vessel)}
+        for name, value in found.data_vars.items():
+            if not np.isfinite(value):
+                continue
+            unit = value.attrs["units"]
+            shown = float(value) / (L if unit == "m" else 1.0)
+            limit = limits.get(name)
+            verdict = "" if limit is None else {True: "passes", False: "FAILS", None: "not reached"}[limit["passed"]]
+            rows.append(
+                {
+                    "run": label,
+                    "index": name.replace("_", " "),
+                    "value": shown,
+                    "unit": "L" if unit == "m" else unit,
+                    "limit": "" if limit is None else f"≤ {limit['limit']:.3g}",
+                    "verdict": verdict,
+                }
+            )
+    columns = {"run": "manoeuvre", "index": "index", "value": "value", "unit": "unit", "limit": "IMO", "verdict": ""}
+    return table(rows, {key: (head, fixed(2) if key == "value" else str) for key, head in columns.items()})
+
+
+def _denoising_rows(result: StudyResult) -> list[dict]:
+    noisy, smooth = result.noisy[result.level], result.smooth[result.level]
+    rows = []
+    for name in smooth.attrs["denoised"].split():
+        clean = result.trial[name].values
+        before, after = (float(np.sqrt(np.mean((r[name].values - clean) ** 2))) for r in (noisy, smooth))
+        unit = result.trial[name].attrs["units"]
+        sd = noisy.attrs[f"noise_sd_{name}"]
+        ratio = before / after if after > 0.0 else float("nan")
+        rows.append({"channel": f"{name} [{unit}]", "noise": sd, "before": before, "after": after, "gain": ratio})
+    return rows
+
+
+def _data_rows(result: StudyResult) -> list[dict]:
+    rows = []
+    for dof, data in result.found[result.level].data.items():
+        inflation = data.variance_inflation_factors
+        rows.append(
+            {
+                "dof": dof,
+                "rows": data.n_rows,
+                "terms": data.n_terms,
+                "condition": data.condition_number,
+                "vif_median": float(np.median(inflation)),
+                "vif_largest": float(inflation.max()),
+                "largest": data.coefficients[int(inflation.argmax())],
+            }
+        )
+    return rows
+
+
+def _agreement_rows(result: StudyResult) -> list[dict]:
+    return [
+        {"family": family, "dof": dof, **row}
+        for family, by_dof in result.agreement.items()
+        for dof, dataset in by_dof.items()
+        for row in agreement_rows(dataset)
+    ]
+
+
+def agreement_blocks(result: StudyResult) -> list[dict]:
+    """Title and table of every quantity for each family and DOF."""
+    return [
+        {"title": f"{dof}, {family}", "table": agreement_table(dataset)}
+        for family, by_dof in result.agreement.items()
+        for dof, dataset in by_dof.items()
+    ]
+
+
+def _forecast_table(result: StudyResult, name: str, wanted: Mapping[str, tuple[str, float]]) -> Table:
+    rows, columns = (
+        [],
+        {
+            "level": ("noise level", number(3)),
+            "family": ("family", str),
+            "error": ("error %", number(3)),
+            "coverage": ("coverage %", fixed(0)),
+            "share_diverged": ("diverged %", fixed(1)),
+        },
+    )
+    for row in result.tables[f"forecast_{name}"]:
+        extra = {}
+        for index, (_, unit) in wanted.items():
+            low, median, high = (row[f"{index}_{band}"] / unit for band in ("lower", "median", "upper"))
+            extra[index] = f"{median:.2f} ({low:.2f} to {high:.2f})" if np.isfinite(median) else "not reached"
+            extra[f"{index}_reference"] = row[f"{index}_reference"] / unit
+        rows.append({**row, **extra})
+    for index, (label, _) in wanted.items():
+        columns |= {index: (label, str), f"{index}_reference": ("reference", fixed(2))}
+    return table(rows, columns)

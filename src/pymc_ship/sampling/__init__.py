@@ -1,0 +1,1 @@
+"""Markov chains; the only wing that imports PyMC."""

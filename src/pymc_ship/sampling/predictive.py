@@ -1,0 +1,150 @@
+"""Draws from the prior, and responses that prior and posterior predict for the rows of the data: ArviZ's checks."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
+from pymc_ship.sampling.error_laws import error_law
+
+PREDICTIVE_DRAWS = 500
+"""Draws of each predictive group: enough for the curves of a check, and a small part of the tree."""
+
+_SMALLEST_GAMMA = 1e-200  # keeps the noise variance of a prior that is all but improper a finite number
+
+
+def prior_draws(
+    data: RegressionData,
+    prior: ConjugatePrior | SemiConjugatePrior,
+    draws: int,
+    *,
+    rng: np.random.Generator,
+    errors: str = "normal",
+) -> xr.Dataset:
+    """Independent draws from the prior, on the original scale.
+
+    Parameters
+    ----------
+    data : RegressionData
+        Gives the scaling that the prior lives on, and the names.
+    prior : ConjugatePrior or SemiConjugatePrior
+    draws : int
+    rng : numpy.random.Generator
+    errors : {"normal", "student_t", "ar1"}, optional
+        See :mod:`pymc_ship.sampling.error_laws`.
+
+    Returns
+    -------
+    Dataset
+        Dims chain (1), draw, coefficient; the variables of a posterior.
+
+    Raises
+    ------
+    PriorError
+        For hyperparameter vectors of the wrong length.
+    ValueError
+        For errors of another name.
+    """
+    law, n_terms = error_law(errors), data.n_terms
+    mean, kappa = prior.means(n_terms), prior.kappas(n_terms)
+    scaled_variance = prior.scale / np.maximum(rng.standard_gamma(prior.shape, (1, draws)), _SMALLEST_GAMMA)
+    factor = scaled_variance[..., None] if prior.family == "conjugate" else 1.0
+    scaled = mean + np.sqrt(kappa * factor) * rng.standard_normal((1, draws, n_terms))
+    sample = ("chain", "draw")
+    values = {
+        "coefficients": ((*sample, "coefficient"), data.to_original(scaled)),
+        "noise_variance": (sample, data.response_scale**2 * scaled_variance),
+    }
+    if law.parameter:
+        values[law.parameter] = (sample, law.draw_parameter(rng, (1, draws)))
+    return xr.Dataset(values, {"chain": [0], "draw": np.arange(draws), "coefficient": list(data.coefficients)})
+
+
+def predictive(
+    data: RegressionData, parameters: xr.Dataset, *, rng: np.random.Generator, errors: str = "normal"
+) -> xr.Dataset:
+    """Draw one response of every row, original scale, for each draw of the parameters.
+
+    Parameters
+    ----------
+    data : RegressionData
+        Its design matrix is used, not its response.
+    parameters : Dataset
+        A group prior or posterior: ``coefficients``, ``noise_variance`` and the parameter of the error law.
+    rng : numpy.random.Generator
+    errors : {"normal", "student_t", "ar1"}, optional
+
+    Returns
+    -------
+    Dataset
+        ``response`` with dims chain, draw, row.
+
+    Raises
+    ------
+    ValueError
+        For errors of another name.
+    """
+    law = error_law(errors)
+    sd = np.sqrt(parameters["noise_variance"].to_numpy())
+    parameter = parameters[law.parameter].to_numpy() if law.parameter else np.zeros_like(sd)
+    response = law.draw_errors(rng, sd, parameter, data.n_rows)
+    response += parameters["coefficients"].to_numpy() @ data.design_matrix.T
+    coords = {"chain": parameters["chain"].values, "draw": parameters["draw"].values, "row": np.arange(data.n_rows)}
+    return xr.Dataset({"response": (("chain", "draw", "row"), response)}, coords)
+
+
+def with_predictive(
+    tree: xr.DataTree,
+    data: RegressionData,
+    prior: ConjugatePrior | SemiConjugatePrior,
+    *,
+    rng: np.random.Generator,
+    draws: int = PREDICTIVE_DRAWS,
+) -> xr.DataTree:
+    """Posterior with the groups of ArviZ's prior and posterior predictive checks.
+
+    Parameters
+    ----------
+    tree : DataTree
+        A posterior by any path, laid out by :func:`~pymc_ship.regression.tree.posterior_tree`; it is not changed.
+    data : RegressionData
+        What it was fitted to.
+    prior : ConjugatePrior or SemiConjugatePrior
+        What it was fitted with.
+    rng : numpy.random.Generator
+    draws : int, optional
+        Draws from the prior; about as many of the posterior, evenly spaced along each chain, are used for predictions.
+
+    Returns
+    -------
+    DataTree
+        With the groups prior (the variables of the posterior; one chain), prior_predictive and posterior_predictive
+        (``response`` with dims chain, draw, row). The coordinate draw of posterior_predictive names the draws of the
+        posterior that were used.
+
+    Raises
+    ------
+    ValueError
+        When draws is not positive, or the data are not those of the tree.
+    """
+    if draws < 1:
+        raise ValueError(f"The predictive draws must be positive, found {draws}; raise them to 1 or more.")
+    posterior, fitted = tree["posterior"].to_dataset(), tree["observed_data"].dataset
+    if list(posterior["coefficient"].values) != list(data.coefficients) or fitted.sizes["row"] != data.n_rows:
+        raise ValueError(
+            f"Predictions need the data of the posterior, {posterior.sizes['coefficient']} terms and "
+            f"{fitted.sizes['row']} rows, found {data.n_terms} and {data.n_rows}; give the data it was fitted to."
+        )
+    errors = tree.attrs.get("errors", "normal")
+    n_chains, n_draws = posterior.sizes["chain"], posterior.sizes["draw"]
+    kept = np.linspace(0.0, n_draws - 1.0, min(n_draws, -(-draws // n_chains))).round().astype(int)
+    from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)
+    groups = {
+        "prior": from_prior,
+        "prior_predictive": predictive(data, from_prior, rng=rng, errors=errors),
+        "posterior_predictive": predictive(data, posterior.isel(draw=kept), rng=rng, errors=errors),
+    }
+    own = {name: group.to_dataset() for name, group in tree.children.items()}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=tree.attrs), **own, **groups})

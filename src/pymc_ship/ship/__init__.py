@@ -1,0 +1,1 @@
+"""A real ship from several trials: ensemble, held-out runs and page."""

@@ -1,0 +1,237 @@
+"""An identified ship as files: one vessel (TOML) and one posterior (NetCDF) for each term set, and what joins them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forecasting.forecast import pooled_forecast
+from pymc_ship.machine.files import staged
+from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.regression.tree import provenance, read_posterior, write_posterior
+from pymc_ship.ship.held_out import simulation_settings
+from pymc_ship.ship.model import Candidate, ShipModel
+from pymc_ship.ship.soundness import sound
+from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trajectory.prior import coefficient_names
+from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
+
+FOLDER = "model"
+"""Folder of an identified ship inside that of its report."""
+
+_INDEX = "ship.json"
+_CHAINS = 4
+_LASTS = 40.0  # L/U
+
+
+@dataclass(frozen=True)
+class IdentifiedShip:
+    """What a forecast needs of an identified ship; see :class:`pymc_ship.ship.model.ShipModel`, whose part it is.
+
+    ``models`` holds vessel and coefficient draws of each term set, ``motion`` the prime motion of the runs,
+    ``model_error`` the relative sd of indices by kind and ``remarks`` how the intervals came about.
+    """
+
+    models: list[tuple[Vessel, np.ndarray]]
+    motion: xr.DataArray
+    model_error: dict[str, float]
+    remarks: tuple[str, ...]
+
+    @property
+    def vessel(self) -> Vessel:
+        """Vessel of the term set that weighs most."""
+        return self.models[0][0]
+
+
+def forecast_ship(
+    ship: ShipModel | IdentifiedShip,
+    manoeuvre: Manoeuvre,
+    *,
+    rng: np.random.Generator,
+    draws: int = 1000,
+    duration: float | None = None,
+    ci_prob: float = 0.95,
+) -> xr.DataTree:
+    """Forecast a manoeuvre of an identified ship, with intervals that hold parameter and model error.
+
+    Parameters
+    ----------
+    ship : ShipModel or IdentifiedShip
+        From :func:`pymc_ship.identify_ship` or :func:`pymc_ship.load_ship`.
+    manoeuvre : Manoeuvre
+    rng : numpy.random.Generator
+    draws : int, optional
+        At most; term sets keep their share of them.
+    duration : float, optional
+        [s]; 40 L/U by default.
+    ci_prob : float, optional
+        Probability inside the equal-tailed bands.
+
+    Returns
+    -------
+    DataTree
+        As :func:`pymc_ship.forecast`; ``indices`` and their bands hold the model error of held-out manoeuvres. Draws
+        that run away in this manoeuvre are left out, ``share_refused`` in attrs.
+
+    Raises
+    ------
+    TrajectoryError
+        When every draw runs away.
+    ValueError
+        For fewer than two draws or ``ci_prob`` not in (0, 1).
+    """
+    total = sum(len(rows) for _, rows in ship.models)
+    if draws < 2 or not 0.0 < ci_prob < 1.0:
+        raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
+    counts = [max(round(len(rows) * min(draws / total, 1.0)), 1) for _, rows in ship.models]
+    unit = ship.models[0][0].particulars.ship_time
+    duration = _LASTS * unit if duration is None else duration
+    models = []
+    for (vessel, rows), count in zip(ship.models, counts, strict=True):
+        kept = rows[:count][sound(vessel, rows[:count], [manoeuvre], duration / unit)]
+        models += [(vessel, kept)] if len(kept) else []
+    if sum(len(rows) for _, rows in models) < 2:
+        raise TrajectoryError(f"Every draw runs away in the {manoeuvre.label}; give more trials or a prior.")
+    tree = pooled_forecast(
+        models,
+        manoeuvre,
+        duration=duration,
+        ci_prob=ci_prob,
+        rng=rng,
+        motion=ship.motion,
+        errors=ship.model_error,
+        **simulation_settings(models[0][0]),
+    )
+    tree.attrs["share_refused"] = 1.0 - tree.attrs["draws"] / sum(counts)
+    return tree
+
+
+def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:
+    """Write an identified ship to the folder ``model`` of a report, moved into place when complete.
+
+    Parameters
+    ----------
+    model : ShipModel
+    out : str or Path
+        Folder of the report, which must exist.
+    made_by : str, optional
+        What made it.
+
+    Returns
+    -------
+    Path
+        ``out/model``: ``<terms>.toml``, the vessel with the posterior means, ``<terms>.nc``, its draws, and
+        ``ship.json``.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+    """
+    counted = [candidate for candidate in model.candidates if len(candidate.draws)]
+    with staged(Path(out) / FOLDER) as folder:
+        folder.mkdir()
+        for candidate in counted:
+            path = folder / _stem(candidate.name)
+            path.with_suffix(".toml").write_text(_vessel_text(candidate), encoding="utf-8")
+            write_posterior(_tree(candidate, model, made_by), path.with_suffix(".nc"))
+        index = {
+            "terms": [{"name": c.name, "file": _stem(c.name), "weight": c.weight} for c in counted],
+            "prior": model.prior,
+            "model_error": model.model_error,
+            "steering": asdict(model.steering),
+            "runs": list(model.names),
+            "remarks": list(model.remarks),
+            "made_by": made_by,
+        }
+        (folder / _INDEX).write_text(json.dumps(index, indent=2) + "\n", encoding="utf-8")
+    return Path(out) / FOLDER
+
+
+def load_ship(out: str | Path) -> IdentifiedShip:
+    """Read an identified ship from the folder of its report.
+
+    Raises
+    ------
+    VesselError
+        When the folder holds none or a file of it cannot be read.
+    """
+    folder = Path(out) / FOLDER
+    try:
+        index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
+        files = [folder / entry["file"] for entry in index["terms"]]
+        errors, remarks = index["model_error"], tuple(index["remarks"])
+    except OSError as error:
+        reason = error.strerror or error
+        raise VesselError(f"{folder} holds no identified ship: {reason}; run `pymc-ship identify` first.") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise VesselError(f"{folder / _INDEX} cannot be read: {error!r}; run `pymc-ship identify` again.") from None
+    models, motion = [], None
+    for path in files:
+        vessel, tree = load_vessel(path.with_suffix(".toml")), read_posterior(path.with_suffix(".nc"))
+        draws = tree["posterior"]["coefficients"].stack(sample=("draw", "chain"))
+        rows = draws.sel(coefficient=coefficient_names(vessel)).transpose("sample", "coefficient").values
+        models.append((vessel, rows))
+        motion = tree["constant_data"]["motion"]
+    return IdentifiedShip(models, motion, errors, remarks)
+
+
+def _stem(name: str) -> str:
+    return name.replace(",", "").replace(" ", "-")
+
+
+def _tree(candidate: Candidate, model: ShipModel, made_by: str) -> xr.DataTree:
+    """Draws of a term set with the motion they were fitted to; a rest that no chain can hold is in none of them."""
+    chains = _CHAINS if len(candidate.draws) % _CHAINS == 0 else 1
+    values = candidate.draws.reshape(-1, chains, candidate.draws.shape[1]).swapaxes(0, 1)
+    names = coefficient_names(candidate.vessel)
+    coords = {"chain": np.arange(chains), "draw": np.arange(values.shape[1]), "coefficient": names}
+    posterior = xr.Dataset({"coefficients": (("chain", "draw", "coefficient"), values)}, coords)
+    attrs = {
+        "method": "windows",
+        "vessel": candidate.vessel.name,
+        "dof": " ".join(candidate.vessel.dofs),
+        "terms": candidate.name,
+        "weight": candidate.weight,
+        "inflation": candidate.inflation,
+        "dispersion": candidate.fit.dispersion,
+        "prior": model.prior,
+        "made_by": made_by,
+        **provenance("windows"),
+    }
+    return xr.DataTree.from_dict(
+        {
+            "/": xr.Dataset(attrs=attrs),
+            "posterior": posterior,
+            "constant_data": xr.Dataset({"motion": model.motion}),
+        }
+    )
+
+
+def _vessel_text(candidate: Candidate) -> str:
+    """TOML of a candidate's vessel, its coefficients at the estimates; what was known beforehand is in them."""
+    vessel = candidate.vessel
+    lines = [f"name = {json.dumps(vessel.name)}", f"title = {json.dumps(f'{vessel.title}; {candidate.name} terms')}"]
+    tables: list[tuple[str, Mapping[str, float]]] = [("particulars", asdict(vessel.particulars))]
+    inertia = {"m": vessel.m, "I_zz": vessel.I_zz} | ({"I_xx": vessel.I_xx} if "roll" in vessel.dofs else {})
+    tables += [("inertia", inertia), ("added_mass", vessel.added_mass)]
+    if vessel.propeller is not None:
+        tables.append(("propeller", asdict(vessel.propeller)))
+    begin = 0
+    for dof in vessel.dofs:
+        names = [str(name) for name in vessel.coefficients(dof)["coefficient"].values]
+        values = candidate.fit.coefficients[begin : begin + len(names)]
+        begin += len(names)
+        tables.append((f"coefficients.{dof}", dict(zip(names, values.tolist(), strict=True))))
+    for head, table in tables:
+        lines += ["", f"[{head}]", *_entries(table)]
+    return "\n".join(lines) + "\n"
+
+
+def _entries(table: Mapping[str, float]) -> Sequence[str]:
+    return [f"{json.dumps(key)} = {float(value)!r}" for key, value in table.items()]

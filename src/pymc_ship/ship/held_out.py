@@ -1,0 +1,132 @@
+"""Cross-validation over whole runs: a model is fitted to all runs but one and judged on that one.
+
+The score of a run is the log predictive density of its windows, restarted from the measured state: the mean over
+windows of a sum over channels, so that each channel of a run counts as one observation. What a model cannot do it
+cannot do in all windows of a run. Whole runs are left out because a window from a run that was trained on knows its
+rudder zero, its weather and its loading. Standard manoeuvres among the runs are forecast in closed loop, too, from the
+approach speed alone, and their indices compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.measured import measured_indices
+from pymc_ship.manoeuvre.standard import Manoeuvre, manoeuvre_attrs
+from pymc_ship.motion.simulation import simulate
+from pymc_ship.trajectory.windows import Window, WindowFit, restarted
+from pymc_ship.vessel.vessel import Vessel
+
+SCORED = {
+    "zigzag": (
+        "first_overshoot_angle",
+        "second_overshoot_angle",
+        "first_overshoot_time",
+        "second_overshoot_time",
+        "initial_turning_time",
+        "initial_turning_distance",
+        "period",
+    ),
+    "turning_circle": ("advance", "transfer", "tactical_diameter"),
+}
+"""Indices that are compared on held-out runs, by manoeuvre."""
+
+JUDGED = ("u", "v", "r")
+"""Channels of the score, the same for a model that rolls and one that does not."""
+
+_LOG_2PI = np.log(2.0 * np.pi)
+STEPS = 240
+"""Steps in L/U of a simulated manoeuvre: the rudder is reversed on one of them."""
+
+RECORDED = 4
+"""Steps between the samples that are kept."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What a model said of runs it was not fitted to.
+
+    Attributes
+    ----------
+    fits : tuple of WindowFit
+        Fit to all runs but the one of the same place.
+    log_density : ndarray, shape (n_runs,)
+        Log predictive density of each run; minus infinity where a window ran away.
+    rms : dict of str to float
+        Root mean square error of each channel over all held-out windows that did not run away, SI; NaN without any.
+    """
+
+    fits: tuple[WindowFit, ...]
+    log_density: np.ndarray
+    rms: dict[str, float]
+
+
+def held_out(runs: Sequence[Sequence[Window]], vessel: Vessel, fit: Callable[[Sequence[Window]], WindowFit]) -> HeldOut:
+    """Leave each run out once, fit to the others, and score its windows.
+
+    Parameters
+    ----------
+    runs : sequence of sequence of Window
+        Windows of each run; two runs or more.
+    vessel : Vessel
+    fit : callable
+        Fit to the windows of several runs; or any other estimate of the coefficients from them.
+
+    Returns
+    -------
+    HeldOut
+    """
+    fits = []
+    for k in range(len(runs)):
+        fits.append(fit([window for j, windows in enumerate(runs) if j != k for window in windows]))
+    return scored(runs, vessel, fits)
+
+
+def scored(runs: Sequence[Sequence[Window]], vessel: Vessel, fits: Sequence[WindowFit]) -> HeldOut:
+    """Score the windows of each run under the fit of its place."""
+    misfits = [
+        [restarted(window, vessel, fit.coefficients) for window in windows]
+        for windows, fit in zip(runs, fits, strict=True)
+    ]
+    square = np.array([np.mean(misfit**2, axis=1) for run in misfits for misfit in run])
+    stayed = np.isfinite(square).all(axis=1)
+    sd = np.sqrt(np.mean(square[stayed], axis=0)) if stayed.any() else np.full(square.shape[1], np.nan)
+    channels = runs[0][0].run.channels
+    judged = [row for row, name in enumerate(channels) if name in JUDGED]
+    log_density = np.array(
+        [np.mean([_log_density(np.mean(misfit[judged] ** 2, axis=1), sd[judged]) for misfit in run]) for run in misfits]
+    )
+    return HeldOut(tuple(fits), log_density, dict(zip(channels, sd.tolist(), strict=True)))
+
+
+def _log_density(square: np.ndarray, sd: np.ndarray) -> float:
+    """Log density of one window: each channel once, at its mean square."""
+    if not np.isfinite(square).all():
+        return -np.inf
+    return float(-np.sum(np.log(sd) + 0.5 * _LOG_2PI + 0.5 * square / sd**2))
+
+
+def forecast_indices(
+    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float
+) -> dict[str, np.ndarray]:
+    """Scored indices of a manoeuvre for each row of coefficients, each of shape (n_draws,)."""
+    settings = simulation_settings(vessel)
+    found = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
+    return {name: found[name].values for name in SCORED[manoeuvre.kind]}
+
+
+def simulation_settings(vessel: Vessel) -> dict:
+    """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
+    step = vessel.particulars.ship_time / STEPS
+    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
+
+
+def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre) -> dict[str, float]:
+    """Scored indices of a recorded standard manoeuvre; NaN where the record ends before them or lacks a channel."""
+    found = measured_indices(trial, manoeuvre_attrs(manoeuvre))
+    return {name: found.get(name, np.nan) for name in SCORED[manoeuvre.kind]}

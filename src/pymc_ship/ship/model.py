@@ -1,0 +1,381 @@
+"""Identification of a real ship from several trials: an ensemble of models, weighted and widened by held-out runs.
+
+No polynomial is the true force of a ship. Several term sets are fitted to windows of all runs; each is weighted by the
+log predictive density of runs it was not fitted to (pseudo-BMA+, Yao et al. 2018, doi:10.1214/17-BA1091): each channel
+of a run counts as one observation, since what a term set cannot do it cannot do in all windows of a run. The spread
+between the sets is one part of the model error, the other is what the indices of held-out manoeuvres show beyond it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from threadpoolctl import threadpool_limits
+
+from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.forecasting.index_error import index_rows, index_sd, model_error
+from pymc_ship.machine.threads import thread_pool
+from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
+from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.motion.equations import prime_record
+from pymc_ship.motion.weak_form import motion_record, weak_form_start
+from pymc_ship.regression.priors import PriorError
+from pymc_ship.ship.held_out import HeldOut, held_out
+from pymc_ship.ship.soundness import sound
+from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
+from pymc_ship.trajectory.windows import (
+    Window,
+    WindowFit,
+    fit_windows,
+    normal_draws,
+    prepared_windows,
+    thinned,
+    widened,
+)
+from pymc_ship.trial.record import TrialError
+from pymc_ship.vessel.hull_database import with_hull_database
+from pymc_ship.vessel.term_sets import term_sets, with_terms
+from pymc_ship.vessel.vessel import Vessel
+
+PRIORS = ("hull_database", "order_damped", "sister_ship")
+"""What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
+
+LARGEST_INFLATION = 5.0
+"""Bound of the factor on the standard deviations of the coefficients."""
+
+_FORECASTS = 200  # draws of a held-out forecast
+_COUNTED = 0.01  # least weight of a term set that takes part in it
+_BOOTSTRAPS = 2000
+_GROUPS = 4  # of the windows of a single run
+_ATTEMPTS = 50
+_TRIED = 100  # draws of a term set that are tried in the standard manoeuvres
+_FEWEST_SOUND = 0.1  # share of them that must not run away
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One term set of the ensemble.
+
+    ``fit`` is to all runs, widened by the factor ``inflation`` from the scatter of the fits to all runs but one, and so
+    are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
+    of the normal law that do not run away, ``share_unsound`` of all drawn did.
+    """
+
+    name: str
+    fit: WindowFit
+    held_out: HeldOut
+    inflation: float
+    weight: float
+    draws: np.ndarray
+    share_unsound: float
+
+    @property
+    def vessel(self) -> Vessel:
+        """Vessel with these terms."""
+        return self.fit.vessel
+
+
+@dataclass(frozen=True)
+class ShipModel:
+    """A ship identified from trials.
+
+    Attributes
+    ----------
+    vessel : Vessel
+        As given, with the steering gear as it was measured.
+    prior : {"hull_database", "order_damped", "sister_ship"}
+    names : tuple of str
+        Of the runs.
+    manoeuvres : tuple of Manoeuvre or None
+        What each run was recognised as.
+    steering : Steering
+    candidates : tuple of Candidate
+        By falling weight; those of weight 0 have no draws.
+    index_rows : list of dict
+        Indices of held-out manoeuvres, see :func:`pymc_ship.forecasting.index_error.index_rows`, and the ``sd`` of each
+        forecast.
+    model_error : dict of str to float
+        Relative sd of the indices by kind beyond the draws; empty where no manoeuvre was held out.
+    motion : DataArray, dims (row, symbol)
+        Prime motion of all runs.
+    remarks : tuple of str
+    """
+
+    vessel: Vessel
+    prior: str
+    names: tuple[str, ...]
+    manoeuvres: tuple[Manoeuvre | None, ...]
+    steering: Steering
+    candidates: tuple[Candidate, ...]
+    index_rows: list[dict]
+    model_error: dict[str, float]
+    motion: xr.DataArray
+    remarks: tuple[str, ...]
+
+    @property
+    def models(self) -> list[tuple[Vessel, np.ndarray]]:
+        """Vessel and draws of each candidate that counts, as a pooled forecast takes them."""
+        return [(c.vessel, c.draws) for c in self.candidates if len(c.draws)]
+
+
+@dataclass(frozen=True)
+class _Training:
+    """Thinned trials and what was recognised of them."""
+
+    trials: list[xr.Dataset]
+    manoeuvres: list[Manoeuvre | None]
+    steering: Steering
+    vessel: Vessel
+    prior: str
+
+
+def identify_ship(
+    trials: Sequence[xr.Dataset],
+    vessel: Vessel,
+    *,
+    names: Sequence[str] | None = None,
+    terms: Sequence[str] | None = None,
+    prior: str | None = None,
+    draws: int = 1000,
+    rng: np.random.Generator,
+    progress: Callable[[str], None] = lambda _: None,
+) -> ShipModel:
+    """Identify a real ship from several trials, with intervals that hold model error.
+
+    Parameters
+    ----------
+    trials : sequence of Dataset, dims (time,)
+        Checked and corrected records with u, v, r, psi and delta; p and phi where the vessel rolls.
+    vessel : Vessel
+        Particulars, inertia, propeller. Coefficients with an ``sd`` are taken as known so far.
+    names : sequence of str, optional
+        Of the trials; numbers by default.
+    terms : sequence of str, optional
+        Of :func:`pymc_ship.vessel.term_sets.term_sets` or "own terms"; by default all sets the vessel can have.
+    prior : {"hull_database", "order_damped", "sister_ship"}, optional
+        Of the coefficients without an ``sd``: what captive tests of other ships say of the hull, see
+        :func:`pymc_ship.vessel.hull_database.hull_coefficients`, and wide about 0 for the rest; wide about 0 for all;
+        or about the values of the vessel file. By default the first where the vessel states her draught, the second
+        else.
+    draws : int, optional
+        Of the whole ensemble.
+    rng : numpy.random.Generator
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    ShipModel
+
+    Raises
+    ------
+    TrialError
+        For trials that are too short or lack a channel, or none.
+    TrajectoryError
+        When no term set can be fitted, or all of them run away.
+    VesselError, PriorError
+        For unknown term sets or priors, or the hull database without a draught.
+    """
+    prior = chosen_prior(vessel, prior)
+    names = tuple(names or (str(k + 1) for k in range(len(trials))))
+    if not trials or len(names) != len(trials) or draws < 2:
+        raise TrialError(
+            f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
+            f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
+        )
+    training = _prepared(trials, vessel, prior)
+    wanted = tuple(dict.fromkeys(terms)) if terms else term_sets(training.vessel)
+    progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
+    found, remarks = _candidates(wanted, training)
+    progress("weights and model error from held-out runs")
+    found = _weighted(found, rng)
+    rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
+    errors = model_error(rows)
+    rows = [row | {"sd": index_sd(row, errors)} for row in rows]
+    if not rows:
+        remarks.append(
+            "No run of a standard manoeuvre was held out: the intervals hold the spread of the term sets and of the "
+            "windows, not the error of a whole manoeuvre, and are too narrow by what these trials cannot tell."
+        )
+    progress("draws that do not run away")
+    found = _drawn(found, draws, rng)
+    return ShipModel(
+        vessel=training.vessel,
+        prior=training.prior,
+        names=names,
+        manoeuvres=tuple(training.manoeuvres),
+        steering=training.steering,
+        candidates=tuple(sorted(found, key=lambda candidate: -candidate.weight)),
+        index_rows=rows,
+        model_error=errors,
+        motion=_motion(training),
+        remarks=tuple(remarks),
+    )
+
+
+def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> _Training:
+    for trial in trials:
+        motion_record(trial, vessel)
+    manoeuvres, steering = recognise(trials, vessel)
+    vessel = with_steering(vessel, steering)
+    return _Training([thinned(trial, vessel) for trial in trials], manoeuvres, steering, vessel, prior)
+
+
+def chosen_prior(vessel: Vessel, kind: str | None) -> str:
+    """The kind of prior asked for, one of :data:`PRIORS`; by default the hull database where a draught is stated.
+
+    Raises
+    ------
+    PriorError
+        For an unknown kind.
+    """
+    if kind is None:
+        return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
+    if kind not in PRIORS:
+        raise PriorError(f"The prior of a ship is one of {', '.join(PRIORS)}; found {kind!r}; choose one of them.")
+    return kind
+
+
+def informed(vessel: Vessel, kind: str) -> Vessel:
+    """Vessel whose coefficients hold what the prior of this kind knows of the hull; VesselError without a draught."""
+    return with_hull_database(vessel) if kind == "hull_database" else vessel
+
+
+def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
+    """Prior of a window fit of an informed vessel; a wide one for every coefficient, whatever its order."""
+    return coefficient_prior(trials, vessel, "sister_ship" if kind == "sister_ship" else "order_damped", damping=1.0)
+
+
+def _candidates(wanted: Sequence[str], training: _Training) -> tuple[list[Candidate], list[str]]:
+    """Candidates of the term sets that can be fitted, and why others were left out."""
+    with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(wanted)) as pool:
+        attempts = list(pool.map(lambda name: _attempt(name, training), wanted))
+    remarks = [text for _, text in attempts if text]
+    found = [candidate for candidate, _ in attempts if candidate is not None]
+    if not found:
+        raise TrajectoryError(f"No term set can be fitted to these trials: {' '.join(remarks)}")
+    return found, remarks
+
+
+def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
+    """Candidate of a term set, or why there is none."""
+    try:
+        plain = with_terms(training.vessel, name)
+        vessel = informed(plain, training.prior)
+        runs = [prepared_windows(trial, vessel) for trial in training.trials]
+        prior = stated_prior(training.trials, vessel, training.prior)
+        windows = [window for run in runs for window in run]
+        whole = _first_fit(training.trials, windows, vessel, prior, plain)
+
+        def fit(windows: Sequence[Window]) -> WindowFit:
+            return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd)
+
+        judged = held_out(held_together(runs), vessel, fit)
+    except TrajectoryError as error:
+        return None, f"The {name} terms were left out: {error}"
+    inflation = _inflation(whole, judged)
+    whole, *others = (widened(fit, inflation) for fit in (whole, *judged.fits))
+    judged = replace(judged, fits=tuple(others))
+    tried = np.vstack([whole.coefficients, normal_draws(whole, _TRIED, np.random.default_rng(_TRIED))])
+    good = sound(vessel, tried)
+    if not good[0] or good.mean() < _FEWEST_SOUND:
+        return None, f"The {name} terms were left out: fitted to these trials, they run away in a standard manoeuvre."
+    return Candidate(name, whole, judged, inflation, 0.0, tried[:0], 0.0), ""
+
+
+def _first_fit(
+    trials: Sequence[xr.Dataset], windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, plain: Vessel
+) -> WindowFit:
+    """Fit from the weak form or, where that ship leaves the model's range, from that of ``plain`` with small orders."""
+
+    def from_weak_form(law: CoefficientPrior) -> WindowFit:
+        return fit_windows(windows, vessel, prior, weak_form_start(trials, vessel, law.mean, law.scale, method="rk4"))
+
+    try:
+        return from_weak_form(prior)
+    except TrajectoryError:
+        return from_weak_form(coefficient_prior(trials, plain))
+
+
+def held_together(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
+    """Windows to be held out together: those of a run, or neighbours where there is only one."""
+    if len(runs) > 1:
+        return list(runs)
+    parts = np.array_split(np.arange(len(runs[0])), min(_GROUPS, len(runs[0])))
+    return [[runs[0][k] for k in part] for part in parts if part.size]
+
+
+def _weighted(found: Sequence[Candidate], rng: np.random.Generator) -> list[Candidate]:
+    """Pseudo-BMA+: mean over Bayesian bootstraps of the runs of weights proportional to the predictive density."""
+    density = np.array([candidate.held_out.log_density for candidate in found])
+    shares = rng.dirichlet(np.ones(density.shape[1]), _BOOTSTRAPS)
+    finite = np.where(np.isfinite(density), density, -1e9)
+    total = density.shape[1] * shares @ finite.T
+    weight = np.exp(total - total.max(axis=1, keepdims=True))
+    weight = np.mean(weight / weight.sum(axis=1, keepdims=True), axis=0)
+    return [replace(candidate, weight=float(w)) for candidate, w in zip(found, weight, strict=True)]
+
+
+def _inflation(whole: WindowFit, judged: HeldOut) -> float:
+    """Factor on the sd of the coefficients from the scatter of the fits to all runs but one (jackknife), 1 or more.
+
+    Windows of one run share what the run has of its own. The traces are taken in the metric of the windows' own
+    information, where what they determine counts and not the prior.
+    """
+    apart = np.array([fit.coefficients for fit in judged.fits])
+    apart -= apart.mean(axis=0)
+    scatter = (len(apart) - 1) / len(apart) * apart.T @ apart
+    own = whole.information - whole.information @ whole.from_prior @ whole.information
+    ratio = np.trace(own @ scatter) / np.trace(own @ whole.from_windows)
+    return float(np.clip(np.sqrt(ratio), 1.0, LARGEST_INFLATION))
+
+
+def _held_out_indices(
+    found: Sequence[Candidate], training: _Training, names: Sequence[str], rng: np.random.Generator
+) -> list[dict]:
+    """Indices of every recognised manoeuvre, forecast by the fits that were made without it."""
+    counted = [candidate for candidate in found if candidate.weight > _COUNTED]
+    weight = np.array([candidate.weight for candidate in counted])
+    rows = []
+    for k, (trial, manoeuvre) in enumerate(zip(training.trials, training.manoeuvres, strict=True)):
+        if manoeuvre is not None:
+            fits = [candidate.held_out.fits[k] for candidate in counted]
+            models = [(fit.vessel, np.vstack([fit.coefficients, normal_draws(fit, _FORECASTS, rng)])) for fit in fits]
+            rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum())
+    return rows
+
+
+def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:
+    """Deal the draws to the candidates by weight and draw until as many are sound."""
+    exact = draws * np.array([candidate.weight for candidate in found])
+    counts = np.floor(exact).astype(int)
+    counts[np.argsort(counts - exact)[: draws - counts.sum()]] += 1
+    drawn = []
+    for candidate, count in zip(found, counts, strict=True):
+        kept, tried = np.empty((0, candidate.fit.coefficients.size)), 0
+        while len(kept) < count and tried < _ATTEMPTS * count:
+            batch = normal_draws(candidate.fit, int(count), rng)
+            kept, tried = np.vstack([kept, batch[sound(candidate.vessel, batch)]]), tried + int(count)
+        if len(kept) < count:
+            raise TrajectoryError(
+                f"Of the draws of the {candidate.name} terms, {len(kept)} of {tried} do not run away in a standard "
+                "manoeuvre; give more trials or a prior."
+            )
+        share = 1.0 - len(kept) / tried if tried else 0.0
+        drawn.append(replace(candidate, draws=kept[:count], share_unsound=share))
+    return drawn
+
+
+def _motion(training: _Training) -> xr.DataArray:
+    """Prime motion of all runs at every fifth sample."""
+    rows = []
+    for trial in training.trials:
+        prime, _, _ = prime_record(
+            training.vessel, motion_record(trial.isel(time=slice(None, None, 5)), training.vessel)
+        )
+        rows.append(np.column_stack([prime[symbol] for symbol in SYMBOLS]))
+    return xr.DataArray(np.vstack(rows), {"symbol": list(SYMBOLS)}, ("row", "symbol"))

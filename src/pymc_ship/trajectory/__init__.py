@@ -1,0 +1,1 @@
+"""All coefficients at once: the simulated motion fitted to raw records."""

@@ -1,0 +1,173 @@
+"""Priors of all coefficients of a vessel at once, for fits of whole trajectories.
+
+theta_j ~ N(mean_j, (tau_g scale_j)^2) with one tau for each degree of freedom g, found by evidence, or 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forces.terms import order
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.weak_form import coefficient_scales
+from pymc_ship.regression.priors import PriorError
+from pymc_ship.vessel.vessel import Vessel
+
+KINDS = ("flat", "order_damped", "sister_ship")
+"""Priors that need no numbers of the user's own."""
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientPrior:
+    """Independent normal priors of all coefficients, in the vessel's order, prime values.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (n_coefficients,)
+    scale : ndarray, shape (n_coefficients,)
+        Standard deviation before the factor tau of the degree of freedom; infinite for a flat prior.
+    unit : ndarray, shape (n_coefficients,)
+        Typical size of a coefficient: the scale where it is finite.
+    tuned : ndarray of bool, shape (n_coefficients,)
+        Whether the scale is multiplied by the factor tau found by evidence; the others are taken as stated.
+    kind : str
+    """
+
+    mean: np.ndarray
+    scale: np.ndarray
+    unit: np.ndarray
+    tuned: np.ndarray
+    kind: str
+
+
+def coefficient_names(vessel: Vessel) -> list[str]:
+    """Names of all coefficients, DOFs one after the other in the vessel's order."""
+    return [str(name) for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
+
+
+def coefficient_dofs(vessel: Vessel) -> np.ndarray:
+    """Index of the degree of freedom of each coefficient among ``vessel.dofs``, shape (n_coefficients,)."""
+    return np.concatenate([np.full(len(vessel.terms(dof)), g) for g, dof in enumerate(vessel.dofs)])
+
+
+def coefficient_prior(
+    trials: Sequence[xr.Dataset],
+    vessel: Vessel,
+    kind: str = "order_damped",
+    *,
+    table: Mapping[str, tuple[float, float]] | None = None,
+    damping: float = 0.3,
+    relative_sd: float = 0.3,
+) -> CoefficientPrior:
+    """Prior of all coefficients from general knowledge and, where there is any, from a table or the vessel file.
+
+    Parameters
+    ----------
+    trials : sequence of Dataset
+        Give the typical size of each coefficient: rms force of the DOF over rms term.
+    vessel : Vessel
+        Its reference coefficients are looked at for ``"sister_ship"`` only, but for those with an ``sd`` in the file:
+        they are N(value, sd) whatever the kind.
+    kind : {"order_damped", "sister_ship", "flat"}, optional
+        Centred on 0 with a scale of twice the typical size that falls with the order of the term; centred on the
+        vessel's reference values with ``relative_sd`` of them (and of a 20th of the typical size, so that a
+        coefficient near 0 is not taken as known); or no prior.
+    table : mapping of str to (float, float), optional
+        Mean and standard deviation of single coefficients by name, prime values; goes before the vessel file.
+    damping : float, optional
+        Factor of the scale for each order above the first.
+    relative_sd : float, optional
+        Relative standard deviation of a sister ship's coefficients.
+
+    Returns
+    -------
+    CoefficientPrior
+        With factors tau left to the evidence, but for a flat prior and for the table.
+
+    Raises
+    ------
+    PriorError
+        For an unknown kind, a damping outside (0, 1], a relative sd or a table's sd that is not positive, or unknown
+        names.
+    """
+    if kind not in KINDS or not 0.0 < damping <= 1.0 or not 0.0 < relative_sd < np.inf:
+        raise PriorError(
+            f"A prior of coefficients is one of {', '.join(KINDS)} with damping in (0, 1] and a positive relative sd, "
+            f"found {kind!r}, {damping} and {relative_sd}; correct them."
+        )
+    typical = coefficient_scales(trials, vessel)
+    mean, names = np.zeros(typical.size), coefficient_names(vessel)
+    if kind == "order_damped":
+        scale = 2.0 * typical * np.array([damping ** max(order(name[1:]) - 1, 0) for name in names])
+    elif kind == "sister_ship":
+        mean = reference_coefficients(vessel)
+        scale = relative_sd * np.hypot(mean, 0.05 * typical)
+    else:
+        scale = np.full(typical.size, np.inf)
+    tuned = np.isfinite(scale)
+    for name, (center, sd) in (_stated(vessel) | dict(table or {})).items():
+        if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
+            raise PriorError(
+                f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "
+                f"{name}: {center}, {sd}; correct it."
+            )
+        mean[names.index(name)], scale[names.index(name)], tuned[names.index(name)] = center, sd, False
+    unit = np.where(np.isfinite(scale), scale, typical)
+    return CoefficientPrior(mean, scale, unit, tuned, kind)
+
+
+def _stated(vessel: Vessel) -> dict[str, tuple[float, float]]:
+    """Mean and sd of the coefficients that the vessel file knows beforehand."""
+    return {c.name: (c.value, c.sd) for force in vessel.forces.values() for c in force if c.sd > 0.0}
+
+
+def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel: Vessel) -> CoefficientPrior:
+    """Prior with the means and standard deviations of the posterior of another trial.
+
+    Parameters
+    ----------
+    posteriors : DataTree or mapping of str to DataTree
+        Posterior of all coefficients of the vessel from whole trajectories, or the regression posterior of every DOF.
+        Of the same trial they would count its data twice.
+    vessel : Vessel
+
+    Returns
+    -------
+    CoefficientPrior
+        Taken as stated, without factors tau; correlations of the posterior are left out.
+
+    Raises
+    ------
+    PriorError
+        When a DOF or a coefficient is missing, or a coefficient does not vary.
+    """
+    trees = posteriors
+    if isinstance(posteriors, xr.DataTree):  # which is a mapping, too: of its groups
+        trees = dict.fromkeys(vessel.dofs, posteriors)
+    lacking = [dof for dof in vessel.dofs if dof not in trees]
+    if lacking:
+        raise PriorError(f"A prior from posteriors needs every DOF, {', '.join(lacking)} missing; add them.")
+    moments = [_moments(trees[dof], vessel, dof) for dof in vessel.dofs]
+    mean, scale = (np.concatenate(values) for values in zip(*moments, strict=True))
+    return CoefficientPrior(mean, scale, scale, np.zeros(mean.size, dtype=bool), "posterior")
+
+
+def _moments(tree: xr.DataTree, vessel: Vessel, dof: str) -> tuple[np.ndarray, np.ndarray]:
+    """Posterior mean and standard deviation of the coefficients of a DOF."""
+    names, draws = vessel.coefficients(dof)["coefficient"].values, tree["posterior"]["coefficients"]
+    lacking = sorted(set(names) - set(draws["coefficient"].values))
+    if lacking:
+        raise PriorError(f"A prior from a posterior needs every coefficient, {', '.join(lacking)} missing; add them.")
+    draws = draws.sel(coefficient=names)
+    mean, sd = draws.mean(("chain", "draw")).values, draws.std(("chain", "draw")).values
+    fixed = names[~(sd > 1e-12 * np.abs(mean))]
+    if fixed.size:
+        raise PriorError(
+            f"A prior from a posterior needs draws that vary, those of {', '.join(fixed)} do not; give those held "
+            "fixed a small sd in the table of coefficient_prior."
+        )
+    return mean, sd

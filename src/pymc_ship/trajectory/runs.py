@@ -1,0 +1,213 @@
+"""Trials as a trajectory likelihood sees them: a known rudder, block means of the raw channels, a noise model of each.
+
+Nothing is differentiated or smoothed. The samples of a block of about 0.2 s are averaged, those of the simulated motion
+alike, which loses next to nothing (the ship moves on scales of many seconds) and makes the fit ten times faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.simulation import METHODS
+from pymc_ship.trial.record import TrialError, check_trial, sampling_interval
+from pymc_ship.vessel.vessel import Vessel
+
+SENSORS = ("u", "v", "r", "p", "phi")
+"""Channels used where none are named; psi, x and y can be added."""
+
+BLOCK = 0.2
+"""Samples closer than this interval [s] are averaged over it."""
+
+LONGEST_STEP = 0.1
+"""Integration steps are at most this long [s]."""
+
+FEWEST_BLOCKS = 20
+"""Blocks that a record must have."""
+
+_SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One trial prepared for the trajectory likelihood.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Channels measured, of the states u, v, r, p, phi, psi, x, y.
+    samples : ndarray, shape (n_channels, n_time)
+        Raw values, SI units and rad.
+    delta : ndarray, shape (n_time,)
+        Rudder angle [rad], taken as exact.
+    start, interval : float
+        Time of the first sample and sampling interval [s].
+    block : int
+        Samples averaged into one.
+    method : {"euler", "rk4"}
+    substeps : int
+        Integration steps for each sampling interval.
+    sample_sd : ndarray, shape (n_channels,)
+        Standard deviation of the noise of one sample: given, or from second differences.
+    nominal_speed : float
+        First guess of u where it is not measured [m/s].
+    rolls : bool
+        Whether the vessel rolls; p and phi of one that does not are held at 0.
+    """
+
+    channels: tuple[str, ...]
+    samples: np.ndarray
+    delta: np.ndarray
+    start: float
+    interval: float
+    block: int
+    method: str
+    substeps: int
+    sample_sd: np.ndarray
+    nominal_speed: float
+    rolls: bool
+
+    @property
+    def n_states(self) -> int:
+        """States to integrate: 5, or 6 with the heading, or 8 with the track."""
+        last = max(self.rows)
+        return 5 if last < 5 else 6 if last == 5 else 8
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Row of each channel among the states."""
+        return tuple(STATE.index(name) for name in self.channels)
+
+    @property
+    def integration(self) -> dict:
+        """Settings of a replay and of the sensitivities along the rudder of this run."""
+        return {"interval": self.interval, "method": self.method, "substeps": self.substeps}
+
+    @property
+    def n_blocks(self) -> int:
+        """Whole blocks of the record."""
+        return self.delta.size // self.block
+
+    @cached_property
+    def means(self) -> np.ndarray:
+        """Block means of the channels, shape (n_channels, n_blocks)."""
+        return self.block_means(self.samples)
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Mean time of each block [s], shape (n_blocks,)."""
+        return self.start + self.interval * (np.arange(self.n_blocks) * self.block + 0.5 * (self.block - 1))
+
+    def block_means(self, values: np.ndarray) -> np.ndarray:
+        """Means over whole blocks of samples, shape (..., n_blocks) from (..., n_time)."""
+        whole = values[..., : self.n_blocks * self.block]
+        return whole.reshape(*values.shape[:-1], self.n_blocks, self.block).mean(axis=-1)
+
+    @cached_property
+    def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """First guess of the initial state and the sd of its (weak) prior, each of shape (n_states,).
+
+        A measured state starts from a straight line through its first two seconds, with an sd of the channel's range;
+        one that is not measured from 0, u from the nominal speed, with an sd of its size in hard manoeuvring.
+        """
+        guess, sd = np.zeros(self.n_states), np.array([5.0, 0.5, 0.005, 0.005, 0.05, 1.0, 100.0, 100.0])
+        guess[0], sd = self.nominal_speed, sd[: self.n_states]
+        if not self.rolls:
+            sd[3:5] = 1e-9
+        count = min(max(round(2.0 / self.interval), 2), self.delta.size)
+        for row, values, noise in zip(self.rows, self.samples, self.sample_sd, strict=True):
+            guess[row] = np.polynomial.Polynomial.fit(np.arange(count), values[:count], 1)(0)
+            sd[row] = np.ptp(values) + 10.0 * noise
+        return guess, sd
+
+
+def second_difference_sd(values: np.ndarray) -> np.ndarray:
+    """Standard deviation of white noise on smooth channels, shape (n_channels,) from (n_channels, n_time).
+
+    The median magnitude of y_{k+1} - 2 y_k + y_{k-1} over 0.6745 sqrt(6): blind to a smooth signal and to outliers, too
+    small for noise that is correlated in time.
+    """
+    return np.median(np.abs(np.diff(values, 2, axis=-1)), axis=-1) / _SECOND_DIFFERENCE
+
+
+def trajectory_run(
+    trial: xr.Dataset,
+    vessel: Vessel,
+    *,
+    channels: Sequence[str] | None = None,
+    noise_sd: Mapping[str, float] | None = None,
+    method: str = "rk4",
+) -> Run:
+    """Prepare a trial for the trajectory likelihood.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        Raw record with ``delta`` [rad] and any of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m]; uniform sampling.
+        A heading that jumps by a full circle is made continuous.
+    vessel : Vessel
+    channels : sequence of str, optional
+        Channels to fit; by default those of u, v, r, p, phi that the trial has.
+    noise_sd : mapping of str to float, optional
+        Standard deviation of the noise of single samples by channel; estimated from second differences where missing.
+    method : {"euler", "rk4"}, optional
+        Integrator, at steps of the sampling interval or at most 0.1 s.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    TrialError
+        For a channel that is missing, named twice or no state, values that are not finite, fewer than 20 blocks, a
+        channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
+    """
+    wanted = tuple(channels) if channels is not None else tuple(name for name in SENSORS if name in trial)
+    if "roll" not in vessel.dofs:
+        wanted = tuple(name for name in wanted if name not in ("p", "phi"))
+    unknown = [name for name in (*wanted, *(noise_sd or {})) if name not in STATE]
+    if unknown or not wanted or len(set(wanted)) < len(wanted) or method not in METHODS:
+        raise TrialError(
+            f"A trajectory is fitted to some of {', '.join(STATE)}, each once, with {' or '.join(METHODS)}, found "
+            f"{', '.join(unknown or wanted) or 'no channel'} with {method}; correct them."
+        )
+    check_trial(trial, (*wanted, "delta"))
+    interval = sampling_interval(trial)
+    block = max(1, round(BLOCK / interval))
+    if trial["time"].size < FEWEST_BLOCKS * block:
+        raise TrialError(
+            f"A trajectory is fitted to {FEWEST_BLOCKS * block} samples or more at {interval:g} s, found "
+            f"{trial['time'].size}; use a longer record."
+        )
+    samples = np.array([np.unwrap(trial[name]) if name == "psi" else trial[name] for name in wanted], dtype=float)
+    return Run(
+        channels=wanted,
+        samples=samples,
+        delta=np.ascontiguousarray(trial["delta"].values, dtype=float),
+        start=float(trial["time"].values[0]),
+        interval=interval,
+        block=block,
+        method=method,
+        substeps=int(np.ceil(interval / LONGEST_STEP - 1e-9)),
+        sample_sd=_sample_sd(wanted, samples, noise_sd or {}),
+        nominal_speed=vessel.particulars.nominal_speed,
+        rolls="roll" in vessel.dofs,
+    )
+
+
+def _sample_sd(channels: tuple[str, ...], samples: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
+    sd = second_difference_sd(samples)
+    for row, name in enumerate(channels):
+        sd[row] = given.get(name, sd[row])
+        if not 0.0 < sd[row] < np.inf:
+            raise TrialError(
+                f"The noise of channel {name} needs a positive standard deviation, found {sd[row]:g}; give it in "
+                "noise_sd (a channel without any noise has none to estimate)."
+            )
+    return sd

@@ -1,0 +1,257 @@
+"""Fit of a model to many short stretches of several runs, each restarted from a state of its own.
+
+Over a whole run the small errors of a model of a real ship add up until they say nothing about its coefficients; a
+course-unstable ship runs away from its own record. Over windows of five ship lengths the model is judged by what a
+forecast needs, its motion, and no window can hide behind another's errors. The initial state of each window is a
+nuisance; the noise of a channel is what the windows leave of it. Those residuals are model error, the same for seconds
+on end: beside the prior the windows count for as much as the scatter of their gradients says (Ribatet, Cooley &
+Davison 2012, doi:10.5705/ss.2009.248), and the covariance is that of those gradients (sandwich estimator).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from scipy.signal import savgol_filter
+
+from pymc_ship.motion.simulation import replay
+from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryFit, fit_trajectory, initial_problem, run_rows
+from pymc_ship.trajectory.prior import CoefficientPrior
+from pymc_ship.trajectory.runs import Run, trajectory_run
+from pymc_ship.trial.record import TrialError, sampling_interval
+from pymc_ship.vessel.vessel import Vessel
+
+LENGTH = 5.0
+"""Length of a window in L/U_nom, which is about the ship lengths it covers."""
+
+SAMPLES = 120
+"""Samples in L/U_nom; a faster record is averaged over so many."""
+
+_BLOCKS = 30  # in L/U, of the comparison
+_STEPS = 60  # in L/U, of the integration at least
+_SMOOTHED = 0.5  # L/U, under which a local cubic gives the state a window restarts from
+_FIRST_SD = {"u": 0.01, "v": 0.01, "r": 0.02, "p": 0.02, "phi": 0.01}  # of the speed or of U/L, or rad
+_PASSES = 6
+_SETTLED = 0.01
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window as a run of a trajectory fit, and the state it restarts from in the (smoothed) record, (n_states,)."""
+
+    run: Run
+    state: np.ndarray
+
+
+@dataclass(frozen=True)
+class WindowFit:
+    """Coefficients that fit windows of several runs.
+
+    Attributes
+    ----------
+    vessel : Vessel
+    coefficients : ndarray, shape (n_coefficients,)
+    from_windows, from_prior : ndarray, shape (n_coefficients, n_coefficients)
+        Parts of the covariance: the scatter of the estimate over windows like these, with the model error that differs
+        between them, and what the prior leaves open.
+    information : ndarray, shape (n_coefficients, n_coefficients)
+        Curvature of the negative log posterior, the initial states profiled out.
+    channel_sd : dict of str to float
+        Root mean square that the windows leave of each channel, SI.
+    dispersion : float
+        How many times less the windows count beside the prior than residuals independent of each other would.
+    n_windows : int
+    """
+
+    vessel: Vessel
+    coefficients: np.ndarray
+    from_windows: np.ndarray
+    from_prior: np.ndarray
+    information: np.ndarray
+    channel_sd: dict[str, float]
+    dispersion: float
+    n_windows: int
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the coefficients, both parts together."""
+        return self.from_windows + self.from_prior
+
+
+def thinned(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
+    """Record of a trial at :data:`SAMPLES` in L/U_nom, by means of samples; as it is where it is slower.
+
+    Raises
+    ------
+    TrialError
+        For a record shorter than one window.
+    """
+    unit, step = vessel.particulars.ship_time, sampling_interval(trial)
+    count = max(int(unit / SAMPLES / step + 1e-6), 1)
+    size = round(LENGTH * unit / (count * step))
+    if trial["time"].size // count < max(size // 2, 1):
+        raise TrialError(
+            f"A run to identify a ship from lasts half a window of {LENGTH:g} L/U = {LENGTH * unit:.3g} s at least, "
+            f"found {trial['time'].size * step:.3g} s; use a longer one."
+        )
+    if "psi" in trial:
+        trial = trial.assign(psi=("time", np.unwrap(trial["psi"].values), trial["psi"].attrs))
+    return trial if count == 1 else trial.coarsen(time=count, boundary="trim").mean(keep_attrs=True)
+
+
+def window_records(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
+    """Windows of a thinned record, one after the other; a rest of half a window or more is one, too."""
+    unit = vessel.particulars.ship_time
+    size = round(LENGTH * unit / sampling_interval(trial))
+    begins = range(0, trial["time"].size - size // 2 + 1, size)
+    return [trial.isel(time=slice(begin, begin + size)) for begin in begins]
+
+
+def prepared_windows(trial: xr.Dataset, vessel: Vessel) -> list[Window]:
+    """Windows of a thinned record for the fit and the score of a vessel's model."""
+    unit, step = vessel.particulars.ship_time, sampling_interval(trial)
+    channels = ("u", "v", "r", *(("p", "phi") if "roll" in vessel.dofs else ()))
+    size = {"u": vessel.particulars.nominal_speed, "v": vessel.particulars.nominal_speed, "phi": 1.0}
+    sd = {name: _FIRST_SD[name] * size.get(name, 1.0 / unit) for name in channels}
+    block, substeps = max(round(unit / _BLOCKS / step), 1), int(np.ceil(_STEPS * step / unit))
+    smooth = trial.assign({name: ("time", _smoothed(trial[name].values, unit / step)) for name in channels})
+    found = []
+    for window, start in zip(window_records(trial, vessel), window_records(smooth, vessel), strict=True):
+        run = replace(trajectory_run(window, vessel, channels=channels, noise_sd=sd), block=block, substeps=substeps)
+        state = run.initial_state[0].copy()
+        state[list(run.rows)] = [start[name].values[0] for name in channels]
+        found.append(Window(run, state))
+    return found
+
+
+def restarted(window: Window, vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
+    """Misfit of a window restarted from its measured state: record minus simulation, shape (n_channels, n_blocks).
+
+    NaN where the ship left the model's range.
+    """
+    run = window.run
+    motion = replay(vessel, run.delta, window.state, coefficients, block=run.block, **run.integration)
+    return run.means - motion[list(run.rows), 0]
+
+
+def _smoothed(values: np.ndarray, unit: float) -> np.ndarray:
+    """Channel under a local cubic of half an L/U of ``unit`` samples."""
+    size = max(round(_SMOOTHED * unit) | 1, 5)
+    return savgol_filter(values, size, 3) if size <= values.size else values
+
+
+def fit_windows(
+    windows: Sequence[Window],
+    vessel: Vessel,
+    prior: CoefficientPrior,
+    start: np.ndarray,
+    sd: dict[str, float] | None = None,
+) -> WindowFit:
+    """Fit coefficients to windows, the noise of each channel being what they leave of it.
+
+    Parameters
+    ----------
+    windows : sequence of Window
+        From :func:`prepared_windows`, of one or many trials; all have the same channels.
+    vessel : Vessel
+    prior : CoefficientPrior
+        Taken as stated: its scales are not tuned.
+    start : ndarray, shape (n_coefficients,)
+    sd : dict of str to float, optional
+        First guess of the noise by channel, SI.
+
+    Returns
+    -------
+    WindowFit
+
+    Raises
+    ------
+    TrajectoryError
+        When the start leaves the model's range or no minimum is found.
+    """
+    runs = [window.run for window in windows]
+    fixed = replace(prior, tuned=np.zeros_like(prior.tuned))
+    problem = initial_problem(runs, vessel, fixed)
+    unknowns = np.concatenate([start, *(window.state for window in windows)])
+    noise_sd = np.array([sd[name] for name in runs[0].channels]) if sd else runs[0].sample_sd
+    for _ in range(_PASSES):
+        fit = fit_trajectory(_with_noise(problem, noise_sd), unknowns)
+        square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
+        ratio = np.sqrt(square / sum(run.n_blocks for run in runs))
+        unknowns, noise_sd = fit.unknowns, noise_sd * ratio
+        if np.max(np.abs(np.log(ratio))) < _SETTLED:
+            break
+    dispersion = _dispersion(fit)
+    fit = fit_trajectory(_with_noise(problem, noise_sd * np.sqrt(dispersion)), unknowns)
+    from_windows, from_prior = _sandwich(fit)
+    return WindowFit(
+        vessel=vessel,
+        coefficients=fit.coefficients,
+        from_windows=from_windows,
+        from_prior=from_prior,
+        information=np.linalg.inv(fit.covariance),
+        channel_sd=dict(zip(runs[0].channels, noise_sd.tolist(), strict=True)),
+        dispersion=dispersion,
+        n_windows=len(runs),
+    )
+
+
+def _with_noise(problem: Problem, sd: np.ndarray) -> Problem:
+    """Problem with white noise of an sd for each channel."""
+    noise = tuple(Noise(sd, np.zeros(sd.size), offsets=False, values=run.means) for run in problem.runs)
+    return replace(problem, noise=noise)
+
+
+def _dispersion(fit: TrajectoryFit) -> float:
+    """Variance of the gradients of whole windows over that of residuals independent of each other, 1 or more.
+
+    The mean over the directions in which the windows, not the prior, determine the coefficients: tr(C G) / tr(C H),
+    with G the sum of squared gradients and H = C^-1 - P the curvature that is the windows' own.
+    """
+    C, G, P = fit.covariance, _squared_gradients(fit), _prior_precision(fit)
+    return max(float(np.trace(C @ G) / (len(C) - np.trace(C @ P))), 1.0)
+
+
+def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
+    """Parts C G C and C P C of the covariance: G the sum of squared gradients of the windows, P prior precision.
+
+    White (1982), doi:10.2307/1912526, with windows as clusters and the prior as one more observation; C is the
+    posterior covariance that residuals independent of each other would give.
+    """
+    C = fit.covariance
+    parts = (C @ middle @ C for middle in (_squared_gradients(fit), _prior_precision(fit)))
+    from_windows, from_prior = (0.5 * (part + part.T) for part in parts)
+    return from_windows, from_prior
+
+
+def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
+    """Prior precision of the coefficients, (n_coefficients, n_coefficients)."""
+    n = fit.problem.n_coefficients
+    return np.diag(fit.problem.precision[:n] / fit.problem.unit[:n] ** 2)
+
+
+def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
+    """Sum over windows of g g', g the gradient of a window's log likelihood, times n / (n - 1) of n windows."""
+    problem: Problem = fit.problem
+    n = problem.n_coefficients
+    gradients = []
+    for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
+        rows = run_rows(problem.vessel, run, noise, fit.coefficients, fit.unknowns[place])
+        gradients.append(sum(design[:, :n].T @ misfit for misfit, design in rows))
+    g, count = np.array(gradients), len(gradients)
+    return g.T @ g * (count / max(count - 1, 1))
+
+
+def widened(fit: WindowFit, factor: float) -> WindowFit:
+    """Fit whose estimate scatters over windows by so many times more; what the prior leaves open stays as it is."""
+    return replace(fit, from_windows=factor**2 * fit.from_windows)
+
+
+def normal_draws(fit: WindowFit, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws (count, n_coefficients) from the normal law of a fit."""
+    values, vectors = np.linalg.eigh(fit.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return fit.coefficients + rng.standard_normal((count, values.size)) @ root.T

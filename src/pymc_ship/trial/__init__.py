@@ -1,0 +1,1 @@
+"""The record of a trial: read, checked for form, written and polluted."""

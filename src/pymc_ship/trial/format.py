@@ -1,0 +1,223 @@
+"""The format of a trial file as a small TOML: columns, units and signs, frame, scale; described in README.md."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pymc_ship.machine.toml import toml_table
+from pymc_ship.trial.columns import SI, unit_factor
+from pymc_ship.trial.record import TrialError
+
+DELIMITERS = (",", ";", "\t", " ")
+"""Delimiters of a trial file; the space stands for any white space."""
+
+_FRAME = {
+    "velocities": ("body", "earth"),
+    "heading": ("clockwise", "counterclockwise", "compass"),
+    "rudder_positive": ("port", "starboard"),
+}
+_FROUDE_POWER = {"s": 0.5, "m": 1.0, "m/s": 0.5, "rad": 0.0, "rad/s": -0.5, "rev/s": -0.5, "N": 3.0, "N m": 4.0}
+
+
+@dataclass(frozen=True)
+class TrialFormat:
+    """How a trial file is to be read; the default is a file in the package's own units and signs.
+
+    Attributes
+    ----------
+    columns : dict
+        Channel -> ``{"column", "unit", "sign", "offset"}``; the headings say the rest.
+    velocities : {"body", "earth"}
+        Whether u and v are along the ship or along the axes of x and y.
+    reference : float
+        Point whose velocity u and v are, forward of the origin [m].
+    heading : {"clockwise", "counterclockwise", "compass"}
+        Positive sense of psi; a compass heading is clockwise and in deg where nothing else is stated.
+    rudder_positive : {"port", "starboard"}
+        Side to which a positive rudder angle turns the ship.
+    froude : float
+        Length of the ship over that of the model.
+    delimiter : str or None
+        One of :data:`DELIMITERS`; found from the header by default.
+    skip_rows : int
+        Lines before the header.
+    """
+
+    columns: dict[str, dict] = field(default_factory=dict)
+    velocities: str = "body"
+    reference: float = 0.0
+    heading: str = "clockwise"
+    rudder_positive: str = "port"
+    froude: float = 1.0
+    delimiter: str | None = None
+    skip_rows: int = 0
+
+    @property
+    def unstated_units(self) -> dict[str, str]:
+        """Unit of each channel where neither heading nor format states one."""
+        return SI | {"psi": "deg"} if self.heading == "compass" else SI
+
+
+def load_format(source: str | Path | Mapping | None) -> TrialFormat:
+    """Read and check a format.
+
+    Parameters
+    ----------
+    source : str, Path, mapping or None
+        Path of a TOML file, or the table in it; None for the package's own format.
+
+    Returns
+    -------
+    TrialFormat
+
+    Raises
+    ------
+    TrialError
+        For a file that cannot be read, unknown keys and values that do not fit.
+    """
+    if source is None:
+        return TrialFormat()
+    if isinstance(source, Mapping):
+        return _format(source, "The format")
+    return _format(toml_table(source, "The format file", TrialError), str(source))
+
+
+def _format(table: Mapping, where: str) -> TrialFormat:
+    _check_keys(table, ("columns", "frame", "scale", "delimiter", "skip_rows"), where, "")
+    frame, scale = _table(table, "frame", where), _table(table, "scale", where)
+    _check_keys(frame, (*_FRAME, "reference"), where, "frame.")
+    _check_keys(scale, ("froude",), where, "scale.")
+    for key, known in _FRAME.items():
+        _check_choice(frame.get(key, known[0]), known, where, f"frame.{key}")
+    _check_choice(table.get("delimiter", ","), DELIMITERS, where, "delimiter")
+    skip_rows, froude = table.get("skip_rows", 0), _number(scale.get("froude", 1.0), where, "scale.froude")
+    if isinstance(skip_rows, bool) or not isinstance(skip_rows, int) or skip_rows < 0:
+        raise TrialError(f"{where}: skip_rows must be a whole number from 0 up, found {skip_rows!r}.")
+    if froude <= 0.0:
+        raise TrialError(f"{where}: scale.froude must be positive, found {froude:g}.")
+    reference = frame.get("reference", 0.0)
+    reference = 0.0 if reference in ("origin", "midship") else _number(reference, where, "frame.reference")
+    return TrialFormat(
+        columns=_columns(_table(table, "columns", where), where),
+        **{key: frame[key] for key in _FRAME if key in frame},
+        reference=reference,
+        froude=froude,
+        delimiter=table.get("delimiter"),
+        skip_rows=skip_rows,
+    )
+
+
+def _columns(table: Mapping, where: str) -> dict[str, dict]:
+    _check_keys(table, SI, where, "columns.")
+    columns = {}
+    for channel, entry in table.items():
+        choice = dict(entry) if isinstance(entry, Mapping) else {"column": entry}
+        key = f"columns.{channel}"
+        _check_keys(choice, ("column", "unit", "sign", "offset"), where, f"{key}.")
+        if not isinstance(choice.get("column"), str) or not choice["column"].strip():
+            raise TrialError(f"{where}: {key} must be the heading of a column, found {choice.get('column')!r}.")
+        if "unit" in choice and (not isinstance(choice["unit"], str) or not unit_factor(choice["unit"], SI[channel])):
+            raise TrialError(f"{where}: {key}.unit must be a unit like {SI[channel]}, found {choice['unit']!r}.")
+        sign = _number(choice.get("sign", 1), where, f"{key}.sign")
+        if abs(sign) != 1.0:
+            raise TrialError(f"{where}: {key}.sign must be 1 or -1, found {sign:g}.")
+        offset = _number(choice.get("offset", 0.0), where, f"{key}.offset")
+        columns[channel] = {**choice, "sign": sign, "offset": offset}
+    return columns
+
+
+def _table(table: Mapping, key: str, where: str) -> Mapping:
+    found = table.get(key, {})
+    if not isinstance(found, Mapping):
+        raise TrialError(f"{where}: {key} must be a table, found {found!r}.")
+    return found
+
+
+def _check_keys(table: Mapping, known: Iterable[str], where: str, prefix: str) -> None:
+    for key in table:
+        if key not in known:
+            raise TrialError(f"{where}: unknown key {prefix}{key}; known here are {', '.join(known)}.")
+
+
+def _check_choice(value: object, known: tuple[str, ...], where: str, key: str) -> None:
+    if value not in known:
+        raise TrialError(f"{where}: {key} must be one of {', '.join(map(repr, known))}; found {value!r}.")
+
+
+def _number(value: object, where: str, key: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise TrialError(f"{where}: {key} must be a finite number, found {value!r}.")
+    return float(value)
+
+
+def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Channels with psi clockwise and without jumps of a full turn, a positive delta to port; sentences on it."""
+    signed, notes = dict(channels), []
+    if layout.heading == "counterclockwise" and "psi" in signed:
+        signed["psi"] = -signed["psi"]
+        notes.append("psi changed in sign: the file counts it counterclockwise.")
+    if layout.rudder_positive == "starboard" and "delta" in signed:
+        signed["delta"] = -signed["delta"]
+        notes.append("delta changed in sign: the file counts it positive to starboard.")
+    if "psi" in signed:
+        signed["psi"], jumps = _without_jumps(signed["psi"])
+        notes += [f"psi made continuous over {jumps} jump{'s' if jumps > 1 else ''} of 360 deg."] if jumps else []
+    return signed, notes
+
+
+def _without_jumps(psi: np.ndarray) -> tuple[np.ndarray, int]:
+    """Heading that runs through, where it is given within one turn, and the number of jumps taken out."""
+    known = np.isfinite(psi)
+    inside = psi[known]
+    jumps = int((np.abs(np.diff(inside)) > 1.5 * np.pi).sum())
+    if not jumps or np.ptp(inside) > 2.0 * np.pi * 1.001:
+        return psi, 0
+    through = psi.copy()
+    through[known] = np.unwrap(inside, discont=1.5 * np.pi)
+    return through, jumps
+
+
+def at_origin(
+    channels: dict[str, np.ndarray], layout: TrialFormat, where: str
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Channels with u and v along the ship and at the origin; sentences on what was done.
+
+    Raises
+    ------
+    TrialError
+        When a channel that this needs is missing.
+    """
+    moved, notes = dict(channels), []
+    if layout.velocities == "earth":
+        _check_channels(moved, ("u", "v", "psi"), "velocities = 'earth'", where)
+        cosine, sine = np.cos(moved["psi"]), np.sin(moved["psi"])
+        u, v = moved["u"], moved["v"]
+        moved |= {"u": u * cosine + v * sine, "v": v * cosine - u * sine}
+        notes.append("u, v turned from earth-fixed axes into the ship's by psi.")
+    if layout.reference:
+        _check_channels(moved, ("v", "r"), f"reference = {layout.reference:g}", where)
+        moved["v"] = moved["v"] - layout.reference * moved["r"]
+        notes.append(f"v moved to the origin from a point {layout.reference:g} m forward of it.")
+    return moved, notes
+
+
+def _check_channels(channels: dict, needed: tuple[str, ...], setting: str, where: str) -> None:
+    missing = [name for name in needed if name not in channels]
+    if missing:
+        raise TrialError(f"{where}: {setting} needs the channels {', '.join(needed)}; {', '.join(missing)} missing.")
+
+
+def full_scale(
+    time: np.ndarray, channels: dict[str, np.ndarray], froude: float
+) -> tuple[np.ndarray, dict[str, np.ndarray], list[str]]:
+    """Time and channels of the ship from those of its model, by Froude's law; sentences on it."""
+    if froude == 1.0:
+        return time, channels, []
+    scaled = {name: values * froude ** _FROUDE_POWER[SI[name]] for name, values in channels.items()}
+    note = f"Scaled to the ship by Froude's law: lengths x {froude:g}, speeds and times x {math.sqrt(froude):.4g}."
+    return time * math.sqrt(froude), scaled, [note]

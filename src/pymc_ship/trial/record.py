@@ -1,0 +1,126 @@
+"""The record of a trial: an xr.Dataset over time with SNAME names, SI units and rad; checked and written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.machine.files import staged
+
+UNITS = {
+    "u": "m/s",
+    "v": "m/s",
+    "r": "rad/s",
+    "p": "rad/s",
+    "phi": "rad",
+    "psi": "rad",
+    "x": "m",
+    "y": "m",
+    "delta": "rad",
+}
+"""Channels of a trial and their units."""
+
+CHANNELS = tuple(UNITS)
+
+EXTRA_UNITS = {"n": "rev/s", "thrust": "N", "torque": "N m"}
+"""Channels of the propeller that a record may have beside them."""
+
+
+class TrialError(ValueError):
+    """A record that cannot be used; the sentence names the channel and the place."""
+
+
+def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = True) -> xr.Dataset:
+    """Check that a trial holds finite channels over increasing, uniform time.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+    channels : iterable of str
+        Channels that must be there.
+    uniform : bool, optional
+        Whether the sampling interval must be constant (see :func:`is_uniform`).
+
+    Returns
+    -------
+    Dataset
+        The trial itself.
+
+    Raises
+    ------
+    TrialError
+        For channels that are missing or depend on more than time, NaN or infinity, times that do not increase or are
+        not uniform.
+    """
+    if "time" not in trial.coords:
+        raise TrialError("A trial is a Dataset over the coordinate time [s], found none; add it.")
+    missing = [name for name in channels if name not in trial]
+    if missing:
+        raise TrialError(f"The trial needs the channels {', '.join(channels)}; {', '.join(missing)} missing; add them.")
+    time = trial["time"].values
+    for name in channels:
+        if trial[name].dims != ("time",):
+            raise TrialError(
+                f"Channel {name} must be a function of time alone, found dims {trial[name].dims}; select one run."
+            )
+        bad = np.flatnonzero(~np.isfinite(trial[name].values))
+        if bad.size:
+            raise TrialError(
+                f"Channel {name} must be finite, found {bad.size} bad values, the first at t = {time[bad[0]]:g} s; "
+                "cut or fill them."
+            )
+    intervals = np.diff(time)
+    if not np.isfinite(time).all() or (intervals <= 0.0).any():
+        raise TrialError("The time of a trial must be finite and increase; sort the record and drop repeated rows.")
+    if uniform and not is_uniform(time):
+        raise TrialError(
+            f"The sampling of a trial must be uniform, found steps of {intervals.min():g} to {intervals.max():g} s; "
+            "resample the record."
+        )
+    return trial
+
+
+def is_uniform(time: np.ndarray) -> bool:
+    """Whether increasing times have a constant step: within 1e-6 of it, or as rounding to the microsecond leaves it."""
+    intervals = np.diff(time)
+    if not intervals.size:
+        return True
+    step = intervals.mean()
+    return bool(np.ptp(intervals) <= 1e-6 * step + min(1e-6, 1e-3 * step) + 1e-9 and intervals.min() > 0.0)
+
+
+def sampling_interval(trial: xr.Dataset) -> float:
+    """Mean sampling interval of a trial [s]."""
+    time = trial["time"].values
+    if time.size < 2:
+        raise TrialError(f"A trial has at least two samples, found {time.size}; check the record.")
+    return float((time[-1] - time[0]) / (time.size - 1))
+
+
+def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
+    """Write the channels of a trial to CSV, moved into place when complete; read back to the last digit.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+    path : str or Path
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+    """
+    path = Path(path)
+    names = [name for name in (*CHANNELS, *EXTRA_UNITS) if name in trial]
+    table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
+    with staged(path) as partial, partial.open("w", encoding="utf-8") as file:
+        file.write(",".join(["time", *names]) + "\n")
+        file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
+    return path

@@ -1,0 +1,296 @@
+"""A uniform time base for a recorded trial: rounded and repeated stamps, jitter, gaps and missing cells.
+
+Everything that is changed is told in a sentence with its numbers; what cannot be mended is cut or refused.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from decimal import Decimal
+
+import numpy as np
+
+from pymc_ship.trial.record import EXTRA_UNITS, TrialError, is_uniform
+
+FILLED_SAMPLES, FILLED_SECONDS = 5, 2.0
+"""Longest run of missing samples that is interpolated: whichever of the two is longer."""
+
+_STRAY_SHARE = 0.01
+"""Rows whose stamps go back that are left out singly; more of them are another run."""
+
+_TICKING_SHARE = 0.1
+"""Repeated stamps from which a coarse clock is the explanation."""
+
+_FEWEST_DIGITS = 3
+"""Significant digits that stamps have at least; those of whole tens of seconds are not rounded to one."""
+
+_MOST_SAMPLES = 10
+"""Samples after resampling over those before, at most."""
+
+Channels = dict[str, np.ndarray]
+
+
+def rounding(cells: np.ndarray) -> np.ndarray:
+    """Unit in the last place to which time stamps are rounded, from their decimals and significant digits.
+
+    Parameters
+    ----------
+    cells : ndarray, shape (n_time,)
+        Stamps as printed; NaN where there is none.
+
+    Returns
+    -------
+    ndarray, shape (n_time,)
+        The coarser of the last decimal and the last significant digit that any stamp uses; 0 where there is none.
+    """
+    known = np.isfinite(cells)
+    printed = [Decimal(repr(value)).normalize().as_tuple() for value in cells[known].tolist()]
+    decimals = max((-number.exponent for number in printed), default=0)
+    digits = max((len(number.digits) for number in printed), default=0)
+    magnitude = np.floor(np.log10(np.maximum(np.abs(cells[known]), 1e-300)))
+    quantum = np.zeros_like(cells)
+    quantum[known] = np.maximum(10.0**-decimals, 10.0 ** (magnitude + 1 - max(digits, _FEWEST_DIGITS)))
+    return quantum
+
+
+def regular(time: np.ndarray, quantum: np.ndarray, channels: Mapping, where: str) -> tuple[np.ndarray, Channels, list]:
+    """Uniform time and finite channels.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n_time,)
+        Stamps [s]; NaN where there is none.
+    quantum : ndarray, shape (n_time,)
+        What each stamp is rounded to [s].
+    channels : mapping of str to ndarray, shape (n_time,)
+        NaN where a cell is missing.
+    where : str
+        Name of the file, for errors.
+
+    Returns
+    -------
+    ndarray, dict of ndarray, list of str
+        Time, channels and a sentence on each thing that was done.
+
+    Raises
+    ------
+    TrialError
+        When fewer than two samples are left or the sampling is too uneven.
+    """
+    channels, notes = dict(channels), []
+    keep = np.isfinite(time)
+    if not keep.all():
+        notes.append(f"{_count((~keep).sum(), 'row')} without a time left out.")
+        time, quantum, channels = _rows(keep, time, quantum, channels)
+    for step in (_increasing, _filled, _longest_piece):
+        time, quantum, channels, said = step(time, quantum, channels, where)
+        notes += said
+    if time.size < 2 or not channels:
+        raise TrialError(f"{where}: a trial has at least two complete rows, found {time.size}; check its cells.")
+    if is_uniform(time):
+        return time, channels, notes
+    time, channels, said = _uniform(time, quantum, channels, where)
+    return time, channels, [*notes, said]
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' if number != 1 else ''}"
+
+
+def _rows(keep: np.ndarray, time: np.ndarray, quantum: np.ndarray, channels: Channels):
+    return time[keep], quantum[keep], {name: values[keep] for name, values in channels.items()}
+
+
+def _increasing(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str):
+    """Rows whose stamps never go back: strays left out, or the longest run between two jumps back."""
+    back = np.flatnonzero(np.diff(time) < 0.0)
+    if not back.size:
+        return time, quantum, channels, []
+    keep = _longest_increasing(time.tolist())
+    if keep.size >= (1.0 - _STRAY_SHARE) * time.size - 1.0:
+        stray = _count(time.size - keep.size, "row")
+        said = f"{stray} out of the order of time left out, the first near t = {time[back[0]]:g} s."
+    else:
+        bounds = np.concatenate([[0], back + 1, [time.size]])
+        longest = int(np.argmax(np.diff(bounds)))
+        keep = np.arange(bounds[longest], bounds[longest + 1])
+        said = (
+            f"Time goes back {_count(back.size, 'time')}, the first at t = {time[back[0]]:g} s: the longest run "
+            f"kept, {keep.size} of {time.size} rows, t = {time[keep[0]]:g} to {time[keep[-1]]:g} s; split the file "
+            "for the rest."
+        )
+    return *_rows(keep, time, quantum, channels), [said]
+
+
+def _longest_increasing(stamps: list[float]) -> np.ndarray:
+    """Indices of the longest subsequence that never goes back (patience sorting)."""
+    ends: list[float] = []
+    places: list[int] = []
+    before = []
+    for index, stamp in enumerate(stamps):
+        pile = bisect_right(ends, stamp)
+        before.append(places[pile - 1] if pile else -1)
+        if pile == len(ends):
+            ends.append(stamp)
+            places.append(index)
+        else:
+            ends[pile], places[pile] = stamp, index
+    chain = [places[-1]]
+    while before[chain[-1]] >= 0:
+        chain.append(before[chain[-1]])
+    return np.array(chain[::-1])
+
+
+def typical_step(time: np.ndarray) -> float:
+    """Step of increasing stamps that may be repeated and may have gaps [s]."""
+    steps = np.diff(time)
+    if (steps > 0.0).all():
+        return float(np.median(steps))
+    width = min(time.size - 1, max(50, time.size // 20))
+    return float(np.median(time[width:] - time[:-width]) / width)
+
+
+def _longest_fill(time: np.ndarray) -> float:
+    return 1.001 * max((FILLED_SAMPLES + 1) * typical_step(time), FILLED_SECONDS)
+
+
+def _filled(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str):
+    """Short runs of missing cells interpolated; channels that miss most are left out, rows of long runs dropped."""
+    if time.size < 2:
+        return time, quantum, channels, []
+    keep, filled, notes = np.ones(time.size, dtype=bool), {}, []
+    for name, values in channels.items():
+        missing = ~np.isfinite(values)
+        if not missing.any():
+            filled[name] = values
+            continue
+        short = _short_runs(missing, time, _longest_fill(time))
+        long = missing & ~short
+        if long.sum() > 0.5 * time.size or (name in EXTRA_UNITS and long.any()) or missing.all():
+            notes.append(f"{name} left out: {missing.sum()} of {time.size} cells are missing.")
+            continue
+        filled[name] = values.copy()
+        filled[name][short] = np.interp(np.flatnonzero(short), np.flatnonzero(~missing), values[~missing])
+        if short.any():
+            notes.append(f"{name}: {short.sum()} of {time.size} cells missing, filled by interpolation.")
+        if long.any():
+            notes.append(f"{name}: {long.sum()} cells missing in longer runs or at an end, their rows left out.")
+        keep &= ~long
+    return *_rows(keep, time, quantum, filled), notes
+
+
+def _short_runs(missing: np.ndarray, time: np.ndarray, longest: float) -> np.ndarray:
+    """Missing samples in runs between two that are there and not too far apart."""
+    there = np.flatnonzero(~missing)
+    if there.size < 2:
+        return np.zeros_like(missing)
+    after = np.searchsorted(there, np.arange(missing.size))
+    inside = (after > 0) & (after < there.size)
+    last, following = there[np.clip(after - 1, 0, None)], there[np.clip(after, None, there.size - 1)]
+    return missing & inside & (time[following] - time[last] <= longest)
+
+
+def _longest_piece(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str):
+    """Longest piece between two gaps that are too long to be filled."""
+    if time.size < 2:
+        return time, quantum, channels, []
+    limit = _longest_fill(time)
+    cuts = np.flatnonzero(np.diff(time) > limit + quantum[1:]) + 1
+    if not cuts.size:
+        return time, quantum, channels, []
+    bounds = np.concatenate([[0], cuts, [time.size]])
+    first, last = max(zip(bounds[:-1], bounds[1:] - 1, strict=True), key=lambda piece: time[piece[1]] - time[piece[0]])
+    gap = cuts[np.argmax(time[cuts] - time[cuts - 1])]
+    said = (
+        f"{_count(cuts.size, 'gap')} of more than {limit:.3g} s, the longest from {time[gap - 1]:g} "
+        f"to {time[gap]:g} s: the longest piece kept, {last - first + 1} of {time.size} rows, t = {time[first]:g} to "
+        f"{time[last]:g} s; split the file for the rest."
+    )
+    return *_rows(slice(first, last + 1), time, quantum, channels), [said]
+
+
+def _uniform(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str) -> tuple[np.ndarray, Channels, str]:
+    """Channels on a uniform grid: the stamps' own, where rounding explains them, or the mean step."""
+    steps, n = np.diff(time), time.size
+    found = f"steps from {steps.min():.4g} to {steps.max():.4g} s"
+    repeated = int((steps == 0.0).sum())
+    for places, tolerance in _explanations(time, quantum):
+        line = _line(places, time, tolerance)
+        if line is None:
+            continue
+        begin, step = line
+        grid = np.arange(places[-1] + 1)
+        resampled = {name: np.interp(grid, places, values) for name, values in channels.items()}
+        change = np.abs(begin + step * places - time).max()
+        said = []
+        if change > 1e-3 * step:
+            again = f"{repeated} of {n} time stamps repeated, " if repeated else ""
+            said.append(
+                f"{again}{found}, as rounding makes them: replaced by a uniform step of {step:.7g} s (largest change "
+                f"{change:.2g} s)"
+            )
+        if grid.size > n:
+            said.append(
+                f"{_count((np.diff(places) > 1).sum(), 'gap')} of up to "
+                f"{_count(np.diff(places).max() - 1, 'sample')}: {grid.size - n} filled by interpolation"
+            )
+        return begin + step * grid, resampled, "; ".join(said or [f"{found} made uniform"]) + "."
+    return _resampled(time, channels, where, found)
+
+
+def _resampled(time: np.ndarray, channels: Channels, where: str, found: str) -> tuple[np.ndarray, Channels, str]:
+    """Channels interpolated at the mean step without gaps, so that jitter leaves every sample near its place."""
+    first = np.concatenate([[True], np.diff(time) > 0.0])
+    time, repeated = time[first], int((~first).sum())
+    if time.size < 2:
+        raise TrialError(f"{where}: the time of a trial must increase, found {time[0]:g} s in every row; correct it.")
+    steps = np.diff(time)
+    step = float(steps[steps < 1.5 * np.median(steps)].mean())
+    count = (time[-1] - time[0]) / step
+    if not count < _MOST_SAMPLES * first.size:
+        raise TrialError(f"{where}: the sampling is too uneven to be resampled, found {found}; correct its time.")
+    grid = time[0] + step * np.arange(int(count + 1e-6) + 1)
+    resampled = {name: np.interp(grid, time, values[first]) for name, values in channels.items()}
+    said = f"{_count(repeated, 'row')} with repeated time stamps left out; " if repeated else ""
+    return grid, resampled, f"{said}{found}: resampled to the mean step of {step:.7g} s by interpolation."
+
+
+def _explanations(time: np.ndarray, quantum: np.ndarray):
+    """Places of the samples on a uniform grid and how far their stamps may be off, the likeliest first."""
+    every, steps = np.arange(time.size), np.diff(time)
+    positive = steps[steps > 0.0]
+    if not positive.size:
+        return
+    tolerance, step = 0.5 * quantum, float(np.median(positive))
+    multiples = np.maximum(np.round(steps / step), 1.0)
+    with_gaps = np.concatenate([[0], np.cumsum(np.where(steps > 1.5 * step + 0.5 * quantum[1:], multiples, 1.0))])
+    whole = (np.abs(steps / step - multiples) < 1e-3).all() and (multiples > 1.0).mean() < 0.05
+    if whole:
+        yield np.concatenate([[0], np.cumsum(multiples)]).astype(int), tolerance
+    yield every, tolerance
+    if with_gaps[-1] > every[-1] and with_gaps[-1] < _MOST_SAMPLES * time.size:
+        yield with_gaps.astype(int), tolerance
+    if positive.size < (1.0 - _TICKING_SHARE) * steps.size:
+        yield every, np.maximum(tolerance, step)
+
+
+def _line(places: np.ndarray, time: np.ndarray, tolerance: np.ndarray) -> tuple[float, float] | None:
+    """Begin and step of a line that misses no stamp by more than its tolerance; None where there is none."""
+    step = (time[-1] - time[0]) / places[-1]
+    tolerance = tolerance + 1e-6 * step
+    if step > 0.0 and (np.abs(time[0] + step * places - time) <= tolerance).all():
+        return float(time[0]), float(step)
+    from scipy.optimize import linprog
+
+    ones = np.ones(time.size)
+    table = np.column_stack([ones, places, -tolerance])
+    found = linprog(
+        [0.0, 0.0, 1.0],
+        A_ub=np.vstack([table, table * [-1.0, -1.0, 1.0]]),
+        b_ub=np.concatenate([time, -time]) - np.concatenate([time[0] * ones, -time[0] * ones]),
+        bounds=[(None, None), (None, None), (0.0, None)],
+    )
+    if found.status != 0 or found.x[2] > 1.0 + 1e-6 or found.x[1] <= 0.0:
+        return None
+    return float(time[0] + found.x[0]), float(found.x[1])

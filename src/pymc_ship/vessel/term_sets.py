@@ -1,0 +1,124 @@
+"""Term sets that hold up when they are trained on zigzags: compact, without free powers of the speed.
+
+A full polynomial of a container ship has a hundred coefficients, of which a few zigzags determine a third. These sets
+have about twenty: what a hull does in drift and yaw as squares (cross flow) or cubes, and a rudder. Where the vessel
+states its propeller, forces scale with its loading g(u_a) and straight-line surge follows thrust and resistance, so
+that a turning circle, in which the ship loses half its speed, stays within what physics allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from pymc_ship.vessel.vessel import LETTER, Coefficient, Vessel, VesselError
+
+OWN = "own terms"
+"""Name of the terms that the vessel file itself has."""
+
+_SQUARES = ("v|v|", "v|r|", "r|v|", "r|r|")
+_CUBES = ("vvv", "vvr", "vrr", "rrr")
+
+
+@dataclass(frozen=True)
+class TermSet:
+    """Terms of surge and of sway and yaw alike, and what they stand for."""
+
+    surge: tuple[str, ...]
+    lateral: tuple[str, ...]
+    propeller: bool
+    about: str
+
+    @property
+    def coefficients(self) -> dict[str, list[str]]:
+        """Names of the coefficients by degree of freedom."""
+        rows = {"surge": self.surge, "sway": self.lateral, "yaw": self.lateral}
+        return {dof: [f"{LETTER[dof]}{term}" for term in row] for dof, row in rows.items()}
+
+
+def _loaded(hull: tuple[str, ...], about: str) -> TermSet:
+    return TermSet(("T", "vv", "vr", "rr", "gdeltadelta"), ("0", *hull, "gdelta"), True, about)
+
+
+def _by_g(terms: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"g{term}" for term in terms)
+
+
+TERM_SETS = {
+    "quadratic": TermSet(
+        ("u", "vv", "vr", "rr", "deltadelta"),
+        ("0", "v", "r", *_SQUARES, "delta", "deltau"),
+        False,
+        "linear and quadratic in v and r, rudder linear in the speed loss",
+    ),
+    "cubic": TermSet(
+        ("u", "vv", "vr", "rr", "deltadelta"),
+        ("0", "v", "r", *_CUBES, "delta", "deltau"),
+        False,
+        "linear and cubic in v and r, rudder linear in the speed loss",
+    ),
+    "loading": _loaded(
+        _by_g(("v", "r", *_SQUARES)), "linear and quadratic in v and r, all of it by the propeller's loading"
+    ),
+    "hull and loading": _loaded(
+        ("v", "r", *_by_g(("v", "r", *_SQUARES))), "as `loading`, with linear forces that the propeller leaves alone"
+    ),
+    "hull and loading, cubic": _loaded(
+        ("v", "r", "gv", "gr", *_CUBES), "linear by the loading and beside it, cubic beside it"
+    ),
+    "hull and loading, cubic rudder": TermSet(
+        ("T", "vv", "vr", "rr", "gdeltadelta"),
+        ("0", "v", "r", "gv", "gr", *_CUBES, "gdelta", "gdeltadeltadelta"),
+        True,
+        "linear by the loading and beside it, cubic beside it, rudder linear and cubic",
+    ),
+    "hull beside loading": _loaded(
+        ("v", "r", "gv", "gr", *_SQUARES), "linear by the loading and beside it, quadratic beside it"
+    ),
+}
+"""Term sets by name."""
+
+
+def term_sets(vessel: Vessel) -> tuple[str, ...]:
+    """Names of the sets a vessel can have.
+
+    Those by the propeller's loading where it states its propeller, the plain ones else; before them its own terms where
+    no set holds them all: then the file is a model of its own.
+    """
+    wanted = vessel.propeller is not None
+    names = tuple(name for name, terms in TERM_SETS.items() if terms.propeller == wanted)
+    own = {c.name for force in vessel.forces.values() for c in force}
+    held = any(own <= set().union(*TERM_SETS[name].coefficients.values()) for name in names)
+    return names if held else (OWN, *names)
+
+
+def with_terms(vessel: Vessel, name: str) -> Vessel:
+    """Vessel with the terms of a set in place of its own.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    name : str
+        One of :data:`TERM_SETS`, or :data:`OWN` for the vessel as it is.
+
+    Returns
+    -------
+    Vessel
+        Surge, sway and yaw; a coefficient that the vessel has, too, keeps its value, its sd and its source, the others
+        are 0.
+
+    Raises
+    ------
+    VesselError
+        For an unknown set, or one that needs a propeller the vessel does not state.
+    """
+    if name == OWN:
+        return vessel
+    if name not in TERM_SETS:
+        raise VesselError(f"A term set is one of {', '.join((OWN, *TERM_SETS))}; found {name!r}; choose one of them.")
+    chosen = TERM_SETS[name]
+    if chosen.propeller and vessel.propeller is None:
+        raise VesselError(f"The terms {name!r} need the propeller of {vessel.name!r}; add the table [propeller].")
+    held = {c.name: c for force in vessel.forces.values() for c in force}
+    names = chosen.coefficients
+    forces = {dof: tuple(held.get(name, Coefficient(name, 0.0)) for name in row) for dof, row in names.items()}
+    return replace(vessel, forces=forces)

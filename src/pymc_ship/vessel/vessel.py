@@ -1,0 +1,369 @@
+"""A vessel as data: particulars, inertia, the terms of each force and their reference coefficients.
+
+Every value comes from one TOML file; the format is described in README.md and checked here key by key.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forces.propeller import Propeller
+from pymc_ship.forces.terms import UnknownTerm, factors, loaded
+from pymc_ship.machine.toml import toml_table
+
+DOFS = ("surge", "sway", "yaw", "roll")
+"""Degrees of freedom, in the order of the equations of motion."""
+
+LETTER = {"surge": "X", "sway": "Y", "yaw": "N", "roll": "K"}
+"""First letter of a coefficient's name: X and Y are forces, N and K are moments."""
+
+ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Ypdot", "Nvdot", "Nrdot", "Npdot", "Kvdot", "Krdot", "Kpdot")
+"""Acceleration derivatives; those a vessel without roll does not have are zero."""
+
+_PUBLISHED = ("published", "published_error")
+_DETAILS = {"value", "source", "sign_source", "note"}
+_OF_COEFFICIENTS = {"sd", *_PUBLISHED}
+_PACKAGE = Path(__file__).parents[1]
+SHIPPED = _PACKAGE / "models" if (_PACKAGE / "models").is_dir() else _PACKAGE.parents[1] / "models"
+
+
+class VesselError(ValueError):
+    """A vessel file that cannot be used; the sentence names the key."""
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One hydrodynamic coefficient: name (``Yv|v|``), prime value and where both number and sign come from.
+
+    ``sd`` is the standard deviation of what is known of the value beforehand, NaN where nothing is.
+    """
+
+    name: str
+    value: float
+    source: str = ""
+    sign_source: str = ""
+    note: str = ""
+    published: dict[str, float] = field(default_factory=dict)
+    published_error: dict[str, float] = field(default_factory=dict)
+    sd: float = math.nan
+
+    @property
+    def term(self) -> str:
+        """The polynomial term the coefficient multiplies: ``v|v|`` for ``Yv|v|``."""
+        return self.name[1:]
+
+
+@dataclass(frozen=True)
+class Particulars:
+    """Main particulars in SI units; ``rudder_rate_deg`` is in deg/s.
+
+    ``rudder_delay`` [s] is the time from the switching heading of a zigzag to the rudder's first movement.
+    ``x_G`` forward and ``z_G`` below the origin [m], ``volume`` the displacement volume [m3], ``GM`` and ``BM`` [m],
+    ``d`` the draught [m], 0 where it is not stated.
+    """
+
+    L: float
+    B: float
+    volume: float
+    nominal_speed: float
+    rudder_rate_deg: float
+    x_G: float = 0.0
+    z_G: float = 0.0
+    GM: float = 0.0
+    BM: float = 0.0
+    rudder_delay: float = 0.0
+    d: float = 0.0
+
+    @property
+    def ship_time(self) -> float:
+        """Time in which the ship covers her length at the nominal speed, L/U [s]."""
+        return self.L / self.nominal_speed
+
+
+@dataclass(frozen=True)
+class Vessel:
+    """A manoeuvring model: particulars, prime inertia, added mass, coefficients of each DOF, perhaps a propeller."""
+
+    name: str
+    particulars: Particulars
+    m: float
+    I_zz: float
+    I_xx: float
+    added_mass: dict[str, float]
+    forces: dict[str, tuple[Coefficient, ...]]
+    title: str = ""
+    sources: tuple[str, ...] = ()
+    propeller: Propeller | None = None
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """Degrees of freedom that have coefficients; roll may be missing."""
+        return tuple(self.forces)
+
+    def terms(self, dof: str) -> tuple[str, ...]:
+        """Terms of a DOF, in the order of the file."""
+        return tuple(coefficient.term for coefficient in self._force(dof))
+
+    def coefficients(self, dof: str) -> xr.DataArray:
+        """Reference values of a DOF.
+
+        Parameters
+        ----------
+        dof : {"surge", "sway", "yaw", "roll"}
+
+        Returns
+        -------
+        DataArray, dims (coefficient,)
+            Prime values labelled ``Yv``, ``Yv|v|``, ... with coordinates ``term`` and ``sign_source``.
+
+        Raises
+        ------
+        VesselError
+            When the vessel has no such DOF.
+        """
+        force = self._force(dof)
+        return xr.DataArray(
+            np.array([coefficient.value for coefficient in force]),
+            dims="coefficient",
+            coords={
+                "coefficient": [coefficient.name for coefficient in force],
+                "term": ("coefficient", [coefficient.term for coefficient in force]),
+                "sign_source": ("coefficient", [coefficient.sign_source for coefficient in force]),
+            },
+            name=f"{LETTER[dof]}'",
+            attrs={"vessel": self.name, "dof": dof, "units": "prime"},
+        )
+
+    def published(self, dof: str, which: str) -> np.ndarray:
+        """Published estimates of a DOF, shape (n_terms,); NaN where none is printed."""
+        return np.array([coefficient.published.get(which, np.nan) for coefficient in self._force(dof)])
+
+    def published_error(self, dof: str, which: str) -> np.ndarray:
+        """Errors [%] printed beside the published estimates, shape (n_terms,); NaN where none is printed."""
+        return np.array([coefficient.published_error.get(which, np.nan) for coefficient in self._force(dof)])
+
+    def with_coefficients(self, values: dict[str, np.ndarray]) -> Vessel:
+        """Copy with other coefficient values: ``{"sway": array of shape (n_terms,)}``."""
+        forces = dict(self.forces)
+        for dof, row in values.items():
+            force = self._force(dof)
+            if len(row) != len(force):
+                raise VesselError(f"{dof} of {self.name!r} has {len(force)} coefficients, found {len(row)} values.")
+            forces[dof] = tuple(replace(c, value=float(value)) for c, value in zip(force, row, strict=True))
+        return replace(self, forces=forces)
+
+    @cached_property
+    def inertia_matrix(self) -> np.ndarray:
+        """J of the equations of motion (prime), shape (4, 4): rows surge, sway, yaw, roll; columns u, v, r, p."""
+        a = self.added_mass
+        mx, mz = self.m * self.x_G, self.m * self.z_G
+        J = np.array(
+            [
+                [self.m - a["Xudot"], 0.0, 0.0, 0.0],
+                [0.0, self.m - a["Yvdot"], mx - a["Yrdot"], -mz - a["Ypdot"]],
+                [0.0, mx - a["Nvdot"], self.I_zz - a["Nrdot"], -a["Npdot"]],
+                [0.0, -mz - a["Kvdot"], -a["Krdot"], self.I_xx - a["Kpdot"]],
+            ]
+        )
+        if "roll" not in self.forces:
+            J[3, :], J[:, 3], J[3, 3] = 0.0, 0.0, 1.0
+        return J
+
+    @property
+    def x_G(self) -> float:
+        """Prime x coordinate of the centre of gravity."""
+        return self.particulars.x_G / self.particulars.L
+
+    @property
+    def z_G(self) -> float:
+        """Prime z coordinate of the centre of gravity; 0 where the vessel has no roll."""
+        return self.particulars.z_G / self.particulars.L if "roll" in self.forces else 0.0
+
+    @property
+    def hull(self) -> np.ndarray:
+        """Constants of the equations of motion: L, U_nom, m', x_G', z_G', volume, GM, BM and those of the propeller."""
+        s = self.particulars
+        GM, BM = (s.GM, s.BM) if "roll" in self.forces else (0.0, 0.0)
+        propeller = (0.0,) * 6 if self.propeller is None else self.propeller.constants(s.nominal_speed)
+        return np.array([s.L, s.nominal_speed, self.m, self.x_G, self.z_G, s.volume, GM, BM, *propeller])
+
+    def _force(self, dof: str) -> tuple[Coefficient, ...]:
+        if dof not in self.forces:
+            raise VesselError(f"{self.name!r} has the degrees of freedom {', '.join(self.forces)}; found {dof!r}.")
+        return self.forces[dof]
+
+
+def shipped_vessels() -> tuple[str, ...]:
+    """Names of the vessels that come with the package."""
+    return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
+
+
+def load_vessel(source: str | Path) -> Vessel:
+    """Read a vessel.
+
+    Parameters
+    ----------
+    source : str or Path
+        Name of a shipped vessel (``"container"``) or the path of a TOML file of the same form.
+
+    Returns
+    -------
+    Vessel
+
+    Raises
+    ------
+    VesselError
+        For an unknown vessel, an unreadable file, unknown or missing keys, unknown terms and non-finite values.
+    """
+    path = Path(source)
+    if path.suffix != ".toml":
+        if str(source) not in shipped_vessels():
+            raise VesselError(
+                f"A vessel is one of {', '.join(shipped_vessels())} or the path of a .toml file; found {str(source)!r}."
+            )
+        path = SHIPPED / f"{source}.toml"
+    return _vessel(toml_table(path, "The vessel file", VesselError), path)
+
+
+def _vessel(table: dict, path: Path) -> Vessel:
+    known = {"name", "title", "sources", "particulars", "inertia", "added_mass", "propeller", "coefficients"}
+    _check_keys(table, known, {"name", "particulars", "inertia", "coefficients"}, path, "")
+    _check_texts(table, path)
+    forces = table["coefficients"]
+    _check_keys(forces, set(DOFS), set(DOFS[:3]), path, "coefficients")
+    has_roll = "roll" in forces
+    particulars = _particulars(table["particulars"], has_roll, path)
+    inertia = _numbers(table["inertia"], path, "inertia", ["m", "I_zz", "I_xx"])
+    _check_keys(inertia, {"m", "I_zz", "I_xx"}, {"m", "I_zz"} | ({"I_xx"} if has_roll else set()), path, "inertia")
+    added = _numbers(table.get("added_mass", {}), path, "added_mass", ADDED_MASS)
+    vessel = Vessel(
+        name=str(table["name"]),
+        title=str(table.get("title", table["name"])),
+        sources=tuple(table.get("sources", ())),
+        particulars=particulars,
+        m=inertia["m"],
+        I_zz=inertia["I_zz"],
+        I_xx=inertia.get("I_xx", 0.0),
+        added_mass=dict.fromkeys(ADDED_MASS, 0.0) | added,
+        forces={dof: _force(forces[dof], dof, path) for dof in DOFS if dof in forces},
+        propeller=_propeller(table["propeller"], particulars.nominal_speed, path) if "propeller" in table else None,
+    )
+    idle = [c.name for force in vessel.forces.values() for c in force if loaded(c.term)] if not vessel.propeller else []
+    if idle:
+        raise VesselError(f"{path}: {', '.join(idle)} need the propeller's loading; add the table [propeller].")
+    if np.linalg.cond(vessel.inertia_matrix) > 1e12:
+        raise VesselError(f"{path}: the inertia matrix must be invertible; check [inertia] and [added_mass].")
+    return vessel
+
+
+def _particulars(table: dict, has_roll: bool, path: Path) -> Particulars:
+    values = _numbers(table, path, "particulars", [f.name for f in fields(Particulars)])
+    roll_keys = {"z_G", "GM", "BM"} if has_roll else set()
+    required = {"L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G"} | roll_keys
+    _check_keys(values, required | {"z_G", "GM", "BM", "rudder_delay", "d"}, required, path, "particulars")
+    for key in ("L", "B", "volume", "nominal_speed", "rudder_rate_deg"):
+        if values[key] <= 0.0:
+            raise VesselError(f"{path}: particulars.{key} must be positive, found {values[key]}.")
+    box = values["L"] * values["B"] * values.get("d", 0.0)
+    if box < 0.0 or 0.0 < box < values["volume"]:
+        raise VesselError(
+            f"{path}: particulars.d is a draught at which L B d holds the volume, found d = {values['d']} with a "
+            f"block coefficient of {values['volume'] / box:.3g}; correct it."
+        )
+    return Particulars(**values)
+
+
+def _propeller(table: dict, nominal_speed: float, path: Path) -> Propeller:
+    names = [field.name for field in fields(Propeller)]
+    values = _numbers(table, path, "propeller", names)
+    _check_keys(values, set(names), set(names), path, "propeller")
+    propeller = Propeller(**values)
+    J, k_0, k_1, k_2, eta, kappa = propeller.constants(nominal_speed) if values["n"] * values["D"] else ((0.0,) * 6)
+    if not (J > 0.0 and k_0 + k_1 * J + k_2 * J**2 > 0.0 and 0.0 < eta <= 1.0 and kappa >= 0.0):
+        raise VesselError(
+            f"{path}: a propeller has positive D, n, advance ratio and thrust at the nominal speed, eta in (0, 1] and "
+            f"kappa from 0 up, found J = {J:.3g}; correct [propeller]."
+        )
+    return propeller
+
+
+def _check_keys(table: dict, known: set[str], required: set[str], path: Path, where: str) -> None:
+    _check_table(table, path, where)
+    prefix = f"{where}." if where else ""
+    for key in table:
+        if key not in known:
+            raise VesselError(f"{path}: unknown key {prefix}{key}; known here are {', '.join(sorted(known))}.")
+    for key in sorted(required):
+        if key not in table:
+            raise VesselError(f"{path}: {prefix}{key} is missing; add it.")
+
+
+def _check_table(table: object, path: Path, where: str) -> None:
+    if not isinstance(table, dict):
+        raise VesselError(f"{path}: {where} must be a table, found {table!r}.")
+
+
+def _check_texts(table: dict, path: Path) -> None:
+    for key in ("name", "title"):
+        if not isinstance(table.get(key, ""), str):
+            raise VesselError(f"{path}: {key} must be a text, found {table[key]!r}.")
+    sources = table.get("sources", [])
+    if not isinstance(sources, list) or not all(isinstance(text, str) for text in sources):
+        raise VesselError(f"{path}: sources must be a list of texts, found {sources!r}.")
+
+
+def _estimates(table: dict, path: Path, where: str) -> dict[str, float]:
+    _check_table(table, path, where)
+    return {key: _number(entry, path, f"{where}.{key}") for key, entry in table.items()}
+
+
+def _numbers(table: dict, path: Path, where: str, known: list[str] | tuple[str, ...]) -> dict[str, float]:
+    _check_keys(table, {*known, "source"}, set(), path, where)
+    return {key: _value(entry, path, f"{where}.{key}") for key, entry in table.items() if key != "source"}
+
+
+def _value(entry: object, path: Path, where: str, details: set[str] = _DETAILS) -> float:
+    if not isinstance(entry, dict):
+        return _number(entry, path, where)
+    _check_keys(entry, details, {"value"}, path, where)
+    return _number(entry["value"], path, f"{where}.value")
+
+
+def _number(value: object, path: Path, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+        raise VesselError(f"{path}: {where} must be a finite number, found {value!r}.")
+    return float(value)
+
+
+def _force(table: dict, dof: str, path: Path) -> tuple[Coefficient, ...]:
+    _check_table(table, path, f"coefficients.{dof}")
+    source = str(table.get("source", ""))
+    force = []
+    for name, entry in table.items():
+        if name == "source":
+            continue
+        where = f"coefficients.{dof}.{name}"
+        if not name.startswith(LETTER[dof]):
+            raise VesselError(f"{path}: {where} must begin with {LETTER[dof]}, the letter of {dof}.")
+        try:
+            factors(name[1:])
+        except UnknownTerm as error:
+            raise VesselError(f"{path}: {where} is no coefficient. {error}") from None
+        value = _value(entry, path, where, _DETAILS | _OF_COEFFICIENTS)
+        more = entry if isinstance(entry, dict) else {}
+        sd = _number(more["sd"], path, f"{where}.sd") if "sd" in more else math.nan
+        if sd <= 0.0:
+            raise VesselError(f"{path}: {where}.sd must be positive, found {sd:g}; leave out what is not known.")
+        published = {key: _estimates(more.get(key, {}), path, f"{where}.{key}") for key in _PUBLISHED}
+        texts = {key: str(more.get(key, "")) for key in ("sign_source", "note")}
+        force.append(Coefficient(name, value, str(more.get("source", source)), **texts, **published, sd=sd))
+    if not force:
+        raise VesselError(f"{path}: coefficients.{dof} is empty; add at least one coefficient such as {LETTER[dof]}v.")
+    return tuple(force)
