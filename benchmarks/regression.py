@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-import peers
 import pymc_ship as ps
 from benchmarks import r_peers
 from benchmarks.table import Row, imported, median_seconds
+from tests.regression import peers
 
 MILLION = 1_000_000
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.integrate import solve_ivp
 
-import plain_hull
 import pymc_ship as ps
 from benchmarks import kvlcc2
 from benchmarks.table import Row, imported, median_seconds
 from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.motion.simulation import replay
+from tests.motion import plain_hull
 
 
 def plain_zigzag(n_steps: int, step: float) -> np.ndarray:

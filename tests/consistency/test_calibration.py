@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from peers import simulated
 from pymc_ship.diagnostics.calibration import coverage, exact_draws, geweke, rank_p_value, simulation_based_calibration
 from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.identify import EXACT
 from pymc_ship.regression.priors import FAMILIES
 from pymc_ship.sampling.gibbs import gibbs
 from pymc_ship.sampling.regression_model import nuts_posterior
+from tests.regression.peers import simulated
 
 module = importlib.import_module("pymc_ship.sampling.gibbs")
 LONG = pytest.mark.consistency

@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pymc_ship.forces.terms import SYMBOLS, UnknownTerm, evaluate, factors, order, plan
+from tests.motion.plain_hull import expression, printed_rows
+
+TERMS = sorted({row["term"] for row in printed_rows() if not row["term"].endswith("dot")})
+
+
+@pytest.fixture
+def motion():
+    rng = np.random.default_rng(1)
+    return {symbol: rng.uniform(-1.0, 1.0, 50) for symbol in SYMBOLS}
+
+
+def name_of(rows: tuple[int, ...]) -> str:
+    """A term's factors, sorted and spelt out one by one: the absolute value of each symbol in its own bars."""
+    symbols = ["1", *SYMBOLS, *(f"|{symbol}|" for symbol in SYMBOLS)]
+    return "".join(symbols[row] for row in sorted(rows)) or "0"
+
+
+@pytest.mark.parametrize(
+    ("term", "spelt"),
+    [
+        ("0", "0"),
+        ("0u", "u"),
+        ("u", "u"),
+        ("uuu", "uuu"),
+        ("v|v|", "v|v|"),
+        ("r|v|", "r|v|"),
+        ("pu|pu|", "up|u||p|"),
+        ("phivv", "vvphi"),
+        ("ppu", "upp"),
+        ("pphi", "pphi"),
+        ("deltadeltadeltau", "udeltadeltadelta"),
+        ("vdeltadelta", "vdeltadelta"),
+    ],
+)
+def test_a_name_is_split_into_its_factors(term, spelt):
+    assert name_of(factors(term)) == spelt
+    assert order(term) == len(factors(term))
+
+
+@pytest.mark.parametrize("term", TERMS)
+def test_the_factors_of_every_container_term_spell_the_same_product(term, motion):
+    spelt = name_of(factors(term))
+    np.testing.assert_allclose(evaluate((term,), motion), evaluate((spelt,), motion), rtol=1e-15)
+
+
+def test_terms_are_the_products_their_names_say(motion):
+    names = {"phi": "f", "delta": "d"}
+    plain = {names.get(symbol, symbol): values for symbol, values in motion.items()}
+    expected = np.column_stack([np.broadcast_to(eval(expression(term), dict(plain)), 50) for term in TERMS])
+    values = evaluate(tuple(TERMS), motion)
+    assert values.shape == (50, len(TERMS))
+    np.testing.assert_allclose(values, expected, rtol=1e-14)
+    np.testing.assert_allclose(values[:, TERMS.index("pu|pu|")], plain["p"] * plain["u"] * abs(plain["p"] * plain["u"]))
+    assert (values[:, TERMS.index("0")] == 1.0).all()
+
+
+def test_products_shared_by_terms_are_formed_once():
+    shared = plan(("deltadelta", "deltadeltadelta", "deltadeltau", "deltadeltau"))
+    assert len(shared.left) == 4  # delta^2, delta^3, u delta, u delta^2
+    assert shared.rows[2] == shared.rows[3]
+
+
+def test_terms_of_any_order_are_evaluated(motion):
+    np.testing.assert_allclose(evaluate(("vvvvrrr",), motion)[:, 0], motion["v"] ** 4 * motion["r"] ** 3, rtol=1e-14)
+
+
+@pytest.mark.parametrize("term", ["", "w", "vw", "v|r", "v||", "00", "v^2", "V", "v v", "beta", "|", "v0"])
+def test_an_unknown_term_is_an_error_of_one_sentence_that_names_it(term):
+    with pytest.raises(UnknownTerm) as error:
+        factors(term)
+    message = str(error.value)
+    assert repr(term) in message or not term
+    assert message.endswith(".")
+    assert "\n" not in message

@@ -1,0 +1,183 @@
+"""Model error of indices: by hand on a few rows, and put back onto simulated ships."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.forecasting.index_error import KINDS, index_rows, index_sd, model_error, with_model_error
+from pymc_ship.manoeuvre.indices import CIRCLE_INDICES, ZIGZAG_INDICES
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.ship.held_out import SCORED
+from pymc_ship.trajectory.prior import coefficient_names
+from tests.ship.cases import RUNS, tanker, trial
+
+N = 20_000
+MONTE_CARLO = 4.0 / np.sqrt(2.0 * N)  # relative, of a standard deviation
+ERRORS = {"angle": 0.1, "time": 0.02, "distance": 0.05}
+UNIT = {"time": 320.0 / 7.974, "distance": 320.0}
+RNG = np.random.default_rng
+
+
+def row(kind, error, parameter_sd=0.0, model_sd=0.0, scale=1.0):
+    return {
+        "kind": kind,
+        "measured": 5.0 + error,
+        "forecast": 5.0,
+        "parameter_sd": parameter_sd,
+        "model_sd": model_sd,
+        "scale": scale,
+    }
+
+
+class TestModelError:
+    def test_it_is_what_the_draws_and_models_leave_in_units_of_the_scale(self):
+        """The sd t at which (6^2 / 10^2) / (0.13 + t^2) and (1 / 5^2) / t^2 are 1 on average."""
+        rows = [row("angle", 6.0, 3.0, 2.0, 10.0), row("angle", -1.0, scale=5.0)]
+        square = np.array([0.36, 0.04])
+        found = model_error(rows)["angle"]
+        assert np.mean(square / (np.array([0.13, 0.0]) + found**2)) == pytest.approx(1.0, rel=1e-9)
+
+    def test_equal_variances_leave_the_mean_square_less_the_variance(self):
+        rows = [row("time", size, parameter_sd=1.0) for size in (1.0, 2.0, 3.0)]
+        assert model_error(rows)["time"] == pytest.approx(np.sqrt(14.0 / 3.0 - 1.0), rel=1e-9)
+        assert model_error([row("time", 1.0, parameter_sd=1.5)])["time"] == 0.0
+
+    def test_an_index_that_is_hardly_known_does_not_wipe_out_the_others(self):
+        rows = [row("time", 1.0), row("time", -1.0), row("time", 0.1, parameter_sd=30.0)]
+        assert model_error(rows)["time"] > 0.7
+
+    def test_kinds_are_pooled_apart(self):
+        rows = [row("angle", 0.1), row("time", 0.2), row("distance", 0.3)]
+        assert model_error(rows) == pytest.approx({"angle": 0.1, "time": 0.2, "distance": 0.3}, rel=1e-9)
+
+    def test_where_a_kind_was_not_held_out_that_before_it_counts(self):
+        assert model_error([row("angle", 0.1)]) == pytest.approx(dict.fromkeys(KINDS, 0.1), rel=1e-9)
+        found = model_error([row("angle", 0.1), row("distance", 0.3)])
+        assert found == pytest.approx({"angle": 0.1, "time": 0.1, "distance": 0.3}, rel=1e-9)
+        found = model_error([row("distance", 0.3)])
+        assert found == pytest.approx({"angle": 0.0, "time": 0.0, "distance": 0.3}, rel=1e-9)
+
+    def test_nothing_held_out_has_none(self):
+        assert model_error([]) == {}
+
+    def test_the_sd_of_a_forecast_holds_all_three(self):
+        errors = {"angle": 0.2}
+        assert index_sd(row("angle", 0.0, 3.0, 4.0, 60.0), errors) == pytest.approx(13.0, rel=1e-12)
+
+    def test_errors_of_a_known_size_are_found_again(self):
+        """1000 rows with draws, models and a relative error of 5 %: the estimate within four standard errors."""
+        rng, n = RNG(1), 1000
+        scale = rng.uniform(10.0, 30.0, n)
+        total = np.sqrt(0.4**2 + 0.3**2 + (0.05 * scale) ** 2)
+        rows = [
+            row("angle", size * rng.standard_normal(), 0.4, 0.3, width)
+            for size, width in zip(total, scale, strict=True)
+        ]
+        square = (total / scale) ** 2
+        error = np.sqrt(2.0 * np.sum(square**2)) / n
+        assert model_error(rows)["angle"] ** 2 == pytest.approx(0.05**2, abs=4.0 * error)
+        forgetful = [entry | {"parameter_sd": 0.0, "model_sd": 0.0} for entry in rows]
+        assert model_error(forgetful)["angle"] ** 2 > 0.05**2 + 4.0 * error
+
+
+def ships(table, **attrs):
+    """Indices of ships that are all alike: the first at 3, the second at 4 and so on."""
+    values = {name: ("draw", np.full(N, 3.0 + k), {"units": "of its own"}) for k, name in enumerate(table)}
+    return xr.Dataset(values, {"draw": np.arange(N)}, attrs)
+
+
+class TestWithModelError:
+    @pytest.mark.parametrize(("table", "heading_deg"), [(ZIGZAG_INDICES, 20.0), (CIRCLE_INDICES, 0.0)])
+    def test_the_spread_is_that_stated(self, table, heading_deg):
+        before = ships(table, heading_deg=heading_deg)
+        after = with_model_error(before, ERRORS, tanker(), RNG(2))
+        for name, kind in table.items():
+            if kind in ("speed", "rate") or name in ("maximum_roll_angle", "steady_drift_angle"):
+                assert after[name].identical(before[name]), name
+                continue
+            size = UNIT.get(kind, heading_deg + float(before[name][0]))
+            spread = float(after[name].std())
+            assert spread == pytest.approx(ERRORS[kind] * size, rel=MONTE_CARLO), name
+            assert float(after[name].mean()) == pytest.approx(float(before[name][0]), abs=4.0 * spread / np.sqrt(N))
+        assert after.attrs == before.attrs
+        assert all(after[name].attrs == before[name].attrs for name in table)
+
+    def test_an_overshoot_measured_without_the_swing_would_be_narrower(self):
+        """Broken twin: the heading left out of the attrs."""
+        after = with_model_error(ships(ZIGZAG_INDICES), ERRORS, tanker(), RNG(2))
+        assert float(after["first_overshoot_angle"].std()) < 0.5 * ERRORS["angle"] * 23.0
+
+    def test_errors_of_two_indices_are_independent(self):
+        after = with_model_error(ships(ZIGZAG_INDICES, heading_deg=20.0), ERRORS, tanker(), RNG(2))
+        together = np.corrcoef(after["first_overshoot_angle"], after["second_overshoot_angle"])[0, 1]
+        assert abs(together) < 4.0 / np.sqrt(N)
+
+    def test_without_errors_nothing_changes(self):
+        before = ships(ZIGZAG_INDICES, heading_deg=20.0)
+        assert with_model_error(before, {}, tanker(), RNG(2)).identical(before)
+        none = with_model_error(before, dict.fromkeys(KINDS, 0.0), tanker(), RNG(2))
+        assert none.identical(before)
+
+    def test_a_ship_that_did_not_reach_the_event_stays_nan(self):
+        before = ships(CIRCLE_INDICES)
+        before["advance"][0] = np.nan
+        after = with_model_error(before, ERRORS, tanker(), RNG(2))
+        assert np.isnan(after["advance"].values).tolist() == [True, *[False] * (N - 1)]
+
+
+class TestIndexRows:
+    @staticmethod
+    def model(factor=1.0, spread=0.002):
+        """Estimate and draws about it, the yaw moment of the rudder being a multiple of the true one."""
+        row = reference_coefficients(tanker())
+        row[coefficient_names(tanker()).index("Ngdelta")] *= factor
+        rng = RNG(4)
+        return tanker(), np.vstack([row, row * (1.0 + spread * rng.standard_normal((30, row.size)))])
+
+    @pytest.mark.parametrize("manoeuvre", [RUNS[0], ps.turning_circle(35.0)])
+    def test_a_run_of_the_model_itself_is_forecast_without_error(self, manoeuvre):
+        rows = index_rows("own", trial(manoeuvre), manoeuvre, [self.model()], np.ones(1))
+        assert [entry["index"] for entry in rows] == list(SCORED[manoeuvre.kind])
+        for entry in rows:
+            assert (entry["run"], entry["manoeuvre"]) == ("own", manoeuvre.label)
+            assert abs(entry["measured"] - entry["forecast"]) < 0.025 * entry["scale"], entry["index"]
+            assert 0.0 < entry["parameter_sd"] < 0.2 * entry["scale"]
+            assert entry["model_sd"] == 0.0
+            swing = manoeuvre.heading_deg + entry["measured"]
+            assert entry["scale"] == pytest.approx(UNIT.get(entry["kind"], swing), rel=1e-12)
+        weaker = index_rows("own", trial(manoeuvre), manoeuvre, [self.model(0.9)], np.ones(1))
+        assert max(abs(entry["measured"] - entry["forecast"]) / entry["scale"] for entry in weaker) > 0.1
+
+    def test_models_are_weighed(self):
+        weight, models = np.array([0.8, 0.2]), [self.model(), self.model(0.9)]
+        first, second, both = (
+            index_rows("1", trial(RUNS[0], duration=800.0), RUNS[0], which, share)
+            for which, share in ((models[:1], np.ones(1)), (models[1:], np.ones(1)), (models, weight))
+        )
+        for a, b, c in zip(first, second, both, strict=True):
+            assert c["forecast"] == pytest.approx(0.8 * a["forecast"] + 0.2 * b["forecast"], rel=1e-12)
+            assert c["model_sd"] == pytest.approx(0.4 * abs(a["forecast"] - b["forecast"]), rel=1e-9)
+            within = 0.8 * a["parameter_sd"] ** 2 + 0.2 * b["parameter_sd"] ** 2
+            assert c["parameter_sd"] == pytest.approx(np.sqrt(within), rel=1e-12)
+
+    def test_a_few_draws_that_run_away_do_not_count(self):
+        vessel, draws = self.model()
+        wild = draws.copy()
+        wild[5:7, coefficient_names(tanker()).index("Ngdelta")] *= 2.0
+        wild[7] *= -100.0
+        calm, found = (
+            {entry["index"]: entry for entry in index_rows("1", trial(RUNS[0]), RUNS[0], [(vessel, few)], np.ones(1))}
+            for few in (draws, wild)
+        )
+        assert calm.keys() == found.keys()
+        assert all(found[name]["parameter_sd"] < 2.0 * calm[name]["parameter_sd"] for name in calm)
+
+    def test_indices_that_were_not_reached_are_left_out(self):
+        rows = index_rows("1", trial(RUNS[1], duration=120.0), RUNS[1], [self.model()], np.ones(1))
+        assert {"initial_turning_time", "initial_turning_distance"} <= {entry["index"] for entry in rows}
+        assert not {"second_overshoot_angle", "period"} & {entry["index"] for entry in rows}
+        blind = index_rows("1", trial(RUNS[0]).drop_vars(["x", "y"]), RUNS[0], [self.model()], np.ones(1))
+        assert {entry["kind"] for entry in blind} == {"angle", "time"}

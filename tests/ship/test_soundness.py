@@ -1,0 +1,80 @@
+"""Models that run away are told from those that do not, each by the rule it breaks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.ship import soundness
+from pymc_ship.ship.soundness import sound
+from pymc_ship.trajectory.prior import coefficient_names
+from tests.ship.cases import tanker
+
+UNSOUND = {
+    "thrust that brakes a slow ship": {"XT": -94e-5},
+    "sway force that grows with the drift": {"Yv": 0.2},
+    "drift that drives the ship": {"Xvv": 0.4},
+    "resistance that stops it in a turn only": {"Xvv": -0.2},
+    "turn on the spot": {"Ngdelta": -0.02},
+}
+
+
+def changed(**values):
+    names, row = coefficient_names(tanker()), reference_coefficients(tanker())
+    for name, value in values.items():
+        row[names.index(name)] = value
+    return row
+
+
+def extremes(row, manoeuvre):
+    """Greatest speed over the approach speed and greatest L |r| / U that one ship reaches, or None if it diverges."""
+    run = ps.simulate(tanker(), manoeuvre, duration=2400.0, step=0.5, method="rk4", coefficients=row[None])
+    if run["diverged"][0]:
+        return None
+    speed = np.hypot(run["u"], run["v"])
+    return float(speed.max()) / 7.974, float((abs(run["r"]) * 320.0 / speed).max())
+
+
+def test_the_shipped_model_is_sound():
+    found = sound(tanker(), reference_coefficients(tanker())[None])
+    assert found.dtype == bool
+    assert found.tolist() == [True]
+
+
+@pytest.mark.parametrize("name", UNSOUND)
+def test_one_that_runs_away_is_not(name):
+    assert not sound(tanker(), changed(**UNSOUND[name])[None])[0]
+
+
+def test_each_row_is_judged_by_itself():
+    rows = np.array([changed(), changed(**UNSOUND["turn on the spot"]), changed(Yv=-0.0225)])
+    many = np.tile(rows, (12, 1))
+    assert sound(tanker(), many).tolist() == [True, False, True] * 12
+
+
+def test_a_ship_may_run_away_in_a_single_manoeuvre():
+    row = changed(**UNSOUND["resistance that stops it in a turn only"])
+    assert extremes(row, ps.zigzag(20.0, 20.0)) is not None
+    assert extremes(row, ps.turning_circle(35.0)) is None
+    assert not sound(tanker(), row[None])[0]
+
+
+def test_it_may_not_go_much_faster_than_it_came(monkeypatch):
+    row = changed(Yv=0.15)
+    fastest, _ = extremes(row, ps.zigzag(10.0, 10.0))
+    assert fastest > 1.15
+    assert not sound(tanker(), row[None])[0]
+    monkeypatch.setattr(soundness, "FASTEST", 2.0)
+    assert sound(tanker(), row[None])[0]
+
+
+def test_it_may_not_turn_within_its_own_length(monkeypatch):
+    row = changed(Ngdelta=-0.005)
+    reached = [extremes(row, what) for what in (ps.zigzag(10.0, 10.0), ps.zigzag(20.0, 20.0), ps.turning_circle(35.0))]
+    assert max(speed for speed, _ in reached) < 1.15
+    assert max(rate for _, rate in reached) > 2.0
+    assert not sound(tanker(), row[None])[0]
+    monkeypatch.setattr(soundness, "_TIGHTEST", 0.4)
+    assert sound(tanker(), row[None])[0]

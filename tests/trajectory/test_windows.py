@@ -1,0 +1,309 @@
+"""Fits to short windows: what they cover, that they find the forces, and a covariance that knows of model error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.motion.simulation import replay
+from pymc_ship.trajectory import windows as window_fit
+from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trajectory.prior import coefficient_prior
+from pymc_ship.trajectory.runs import trajectory_run
+from pymc_ship.trajectory.windows import (
+    LENGTH,
+    SAMPLES,
+    Window,
+    WindowFit,
+    fit_windows,
+    normal_draws,
+    prepared_windows,
+    restarted,
+    thinned,
+    widened,
+    window_records,
+)
+from pymc_ship.trial.record import TrialError
+from pymc_ship.vessel.term_sets import with_terms
+from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, wide_prior, with_values
+from tests.trajectory.cases import correlated
+from tests.vessel.cases import small_vessel
+
+UNIT = 320.0 / 7.974  # s
+FEW = {"surge": ("Xuu",), "sway": ("Yv", "Yr", "Ydelta"), "yaw": ("Nv", "Nr", "Ndelta")}
+ERROR = {"u": 0.04, "v": 0.03, "r": 2e-4}
+N_WINDOWS, N_SAMPLES, N_SETS = 20, 20, 100
+
+
+@pytest.fixture(scope="module")
+def fast():
+    """Record at 20 samples a second, six to an average."""
+    return trial(RUNS[0], interval=0.25).interp(time=np.arange(0.0, 599.0, 0.05))
+
+
+class TestThinned:
+    def test_a_fast_record_is_averaged(self, fast):
+        thin = thinned(fast, tanker())
+        n = 6
+        assert n == int(UNIT / SAMPLES / 0.05)
+        whole = fast.sizes["time"] // n
+        assert thin.sizes["time"] == whole
+        np.testing.assert_allclose(np.diff(thin["time"]), 0.3, rtol=1e-9)
+        for name in ("u", "v", "r", "psi", "x", "y", "delta"):
+            means = fast[name].values[: whole * n].reshape(whole, n).mean(axis=1)
+            np.testing.assert_allclose(thin[name], means, rtol=1e-12, atol=1e-12)
+        assert thin.attrs == fast.attrs
+        assert thin["u"].attrs == fast["u"].attrs
+
+    def test_a_heading_that_jumps_by_a_circle_is_made_continuous_first(self, fast):
+        turned = fast.assign(psi=("time", np.angle(np.exp(1j * (fast["psi"].values + np.pi)))))
+        assert np.abs(np.diff(turned["psi"])).max() > 6.0
+        found, straight = (thinned(run, tanker())["psi"].values for run in (turned, fast))
+        np.testing.assert_allclose(found - found[0], straight - straight[0], atol=1e-9)
+
+    def test_a_slow_record_is_left_alone(self):
+        run = trial(RUNS[0])
+        xr.testing.assert_identical(thinned(run, tanker()), run)
+
+    @pytest.mark.parametrize("step", [0.05, 0.0166667, UNIT * 2.5 / 300.9 / 20.0])
+    def test_what_is_no_half_window_is_an_error_and_what_passes_has_one(self, step):
+        whole = trial(RUNS[0], duration=150.0).interp(time=np.arange(0.0, 110.0, step))
+        sizes = np.arange(30 - 60, 30) + int(0.5 * LENGTH * UNIT / step)
+        passed = [self.passes(whole.isel(time=slice(0, size))) for size in sizes]
+        first = passed.index(True)
+        assert 10 < first < 50
+        assert all(passed[first:])
+        with pytest.raises(TrialError, match=r"^A run to identify a ship from lasts half a window of 5 L/U = 201 s at"):
+            thinned(whole.isel(time=slice(0, sizes[first - 1])), tanker())
+
+    @staticmethod
+    def passes(run):
+        """Whether a run is long enough; then it has a window."""
+        try:
+            thin = thinned(run, tanker())
+        except TrialError:
+            return False
+        assert len(window_records(thin, tanker())) == 1
+        return True
+
+
+class TestWindows:
+    @pytest.mark.parametrize(("size", "windows"), [(201, 1), (301, 2), (300, 1), (402, 2), (402 + 100, 3), (501, 2)])
+    def test_they_follow_each_other_and_a_rest_counts_from_half_a_window(self, size, windows):
+        record = trial(RUNS[0]).isel(time=slice(0, size))
+        found = window_records(record, tanker())
+        assert len(found) == windows
+        assert round(LENGTH * UNIT) == 201
+        assert all(window.sizes["time"] == 201 for window in found[:-1])
+        covered = np.concatenate([window["time"].values for window in found])
+        np.testing.assert_array_equal(covered, record["time"].values[: covered.size])
+        assert size - covered.size < 101
+
+    def test_each_is_a_run_that_restarts_from_the_smoothed_record(self):
+        run = trial(RUNS[0])
+        rough = run.assign(u=run["u"] + 0.05 * np.random.default_rng(3).standard_normal(600))
+        windows, records = (make(rough, tanker()) for make in (prepared_windows, window_records))
+        for window, record in zip(windows, records, strict=True):
+            np.testing.assert_array_equal(window.run.samples[0], record["u"])
+            clean = float(run["u"].sel(time=float(record["time"][0])))
+            assert abs(window.state[0] - clean) < 0.06
+            assert window.state[3:].tolist() == [0.0, 0.0]
+            assert window.run.channels == ("u", "v", "r")
+        moved = np.mean([abs(w.state[0] - float(r["u"][0])) for w, r in zip(windows, records, strict=True)])
+        assert moved > 0.01
+
+    def test_a_ship_that_rolls_is_judged_by_its_roll_too(self, container):
+        run = trial(ps.zigzag(20.0, 20.0), vessel=container, duration=100.0, interval=0.25)
+        (window,) = prepared_windows(run, container)
+        assert window.run.channels == ("u", "v", "r", "p", "phi")
+        assert np.abs(restarted(window, container, reference_coefficients(container))).max() < 0.1
+
+    def test_the_true_forces_leave_nothing_of_a_clean_record(self):
+        windows = prepared_windows(trial(RUNS[0]), tanker())
+        true = reference_coefficients(tanker())
+        # the first window holds the corner of the rudder's first movement, which a record shows up to 1 s late
+        assert np.abs(restarted(windows[0], tanker(), true)).max() < 0.01
+        for window in windows[1:]:
+            misfit = restarted(window, tanker(), true)
+            assert misfit.shape == (3, window.run.n_blocks)
+            assert np.abs(misfit).max() < 5e-4
+        wrong = true.copy()
+        wrong[-1] *= 1.1
+        assert np.abs(restarted(windows[1], tanker(), wrong)).max() > 0.01
+
+    def test_a_ship_that_leaves_the_range_is_nan(self):
+        (window, *_) = prepared_windows(trial(RUNS[0]), tanker())
+        assert np.isnan(restarted(window, tanker(), -100.0 * reference_coefficients(tanker()))).all()
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Fit of the true terms, from none but what the prior says, to noise-free windows of three runs."""
+    runs = [trial(what) for what in RUNS]
+    vessel = with_terms(tanker(), TRUE_TERMS)
+    prior = coefficient_prior(runs, vessel, "order_damped", damping=1.0)
+    start = ps.weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4")
+    windows = [window for run in runs for window in prepared_windows(run, vessel)]
+    return fit_windows(windows, vessel, prior, start)
+
+
+class TestFit:
+    def test_a_clean_record_gives_back_ships_that_move_alike(self, fitted):
+        assert fitted.n_windows == 9
+        for what in (*RUNS, ps.turning_circle(25.0)):
+            true, found = (
+                ps.indices(trial(what, vessel=vessel, duration=900.0))
+                for vessel in (tanker(), with_values(tanker(), fitted.coefficients))
+            )
+            for name in true:
+                if np.isfinite(true[name]):
+                    assert float(found[name]) == pytest.approx(float(true[name]), rel=5e-3), (what.label, name)
+
+    def test_the_noise_it_finds_is_what_the_windows_leave(self, fitted):
+        assert fitted.channel_sd.keys() == {"u", "v", "r"}
+        assert max(fitted.channel_sd["u"], fitted.channel_sd["v"], 100.0 * fitted.channel_sd["r"]) < 1e-3
+
+    def test_its_covariances_are_such(self, fitted):
+        for matrix in (fitted.covariance, fitted.information):
+            size = np.sqrt(np.diag(matrix))
+            assert np.linalg.eigvalsh(matrix / np.outer(size, size)).min() > -1e-9
+            np.testing.assert_allclose(matrix, matrix.T, rtol=1e-6, atol=1e-6 * np.abs(matrix).max())
+
+    def test_a_start_that_runs_away_is_an_error(self):
+        windows, start = prepared_windows(trial(RUNS[0]), tanker()), -100.0 * reference_coefficients(tanker())
+        with pytest.raises(TrajectoryError, match="leaves the model's range at the start of the fit"):
+            fit_windows(windows, tanker(), wide_prior(start), start)
+
+    def test_a_scale_of_the_prior_is_not_tuned(self, container):
+        ship, reference, windows = tiny(container)
+        tight = replace(wide_prior(1.1 * reference, 1e-4), tuned=np.ones(reference.size, dtype=bool))
+        fit = fit_windows(windows, ship, tight, reference)
+        np.testing.assert_allclose(fit.coefficients, 1.1 * reference, rtol=1e-3)
+        sd = np.sqrt(np.diag(np.linalg.inv(fit.information)))
+        np.testing.assert_allclose(sd, 1.1e-4 * np.abs(reference), rtol=0.01)
+        stated = np.sqrt(np.diag(fit.covariance))  # the prior is an observation, too
+        assert (stated > 0.99 * sd).all()
+        assert (stated < 2.0 * sd).all()
+
+
+def tiny(container):
+    """Hull of seven coefficients, their values, and clean windows of 20 s with states and rudders of any."""
+    ship = small_vessel(container, FEW)
+    reference = reference_coefficients(ship)
+    time, knots = np.arange(float(N_SAMPLES)), np.arange(0.0, N_SAMPLES + 10.0, 10.0)
+    windows = []
+    for k in range(N_WINDOWS):
+        rng = np.random.default_rng(k)
+        delta = np.deg2rad(np.interp(time, knots, rng.uniform(-20.0, 20.0, knots.size)))
+        state = np.array([12.0, 0.3 * rng.standard_normal(), 0.003 * rng.standard_normal(), 0.0, 0.0])
+        motion = replay(ship, delta, state, reference, interval=1.0)[:, 0]
+        channels = {name: ("time", motion[row]) for row, name in enumerate(ERROR)} | {"delta": ("time", delta)}
+        run = trajectory_run(xr.Dataset(channels, {"time": time}), ship, channels=tuple(ERROR), noise_sd=ERROR)
+        windows.append(Window(replace(run, block=1, substeps=1), state))
+    return ship, reference, windows
+
+
+def with_errors(windows, rng, at_lag_one):
+    """Windows with errors of their own on every channel."""
+    errors = (
+        np.array([sd * correlated(rng, N_SAMPLES, at_lag_one=at_lag_one) for sd in ERROR.values()]) for _ in windows
+    )
+    runs = (replace(w.run, samples=w.run.samples + error) for w, error in zip(windows, errors, strict=True))
+    return [Window(run, window.state) for run, window in zip(runs, windows, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def many_fits(container):
+    """True coefficients and fits to many data sets whose errors last for seconds."""
+    ship, reference, windows = tiny(container)
+    prior, rng = wide_prior(reference), np.random.default_rng(8)
+    sets = [with_errors(windows, rng, 0.9) for _ in range(N_SETS)]
+    return reference, [fit_windows(noisy, ship, prior, reference, ERROR) for noisy in sets]
+
+
+class TestSandwich:
+    MONTE_CARLO = 1.0 / np.sqrt(2.0 * (N_SETS - 1))  # relative, of a standard deviation from so many sets
+    FEW_WINDOWS = len(FEW["sway"]) / (2.0 * N_WINDOWS)  # relative, what the fit takes of the windows' own errors
+
+    @staticmethod
+    def ratios(reference, fits, covariance):
+        """Stated standard deviation over that of the estimates, by coefficient."""
+        estimates = np.array([fit.coefficients for fit in fits])
+        stated = np.sqrt(np.mean([np.diag(covariance(fit)) for fit in fits], axis=0))
+        return stated / estimates.std(axis=0, ddof=1)
+
+    def test_its_sd_is_that_of_the_estimates(self, many_fits):
+        ratio = self.ratios(*many_fits, lambda fit: fit.covariance)
+        assert np.max(np.abs(ratio - 1.0)) < 4.0 * self.MONTE_CARLO + self.FEW_WINDOWS
+
+    def test_that_of_independent_residuals_is_not(self, many_fits):
+        """Broken twin: errors of a correlation of 0.9 count as independent."""
+        ratio = self.ratios(*many_fits, lambda fit: np.linalg.inv(fit.information) / fit.dispersion)
+        assert np.max(ratio) < 1.0 - 4.0 * self.MONTE_CARLO - self.FEW_WINDOWS
+
+    def test_the_curvature_holds_the_scatter_of_the_windows_in_the_mean(self, many_fits):
+        for fit in many_fits[1]:
+            ratio = np.trace(fit.information @ fit.covariance) / len(fit.coefficients)
+            assert ratio == pytest.approx(1.0, abs=0.1)
+
+    def test_the_estimates_scatter_about_the_truth(self, many_fits):
+        reference, fits = many_fits
+        estimates = np.array([fit.coefficients for fit in fits])
+        standard_error = estimates.std(axis=0, ddof=1) / np.sqrt(N_SETS)
+        assert np.max(np.abs(estimates.mean(axis=0) - reference) / standard_error) < 4.0
+
+    def test_the_noise_is_that_put_in(self, many_fits):
+        """Up to the share of the errors that initial states and coefficients take up."""
+        _, fits = many_fits
+        for name, sd in ERROR.items():
+            assert 0.5 * sd < np.mean([fit.channel_sd[name] for fit in fits]) < sd
+
+
+class TestBesideAPrior:
+    """A prior about the truth, as wide as the scatter of the estimates: halves the errors of each."""
+
+    N_SETS = 12
+
+    def kept(self, container, many_fits):
+        """Share of the error of an estimate that is left of it beside the prior: slope over sets and coefficients."""
+        ship, reference, windows = tiny(container)
+        alone = np.array([fit.coefficients for fit in many_fits[1]])
+        sd = alone.std(axis=0, ddof=1)
+        prior = replace(wide_prior(reference), scale=sd, unit=sd)
+        rng = np.random.default_rng(8)  # the first data sets again
+        sets = [with_errors(windows, rng, 0.9) for _ in range(self.N_SETS)]
+        beside = np.array([fit_windows(noisy, ship, prior, reference, ERROR).coefficients for noisy in sets])
+        x, y = ((rows - reference) / sd for rows in (alone[: self.N_SETS], beside))
+        return np.sum(x * y) / np.sum(x**2)
+
+    def test_the_windows_count_for_what_they_are_worth(self, container, many_fits):
+        assert self.kept(container, many_fits) == pytest.approx(0.5, abs=0.1)
+
+    def test_counted_as_independent_they_leave_little_to_the_prior(self, container, many_fits, monkeypatch):
+        """Broken twin."""
+        monkeypatch.setattr(window_fit, "_dispersion", lambda fit: 1.0)
+        assert self.kept(container, many_fits) > 0.7
+
+
+def test_what_the_prior_leaves_open_does_not_grow(many_fits):
+    fit = many_fits[1][0]
+    alone = replace(fit, from_windows=0.0 * fit.from_windows)
+    np.testing.assert_array_equal(widened(alone, 3.0).covariance, fit.from_prior)
+    np.testing.assert_allclose(widened(fit, 3.0).covariance - fit.covariance, 8.0 * fit.from_windows, rtol=1e-9)
+
+
+def test_draws_have_the_mean_and_covariance_of_the_fit():
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((3, 3))
+    fit = WindowFit(tanker(), np.array([1.0, -2.0, 3.0]), root @ root.T, np.zeros((3, 3)), np.eye(3), {}, 1.0, 5)
+    n = 20_000
+    draws = normal_draws(widened(fit, 2.0), n, np.random.default_rng(3))
+    white = np.linalg.solve(2.0 * root, (draws - fit.coefficients).T)
+    assert np.max(np.abs(white.mean(axis=1))) < 4.0 / np.sqrt(n)
+    assert np.max(np.abs(np.cov(white) - np.eye(3))) < 4.0 * np.sqrt(2.0 / n)
+    assert np.max(np.abs(np.cov(2.0 * white) - np.eye(3))) > 1.0
