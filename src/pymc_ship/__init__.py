@@ -22,9 +22,12 @@ _PUBLIC = {
     "motion.sensitivities": ("sensitivities",),
     "trial.noise": ("pollute",),
     "denoising.ebayes": ("ebayes_threshold",),
-    "denoising.denoise": ("denoise", "denoise_signal", "derivative"),
-    "manoeuvre.indices": ("indices", "imo_criteria"),
-    "manoeuvre.criteria": ("imo_probabilities",),
+    "denoising.denoise": (
+        "denoise",
+        "denoise_signal",
+    ),
+    "manoeuvre.indices": ("indices",),
+    "manoeuvre.criteria": ("imo_probabilities", "imo_criteria"),
     "machine.files": ("OutputError",),
     "motion.weak_form": ("weak_form_start", "coefficient_scales"),
     "regression.data": ("regression_data", "RegressionData", "RegressionDataError"),
@@ -62,9 +65,10 @@ _PUBLIC = {
     "ship.files": ("forecast_ship", "save_ship", "load_ship", "IdentifiedShip"),
     "replication.study": ("run_study", "StudyResult"),
     "replication.page": ("study",),
-    "experiments.grid": ("MonteCarloError",),
     "experiments.run": ("montecarlo",),
     "diagnostics.page": ("diagnostic_report",),
+    "machine.workers": ("MonteCarloError",),
+    "denoising.derivative": ("derivative",),
 }
 _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
 

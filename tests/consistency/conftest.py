@@ -10,8 +10,9 @@ from types import SimpleNamespace
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.machine.seeds import generator
 from pymc_ship.regression.identify import EXACT
-from pymc_ship.replication.study import INTERVAL, generator
+from pymc_ship.replication.study import INTERVAL
 
 FOLDER = Path(__file__).parent
 TABLE = pytest.StashKey[list]()

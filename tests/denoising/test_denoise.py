@@ -12,8 +12,10 @@ import pytest
 import pywt
 import xarray as xr
 
-from pymc_ship.denoising.denoise import _inverse, _transform, denoise, denoise_signal, derivative
+from pymc_ship.denoising.denoise import denoise, denoise_signal
+from pymc_ship.denoising.derivative import derivative
 from pymc_ship.denoising.ebayes import ebayes_threshold, mad
+from pymc_ship.denoising.wavelets import _inverse, _transform
 
 DATA = Path(__file__).parents[1] / "data" / "wavelet"
 SMOOTHED = ("u", "v", "r", "psi")

@@ -9,12 +9,13 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.design.identifiability import UNKNOWN, _without
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.motion.sensitivities import sensitivities
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem, white_noise
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
-from pymc_ship.trajectory.runs import SENSORS, trajectory_run
+from pymc_ship.trajectory.runs import trajectory_run
 from pymc_ship.trial.noise import FACTORS
+from pymc_ship.trial.record import SENSORS
+from pymc_ship.vessel.vessel import reference_coefficients
 
 STEP = 0.5
 

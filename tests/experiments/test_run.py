@@ -30,13 +30,14 @@ from pymc_ship.cli.main import main
 from pymc_ship.experiments import page as report
 from pymc_ship.experiments import run as engine
 from pymc_ship.experiments import task as task_module
-from pymc_ship.experiments.grid import Cell, MonteCarloError, difference, read_grid
+from pymc_ship.experiments.grid import Cell, difference, read_grid
 from pymc_ship.experiments.store import opened
 from pymc_ship.experiments.tables import Costs, Sizes, bottleneck, cell_row, method_rows, plan_rows
 from pymc_ship.experiments.task import METHODS, PARTS, Task, measure, turn_error
 from pymc_ship.machine import workers as workers_module
 from pymc_ship.machine.threads import one_thread, thread_pool
-from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.machine.workers import MonteCarloError
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.experiments import cases
 from tests.journeys.test_cli import toml
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.motion.equations import reference_coefficients
+from pymc_ship.vessel.vessel import reference_coefficients
 
 MANOEUVRES = {
     "zigzag": (ps.zigzag(20.0, 20.0, side="starboard"), 320.0),

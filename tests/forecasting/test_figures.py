@@ -14,17 +14,11 @@ from matplotlib.patches import Polygon
 import pymc_ship as ps
 from pymc_ship.forces.propeller import Propeller
 from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.forecasting.figures import (
-    force_curves,
-    force_draws,
-    heading_and_rudder,
-    manoeuvre_figures,
-    motion,
-    overshoot_peaks,
-)
+from pymc_ship.forecasting.figures import heading_and_rudder, manoeuvre_figures, motion, overshoot_peaks
+from pymc_ship.forecasting.force_curves import force_curves, force_draws
 from pymc_ship.forecasting.track import hull, median_ship, track
 from pymc_ship.manoeuvre.measured import aligned, measured_indices
-from pymc_ship.pages import drawing as figures
+from pymc_ship.pages import drawing
 from tests.forecasting.cases import MANOEUVRES, forecast, scattered, trial
 from tests.trajectory.cases import without_roll
 
@@ -447,6 +441,6 @@ class TestForceCurves:
 
 def test_a_figure_is_the_same_file_twice_and_none_stays_open():
     vessel, tree, _, measured = case("zigzag")
-    one, two = (figures.svg(track(tree, vessel, measured), "track") for _ in range(2))
+    one, two = (drawing.svg(track(tree, vessel, measured), "track") for _ in range(2))
     assert one == two
     assert plt.get_fignums() == []

@@ -4,16 +4,10 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.forecasting.draws import coefficient_draws, fitted_motion, sensor_noise
 from pymc_ship.forecasting.extrapolation import extrapolation
-from pymc_ship.forecasting.forecast import (
-    _quantiles,
-    coefficient_draws,
-    fitted_motion,
-    forecast,
-    sensor_noise,
-    stated_shares,
-)
-from pymc_ship.motion.equations import prime_record
+from pymc_ship.forecasting.forecast import _quantiles, forecast, stated_shares
+from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.trial.record import CHANNELS
 
 ZIGZAG = ps.zigzag(20.0, 20.0)

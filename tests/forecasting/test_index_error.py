@@ -7,11 +7,12 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.forecasting.index_error import KINDS, index_rows, index_sd, model_error, with_model_error
+from pymc_ship.forecasting.index_error import KINDS, index_sd, model_error, with_model_error
 from pymc_ship.manoeuvre.indices import CIRCLE_INDICES, ZIGZAG_INDICES
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.ship.held_out import SCORED
+from pymc_ship.ship.held_out_indices import index_rows
 from pymc_ship.trajectory.prior import coefficient_names
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.ship.cases import RUNS, tanker, trial
 
 N = 20_000

@@ -9,12 +9,11 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.frontier import estimates
+from pymc_ship.frontier.bound import cramer_rao_bound, errors_on_bound
 from pymc_ship.frontier.estimates import (
     DIFFERENCES,
     Estimate,
-    cramer_rao_bound,
     differencing_estimates,
-    errors_on_bound,
     exact_estimate,
     regression_estimate,
     trajectory_estimate,
@@ -22,9 +21,9 @@ from pymc_ship.frontier.estimates import (
     weak_form_estimate,
 )
 from pymc_ship.frontier.scores import SHARES, error_summary, relative_error, summary_rows
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.regression.identify import identify
 from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.vessel.cases import TERMS
 
 LEVEL = 0.01

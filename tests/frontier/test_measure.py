@@ -14,7 +14,8 @@ from pymc_ship.cli.main import main
 from pymc_ship.frontier import measure as frontier
 from pymc_ship.frontier import page as frontier_report
 from pymc_ship.frontier import tables
-from pymc_ship.frontier.data_sets import NOISES, SLOW_SPEED, Cell, DataSet, data_set, noisy_trial
+from pymc_ship.frontier.data_sets import SLOW_SPEED, Cell, DataSet, data_set
+from pymc_ship.frontier.scores import with_error
 from pymc_ship.frontier.tables import (
     AIMS,
     DIFFERENCES,
@@ -24,12 +25,12 @@ from pymc_ship.frontier.tables import (
     best_differencing,
     bound_down_rows,
     over_seeds,
-    with_error,
 )
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import trajectory_run
+from pymc_ship.trial.noise import NOISES, noisy_trial
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.vessel.cases import small_vessel
 
 Measurement = frontier.Measurement

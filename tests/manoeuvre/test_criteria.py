@@ -8,8 +8,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.forecasting.forecast import _bands
-from pymc_ship.manoeuvre.criteria import shown_probability
-from pymc_ship.manoeuvre.indices import imo_limits
+from pymc_ship.manoeuvre.criteria import imo_limits, shown_probability
 
 LENGTH = 230.66
 UNITS = {"initial_turning_distance": "m", "advance": "m", "tactical_diameter": "m"}

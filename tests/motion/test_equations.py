@@ -7,15 +7,9 @@ import pytest
 from numba import njit
 
 import pymc_ship as ps
-from pymc_ship.motion.equations import (
-    STATE,
-    prime_record,
-    reference_coefficients,
-    scheme,
-    sin_cos,
-    state_derivative,
-    work_rows,
-)
+from pymc_ship.motion.equations import STATE, scheme, sin_cos, state_derivative, work_rows
+from pymc_ship.motion.prime_record import prime_record
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.motion import plain_hull
 
 

@@ -8,9 +8,10 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.forces.propeller import Propeller
-from pymc_ship.motion.equations import STATE, reference_coefficients
+from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.sensitivities import sensitivities
 from pymc_ship.motion.simulation import SimulationError, replay
+from pymc_ship.vessel.vessel import reference_coefficients
 
 SETTINGS = {"interval": 0.5, "substeps": 2, "block": 5}
 START = np.array([12.0, -0.3, 0.004, 0.002, 0.03, 0.2, 50.0, -20.0])

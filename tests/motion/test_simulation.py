@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import cumulative_simpson, solve_ivp
 
 import pymc_ship as ps
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.motion.simulation import replay
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.motion import plain_hull
 
 CHANNELS = ("u", "v", "r", "p", "phi", "psi", "x", "y", "delta")

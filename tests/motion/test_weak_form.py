@@ -10,8 +10,9 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.forces.terms import evaluate, order
 from pymc_ship.motion import weak_form as module
-from pymc_ship.motion.equations import reference_coefficients
-from pymc_ship.motion.weak_form import METHODS, RADIUS, bump, motion_record, weak_form
+from pymc_ship.motion.prime_record import motion_record
+from pymc_ship.motion.weak_form import METHODS, RADIUS, bump, weak_form
+from pymc_ship.vessel.vessel import reference_coefficients
 
 DOFS = ("surge", "sway", "yaw", "roll")
 

@@ -3,7 +3,9 @@ import pytest
 from jinja2 import UndefinedError
 
 import pymc_ship as ps
-from pymc_ship.pages.tables import agreement_rows, agreement_table, fixed, number, rendered, table
+from pymc_ship.diagnostics.tables import agreement_rows, agreement_table
+from pymc_ship.pages.page import rendered
+from pymc_ship.pages.tables import fixed, number, table
 
 MINUS, DASH = "−", "–"
 

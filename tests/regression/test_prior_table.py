@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.forecasting.forecast import coefficient_draws
+from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.regression.conjugate import conjugate
 from pymc_ship.regression.data import RegressionData, RegressionDataError, regression_data
 from pymc_ship.regression.prior_table import (

@@ -14,9 +14,10 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.pages import drawing as figures
+from pymc_ship.pages import drawing
 from pymc_ship.regression.identify import EXACT
 from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.replication import figures
 
 pytestmark = pytest.mark.slow
 
@@ -148,7 +149,7 @@ def drawn(name):
 
 @cache
 def drawn_svg(name):
-    return figures.svg(drawn(name), name)
+    return drawing.svg(drawn(name), name)
 
 
 def missing_labels(fig):
@@ -308,13 +309,13 @@ def test_arviz_panels_show_one_coefficient_of_each_tree(axes_of):
 def test_the_same_figure_is_the_same_svg(name):
     """Drawn anew, and saved twice."""
     assert drawn_svg(name).startswith("<svg")
-    anew = figures.svg(OWN[name](), name) == drawn_svg(name)
-    twice = figures.svg(drawn(name), name) == drawn_svg(name)
+    anew = drawing.svg(OWN[name](), name) == drawn_svg(name)
+    twice = drawing.svg(drawn(name), name) == drawn_svg(name)
     assert (anew, twice) == (True, True)
 
 
 def test_another_figure_is_another_svg():
-    same = drawn_svg("errors_by_level") == figures.svg(errors_by_level(bound=2e-4), "errors_by_level")
+    same = drawn_svg("errors_by_level") == drawing.svg(errors_by_level(bound=2e-4), "errors_by_level")
     assert not same
 
 
@@ -335,19 +336,19 @@ def test_what_an_svg_fetches_is_seen():
 
 @pytest.mark.parametrize("name", ["tuning", "ranks"])
 def test_a_png_has_the_size_of_its_figure_and_is_the_same_twice(name):
-    data = figures.png(EVERY[name](), dpi=60)
+    data = drawing.png(EVERY[name](), dpi=60)
     assert data.startswith(PNG)
     width, height = struct.unpack(">II", data[16:24])
     assert (width, height) == tuple(int(60 * side) for side in drawn(name).get_size_inches())
-    same = data == figures.png(EVERY[name](), dpi=60)
+    same = data == drawing.png(EVERY[name](), dpi=60)
     assert same
 
 
 def test_an_embedded_figure_carries_its_png_and_its_words():
-    text = figures.embedded(tuning(), "gain by evaluation")
+    text = drawing.embedded(tuning(), "gain by evaluation")
     before, after = text.split("base64,")
     assert before == '<img alt="gain by evaluation" src="data:image/png;'
-    assert base64.b64decode(after.removesuffix('">'), validate=True) == figures.png(tuning())
+    assert base64.b64decode(after.removesuffix('">'), validate=True) == drawing.png(tuning())
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -11,7 +11,6 @@ from scipy.stats import invgamma
 import pymc_ship as ps
 from pymc_ship.frontier.estimates import Estimate
 from pymc_ship.frontier.scores import relative_error
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.regression.conjugate import conjugate
 from pymc_ship.regression.cross_validation import cross_validation
 from pymc_ship.regression.identify import EXACT
@@ -32,6 +31,7 @@ from pymc_ship.replication.measurements import (
     relative_bound,
 )
 from pymc_ship.trial.noise import LITERAL_LEVEL
+from pymc_ship.vessel.vessel import reference_coefficients
 
 CONTAINER = Path(__file__).parents[2] / "models" / "container.toml"
 DOFS = ("surge", "sway", "yaw", "roll")

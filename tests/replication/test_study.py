@@ -18,10 +18,11 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.diagnostics import page as diagnostic_report
 from pymc_ship.diagnostics.agreement import failure
-from pymc_ship.frontier.estimates import cramer_rao_bound
+from pymc_ship.frontier.bound import cramer_rao_bound
 from pymc_ship.frontier.scores import published_rows
 from pymc_ship.machine import files
 from pymc_ship.machine.files import OutputError
+from pymc_ship.machine.seeds import generator
 from pymc_ship.regression import identify as identification
 from pymc_ship.regression.priors import FAMILIES
 from pymc_ship.replication import findings, measurements, study
@@ -330,7 +331,7 @@ PURPOSES = [
 
 
 def first_numbers(purposes, seed=SEED):
-    return {purpose: study.generator(seed, *purpose).integers(2**62, size=4).tolist() for purpose in purposes}
+    return {purpose: generator(seed, *purpose).integers(2**62, size=4).tolist() for purpose in purposes}
 
 
 def test_a_generator_depends_on_seed_and_purpose_and_not_on_the_order():
@@ -347,7 +348,7 @@ def test_purposes_are_told_apart_by_every_word():
 
 @pytest.mark.slow
 def test_the_study_draws_the_same_noise_whatever_else_runs(result):
-    again = ps.pollute(result.trial, level=LEVEL, rng=study.generator(SEED, "noise", LEVEL))
+    again = ps.pollute(result.trial, level=LEVEL, rng=generator(SEED, "noise", LEVEL))
     assert again.identical(result.noisy[LEVEL])
 
 

@@ -8,11 +8,11 @@ from scipy import stats
 
 import pymc_ship as ps
 from pymc_ship.manoeuvre.indices import CIRCLE_INDICES, ZIGZAG_INDICES
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.ship.held_out import JUDGED, SCORED, forecast_indices, held_out, scored, scored_indices
 from pymc_ship.trajectory.prior import coefficient_prior
 from pymc_ship.trajectory.windows import WindowFit, fit_windows, prepared_windows, restarted
 from pymc_ship.vessel.term_sets import with_terms
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, trials
 
 

@@ -11,7 +11,6 @@ from scipy import stats
 import pymc_ship as ps
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.forecast import pooled_forecast
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship import model as ship_model
 from pymc_ship.ship.held_out import SCORED, HeldOut
@@ -20,7 +19,7 @@ from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.term_sets import OWN, TERM_SETS
-from pymc_ship.vessel.vessel import VesselError
+from pymc_ship.vessel.vessel import VesselError, reference_coefficients
 from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, trials
 
 POORER = "loading"

@@ -15,7 +15,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
 from pymc_ship.machine.files import OutputError
-from pymc_ship.pages import drawing as figures
+from pymc_ship.pages import drawing
 from pymc_ship.pages.tables import fixed
 from pymc_ship.ship import page as ship_report
 from pymc_ship.ship.figures import (
@@ -321,7 +321,7 @@ def test_held_out_windows_are_what_the_scores_are_made_of():
 
 def test_a_name_with_dollars_is_no_formula():
     windows = held_out_windows(model().candidates[0], list(runs().values()), 0)
-    assert "<svg" in figures.svg(restarted_motion({r"$\no$": windows}), "windows")
+    assert "<svg" in drawing.svg(restarted_motion({r"$\no$": windows}), "windows")
 
 
 def test_the_figure_shows_the_best_and_the_worst_run(monkeypatch):

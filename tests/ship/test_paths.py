@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.ship import paths as ship_paths
 from pymc_ship.ship.held_out import scored
 from pymc_ship.ship.model import identify_ship
 from pymc_ship.ship.paths import PATHS, compare_paths, coverage, held_out_rows, overshoot_errors, regression_rows
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trial.record import TrialError
+from pymc_ship.vessel.vessel import reference_coefficients
 
 TERMS = ("hull and loading, cubic", "loading")
 """Those of the ship that made the runs, and others."""

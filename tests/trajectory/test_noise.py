@@ -11,7 +11,6 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import pymc_ship as ps
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, whiten
 from pymc_ship.trajectory.noise import (
     ALPHA,
@@ -20,6 +19,7 @@ from pymc_ship.trajectory.noise import (
     residual_tests,
     sample_residuals,
 )
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.trajectory.cases import SD, correlated, heavy_tailed, problem_of, rough, truth, white
 
 HEADING = ("u", "v", "r", "psi")

@@ -14,7 +14,6 @@ from scipy.special import logsumexp
 
 import pymc_ship as ps
 from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory
 from pymc_ship.trajectory.posterior import (
     log_likelihood_rows,
@@ -24,6 +23,7 @@ from pymc_ship.trajectory.posterior import (
     trajectory_posterior,
 )
 from pymc_ship.trajectory.prior import coefficient_names
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.trajectory.cases import SD, problem_of, record, rough, truth
 
 

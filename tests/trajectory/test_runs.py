@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.trajectory.runs import second_difference_sd, trajectory_run
+from pymc_ship.trajectory.runs import trajectory_run
+from pymc_ship.trial.noise import second_difference_sd
 from tests.trajectory.cases import SD, record, rough, without_roll
 
 

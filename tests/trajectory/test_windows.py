@@ -9,7 +9,6 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.motion.simulation import replay
 from pymc_ship.trajectory import windows as window_fit
 from pymc_ship.trajectory.fit import TrajectoryError
@@ -30,6 +29,7 @@ from pymc_ship.trajectory.windows import (
 )
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.term_sets import with_terms
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, wide_prior, with_values
 from tests.trajectory.cases import correlated
 from tests.vessel.cases import small_vessel

@@ -15,8 +15,7 @@ from pymc_ship.checks.verdicts import (
     straight_approach,
 )
 from pymc_ship.forces.terms import evaluate
-from pymc_ship.motion.equations import prime_record
-from pymc_ship.motion.weak_form import motion_record
+from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.trial.record import TrialError, sampling_interval
 from pymc_ship.vessel.vessel import LETTER, Vessel
 

@@ -7,7 +7,7 @@ import xarray as xr
 
 from pymc_ship.checks.rudder import measured_rate
 from pymc_ship.checks.verdicts import Check, ShipScale, not_checked
-from pymc_ship.trajectory.runs import second_difference_sd
+from pymc_ship.trial.noise import second_difference_sd
 from pymc_ship.trial.record import CHANNELS, sampling_interval
 
 SAMPLES_DOUBTFUL, SAMPLES_BAD = 10.0, 4.0

@@ -17,16 +17,17 @@ import xarray as xr
 from pymc_ship.design.candidates import candidate_trials, labelled_trials
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities, straight_course
 from pymc_ship.design.identifiability import information_root
-from pymc_ship.forecasting.forecast import coefficient_draws
+from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
-from pymc_ship.motion.equations import STATE, reference_coefficients
+from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.trajectory.fit import Noise, TrajectoryFit
 from pymc_ship.trajectory.prior import coefficient_names
-from pymc_ship.trajectory.runs import SENSORS, Run, trajectory_run
+from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.noise import FACTORS
 from pymc_ship.trial.noise import noise_sd as noise_size
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.trial.record import SENSORS
+from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 CRITERIA = ("information", "forecast")
 """Greatest log determinant of the posterior precision (D-optimal), or least variance of forecast manoeuvres."""

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
 from pymc_ship.diagnostics import regression as diagnostics
+from pymc_ship.diagnostics.tables import CI_PROB
 from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, STYLE, subplots
 
 ESS_POINTS = 12
@@ -127,7 +128,7 @@ def forest_of(draws: xr.DataArray) -> tuple[Figure, Axes, np.ndarray]:
     """
     shown = draws.rename("coefficients")
     relative, size = xr.DataTree.from_dict({"posterior": shown.to_dataset()}), (8.0, 0.9 + 0.24 * shown.shape[-1])
-    settings = {"combined": True, "ci_kind": "eti", "ci_probs": (0.5, diagnostics.CI_PROB), "point_estimate": "mean"}
+    settings = {"combined": True, "ci_kind": "eti", "ci_probs": (0.5, CI_PROB), "point_estimate": "mean"}
     fig = arviz_figure("plot_forest", relative, size, labels=["coefficient"], **settings)
     ax = max(fig.axes, key=lambda axes: len(axes.collections) + len(axes.lines))
     for names in fig.axes:

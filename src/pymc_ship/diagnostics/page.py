@@ -15,11 +15,13 @@ from pymc_ship.diagnostics import regression as diagnostics
 from pymc_ship.diagnostics import trajectory_parts
 from pymc_ship.diagnostics.agreement import LEVEL, Comparison, comparisons
 from pymc_ship.diagnostics.parts import Part
-from pymc_ship.diagnostics.regression import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.regression import PSENSE_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.tables import CI_PROB
 from pymc_ship.diagnostics.trajectory import check_trajectory, of_trajectories
 from pymc_ship.machine.files import staged, writable_folder
-from pymc_ship.pages import drawing as figures
-from pymc_ship.pages.tables import number, rendered
+from pymc_ship.pages import drawing
+from pymc_ship.pages.page import rendered
+from pymc_ship.pages.tables import number
 from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
 
@@ -155,7 +157,7 @@ def _section(
     for part in parts(one, ship, rng):
         captions = []
         for kind, figure, caption in part.images:
-            images[f"{identifier}-{kind}"] = figures.embedded(figure, part.title)
+            images[f"{identifier}-{kind}"] = drawing.embedded(figure, part.title)
             captions.append((f"{identifier}-{kind}", caption))
         shown.append({"title": part.title, "text": part.text, "tables": part.tables, "figures": captions})
     failed = ["a gate fails"] * bool(one.failed_gates) + ["methods disagree"] * bool(one.disagreements)

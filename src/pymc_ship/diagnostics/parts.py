@@ -15,7 +15,6 @@ from pymc_ship.diagnostics import figures as drawn
 from pymc_ship.diagnostics import regression as diagnostics
 from pymc_ship.diagnostics.agreement import LEVEL, Comparison, errors_of
 from pymc_ship.diagnostics.regression import (
-    CI_PROB,
     CONTRACTION_LIMIT,
     DESIGN,
     ENVELOPE,
@@ -23,19 +22,17 @@ from pymc_ship.diagnostics.regression import (
     SD_LIMIT,
     WHITENESS_LEVEL,
 )
-from pymc_ship.pages import drawing as figures
-from pymc_ship.pages.tables import (
+from pymc_ship.diagnostics.tables import (
     AGREEMENT,
-    Table,
+    CI_PROB,
     agreement_rows,
     agreement_table,
     chain_table,
     coefficient_table,
-    fixed,
-    number,
     sensitivity_table,
-    table,
 )
+from pymc_ship.pages import drawing
+from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.regression.identify import EXACT
 from pymc_ship.vessel.vessel import Vessel
 
@@ -168,7 +165,7 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     dof, found = tree.attrs["dof"], diagnostics.summary(tree)
     narrowing = None if diagnostics.missing(tree, *DESIGN) else diagnostics.contraction(tree)
     reference = ship.coefficients(dof).values if ship else None
-    published = {family: ship.published(dof, family) for family in figures.COLOURS} if ship else {}
+    published = {family: ship.published(dof, family) for family in drawing.COLOURS} if ship else {}
     published = {family: values for family, values in published.items() if np.isfinite(values).any()}
     rows = coefficient_table(found, narrowing, reference, published)
     relative = (

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from pymc_ship.diagnostics.tables import CI_PROB
 from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior, prior_family
 
@@ -37,8 +38,6 @@ WHITENESS_LEVEL = 0.01
 ENVELOPE = 0.99
 """Probability of the simultaneous envelopes of ranks and LOO-PIT."""
 
-CI_PROB = 0.95
-"""Probability of the equal-tailed intervals."""
 
 PSENSE_LIMIT = 0.05
 """Sensitivity above which a quantity depends on power-scaling of prior or likelihood (Kallioinen et al. 2024)."""

@@ -14,10 +14,11 @@ from pymc_ship.diagnostics import trajectory as trajectory_diagnostics
 from pymc_ship.diagnostics import trajectory_figures as drawn
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.parts import Part, chain_images, energy_part, gate_table, missing_sentence
-from pymc_ship.diagnostics.regression import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.regression import CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.tables import CI_PROB, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
 from pymc_ship.pages.drawing import COLOURS
-from pymc_ship.pages.tables import Table, fixed, number, sensitivity_table, table
+from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.trajectory.posterior import verdict as khat_verdict
 from pymc_ship.vessel.vessel import Vessel

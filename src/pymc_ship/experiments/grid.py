@@ -11,9 +11,10 @@ from urllib.parse import quote
 
 from pymc_ship import __version__
 from pymc_ship.experiments.task import METHODS, Task
-from pymc_ship.frontier.data_sets import NOISES
 from pymc_ship.machine.toml import toml_table
+from pymc_ship.machine.workers import MonteCarloError
 from pymc_ship.manoeuvre.standard import SIDES, Manoeuvre, ManoeuvreError, turning_circle, zigzag
+from pymc_ship.trial.noise import NOISES
 from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
 
 PART_SEEDS = 1000
@@ -24,10 +25,6 @@ _OPTIONAL = ("title", "duration")
 _KINDS = {"zigzag": zigzag, "turning circle": turning_circle}
 _LISTS = ("ships", "manoeuvres", "methods")
 _STEP = 0.02
-
-
-class MonteCarloError(ValueError):
-    """A study that cannot be run; the sentence says why."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ class Grid:
     manoeuvres : dict of str to Manoeuvre
         By label; each makes a record.
     noise : dict of str to tuple of float
-        Levels of each kind of :data:`pymc_ship.frontier.data_sets.NOISES`.
+        Levels of each kind of :data:`pymc_ship.trial.noise.NOISES`.
     methods : tuple of str
         Keys of :data:`pymc_ship.experiments.task.METHODS`.
     seeds : int

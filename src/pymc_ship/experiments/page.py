@@ -29,10 +29,10 @@ from pymc_ship.experiments.tables import (
     session_rows,
 )
 from pymc_ship.experiments.task import PARTS, STATUSES
-from pymc_ship.machine.files import staged
-from pymc_ship.pages import drawing as figures
-from pymc_ship.pages.tables import Table, fixed, number, rendered, table
-from pymc_ship.replication.page import write_rows
+from pymc_ship.machine.files import staged, write_rows
+from pymc_ship.pages import drawing
+from pymc_ship.pages.page import rendered
+from pymc_ship.pages.tables import Table, fixed, number, table
 
 DIGITS = 6
 """Significant digits of the numbers in ``cells.csv``."""
@@ -129,7 +129,7 @@ def _page(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> 
         grid=asdict(grid) | {"n_cells": len(rows), "n_tasks": grid.n_tasks},
         ended={status: sum(row[status] for row in rows) for status in STATUSES},
         captions={f"scores_{k}": ", ".join(str(group[0][name]) for name in _SHARED) for k, group in enumerate(shown)},
-        figures={f"scores_{k}": figures.svg(scores(group), f"scores_{k}") for k, group in enumerate(shown)},
+        figures={f"scores_{k}": drawing.svg(scores(group), f"scores_{k}") for k, group in enumerate(shown)},
         left_out=len(groups) - len(shown),
         rows_left_out=max(0, len(rows) - MOST_ROWS),
         tables={

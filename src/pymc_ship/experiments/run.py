@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pymc_ship.experiments.grid import MonteCarloError, read_grid
+from pymc_ship.experiments.grid import read_grid
 from pymc_ship.experiments.page import write_report
 from pymc_ship.experiments.store import Store, opened
 from pymc_ship.experiments.task import Task, measure, nothing
-from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError
+from pymc_ship.machine.workers import Cluster, LocalCores, MonteCarloError, WorkersLostError
 
 RESTARTS = 5
 """How often workers may be lost without a result in between."""

@@ -17,7 +17,6 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.denoising.denoise import denoise
-from pymc_ship.frontier.data_sets import noisy_trial
 from pymc_ship.frontier.estimates import (
     DIFFERENCES,
     Estimate,
@@ -25,14 +24,14 @@ from pymc_ship.frontier.estimates import (
     trajectory_estimate,
     weak_form_estimate,
 )
+from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.motion.simulation import simulate
-from pymc_ship.replication.study import generator
 from pymc_ship.trajectory.mode import trajectory_mode
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.trial.noise import noisy_trial
+from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 SCORES = ("median_error", "coverage", "tactical_diameter_error")
 """What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""
@@ -76,7 +75,7 @@ class Task:
     manoeuvre : Manoeuvre
         Of the record, simulated in Euler steps of 0.02 s.
     noise : str
-        Key of :data:`pymc_ship.frontier.data_sets.NOISES`.
+        Key of :data:`pymc_ship.trial.noise.NOISES`.
     level : float
         Noise level, as :func:`pymc_ship.pollute` takes it.
     method : str

@@ -20,7 +20,8 @@ from numba import njit
 
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.motion.equations import KERNEL, STATE, prime_record
+from pymc_ship.motion.equations import KERNEL, STATE
+from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.vessel import Vessel
 

@@ -7,95 +7,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.forecasting.draws import coefficient_draws, fitted_motion, sensor_noise
 from pymc_ship.forecasting.extrapolation import UNKNOWN, extrapolation, sentence
 from pymc_ship.forecasting.index_error import with_model_error
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.trial.record import CHANNELS
-from pymc_ship.vessel.vessel import Vessel, VesselError
+from pymc_ship.vessel.vessel import Vessel
 
 BANDS = ("lower", "median", "upper")
 """Coordinate ``band`` of what a forecast summarises."""
-
-
-def coefficient_draws(
-    vessel: Vessel, posteriors: Mapping[str, xr.DataTree] | xr.DataTree, draws: int, rng: np.random.Generator
-) -> np.ndarray:
-    """Draw whole parameter vectors from a joint posterior, or from the posteriors of the degrees of freedom.
-
-    Parameters
-    ----------
-    vessel : Vessel
-    posteriors : DataTree or mapping of str to DataTree
-        Joint posterior of the coefficients of all DOFs, or the posterior of each DOF; a DOF that a mapping leaves out
-        keeps the vessel's reference values.
-    draws : int
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray, shape (draws, n_coefficients)
-        DOFs one after the other in the vessel's order; drawn without repetition where a posterior has enough draws.
-        The rows of a joint posterior stay whole; DOFs with posteriors of their own are independent.
-
-    Raises
-    ------
-    VesselError
-        For a DOF the vessel does not have or a posterior that lacks one of the coefficients it is to have.
-    """
-    if isinstance(posteriors, xr.DataTree):
-        names = [name for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
-        return _rows(posteriors, names, f"The joint posterior lacks {{}} of {vessel.name!r}", draws, rng)
-    unknown = [dof for dof in posteriors if dof not in vessel.dofs]
-    if unknown:
-        raise VesselError(f"{vessel.name!r} has the degrees of freedom {', '.join(vessel.dofs)}; found {unknown[0]!r}.")
-    blocks = []
-    for dof in vessel.dofs:
-        reference = vessel.coefficients(dof)
-        if dof in posteriors:
-            lacks = f"The {dof} posterior lacks {{}} of {vessel.name!r}"
-            blocks.append(_rows(posteriors[dof], reference["coefficient"].values, lacks, draws, rng))
-        else:
-            blocks.append(np.tile(reference.values, (draws, 1)))
-    return np.concatenate(blocks, axis=1)
-
-
-def _rows(tree: xr.DataTree, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Draws of the named coefficients of one posterior, each row from one draw of it."""
-    sample = tree["posterior"]["coefficients"].stack(sample=("chain", "draw"))
-    lacking = sorted(set(names) - set(sample["coefficient"].values))
-    if lacking:
-        raise VesselError(f"{lacks.format(', '.join(lacking))}; use its own terms.")
-    chosen = rng.choice(sample.sizes["sample"], draws, replace=sample.sizes["sample"] < draws)
-    return sample.sel(coefficient=names).transpose("sample", "coefficient").values[chosen]
-
-
-def fitted_motion(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> xr.DataArray | None:
-    """Prime motion that posteriors were fitted to, dims (row, symbol).
-
-    It is ``motion`` in the group constant_data of a joint posterior or of the posterior of every DOF; None where one
-    does not hold it or where they differ.
-    """
-    found = [_constant(tree, "motion") for tree in _trees(posteriors)]
-    return found[0] if found and all(motion is not None and motion.equals(found[0]) for motion in found) else None
-
-
-def sensor_noise(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> dict[str, float]:
-    """Standard deviation of the sensor noise by channel, SI: ``noise_sd`` in constant_data of a joint posterior.
-
-    Empty where it is not held: the posterior of a DOF knows the noise of its response, not that of a sensor.
-    """
-    held = _constant(posteriors, "noise_sd") if isinstance(posteriors, xr.DataTree) else None
-    return {} if held is None else dict(zip(map(str, held["channel"].values), held.values.tolist(), strict=True))
-
-
-def _trees(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> list[xr.DataTree]:
-    return [posteriors] if isinstance(posteriors, xr.DataTree) else list(posteriors.values())
-
-
-def _constant(tree: xr.DataTree, name: str) -> xr.DataArray | None:
-    return tree["constant_data"].data_vars.get(name) if "constant_data" in tree.children else None
 
 
 def forecast(

@@ -11,13 +11,14 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.forecasting.figures import force_curves, manoeuvre_figures
-from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.forecasting.figures import manoeuvre_figures
+from pymc_ship.forecasting.force_curves import force_curves
+from pymc_ship.machine.files import staged, writable_folder, write_rows
 from pymc_ship.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
 from pymc_ship.manoeuvre.measured import measured_indices
-from pymc_ship.pages import drawing as figures
-from pymc_ship.pages.tables import Table, fixed, number, rendered, table
-from pymc_ship.replication.page import write_rows
+from pymc_ship.pages import drawing
+from pymc_ship.pages.page import rendered
+from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.vessel.vessel import Vessel
 
 PAGE = "forecast.html"
@@ -288,7 +289,7 @@ def _page(
         verdicts=verdict_table(verdicts) if verdicts else None,
         sections=sections,
         forces=_FORCES if "forecast_forces" in drawn else "",
-        figures={name: figures.svg(figure, name) for name, figure in drawn.items()},
+        figures={name: drawing.svg(figure, name) for name, figure in drawn.items()},
         remarks=list(remarks),
         command=command,
         versions=", ".join(
@@ -307,7 +308,7 @@ def _write(out: Path, page: str, drawn: Mapping[str, Figure], rows: Mapping[str,
             path = place / f"{name}{ending}"
             if isinstance(content, Figure):
                 with staged(path) as partial:
-                    partial.write_bytes(figures.png(content, dpi=110))
+                    partial.write_bytes(drawing.png(content, dpi=110))
             else:
                 write_rows(content, path, digits=DIGITS)
     with staged(out / PAGE) as partial:

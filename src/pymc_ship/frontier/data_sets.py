@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.design.trial_design import candidate_trials
-from pymc_ship.frontier.estimates import cramer_rao_bound
+from pymc_ship.frontier.bound import cramer_rao_bound
+from pymc_ship.machine.seeds import generator
 from pymc_ship.manoeuvre.standard import Manoeuvre, zigzag
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.motion.simulation import simulate
-from pymc_ship.replication.study import generator
-from pymc_ship.trajectory.runs import SENSORS
-from pymc_ship.trial.noise import FACTORS
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.trial.noise import _STEP, noisy_trial
+from pymc_ship.trial.record import SENSORS
+from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 LEVELS = (0.001, 0.01, 0.05)
 """Noise levels, as :func:`pymc_ship.pollute` takes them."""
@@ -24,7 +22,6 @@ LEVELS = (0.001, 0.01, 0.05)
 SLOW_SPEED = 6.0
 """Approach speed [m/s] of the random rudder programme that is added to the zigzag."""
 
-_STEP = 0.02
 _SMALL_STEP = 0.002
 
 
@@ -92,49 +89,6 @@ class DataSet:
     def truth(self) -> np.ndarray:
         """Coefficients of the ship that ran, shape (n_coefficients,)."""
         return reference_coefficients(self.vessel)
-
-
-def _white(size: int, rng: np.random.Generator) -> np.ndarray:
-    return rng.standard_normal(size)
-
-
-def _student(size: int, rng: np.random.Generator) -> np.ndarray:
-    return rng.standard_t(3.0, size) / np.sqrt(3.0)
-
-
-def _correlated(size: int, rng: np.random.Generator, *, time_constant: float) -> np.ndarray:
-    """First-order autoregression of unit variance from its stationary state."""
-    from scipy.signal import lfilter
-
-    correlation = np.exp(-_STEP / time_constant)
-    shocks = rng.standard_normal(size)
-    shocks[1:] *= np.sqrt(1.0 - correlation**2)
-    return lfilter([1.0], [1.0, -correlation], shocks)
-
-
-NOISES = {
-    "white": _white,
-    "correlated 0.2 s": partial(_correlated, time_constant=0.2),
-    "correlated 1 s": partial(_correlated, time_constant=1.0),
-    "offsets": _white,
-    "Student-t3": _student,
-}
-"""Sensor noise of unit variance: (size, generator) -> (size,). Under ``offsets`` a constant of either sign, half to
-all of the level times the peak of the channel, comes on top of the white noise."""
-
-
-def noisy_trial(clean: xr.Dataset, level: float, noise: str, rng: np.random.Generator) -> xr.Dataset:
-    """Trial with noise of the size that :func:`pymc_ship.pollute` gives, of any kind of :data:`NOISES`."""
-    trial = clean.copy()
-    for name in SENSORS:
-        values = clean[name].values
-        peak = level * np.abs(values).max()
-        seen = values + FACTORS[name] * peak * NOISES[noise](values.size, rng)
-        if noise == "offsets":
-            seen = seen + peak * rng.uniform(0.5, 1.0) * rng.choice((-1.0, 1.0))
-        trial[name] = ("time", seen, clean[name].attrs)
-        trial.attrs[f"noise_sd_{name}"] = float(FACTORS[name] * peak)
-    return trial
 
 
 def data_set(vessel: Vessel, cell: Cell, level: float, seed: int, *, root: int, duration: float = 400.0) -> DataSet:

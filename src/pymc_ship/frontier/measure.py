@@ -17,8 +17,9 @@ from threadpoolctl import threadpool_limits
 
 from pymc_ship.denoising.denoise import denoise
 from pymc_ship.forecasting.forecast import forecast
+from pymc_ship.frontier.bound import errors_on_bound
 from pymc_ship.frontier.data_sets import CELLS, Cell, DataSet, data_set
-from pymc_ship.frontier.estimates import DIFFERENCES, errors_on_bound
+from pymc_ship.frontier.estimates import DIFFERENCES
 from pymc_ship.frontier.scores import forecast_row, relative_error
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import turning_circle, zigzag

@@ -10,10 +10,10 @@ import numpy as np
 from pymc_ship.frontier.figures import from_the_bound_down
 from pymc_ship.frontier.measure import Measurement, frontier
 from pymc_ship.frontier.tables import aim_rows, bound_down_rows, coefficient_rows, measurement_rows, noise_rows
-from pymc_ship.machine.files import staged, writable_folder
-from pymc_ship.pages import drawing as figures
-from pymc_ship.pages.tables import Table, fixed, number, rendered, table
-from pymc_ship.replication.page import write_rows
+from pymc_ship.machine.files import staged, writable_folder, write_rows
+from pymc_ship.pages import drawing
+from pymc_ship.pages.page import rendered
+from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.vessel.vessel import Vessel, load_vessel
 
 DIGITS = 6
@@ -85,10 +85,10 @@ def write_frontier(found: Sequence[Measurement], vessel: Vessel, out: Path, *, s
         "measurements": measurement_rows(found),
     }
     drawn = from_the_bound_down(rows["from_the_bound_down"])
-    page = _page(rows, figures.svg(drawn, _FIGURE), seeds=seeds, seed=seed)
+    page = _page(rows, drawing.svg(drawn, _FIGURE), seeds=seeds, seed=seed)
     with staged(out / "figures") as folder:
         folder.mkdir()
-        (folder / f"{_FIGURE}.png").write_bytes(figures.png(drawn, dpi=110))
+        (folder / f"{_FIGURE}.png").write_bytes(drawing.png(drawn, dpi=110))
     with staged(out / "tables") as folder:
         folder.mkdir()
         for name, lines in rows.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import xarray as xr
@@ -147,3 +147,34 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
         row[f"{name}_reference"] = float(truth[name])
         row |= {f"{name}_{band}": float(values.sel(band=band)) for band in BANDS}
     return row
+
+
+_RESAMPLES = 400
+
+
+def _rmse(deviation: np.ndarray) -> float:
+    """Median over coefficients of the root mean square over seeds."""
+    return float(np.median(np.sqrt(np.mean(deviation**2, axis=0))))
+
+
+def _ratio(errors: np.ndarray) -> float:
+    """Ratio of the medians of two columns."""
+    return float(np.median(errors[:, 0]) / np.median(errors[:, 1]))
+
+
+STATISTICS: dict[str, Callable[[np.ndarray], float]] = {
+    "median": lambda values: float(np.median(values)),
+    "mean": lambda values: float(np.mean(values)),
+    "rmse": _rmse,
+    "ratio": _ratio,
+}
+"""What is made of the values over seeds."""
+
+
+def with_error(values: np.ndarray, statistic: str) -> tuple[float, float]:
+    """Statistic over seeds and its standard error by the bootstrap."""
+    rng, function = np.random.default_rng(len(values)), STATISTICS[statistic]
+    with np.errstate(invalid="ignore"):
+        again = [function(values[rng.integers(0, len(values), len(values))]) for _ in range(_RESAMPLES)]
+        value, se = function(values), float(np.std(again))
+    return value, 0.0 if se < 1e-9 * abs(value) else se

@@ -5,7 +5,7 @@ Every number comes with a standard error from 400 bootstrap samples of the seeds
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from pymc_ship.frontier.data_sets import LEVELS
 from pymc_ship.frontier.estimates import DIFFERENCES
 from pymc_ship.frontier.measure import Measurement
+from pymc_ship.frontier.scores import with_error
 from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.vessel import Vessel
 
@@ -27,27 +28,6 @@ METHODS = {
 """Methods from the bound down and how they are called."""
 
 LEAST_SQUARES = "paper's pipeline, least squares"
-
-_RESAMPLES = 400
-
-
-def _rmse(deviation: np.ndarray) -> float:
-    """Median over coefficients of the root mean square over seeds."""
-    return float(np.median(np.sqrt(np.mean(deviation**2, axis=0))))
-
-
-def _ratio(errors: np.ndarray) -> float:
-    """Ratio of the medians of two columns."""
-    return float(np.median(errors[:, 0]) / np.median(errors[:, 1]))
-
-
-STATISTICS: dict[str, Callable[[np.ndarray], float]] = {
-    "median": lambda values: float(np.median(values)),
-    "mean": lambda values: float(np.mean(values)),
-    "rmse": _rmse,
-    "ratio": _ratio,
-}
-"""What is made of the values over seeds."""
 
 
 @dataclass(frozen=True)
@@ -185,15 +165,6 @@ def over_seeds(
     values = np.array(columns[0] if len(columns) == 1 else columns, dtype=float)
     values = values if len(columns) == 1 else values.T
     return np.where(np.isnan(values), np.inf, values)
-
-
-def with_error(values: np.ndarray, statistic: str) -> tuple[float, float]:
-    """Statistic over seeds and its standard error by the bootstrap."""
-    rng, function = np.random.default_rng(len(values)), STATISTICS[statistic]
-    with np.errstate(invalid="ignore"):
-        again = [function(values[rng.integers(0, len(values), len(values))]) for _ in range(_RESAMPLES)]
-        value, se = function(values), float(np.std(again))
-    return value, 0.0 if se < 1e-9 * abs(value) else se
 
 
 def aim_rows(found: Sequence[Measurement]) -> list[dict]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -85,3 +86,19 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
+
+
+def write_rows(rows: Sequence[Mapping], path: Path, *, digits: int | None = None) -> Path:
+    """Write rows of equal keys as CSV, numbers to so many significant digits, moved into place when complete."""
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    if digits is not None:
+        rows = [{key: _rounded(value, digits) for key, value in row.items()} for row in rows]
+    with staged(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, keys, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def _rounded(value: object, digits: int) -> object:
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value

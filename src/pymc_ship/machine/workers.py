@@ -15,8 +15,6 @@ from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 
-from pymc_ship.experiments.grid import MonteCarloError
-
 AHEAD = 4
 """Tasks handed out at a time for each worker."""
 
@@ -153,3 +151,7 @@ class Cluster:
                 text = " ".join(f"{type(error).__name__}: {error}".split())
                 raise MonteCarloError(f"The workers of {self.address} cannot do a task: {text}; see to them.") from None
             yield result
+
+
+class MonteCarloError(ValueError):
+    """A study that cannot be run; the sentence says why."""

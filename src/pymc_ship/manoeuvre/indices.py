@@ -6,14 +6,11 @@ are psi_dot = r cos phi and the kinematics of the track, so that they do not dep
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import xarray as xr
 
 from pymc_ship.manoeuvre.standard import SIDES
 from pymc_ship.trial.record import TrialError, check_trial
-from pymc_ship.vessel.vessel import Vessel
 
 _UNITS = {"angle": "deg", "time": "s", "distance": "m", "speed": "m/s", "rate": "deg/s"}
 
@@ -225,60 +222,3 @@ def _steady(record: _Record) -> dict[str, float]:
 
 def _largest(record: _Record, name: str) -> float:
     return float(np.rad2deg(np.abs(record.motion[name]).max()))
-
-
-def imo_limits(attrs: Mapping, vessel: Vessel) -> list[tuple[str, float, float, str]]:
-    """Limits of IMO MSC.137(76) that apply to a manoeuvre.
-
-    Parameters
-    ----------
-    attrs : mapping
-        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``approach_speed`` [m/s] as :func:`pymc_ship.simulate` and
-        :func:`indices` write them; without a rudder angle a turning circle is taken to be at hard-over rudder, without
-        a speed the nominal one holds.
-    vessel : Vessel
-        Gives L.
-
-    Returns
-    -------
-    list of tuple
-        Name of the index, its limit, the size of the unit of that limit in the unit of the index, and the unit's name;
-        empty where no limit applies.
-    """
-    L = vessel.particulars.L
-    ratio = L / attrs.get("approach_speed", vessel.particulars.nominal_speed)
-    angles = (attrs.get("rudder_deg"), attrs.get("heading_deg"))
-    if attrs["manoeuvre"] == "turning_circle" and attrs.get("rudder_deg", 35.0) >= 35.0:
-        return [("advance", 4.5, L, "L"), ("tactical_diameter", 5.0, L, "L")]
-    if angles == (10.0, 10.0):
-        return [
-            ("first_overshoot_angle", float(np.clip(5.0 + 0.5 * ratio, 10.0, 20.0)), 1.0, "deg"),
-            ("second_overshoot_angle", float(np.clip(17.5 + 0.75 * ratio, 25.0, 40.0)), 1.0, "deg"),
-            ("initial_turning_distance", 2.5, L, "L"),
-        ]
-    return [("first_overshoot_angle", 25.0, 1.0, "deg")] if angles == (20.0, 20.0) else []
-
-
-def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:
-    """Compare indices with the limits of IMO MSC.137(76) that apply to the manoeuvre.
-
-    Parameters
-    ----------
-    found : Dataset, dims ()
-        From :func:`indices` of a 10/10 or 20/20 zigzag or of a turning circle at 35 deg or more.
-    vessel : Vessel
-        Gives L; the speed is the approach speed of the trial.
-
-    Returns
-    -------
-    list of dict
-        ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None where the record does not reach the event);
-        empty where no limit applies.
-    """
-    rows = []
-    for name, limit, unit, units in imo_limits(found.attrs, vessel):
-        value = float(found[name]) / unit
-        passed = bool(value <= limit) if np.isfinite(value) else None
-        criterion = name.replace("_", " ")
-        rows.append({"criterion": criterion, "value": value, "limit": limit, "units": units, "passed": passed})
-    return rows

@@ -20,7 +20,7 @@ from pymc_ship.forces.prime_system import (
     righting_moment,
 )
 from pymc_ship.forces.propeller import loading
-from pymc_ship.forces.terms import LOADING, N_BASE, ROW_ABSOLUTE, ROW_LOADING, ROW_SYMBOL, SYMBOLS, fill_products, plan
+from pymc_ship.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_products, plan
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
 KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
@@ -150,39 +150,6 @@ def state_derivative(state, delta, coefficients, scheme, hull, buffers, rate):
         rate[7, lane] = state[0, lane] * sin_psi + speed[lane] * cos_psi
 
 
-def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict, np.ndarray, np.ndarray]:
-    """Prime motion, speed and known forces at every instant of a record.
-
-    Parameters
-    ----------
-    vessel : Vessel
-    record : dict of str to ndarray, shape (n_time,)
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls.
-
-    Returns
-    -------
-    motion : dict of str to ndarray, shape (n_time,)
-        Prime values of the symbols of the terms, and ``g`` and ``T`` where the vessel states its propeller, for
-        :func:`pymc_ship.forces.terms.evaluate`.
-    speed : ndarray, shape (n_time,)
-        U [m/s].
-    known : ndarray, shape (4, n_time)
-        F1, F2, M1, M2 without their hydrodynamic part.
-    """
-    n_time = record["u"].size
-    state = np.zeros((len(STATE), n_time))
-    for row, name in enumerate(STATE[:5]):
-        if name in record:
-            state[row] = record[name]
-    work, speed, known = np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time))
-    prime_motion(state, record["delta"], vessel.hull, work, speed)
-    known_forces(state, vessel.hull, work, speed, known)
-    motion = dict(zip(SYMBOLS, work[ROW_SYMBOL:ROW_ABSOLUTE], strict=True))
-    if vessel.propeller is not None:
-        motion |= dict(zip(LOADING, work[ROW_LOADING:N_BASE], strict=True))
-    return motion, speed, known
-
-
 def scheme(vessel: Vessel) -> tuple[np.ndarray, ...]:
     """What :func:`state_derivative` needs of a vessel besides its coefficients: (left, right, rows, dof, J_inverse)."""
     terms = tuple(term for dof in vessel.dofs for term in vessel.terms(dof))
@@ -197,8 +164,3 @@ def scheme(vessel: Vessel) -> tuple[np.ndarray, ...]:
 def work_rows(vessel: Vessel) -> int:
     """Rows of the workspace that :func:`state_derivative` needs."""
     return plan(tuple(term for dof in vessel.dofs for term in vessel.terms(dof))).n_rows
-
-
-def reference_coefficients(vessel: Vessel) -> np.ndarray:
-    """All coefficients of a vessel in the order of :func:`scheme`, shape (n_coefficients,)."""
-    return np.concatenate([vessel.coefficients(dof).values for dof in vessel.dofs])

@@ -26,14 +26,13 @@ from pymc_ship.motion.equations import (
     KERNEL,
     add_hydrodynamic_forces,
     propeller_constants,
-    reference_coefficients,
     scheme,
     sin_cos,
     state_derivative,
     work_rows,
 )
 from pymc_ship.motion.simulation import check_replay, runge_kutta_stages
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 INSTANTS = 32
 """Evaluations of the equations of motion that are linearised side by side."""

@@ -8,16 +8,9 @@ from numba import njit
 
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.standard import Manoeuvre, manoeuvre_attrs, rudder_command
-from pymc_ship.motion.equations import (
-    KERNEL,
-    STATE,
-    reference_coefficients,
-    scheme,
-    state_derivative,
-    work_rows,
-)
+from pymc_ship.motion.equations import KERNEL, STATE, scheme, state_derivative, work_rows
 from pymc_ship.trial.record import CHANNELS, UNITS
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 METHODS = ("euler", "rk4")
 """Integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta."""

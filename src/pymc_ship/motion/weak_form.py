@@ -20,8 +20,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.terms import evaluate
-from pymc_ship.motion.equations import prime_record
-from pymc_ship.trial.record import TrialError, check_trial, sampling_interval
+from pymc_ship.motion.prime_record import motion_record, prime_record
+from pymc_ship.trial.record import TrialError, sampling_interval
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
 RADIUS = 5.0
@@ -63,19 +63,6 @@ class WeakForm:
     time: np.ndarray
     design_matrices: dict[str, np.ndarray]
     responses: dict[str, np.ndarray]
-
-
-def motion_record(trial: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:
-    """Channels of a trial that the equations of motion of a vessel need, each of shape (n_time,).
-
-    Raises
-    ------
-    TrialError
-        For missing channels, NaN, or time that is not uniform.
-    """
-    names = ("u", "v", "r", "delta", *(("p", "phi") if "roll" in vessel.dofs else ()))
-    check_trial(trial, names)
-    return {name: np.ascontiguousarray(trial[name].values, dtype=float) for name in names}
 
 
 def bump(step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,8 @@ import xarray as xr
 
 from pymc_ship.forces.prime_system import to_prime
 from pymc_ship.forces.terms import evaluate
-from pymc_ship.motion.equations import prime_record
-from pymc_ship.motion.weak_form import INDEPENDENT, motion_record, weak_form
+from pymc_ship.motion.prime_record import motion_record, prime_record
+from pymc_ship.motion.weak_form import INDEPENDENT, weak_form
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
@@ -262,8 +262,8 @@ def regression_data(
         Interval of the rows [s], a multiple of the sampling interval; by default every sample, or about 4 s between
         the centres of test functions.
     derivative : {"euler", "central", "savgol", "weak", "weak_euler"}, optional
-        How accelerations are formed from the samples (see :func:`pymc_ship.denoising.denoise.derivative`), or in their
-        place the weak form: "weak" for measured records, "weak_euler" exact for Euler steps of the sampling interval.
+        How accelerations are formed from the samples, see :func:`pymc_ship.denoising.derivative.derivative`, or in
+        their place the weak form: "weak" for measured records, "weak_euler" exact for Euler steps of the interval.
 
     Returns
     -------
@@ -286,7 +286,7 @@ def regression_data(
     ----------
     Xue et al. (2020), Eq. 6 and 21, doi:10.1016/j.oceaneng.2019.106612.
     """
-    from pymc_ship.denoising.denoise import DERIVATIVES
+    from pymc_ship.denoising.derivative import DERIVATIVES
     from pymc_ship.denoising.ebayes import check_choice
 
     check_choice("derivative", derivative, (*DERIVATIVES, *WEAK))
@@ -317,7 +317,7 @@ def _difference_rows(
     trial: xr.Dataset, vessel: Vessel, dof: str, stride: int | None, derivative: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Terms, response and time of the samples that have an acceleration."""
-    from pymc_ship.denoising.denoise import derivative as differentiate
+    from pymc_ship.denoising.derivative import derivative as differentiate
 
     record, step = motion_record(trial, vessel), sampling_interval(trial)
     motion, speed, known = prime_record(vessel, record)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.pages import drawing as figures
 from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.replication import figures
 from pymc_ship.replication.measurements import BOUND, fit_name
 from pymc_ship.replication.study import MANOEUVRES, STEP, TRAJECTORY_PRIORS, StudyResult
 from pymc_ship.trajectory.posterior import KHAT_LIMIT

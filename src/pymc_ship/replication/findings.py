@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pymc_ship.pages import drawing as figures
 from pymc_ship.pages.tables import fixed, number, table
-from pymc_ship.replication import bound_chapter
+from pymc_ship.replication import bound_chapter, figures
 from pymc_ship.replication.measurements import level_of_error
 from pymc_ship.replication.study import StudyResult
 from pymc_ship.trial.noise import LITERAL_LEVEL

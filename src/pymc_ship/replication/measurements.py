@@ -8,23 +8,22 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.denoising.denoise import denoise
+from pymc_ship.frontier.bound import errors_on_bound
 from pymc_ship.frontier.estimates import (
     Estimate,
     differencing_estimates,
-    errors_on_bound,
     exact_estimate,
     trajectory_estimate,
     weak_form_estimate,
 )
 from pymc_ship.frontier.scores import relative_error, summary_rows
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.regression.cross_validation import cross_validation
 from pymc_ship.regression.data import regression_data
 from pymc_ship.regression.identify import EXACT, Identification, identify
 from pymc_ship.regression.priors import prior_family
 from pymc_ship.trajectory.posterior import TrajectoryMode
 from pymc_ship.trial.noise import LITERAL_LEVEL, pollute
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 PUBLISHED_PRIORS = {
     "conjugate": {

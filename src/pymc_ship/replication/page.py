@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
@@ -11,12 +10,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymc_ship.diagnostics.page import PAGE, diagnostic_page
-from pymc_ship.machine.files import staged, writable_folder
-from pymc_ship.pages import drawing as figures
-from pymc_ship.pages.tables import rendered
+from pymc_ship.machine.files import staged, writable_folder, write_rows
+from pymc_ship.pages import drawing
+from pymc_ship.pages.page import rendered
 from pymc_ship.regression.priors import FAMILIES
 from pymc_ship.regression.tree import CITATIONS, write_posterior
-from pymc_ship.replication import bound_chapter, findings
+from pymc_ship.replication import bound_chapter, figures, findings
 from pymc_ship.replication.study import DURATION, STEP, StudyResult, run_study
 from pymc_ship.replication.tables import agreement_blocks, csv_tables, dof_block, page_tables
 from pymc_ship.trial.noise import noise_sd
@@ -107,7 +106,7 @@ def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], Non
     with staged(out / "figures") as folder:
         folder.mkdir()
         for name, figure in drawn.items():
-            (folder / f"{name}.png").write_bytes(figures.png(figure, dpi=110))
+            (folder / f"{name}.png").write_bytes(drawing.png(figure, dpi=110))
     with staged(out / "posteriors") as folder:
         folder.mkdir()
         for family, methods in result.draws.items():
@@ -122,22 +121,6 @@ def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], Non
         with staged(out / name) as partial:
             partial.write_text(text, encoding="utf-8")
     return out / "index.html"
-
-
-def write_rows(rows: Sequence[Mapping], path: Path, *, digits: int | None = None) -> Path:
-    """Write rows of equal keys as CSV, numbers to so many significant digits, moved into place when complete."""
-    keys = list(dict.fromkeys(key for row in rows for key in row))
-    if digits is not None:
-        rows = [{key: _rounded(value, digits) for key, value in row.items()} for row in rows]
-    with staged(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, keys, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    return path
-
-
-def _rounded(value: object, digits: int) -> object:
-    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
 
 
 def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
@@ -163,7 +146,7 @@ def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
         bound_text=bound_chapter.beside_errors(result),
         dofs=[dof_block(result, dof, exact) for dof in result.vessel.dofs],
         tables=page_tables(result),
-        figures={name: figures.svg(figure, name) for name, figure in drawn.items()}
+        figures={name: drawing.svg(figure, name) for name, figure in drawn.items()}
         | {name: image for name, image, _ in trace},
         trace_figures=[(name, caption) for name, _, caption in trace],
         diagnostics=PAGE,
@@ -231,6 +214,6 @@ def _trace_figures(result: StudyResult) -> list[tuple[str, str, str]]:
             worst[dof] = str(dataset["quantity"].values[int(score.argmax())])
         trees = {dof: result.draws[family]["nuts"][dof] for dof in by_dof}
         for kind, (settings, caption) in _ARVIZ_PLOTS.items():
-            image = figures.embedded(figures.arviz_panels(f"plot_{kind}", trees, worst, **settings), caption)
+            image = drawing.embedded(figures.arviz_panels(f"plot_{kind}", trees, worst, **settings), caption)
             shown.append((f"{kind}_{family}", image, f"NUTS, {family} family: {caption}"))
     return shown

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from hashlib import sha256
 
 import numpy as np
 import xarray as xr
@@ -13,8 +12,10 @@ import xarray as xr
 from pymc_ship.denoising.denoise import denoise
 from pymc_ship.diagnostics.agreement import Comparison, agreement
 from pymc_ship.forecasting.forecast import forecast
-from pymc_ship.frontier.estimates import cramer_rao_bound, trajectory_modes
+from pymc_ship.frontier.bound import cramer_rao_bound
+from pymc_ship.frontier.estimates import trajectory_modes
 from pymc_ship.frontier.scores import forecast_row, published_rows, summary_rows
+from pymc_ship.machine.seeds import generator
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.simulation import simulate
@@ -24,8 +25,8 @@ from pymc_ship.replication import measurements as replication
 from pymc_ship.sampling.gibbs import gibbs_posterior
 from pymc_ship.sampling.regression_model import nuts_posterior
 from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior
-from pymc_ship.trajectory.runs import SENSORS
 from pymc_ship.trial.noise import FACTORS, LITERAL_LEVEL, noise_sd, pollute
+from pymc_ship.trial.record import SENSORS
 from pymc_ship.vessel.vessel import Vessel
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
@@ -103,12 +104,6 @@ def run_study(
     _replication(result, sweep, progress)
     _from_the_bound(result, progress)
     return result
-
-
-def generator(seed: int, *purpose: float | str) -> np.random.Generator:
-    """Generator of one purpose, independent of what else runs and in which order."""
-    digest = sha256("\n".join(map(str, purpose)).encode()).digest()
-    return np.random.default_rng([seed, int.from_bytes(digest, "little")])
 
 
 def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -> None:

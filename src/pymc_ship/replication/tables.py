@@ -6,9 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pymc_ship.diagnostics.tables import AGREEMENT, agreement_rows, agreement_table
 from pymc_ship.frontier.scores import coefficient_rows, relative_error
-from pymc_ship.manoeuvre.indices import imo_criteria, indices
-from pymc_ship.pages.tables import AGREEMENT, Table, agreement_rows, agreement_table, fixed, number, table
+from pymc_ship.manoeuvre.criteria import imo_criteria
+from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.regression.priors import FAMILIES
 from pymc_ship.replication.study import MANOEUVRES, StudyResult
 from pymc_ship.trial.noise import LITERAL_LEVEL

@@ -10,7 +10,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pymc_ship.pages.drawing import COLOURS, DOF_COLOURS, REFERENCE, _styled, subplots
+from pymc_ship.pages.drawing import COLOURS, REFERENCE, _styled, subplots
+from pymc_ship.replication.figures import DOF_COLOURS
 from pymc_ship.ship.model import Candidate, held_together
 from pymc_ship.ship.paths import QUANTILES
 from pymc_ship.trajectory.windows import prepared_windows, restarted, thinned

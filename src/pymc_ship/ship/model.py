@@ -16,14 +16,15 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.forecasting.index_error import index_rows, index_sd, model_error
+from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.equations import prime_record
-from pymc_ship.motion.weak_form import motion_record, weak_form_start
+from pymc_ship.motion.prime_record import motion_record, prime_record
+from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.held_out import HeldOut, held_out
+from pymc_ship.ship.held_out_indices import index_rows
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
@@ -96,7 +97,7 @@ class ShipModel:
     candidates : tuple of Candidate
         By falling weight; those of weight 0 have no draws.
     index_rows : list of dict
-        Indices of held-out manoeuvres, see :func:`pymc_ship.forecasting.index_error.index_rows`, and the ``sd`` of each
+        Indices of held-out manoeuvres, see :func:`pymc_ship.ship.held_out_indices.index_rows`, and the ``sd`` of each
         forecast.
     model_error : dict of str to float
         Relative sd of the indices by kind beyond the draws; empty where no manoeuvre was held out.

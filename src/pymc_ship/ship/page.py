@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 
 from pymc_ship.checks.trial_checks import worst_verdict
 from pymc_ship.checks.verdicts import Check
-from pymc_ship.forecasting.figures import force_curves
-from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.forecasting.force_curves import force_curves
+from pymc_ship.machine.files import staged, writable_folder, write_rows
 from pymc_ship.manoeuvre.recognition import approach_speed
-from pymc_ship.pages import drawing as figures
-from pymc_ship.pages.tables import Table, fixed, number, rendered, table
-from pymc_ship.replication.page import write_rows
+from pymc_ship.pages import drawing
+from pymc_ship.pages.page import rendered
+from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.ship.figures import (
     held_out_overshoots,
     held_out_windows,
@@ -235,7 +235,7 @@ def _page(
         summary=_summary(rows["held_out_indices"]),
         failed_paths=[row for row in rows["paths"] if row["remark"]],
         tables=_tables(model, rows),
-        figures={name: figures.svg(figure, name) for name, figure in drawn.items()},
+        figures={name: drawing.svg(figure, name) for name, figure in drawn.items()},
         remarks=[remark for remark in model.remarks if remark not in left_out],
         command=command,
         seed=seed,
@@ -387,7 +387,7 @@ def _write(out: Path, page: str, drawn: Mapping[str, Figure], rows: Mapping[str,
         path = writable_folder(out / "figures") / f"{name}.png"
         if name in drawn:
             with staged(path) as partial:
-                partial.write_bytes(figures.png(drawn[name], dpi=110))
+                partial.write_bytes(drawing.png(drawn[name], dpi=110))
         else:
             path.unlink(missing_ok=True)
     for name in _TABLES:

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forecasting.index_error import index_rows, index_sd, model_error
+from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.manoeuvre.recognition import recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.weak_form import evidence_posterior_mean, weak_form_start
 from pymc_ship.regression.data import RegressionDataError, regression_data
 from pymc_ship.ship.held_out import HeldOut, scored, scored_indices
+from pymc_ship.ship.held_out_indices import index_rows
 from pymc_ship.ship.model import chosen_prior, informed, stated_prior
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior
@@ -216,7 +217,7 @@ def overshoot_errors(rows: Sequence[dict]) -> dict[str, float]:
     Parameters
     ----------
     rows : sequence of dict
-        From :func:`pymc_ship.forecasting.index_error.index_rows`.
+        From :func:`pymc_ship.ship.held_out_indices.index_rows`.
 
     Returns
     -------

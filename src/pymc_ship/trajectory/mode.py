@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.motion.equations import STATE, reference_coefficients
+from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.simulation import replay
 from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory
 from pymc_ship.trajectory.noise import NoiseChoice, fit_with_noise
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.runs import Run, trajectory_run
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 _SAME_MODE = 0.5  # posterior standard deviations
 

@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.motion.equations import STATE, prime_record
+from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.motion.simulation import replay
 from pymc_ship.regression.tree import provenance, rng_state
 from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit, whiten

@@ -12,10 +12,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.terms import order
-from pymc_ship.motion.equations import reference_coefficients
 from pymc_ship.motion.weak_form import coefficient_scales
 from pymc_ship.regression.priors import PriorError
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 KINDS = ("flat", "order_damped", "sister_ship")
 """Priors that need no numbers of the user's own."""

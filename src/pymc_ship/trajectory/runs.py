@@ -15,11 +15,9 @@ import xarray as xr
 
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.simulation import METHODS
-from pymc_ship.trial.record import TrialError, check_trial, sampling_interval
+from pymc_ship.trial.noise import second_difference_sd
+from pymc_ship.trial.record import SENSORS, TrialError, check_trial, sampling_interval
 from pymc_ship.vessel.vessel import Vessel
-
-SENSORS = ("u", "v", "r", "p", "phi")
-"""Channels used where none are named; psi, x and y can be added."""
 
 BLOCK = 0.2
 """Samples closer than this interval [s] are averaged over it."""
@@ -29,8 +27,6 @@ LONGEST_STEP = 0.1
 
 FEWEST_BLOCKS = 20
 """Blocks that a record must have."""
-
-_SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
 
 
 @dataclass(frozen=True)
@@ -124,15 +120,6 @@ class Run:
             guess[row] = np.polynomial.Polynomial.fit(np.arange(count), values[:count], 1)(0)
             sd[row] = np.ptp(values) + 10.0 * noise
         return guess, sd
-
-
-def second_difference_sd(values: np.ndarray) -> np.ndarray:
-    """Standard deviation of white noise on smooth channels, shape (n_channels,) from (n_channels, n_time).
-
-    The median magnitude of y_{k+1} - 2 y_k + y_{k-1} over 0.6745 sqrt(6): blind to a smooth signal and to outliers, too
-    small for noise that is correlated in time.
-    """
-    return np.median(np.abs(np.diff(values, 2, axis=-1)), axis=-1) / _SECOND_DIFFERENCE
 
 
 def trajectory_run(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 import xarray as xr
 
-from pymc_ship.trial.record import CHANNELS, TrialError, check_trial
+from pymc_ship.trial.record import CHANNELS, SENSORS, TrialError, check_trial
 
 FACTORS = {"u": 0.3, "v": 1.0, "r": 0.3, "p": 0.3, "phi": 0.3, "psi": 0.3}
 """Factor k of each channel: 1.0 for sway, 0.3 for the others; the rudder and the track carry no noise."""
@@ -70,3 +71,61 @@ def pollute(
         polluted[name] = ("time", clean + sd * rng.standard_normal(clean.size), trial[name].attrs)
         polluted.attrs[f"noise_sd_{name}"] = float(sd)
     return polluted
+
+
+_SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
+
+
+def second_difference_sd(values: np.ndarray) -> np.ndarray:
+    """Standard deviation of white noise on smooth channels, shape (n_channels,) from (n_channels, n_time).
+
+    The median magnitude of y_{k+1} - 2 y_k + y_{k-1} over 0.6745 sqrt(6): blind to a smooth signal and to outliers, too
+    small for noise that is correlated in time.
+    """
+    return np.median(np.abs(np.diff(values, 2, axis=-1)), axis=-1) / _SECOND_DIFFERENCE
+
+
+_STEP = 0.02
+
+
+def _white(size: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.standard_normal(size)
+
+
+def _student(size: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.standard_t(3.0, size) / np.sqrt(3.0)
+
+
+def _correlated(size: int, rng: np.random.Generator, *, time_constant: float) -> np.ndarray:
+    """First-order autoregression of unit variance from its stationary state."""
+    from scipy.signal import lfilter
+
+    correlation = np.exp(-_STEP / time_constant)
+    shocks = rng.standard_normal(size)
+    shocks[1:] *= np.sqrt(1.0 - correlation**2)
+    return lfilter([1.0], [1.0, -correlation], shocks)
+
+
+NOISES = {
+    "white": _white,
+    "correlated 0.2 s": partial(_correlated, time_constant=0.2),
+    "correlated 1 s": partial(_correlated, time_constant=1.0),
+    "offsets": _white,
+    "Student-t3": _student,
+}
+"""Sensor noise of unit variance: (size, generator) -> (size,). Under ``offsets`` a constant of either sign, half to
+all of the level times the peak of the channel, comes on top of the white noise."""
+
+
+def noisy_trial(clean: xr.Dataset, level: float, noise: str, rng: np.random.Generator) -> xr.Dataset:
+    """Trial with noise of the size that :func:`pymc_ship.pollute` gives, of any kind of :data:`NOISES`."""
+    trial = clean.copy()
+    for name in SENSORS:
+        values = clean[name].values
+        peak = level * np.abs(values).max()
+        seen = values + FACTORS[name] * peak * NOISES[noise](values.size, rng)
+        if noise == "offsets":
+            seen = seen + peak * rng.uniform(0.5, 1.0) * rng.choice((-1.0, 1.0))
+        trial[name] = ("time", seen, clean[name].attrs)
+        trial.attrs[f"noise_sd_{name}"] = float(FACTORS[name] * peak)
+    return trial

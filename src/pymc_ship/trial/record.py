@@ -124,3 +124,7 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
         file.write(",".join(["time", *names]) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
     return path
+
+
+SENSORS = ("u", "v", "r", "p", "phi")
+"""Channels used where none are named; psi, x and y can be added."""

@@ -367,3 +367,8 @@ def _force(table: dict, dof: str, path: Path) -> tuple[Coefficient, ...]:
     if not force:
         raise VesselError(f"{path}: coefficients.{dof} is empty; add at least one coefficient such as {LETTER[dof]}v.")
     return tuple(force)
+
+
+def reference_coefficients(vessel: Vessel) -> np.ndarray:
+    """All coefficients of a vessel in the order of :func:`scheme`, shape (n_coefficients,)."""
+    return np.concatenate([vessel.coefficients(dof).values for dof in vessel.dofs])

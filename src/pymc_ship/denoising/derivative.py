@@ -1,0 +1,64 @@
+"""Derivatives of sampled signals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pymc_ship.denoising.ebayes import check_choice
+
+DERIVATIVES = ("euler", "central", "savgol")
+"""Methods of :func:`derivative`."""
+
+
+def derivative(
+    values: ArrayLike, step: float, method: str = "savgol", *, window: float = 5.0, order: int = 3
+) -> np.ndarray:
+    """Derivative of a uniformly sampled signal along its last axis.
+
+    Parameters
+    ----------
+    values : array_like, shape (..., n_time)
+    step : float
+        Sampling step [s].
+    method : {"euler", "central", "savgol"}, optional
+        "euler": forward difference over one step, exact for records made by explicit Euler with that step; the last
+        sample repeats the last difference. "central": second-order differences, one-sided at the ends. "savgol":
+        derivative of the local least-squares polynomial (Savitzky & Golay, Anal. Chem. 36:1627, 1964).
+    window : float, optional
+        Length of the Savitzky-Golay window [s]; an odd number of samples is taken, at least order + 2.
+    order : int, optional
+        Order of its polynomial.
+
+    Returns
+    -------
+    ndarray, shape (..., n_time)
+        In units of the signal per second.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method, a step or window that is not positive, an order below 1, values that are not finite and
+        a signal shorter than the method needs.
+    """
+    signal = np.asarray(values, dtype=float)
+    check_choice("method", method, DERIVATIVES)
+    if not (0.0 < step < math.inf and 0.0 < window < math.inf and order >= 1):
+        found = f"{step:g} s, {window:g} s and {order}"
+        raise ValueError(f"Step and window must be positive and the order at least 1, found {found}; mend them.")
+    length = 2 * max(round(0.5 * window / step), (order + 2) // 2) + 1
+    needed = {"euler": 2, "central": 3, "savgol": length}[method]
+    n_time = signal.shape[-1] if signal.ndim else 1
+    if n_time < needed:
+        raise ValueError(f"The method {method} needs {needed} samples, found {n_time}; give more or another window.")
+    if not np.isfinite(signal).all():
+        raise ValueError("A derivative needs finite values, found NaN or infinity; fill or cut the gaps first.")
+    if method == "euler":
+        return np.diff(signal, axis=-1, append=2.0 * signal[..., -1:] - signal[..., -2:-1]) / step
+    if method == "central":
+        return np.gradient(signal, step, axis=-1, edge_order=2)
+    from scipy.signal import savgol_filter  # 0.5 s to import
+
+    return savgol_filter(signal, length, order, deriv=1, delta=step, axis=-1)

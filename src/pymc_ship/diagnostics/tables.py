@@ -1,0 +1,142 @@
+"""Tables of a diagnosed regression: agreement of methods, coefficients, chains and sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.pages.tables import Table, fixed, number, table
+
+_SCALED = ("mean", "sd", "lower", "upper", "mcse_mean", "mcse_sd")
+
+
+AGREEMENT = {
+    "method": ("method", str),
+    "largest_z": ("largest |z|", fixed(2)),
+    "z_limit": ("limit", fixed(2)),
+    "r_hat": ("largest R-hat", fixed(4)),
+    "ess_bulk": ("least bulk ESS", fixed(0)),
+    "ess_tail": ("least tail ESS", fixed(0)),
+    "divergences": ("divergences", fixed(0)),
+    "agrees": ("agrees", str),
+}
+"""Columns of a table of :func:`agreement_rows`."""
+
+
+def agreement_rows(agreement: xr.Dataset) -> list[dict]:
+    """Worst values and verdict of each method of an agreement."""
+    return [
+        {
+            "method": str(method),
+            "largest_z": float(one["largest_z"]),
+            "z_limit": float(agreement.attrs["z_limit"]),
+            "r_hat": float(one["r_hat"].max()),
+            "ess_bulk": float(one["ess_bulk"].min()),
+            "ess_tail": float(one["ess_tail"].min()),
+            "divergences": float(one["divergences"]),
+            "agrees": "yes" if bool(one["agrees"]) else "NO",
+        }
+        for method in agreement["method"].values
+        for one in [agreement.sel({"method": method})]
+    ]
+
+
+def agreement_table(agreement: xr.Dataset) -> Table:
+    """Exact mean and sd of every quantity and, for each method, its own with their z-scores; prime values times 1e5."""
+    n, z = number(4), fixed(2)
+    methods = [str(method) for method in agreement["method"].values]
+    rows = []
+    for quantity in agreement["quantity"].values:
+        one, scale = agreement.sel(quantity=quantity), 1e10 if quantity == "noise_variance" else 1e5
+        row = {"quantity": "σ²" if quantity == "noise_variance" else str(quantity)}
+        row |= {name: scale * float(one[f"exact_{name}"]) for name in ("mean", "sd")}
+        for method in methods:
+            by_method = one.sel({"method": method})
+            row |= {f"{method}_{name}": scale * float(by_method[name]) for name in ("mean", "sd")}
+            row |= {f"{method}_{name}": float(by_method[name]) for name in ("z_mean", "z_sd")}
+            row[f"{method}_z_quantile"] = float(np.abs(by_method["z_quantile"]).max())
+        rows.append(row)
+    columns = {"quantity": ("quantity", str), "mean": ("exact mean", n), "sd": ("exact sd", n)}
+    for method in methods:
+        columns |= {
+            f"{method}_mean": (f"{method} mean", n),
+            f"{method}_z_mean": ("z", z),
+            f"{method}_sd": (f"{method} sd", n),
+            f"{method}_z_sd": ("z", z),
+            f"{method}_z_quantile": ("|z| q", z),
+        }
+    return table(rows, columns)
+
+
+def coefficient_table(
+    summary: xr.Dataset,
+    narrowing: xr.Dataset | None,
+    reference: np.ndarray | None,
+    published: Mapping[str, np.ndarray],
+) -> Table:
+    """Posterior of every quantity beside reference and published values and, where known, what determines it."""
+    columns = _coefficient_columns(narrowing, reference, published)
+    return table(_coefficient_rows(summary, narrowing, reference, published), columns)
+
+
+def sensitivity_table(rows: Sequence[Mapping], quantity: str) -> Table:
+    """Rows of :func:`pymc_ship.diagnostics.regression.prior_sensitivity`, the first column as named."""
+    columns = {"quantity": (quantity, str), "prior": ("prior", fixed(3)), "likelihood": ("likelihood", fixed(3))}
+    return table(rows, columns | {"diagnosis": ("diagnosis", str)})
+
+
+def chain_table(summary: xr.Dataset) -> Table:
+    """Monte Carlo errors, R-hat and effective sample sizes of every quantity."""
+    columns = {
+        "quantity": ("quantity", str),
+        "mean": ("mean", number(4)),
+        "mcse_mean": ("MCSE of mean", number(3)),
+        "mcse_sd": ("MCSE of sd", number(3)),
+        "r_hat": ("R-hat", fixed(4)),
+        "ess_bulk": ("bulk ESS", fixed(0)),
+        "ess_tail": ("tail ESS", fixed(0)),
+    }
+    return table(_coefficient_rows(summary, None, None, {}), columns)
+
+
+def _coefficient_columns(
+    narrowing: xr.Dataset | None, reference: np.ndarray | None, published: Mapping[str, np.ndarray]
+) -> dict:
+    columns = {"quantity": ("coefficient", str)}
+    columns |= {"reference": ("reference", number(4))} if reference is not None else {}
+    columns |= {f"published_{family}": (f"publ. {family}", number(4)) for family in published}
+    columns |= {
+        "mean": ("mean", number(4)),
+        "sd": ("sd", number(3)),
+        "lower": (f"{50 - 50 * CI_PROB:g} %", number(4)),
+        "upper": (f"{50 + 50 * CI_PROB:g} %", number(4)),
+    }
+    if narrowing is not None:
+        columns |= {"contraction": ("contraction", fixed(3)), "judged": ("judged", str)}
+    return columns
+
+
+def _coefficient_rows(
+    summary: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None, published: Mapping[str, np.ndarray]
+) -> list[dict]:
+    rows = []
+    for k, name in enumerate(map(str, summary["quantity"].values)):
+        last = k == summary.sizes["quantity"] - 1
+        scale = 1e10 if last else 1e5
+        row = {key: float(summary[key].values[k]) for key in ("r_hat", "ess_bulk", "ess_tail")}
+        row |= {key: scale * float(summary[key].values[k]) for key in _SCALED}
+        row |= {"quantity": "σ²" if last else name, "contraction": float("nan"), "judged": ""}
+        row |= {f"published_{family}": float("nan") if last else 1e5 * v[k] for family, v in published.items()}
+        row["reference"] = float("nan") if last or reference is None else 1e5 * float(reference[k])
+        if narrowing is not None and not last:
+            one = narrowing.isel(coefficient=k)
+            row["contraction"] = float(one["contraction"])
+            row["judged"] = "determined" if one["determined"] else "not from zero" if one["narrowed"] else "prior"
+        rows.append(row)
+    return rows
+
+
+CI_PROB = 0.95
+"""Probability of the equal-tailed intervals."""

@@ -1,0 +1,106 @@
+"""Force curves of the draws over the range of the data and beyond."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from pymc_ship.forces.terms import SYMBOLS, evaluate
+from pymc_ship.forecasting.figures import _AXES, _BLUE, _FORCES, _GRID, _HALF_RANGE, _MARGIN
+from pymc_ship.pages.drawing import NOISE, _styled, subplots
+from pymc_ship.vessel.vessel import LETTER, Vessel
+
+
+@_styled
+def force_curves(
+    models: Sequence[tuple[Vessel, np.ndarray]], ranges: xr.DataArray | None = None, *, ci_prob: float = 0.95
+) -> Figure:
+    """Prime force and moment of the hull and rudder against v', r' and rudder, one at a time at the nominal speed.
+
+    Parameters
+    ----------
+    models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients))
+        Vessels, which may differ in their terms, with coefficient draws, DOFs one after the other in the vessel's
+        order; the curves of all of them are pooled, so that a structure weighs as much as its draws.
+    ranges : DataArray, dims (row, symbol), optional
+        Prime motion of the training record, ``symbol`` being :data:`pymc_ship.forces.terms.SYMBOLS`; the range of each
+        quantity is shaded.
+    ci_prob : float, optional
+        Probability inside the equal-tailed bands.
+
+    Returns
+    -------
+    Figure
+        Rows X', Y', N'; columns v', r', delta; all else is zero.
+
+    Raises
+    ------
+    ValueError
+        For no model, or draws that do not fit their vessel.
+    """
+    if not models:
+        raise ValueError("Force curves need at least one vessel with draws of its coefficients, found none; add one.")
+    fig, axes = subplots(8.0, 6.4, len(_FORCES), len(_AXES), sharex="col")
+    tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
+    for column, symbol in enumerate(_AXES):
+        trained = None if ranges is None else _trained(ranges, symbol)
+        half = max([_HALF_RANGE[symbol], *([] if trained is None else [_MARGIN * max(map(abs, trained))])])
+        values = np.linspace(-half, half, _GRID)
+        factor = np.rad2deg(1.0) if symbol == "delta" else 1.0
+        for row, dof in enumerate(_FORCES):
+            ax = axes[row, column]
+            curves = 1e3 * np.concatenate([force_draws(vessel, draws, dof, symbol, values) for vessel, draws in models])
+            lower, median, upper = np.quantile(curves, tails, axis=0)
+            if trained is not None:
+                ends = [factor * end for end in trained]
+                ax.axvspan(*ends, color=NOISE, alpha=0.3, lw=0, zorder=0, label="range of the training record")
+            ax.fill_between(
+                factor * values, lower, upper, color=_BLUE, alpha=0.25, lw=0, label=f"{100.0 * ci_prob:g} % band"
+            )
+            ax.plot(factor * values, median, color=_BLUE, label="median")
+            ax.set_xlim(-factor * half, factor * half)
+            if column == 0:
+                ax.set_ylabel(f"{LETTER[dof]}' · 10³")
+        axes[-1, column].set_xlabel(_AXES[symbol])
+    fig.align_ylabels(axes[:, 0])
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return fig
+
+
+def _trained(ranges: xr.DataArray, symbol: str) -> tuple[float, float]:
+    values = ranges.sel(symbol=symbol).values
+    return float(np.nanmin(values)), float(np.nanmax(values))
+
+
+def force_draws(vessel: Vessel, draws: np.ndarray, dof: str, symbol: str, values: np.ndarray) -> np.ndarray:
+    """Prime force of a DOF along one quantity, all others zero, at the nominal speed, shape (n_draws, n_values).
+
+    Parameters
+    ----------
+    vessel : Vessel
+    draws : ndarray, shape (n_draws, n_coefficients)
+        DOFs one after the other in the vessel's order.
+    dof, symbol : str
+        ``surge``, ``sway``, ``yaw`` or ``roll``; one of :data:`pymc_ship.forces.terms.SYMBOLS`.
+    values : ndarray, shape (n_values,)
+        Prime values of the quantity.
+
+    Raises
+    ------
+    ValueError
+        For draws that do not fit the vessel.
+    """
+    sizes = [len(vessel.terms(name)) for name in vessel.dofs]
+    if draws.ndim != 2 or draws.shape[1] != sum(sizes) or not len(draws):
+        raise ValueError(
+            f"Draws of {vessel.name!r} have shape (draws, {sum(sizes)}), found {draws.shape}; reorder them."
+        )
+    begin = sum(sizes[: vessel.dofs.index(dof)])
+    state = {name: np.zeros(values.size) for name in SYMBOLS} | {symbol: np.asarray(values, dtype=float)}
+    if vessel.propeller is not None:
+        state |= {"g": np.ones(values.size), "T": np.zeros(values.size)}
+    mine = draws[:, begin : begin + len(vessel.terms(dof))]
+    return mine @ evaluate(vessel.terms(dof), state).T

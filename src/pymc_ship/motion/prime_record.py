@@ -1,0 +1,57 @@
+"""The motion of a record as the force terms take it: prime quantities at every instant."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forces.terms import LOADING, N_BASE, ROW_ABSOLUTE, ROW_LOADING, ROW_SYMBOL, SYMBOLS
+from pymc_ship.motion.equations import STATE, known_forces, prime_motion
+from pymc_ship.trial.record import check_trial
+from pymc_ship.vessel.vessel import Vessel
+
+
+def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict, np.ndarray, np.ndarray]:
+    """Prime motion, speed and known forces at every instant of a record.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    record : dict of str to ndarray, shape (n_time,)
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls.
+
+    Returns
+    -------
+    motion : dict of str to ndarray, shape (n_time,)
+        Prime values of the symbols of the terms, and ``g`` and ``T`` where the vessel states its propeller, for
+        :func:`pymc_ship.forces.terms.evaluate`.
+    speed : ndarray, shape (n_time,)
+        U [m/s].
+    known : ndarray, shape (4, n_time)
+        F1, F2, M1, M2 without their hydrodynamic part.
+    """
+    n_time = record["u"].size
+    state = np.zeros((len(STATE), n_time))
+    for row, name in enumerate(STATE[:5]):
+        if name in record:
+            state[row] = record[name]
+    work, speed, known = np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time))
+    prime_motion(state, record["delta"], vessel.hull, work, speed)
+    known_forces(state, vessel.hull, work, speed, known)
+    motion = dict(zip(SYMBOLS, work[ROW_SYMBOL:ROW_ABSOLUTE], strict=True))
+    if vessel.propeller is not None:
+        motion |= dict(zip(LOADING, work[ROW_LOADING:N_BASE], strict=True))
+    return motion, speed, known
+
+
+def motion_record(trial: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:
+    """Channels of a trial that the equations of motion of a vessel need, each of shape (n_time,).
+
+    Raises
+    ------
+    TrialError
+        For missing channels, NaN, or time that is not uniform.
+    """
+    names = ("u", "v", "r", "delta", *(("p", "phi") if "roll" in vessel.dofs else ()))
+    check_trial(trial, names)
+    return {name: np.ascontiguousarray(trial[name].values, dtype=float) for name in names}

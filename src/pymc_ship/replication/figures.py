@@ -1,0 +1,213 @@
+"""Figures of the study: trials, posteriors and forecasts. Fits nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from pymc_ship.forecasting.forecast import stated_shares
+from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, _styled, subplots
+from pymc_ship.trial.record import UNITS
+
+DOF_COLOURS = {"surge": "#1f6fb2", "sway": "#c8551b", "yaw": "#3a8f4d", "roll": "#7d4fa3"}
+
+
+METHOD_COLOURS = ("#7fb2dd", "#1f6fb2", "#3a8f4d", "#c8551b", "#7d4fa3")
+
+
+_DEGREES = {"rad": "deg", "rad/s": "deg/s"}
+
+
+_LABELS = {"phi": "roll angle φ", "psi": "heading ψ", "delta": "rudder δ", "x": "x", "y": "y"}
+
+
+def _shown(name: str, values: np.ndarray) -> np.ndarray:
+    return np.rad2deg(values) if UNITS[name] in _DEGREES else values
+
+
+def _label(name: str) -> str:
+    return f"{_LABELS.get(name, name)} [{_DEGREES.get(UNITS[name], UNITS[name])}]"
+
+
+@_styled
+def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tuple[float, float]) -> Figure:
+    """Fig. 2: clean, polluted and denoised channels, the whole record and a part enlarged."""
+    names = [name for name in ("u", "v", "r", "p", "phi") if name in smooth]
+    fig, axes = subplots(8.0, 1.55 * len(names), len(names), 2, width_ratios=(1.7, 1.0), sharex="col")
+    views = (slice(None, None, 10), np.flatnonzero((clean["time"] >= zoom[0]) & (clean["time"] <= zoom[1])))
+    for row, name in zip(axes, names, strict=True):
+        for ax, view in zip(row, views, strict=True):
+            time = clean["time"].values[view]
+            ax.plot(time, _shown(name, noisy[name].values[view]), color=NOISE, lw=0.6, label="polluted")
+            ax.plot(time, _shown(name, clean[name].values[view]), color=REFERENCE, lw=1.6, label="clean")
+            ax.plot(time, _shown(name, smooth[name].values[view]), color=COLOURS["semiconjugate"], label="denoised")
+        row[0].set_ylabel(_label(name))
+    for ax, title in zip(axes[0], ("whole record", "enlarged"), strict=True):
+        ax.set_title(title)
+    for ax in axes[-1]:
+        ax.set_xlabel("time [s]")
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return fig
+
+
+@_styled
+def noise_variance(exact: Mapping[str, object], dof: str) -> Figure:
+    """Fig. 3: prior and posterior density of sigma2 of one DOF for each family, on a log axis."""
+    fig, axes = subplots(8.0, 2.9, 1, len(exact))
+    for ax, (family, posterior) in zip(axes[0], exact.items(), strict=True):
+        low, high = posterior.noise_variance_quantiles([1e-6, 1.0 - 1e-6])
+        values = np.geomspace(low / 30.0, high * 30.0, 20000)
+        prior = values * posterior.prior_noise_variance_density(values)
+        seen = values[(prior > 0.01 * prior.max()) | ((values > low) & (values < high))]
+        for density, label, style in (
+            (posterior.prior_noise_variance_density, "prior", "--"),
+            (posterior.noise_variance_density, "posterior", "-"),
+        ):
+            ax.plot(values, values * density(values), style, color=COLOURS[family], label=label)
+        if seen[-1] > 10.0 * seen[0]:
+            ax.set_xscale("log")
+            ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+            ax.xaxis.set_minor_formatter(NullFormatter())
+        else:
+            ax.locator_params(axis="x", nbins=5)
+        ax.set_xlim(seen[0] / 1.02, seen[-1] * 1.02)
+        ax.set_xlabel("σ² of the prime response")
+        ax.set_ylabel("density of log σ²")
+        ax.set_title(f"{dof}, {family}")
+        ax.legend()
+    return fig
+
+
+@_styled
+def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
+    """Fig. 4: path of a coefficient through the draws of every chain, with its mean and reference, for each name."""
+    fig, axes = subplots(8.0, 2.9, 1, len(paths))
+    for ax, (name, (tree, reference)) in zip(axes[0], paths.items(), strict=True):
+        draws = tree["posterior"]["coefficients"].sel(coefficient=name)
+        for chain in draws["chain"].values:
+            ax.plot(draws["draw"], 1e5 * draws.sel(chain=chain), lw=0.4, alpha=0.7)
+        ax.axhline(1e5 * float(draws.mean()), color=COLOURS["semiconjugate"], label="posterior mean")
+        ax.axhline(1e5 * reference, color=REFERENCE, ls="--", label="reference")
+        ax.set_xlabel("draw")
+        ax.set_ylabel(f"{name}' · 10⁵")
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return fig
+
+
+@_styled
+def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]) -> Figure:
+    """Fig. 5 and 6: motion of the reference ship against medians and bands of each forecast, and their shares."""
+    names = ("u", "v", "r", "p", "phi", "psi")
+    turning = reference.attrs["manoeuvre"] == "turning_circle"
+    fig, axes = subplots(8.0, 7.4, 4, 2)
+    panels = [*names, "delta"]
+    for ax, name in zip(axes.flat, panels, strict=False):
+        for family, tree in forecasts.items():
+            _band(ax, tree["bands"].to_dataset(), name, COLOURS[family], family)
+        ax.plot(reference["time"], _shown(name, reference[name].values), "--", color=REFERENCE, label="reference")
+        ax.set_ylabel(_label(name))
+        ax.set_xlabel("time [s]")
+    _track(axes.flat[-1], reference, forecasts, equal=turning)
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside upper center", ncols=3)
+    fig.supxlabel("\n".join(f"{family}: {stated_shares(tree)}" for family, tree in forecasts.items()), fontsize=9.0)
+    return fig
+
+
+def _band(ax, bands: xr.Dataset, name: str, colour: str, family: str) -> None:
+    lower, median, upper = (_shown(name, bands[name].sel(band=band).values) for band in ("lower", "median", "upper"))
+    ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{family}: band")
+    ax.plot(bands["time"], median, color=colour, label=f"{family}: median")
+
+
+def _track(ax, reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree], *, equal: bool) -> None:
+    for family, tree in forecasts.items():
+        ships = tree["trajectories"].to_dataset()
+        for draw in range(min(40, ships.sizes["draw"])):
+            ax.plot(ships["y"][draw], ships["x"][draw], color=COLOURS[family], lw=0.4, alpha=0.25)
+    ax.plot(reference["y"], reference["x"], "--", color=REFERENCE)
+    ax.set_xlabel("y, to starboard [m]")
+    ax.set_ylabel("x, ahead [m]")
+    if equal:
+        ax.set_aspect("equal")
+        reach = 0.15 * float(np.ptp(reference["y"].values))
+        ax.set_xlim(float(reference["y"].min()) - reach, float(reference["y"].max()) + reach)
+
+
+@_styled
+def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], published: float, bound: float) -> Figure:
+    """Median coefficient error of each DOF against the noise level, with the published median and its level."""
+    fig, axes = subplots(8.0, 3.4)
+    ax = axes[0, 0]
+    for dof, values in errors.items():
+        ax.loglog(levels, values, "o-", ms=3.5, color=DOF_COLOURS.get(dof, REFERENCE), label=dof)
+    ax.axhline(published, color=REFERENCE, ls="--", lw=0.9, label="published, median of all")
+    if np.isfinite(bound):
+        ax.axvline(bound, color=REFERENCE, ls=":", lw=0.9, label=f"published errors at level {bound:.1e}")
+    ax.set_xlabel("noise level (standard deviation of ξ)")
+    ax.set_ylabel("median |error| [%]")
+    ax.legend(ncols=2)
+    return fig
+
+
+@_styled
+def errors_by_method(
+    levels: np.ndarray, errors: Mapping[str, np.ndarray], published: Mapping[str, float], printed_level: float
+) -> Figure:
+    """Median coefficient error of each method against the noise level, the bound first and dashed, and what is printed.
+
+    ``published`` medians by family stand at the printed level.
+    """
+    fig, axes = subplots(8.0, 4.2)
+    ax = axes[0, 0]
+    styles = [{"color": REFERENCE, "ls": "--"}, *({"color": colour, "marker": "o"} for colour in METHOD_COLOURS)]
+    for (method, values), style in zip(errors.items(), styles, strict=False):
+        ax.loglog(levels, values, ms=3.5, label=method, **style)
+    for (family, median), marker in zip(published.items(), "*P", strict=False):
+        ax.plot(printed_level, median, marker, ls="", ms=8, color=REFERENCE, label=f"published, {family}")
+    ax.set_xlabel("noise level (standard deviation of ξ)")
+    ax.set_ylabel("median |error| [%]")
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return fig
+
+
+@_styled
+def tuning(tuned: Mapping[str, object]) -> Figure:
+    """Best cross-validated score so far against the evaluation, relative to the evidence maximum, for each DOF."""
+    fig, axes = subplots(8.0, 2.9)
+    ax = axes[0, 0]
+    for dof, result in tuned.items():
+        best = np.maximum.accumulate(result.scores) - result.evidence_score
+        ax.plot(np.arange(1, best.size + 1), best, ".-", ms=3, color=DOF_COLOURS.get(dof, REFERENCE), label=dof)
+    ax.axhline(0.0, color=REFERENCE, ls="--", lw=0.9, label="evidence maximum")
+    ax.set_yscale("symlog", linthresh=1e-3)
+    ax.set_xlabel("evaluation")
+    ax.set_ylabel("gain [nats per row]")
+    ax.legend(ncols=5, fontsize=8)
+    return fig
+
+
+@_styled
+def arviz_panels(plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapping[str, str], **settings) -> Figure:
+    """One panel for one coefficient of each tree, drawn by an ArviZ plot such as ``plot_trace`` or ``plot_rank``."""
+    import arviz as az
+    import matplotlib.pyplot as plt
+
+    draws = {
+        f"{coefficients[dof]} · 1e5": 1e5
+        * tree["posterior"]["coefficients"].sel(coefficient=coefficients[dof], drop=True)
+        for dof, tree in trees.items()
+    }
+    together = xr.DataTree.from_dict({"posterior": xr.Dataset(draws)})
+    with plt.ioff():
+        panels = getattr(az, plot)(
+            together, backend="matplotlib", col_wrap=2, figure_kwargs={"figsize": (8.0, 4.2)}, **settings
+        )
+        fig = panels.get_viz("figure")
+        fig.set_layout_engine("constrained")
+        plt.close(fig)
+    return fig

@@ -1,0 +1,54 @@
+"""Indices of held-out manoeuvres beside their forecasts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forecasting.index_error import _KIND_OF, _robust_sd, _scale
+from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.ship.held_out import forecast_indices, scored_indices
+from pymc_ship.vessel.vessel import Vessel
+
+
+def index_rows(
+    run: str,
+    trial: xr.Dataset,
+    manoeuvre: Manoeuvre,
+    models: Sequence[tuple[Vessel, np.ndarray]],
+    weight: np.ndarray,
+) -> list[dict]:
+    """Indices of a held-out run beside their forecast.
+
+    Parameters
+    ----------
+    run : str
+        Name of the run.
+    trial : Dataset, dims (time,)
+    manoeuvre : Manoeuvre
+    models : sequence of (Vessel, ndarray of shape (1 + n_draws, n_coefficients))
+        Fits made without the run: the estimate, then draws.
+    weight : ndarray, shape (n_models,)
+
+    Returns
+    -------
+    list of dict
+        ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between
+        the models) and ``scale``, for every index that both reach.
+    """
+    duration = float(np.ptp(trial["time"].values))
+    found = [forecast_indices(vessel, coefficients, manoeuvre, duration) for vessel, coefficients in models]
+    rows = []
+    for name, measured in scored_indices(trial, manoeuvre).items():
+        mean = np.array([values[name][0] for values in found])
+        sd = np.array([_robust_sd(values[name][1:]) for values in found])
+        forecast = float(weight @ mean)
+        if np.isfinite([measured, forecast, *sd]).all():
+            between = float(np.sqrt(weight @ (mean - forecast) ** 2))
+            row = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": _KIND_OF[name]}
+            row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(weight @ sd**2))}
+            scale = _scale(name, measured, manoeuvre.heading_deg, models[0][0])
+            rows.append(row | {"model_sd": between, "scale": float(scale)})
+    return rows
