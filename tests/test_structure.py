@@ -1,9 +1,10 @@
-"""The shape of the package: layers, what is loaded when, sizes, and where things may stand."""
+"""The shape of the package: wings and what each may import, what is loaded when, sizes, and where things may stand."""
 
 from __future__ import annotations
 
 import ast
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,128 +15,38 @@ import pytest
 import pymc_ship as ps
 
 PACKAGE = Path(ps.__file__).parent
-MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "__init__.py")
+TESTS = Path(__file__).parent
+ROOMS = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "__init__.py" and path.parent != PACKAGE)
+FACES = sorted(PACKAGE.glob("*/__init__.py"))
 
-LAYERS = (
-    "toml_file",
-    "threads",
-    "terms",
-    "prime_system",
-    "propeller",
-    "vessel",
-    "term_sets",
-    "hull_database",
-    "manoeuvres",
-    "candidates",
-    "equations_of_motion",
-    "output",
-    "trial",
-    "recognised",
-    "trial_columns",
-    "trial_format",
-    "trial_time",
-    "trial_file",
-    "simulate",
-    "sensitivities",
-    "closed_loop",
-    "noise",
-    "spike_and_slab",
-    "ebayes",
-    "denoise",
-    "indices",
-    "imo_verdict",
-    "weak_form",
-    "regression_data",
-    "streamed_regression",
-    "priors",
-    "prior_table",
-    "posterior",
-    "trajectory_data",
-    "check_verdicts",
-    "kinematic_closure",
-    "rudder_checks",
-    "record_quality",
-    "excitation_checks",
-    "trial_checks",
-    "trajectory_prior",
-    "trajectory_fit",
-    "identifiability",
-    "trajectory_noise",
-    "trajectory_mode",
-    "trajectory_posterior",
-    "soundness",
-    "window_fit",
-    "measured_manoeuvre",
-    "held_out",
-    "model_error",
-    "ship_model",
-    "ship_paths",
-    "error_laws",
-    "predictive",
-    "rotation",
-    "quadrature",
-    "conjugate",
-    "semiconjugate",
-    "gibbs",
-    "cross_validation",
-    "tune",
-    "identification",
-    "error_models",
-    "pymc_model",
-    "trajectory_op",
-    "trajectory_model",
-    "diagnostics",
-    "trajectory_diagnostics",
-    "agreement",
-    "calibration",
-    "extrapolation",
-    "forecast",
-    "ship_files",
-    "trial_design",
-    "tables",
-    "estimates",
-    "replication",
-    "study",
-    "figures",
-    "page_tables",
-    "diagnostic_figures",
-    "diagnostic_parts",
-    "trajectory_figures",
-    "trajectory_parts",
-    "diagnostic_report",
-    "study_tables",
-    "bound_chapter",
-    "findings",
-    "report",
-    "manoeuvre_track",
-    "manoeuvre_figures",
-    "forecast_report",
-    "ship_figures",
-    "ship_report",
-    "frontier_data",
-    "frontier",
-    "frontier_tables",
-    "frontier_figures",
-    "frontier_report",
-    "montecarlo_task",
-    "montecarlo_grid",
-    "montecarlo_store",
-    "montecarlo_workers",
-    "montecarlo_tables",
-    "montecarlo_figures",
-    "montecarlo_report",
-    "montecarlo",
-    "command_texts",
-    "command_files",
-    "ship_commands",
-    "commands",
-    "command_words",
-    "command_parser",
-    "cli",
-)
-"""A module imports only from modules above it."""
+WINGS = {
+    "machine": "",
+    "pages": "",
+    "forces": "",
+    "vessel": "machine forces",
+    "trial": "machine",
+    "denoising": "machine trial",
+    "manoeuvre": "vessel trial denoising",
+    "motion": "machine forces vessel trial denoising manoeuvre",
+    "checks": "forces vessel trial motion",
+    "regression": "machine forces vessel trial denoising motion",
+    "trajectory": "forces vessel trial motion regression",
+    "sampling": "vessel motion regression trajectory",
+    "forecasting": "machine pages forces vessel trial manoeuvre motion",
+    "design": "vessel trial manoeuvre motion trajectory forecasting",
+    "ship": "machine pages forces vessel trial manoeuvre motion checks regression trajectory forecasting",
+    "diagnostics": "machine pages vessel trial regression trajectory design",
+    "frontier": "machine pages vessel trial denoising manoeuvre motion regression trajectory forecasting design",
+    "replication": "machine pages vessel trial denoising manoeuvre motion regression trajectory sampling forecasting "
+    "diagnostics frontier",
+    "experiments": "machine pages vessel trial denoising manoeuvre motion trajectory frontier",
+    "cli": "machine vessel trial manoeuvre checks regression forecasting ship diagnostics frontier replication "
+    "experiments",
+}
+"""The wings of the house, from the ground up, and the wings that each may import."""
 
-HEAVY = ("pymc", "pytensor", "numba", "arviz", "skopt", "matplotlib", "scipy", "pandas", "xarray", "nutpie")
+SAMPLERS = ("pymc", "pytensor", "nutpie")
+HEAVY = (*SAMPLERS, "numba", "arviz", "skopt", "matplotlib", "scipy", "pandas", "xarray")
 HOSTS = (
     "pypi.org",
     "pythonhosted.org",
@@ -163,15 +74,74 @@ def imported(path):
     return names
 
 
-def neighbours(path):
-    """Modules of the package that a file imports."""
-    return {name.split(".")[1] for name in imported(path) if name.startswith("pymc_ship.")} - {"__version__"}
+def inside(path):
+    """What a file imports from the package, without the name of the package; the package itself is an empty text."""
+    names = {name.removeprefix("pymc_ship").strip(".") for name in imported(path) if name.split(".")[0] == "pymc_ship"}
+    return names - {"__version__"}
 
 
-def violations(module, others):
-    """Those of the other modules that do not stand above a module."""
-    above = LAYERS[: LAYERS.index(module)]
-    return sorted(set(others) - set(above))
+def wing(path):
+    return path.parent.name
+
+
+def violations(name, path):
+    """Wings and public names that a file of a wing imports although it may not; only the command line uses ``ps``."""
+    allowed = {name, *WINGS[name].split()} | ({""} if name == "cli" else set())
+    return sorted({other.split(".")[0] for other in inside(path)} - allowed)
+
+
+def circle(imports):
+    """Files of a circle of imports, given the files that each file imports; empty where there is none."""
+    done, open_ = set(), []
+
+    def visit(room):
+        if room in open_:
+            return open_[open_.index(room) :]
+        if room in done:
+            return []
+        open_.append(room)
+        found = next(filter(None, map(visit, sorted(imports.get(room, ())))), [])
+        open_.pop()
+        done.add(room)
+        return found
+
+    return next(filter(None, map(visit, sorted(imports))), [])
+
+
+def too_many_or_few(rooms):
+    """Wings without 2 to 12 rooms, with their number."""
+    counts = {name: sum(wing(path) == name for path in rooms) for name in WINGS}
+    return {name: count for name, count in counts.items() if not 2 <= count <= 12}
+
+
+def faults_of_a_face(path):
+    """What a face has that it should not have."""
+    text = path.read_text(encoding="utf-8")
+    faults = ["long"] if text.count("\n") >= 40 else []
+    faults += ["imports"] if imported(path) else []
+    return faults + ([] if ast.get_docstring(tree(path)) else ["silent"])
+
+
+def faults_of_a_file(path):
+    """A file has at most 400 lines; one of the package has a docstring."""
+    faults = ["long"] if path.read_text(encoding="utf-8").count("\n") > 400 else []
+    return faults + ([] if ast.get_docstring(tree(path)) or path.name.startswith("test_") else ["silent"])
+
+
+def printed(path):
+    """Lines of a file that call ``print``."""
+    calls = [node for node in ast.walk(tree(path)) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
+    return [node.lineno for node in calls if node.func.id == "print"]
+
+
+def samplers(path):
+    """Libraries of Markov chains that a file imports."""
+    return sorted({name.split(".")[0] for name in imported(path)} & set(SAMPLERS))
+
+
+def private(path):
+    """Private names that a file imports from another."""
+    return sorted(name for name in inside(path) if name.split(".")[-1].startswith("_"))
 
 
 def fresh(code, *options):
@@ -180,20 +150,150 @@ def fresh(code, *options):
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
-def test_a_module_stands_in_the_list_and_imports_only_from_above(path):
-    assert path.stem in LAYERS
-    assert violations(path.stem, neighbours(path)) == []
+def written(folder, text, name="room.py"):
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
 
 
-def test_the_check_of_layers_can_fail(tmp_path):
-    """Imports at the top, in a function, of a module and from the package are all seen."""
-    path = tmp_path / "trial.py"
-    path.write_text(
-        "import pymc_ship.noise\nfrom pymc_ship import simulate\nfrom . import cli\n"
-        "def f():\n    from pymc_ship.study import study\n    from .output import staged\n"
+def label(path):
+    return str(path.relative_to(PACKAGE if PACKAGE in path.parents else TESTS))
+
+
+# wings ----------------------------------------------------------------------------------------------------------------
+
+
+def test_the_folders_are_the_wings():
+    assert sorted(map(wing, FACES)) == sorted(WINGS)
+    assert {path.parent.parent for path in ROOMS} == {PACKAGE}
+    assert {path.name for path in PACKAGE.glob("*.py")} == {"__init__.py"}
+
+
+@pytest.mark.parametrize("path", ROOMS, ids=label)
+def test_a_room_imports_only_what_its_wing_may(path):
+    assert violations(wing(path), path) == []
+    assert private(path) == []
+
+
+def test_a_wing_imports_only_wings_below_it():
+    below = set()
+    for name, others in WINGS.items():
+        assert set(others.split()) <= below
+        below.add(name)
+
+
+def test_a_wing_imports_every_wing_of_its_row():
+    """A row of the table says no more than the code does."""
+    for name, others in WINGS.items():
+        used = {other.split(".")[0] for path in ROOMS if wing(path) == name for other in inside(path)}
+        assert set(others.split()) <= used
+
+
+def test_the_check_of_wings_can_fail(tmp_path):
+    """Imports at the top, in a function, of a module, of a private name and from the package are all seen."""
+    path = written(
+        tmp_path,
+        "import pymc_ship.cli.main\nfrom pymc_ship import simulate\nfrom . import ship\nimport pymc_ship as ps\n"
+        "def f():\n    from pymc_ship.frontier.page import markdown\n    from .machine.files import _staged\n",
     )
-    assert violations("trial", neighbours(path)) == ["cli", "noise", "simulate", "study"]
+    assert violations("trial", path) == ["", "cli", "frontier", "ship", "simulate"]
+    assert private(path) == ["machine.files._staged"]
+
+
+def test_no_files_import_each_other_in_a_circle():
+    rooms = {f"{wing(path)}.{path.stem}" for path in ROOMS}
+    imports = {
+        f"{wing(path)}.{path.stem}": {
+            room for name in inside(path) for room in rooms if f"{name}.".startswith(f"{room}.")
+        }
+        for path in ROOMS
+    }
+    assert sum(map(len, imports.values())) > 100
+    assert circle(imports) == []
+
+
+def test_the_check_of_circles_can_fail():
+    assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
+    assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
+
+
+def test_a_wing_has_2_to_12_rooms():
+    assert too_many_or_few(ROOMS) == {}
+
+
+def test_the_check_of_rooms_can_fail():
+    rooms = [path for path in ROOMS if wing(path) != "pages"] + [PACKAGE / "forces" / f"{k}.py" for k in range(12)]
+    assert set(too_many_or_few(rooms)) == {"pages", "forces"}
+
+
+@pytest.mark.parametrize("path", FACES, ids=wing)
+def test_a_face_says_what_its_wing_is_for_and_imports_nothing(path):
+    assert faults_of_a_face(path) == []
+    named = re.findall(r"^- `(\w+)`: ", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert sorted(named) == [room.stem for room in ROOMS if wing(room) == wing(path)]
+
+
+def test_the_check_of_faces_can_fail(tmp_path):
+    assert faults_of_a_face(written(tmp_path, '"""A face."""\nfrom . import room\n')) == ["imports"]
+    assert faults_of_a_face(written(tmp_path, "\n" * 40)) == ["long", "silent"]
+
+
+# files ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", [*ROOMS, *sorted(TESTS.rglob("*.py"))], ids=label)
+def test_a_file_has_at_most_400_lines_and_a_docstring(path):
+    assert faults_of_a_file(path) == []
+
+
+def test_the_check_of_files_can_fail(tmp_path):
+    assert faults_of_a_file(written(tmp_path, '"""A room."""\n' + "x = 1\n" * 399)) == []
+    assert faults_of_a_file(written(tmp_path, "x = 1\n" * 401)) == ["long", "silent"]
+
+
+@pytest.mark.parametrize("path", ROOMS, ids=label)
+def test_only_the_command_line_prints(path):
+    assert printed(path) == [] or wing(path) == "cli"
+
+
+@pytest.mark.parametrize("path", ROOMS, ids=label)
+def test_only_the_samplers_import_pymc(path):
+    assert samplers(path) == [] or wing(path) == "sampling"
+
+
+def test_the_checks_of_prints_and_samplers_can_fail(tmp_path):
+    path = written(
+        tmp_path, "def f():\n    import pymc as pm\n    from pytensor import tensor\n    print(pm, tensor)\n"
+    )
+    assert printed(path) == [4]
+    assert samplers(path) == ["pymc", "pytensor"]
+
+
+def test_folders_hold_only_what_is_needed():
+    """No drawer of odds and ends: a folder and a file is one noun of the field."""
+    drawers = {"utils", "helpers", "common", "misc", "core", "base", "manager", "types", "new"}
+    assert drawers.isdisjoint({*(path.stem for path in ROOMS), *WINGS})
+
+
+def test_no_wing_has_the_name_of_a_public_function():
+    """Else the folder would hide the function, or the function the folder."""
+    assert set(WINGS).isdisjoint(ps.__all__)
+
+
+def test_pools_of_threads_are_made_in_one_place():
+    """Else a worker of a study could not keep to one thread."""
+    assert [path.stem for path in ROOMS if "ThreadPoolExecutor" in path.read_text(encoding="utf-8")] == ["threads"]
+
+
+def test_no_host_name_of_a_registry_stands_in_the_sources():
+    files = [path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    found = [(path.name, host) for path in files for host in HOSTS if host.encode() in path.read_bytes()]
+    assert len(files) > 10
+    assert found == []
+
+
+# the door -------------------------------------------------------------------------------------------------------------
 
 
 def test_importing_the_package_loads_nothing_heavy():
@@ -212,16 +312,7 @@ def test_loading_a_vessel_and_simulating_load_no_statistics():
     assert fresh(f"{work}; print([name for name in {names!r} if name in sys.modules])").strip() == "[]"
 
 
-@pytest.mark.parametrize("library", ["pymc", "pytensor", "nutpie"])
-def test_only_the_models_of_pymc_import_it(library):
-    importers = {path.stem for path in MODULES if any(name.split(".")[0] == library for name in imported(path))}
-    assert importers <= {"pymc_model", "error_models", "trajectory_model", "trajectory_op"}
-
-
-PUBLIC = [name for name in ps.__all__ if name != "__version__" and (PACKAGE / f"{ps._MODULE_OF[name]}.py").is_file()]
-
-
-@pytest.mark.parametrize("name", PUBLIC)
+@pytest.mark.parametrize("name", [name for name in ps.__all__ if name != "__version__"])
 def test_a_public_name_resolves_and_has_a_docstring(name):
     value = getattr(ps, name)
     assert callable(value)
@@ -236,41 +327,3 @@ def test_public_names_are_listed_once_and_unknown_ones_are_attribute_errors():
     assert ps.__version__
     with pytest.raises(AttributeError, match="'pymc_ship' has no attribute 'anchor'"):
         ps.anchor  # noqa: B018
-
-
-def test_a_public_function_wins_over_the_module_of_its_name():
-    code = "import pymc_ship.simulate, pymc_ship.noise, pymc_ship as ps; from pymc_ship import simulate, noise"
-    found = fresh(f"{code}; print(type(ps.simulate).__name__, type(simulate).__name__, type(noise).__name__)")
-    assert found.split() == ["function", "function", "module"]
-
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
-def test_a_file_has_at_most_400_lines_and_a_docstring(path):
-    lines = path.read_text(encoding="utf-8").count("\n")
-    assert lines <= 400
-    assert ast.get_docstring(tree(path))
-
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
-def test_only_the_command_line_prints(path):
-    calls = [node for node in ast.walk(tree(path)) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
-    printed = [node.lineno for node in calls if node.func.id == "print"]
-    assert printed == [] or path.name == "cli.py"
-
-
-def test_no_host_name_of_a_registry_stands_in_the_sources():
-    files = [path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
-    found = [(path.name, host) for path in files for host in HOSTS if host.encode() in path.read_bytes()]
-    assert len(files) > 10
-    assert found == []
-
-
-def test_folders_hold_only_what_is_needed():
-    """No drawer of odds and ends: a file is one noun of the field."""
-    drawers = {"utils", "helpers", "common", "misc", "core", "base", "manager", "types", "new"}
-    assert drawers.isdisjoint(path.stem for path in MODULES)
-
-
-def test_pools_of_threads_are_made_in_one_place():
-    """Else a worker of a study could not keep to one thread."""
-    assert [path.stem for path in MODULES if "ThreadPoolExecutor" in path.read_text(encoding="utf-8")] == ["threads"]

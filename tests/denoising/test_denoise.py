@@ -15,7 +15,7 @@ import xarray as xr
 from pymc_ship.denoising.denoise import denoise, denoise_signal
 from pymc_ship.denoising.derivative import derivative
 from pymc_ship.denoising.ebayes import ebayes_threshold, mad
-from pymc_ship.denoising.wavelets import _inverse, _transform
+from pymc_ship.denoising.wavelets import inverse, transform
 
 DATA = Path(__file__).parents[1] / "data" / "wavelet"
 SMOOTHED = ("u", "v", "r", "psi")
@@ -91,11 +91,11 @@ def test_rows_of_r_are_complete():
 @pytest.mark.parametrize("wavelet", ["haar", "sym8"])
 def test_stationary_transform_is_that_of_pywavelets(wavelet):
     signal = np.random.default_rng(0).normal(size=192)
-    approximation, details = _transform(signal, pywt.Wavelet(wavelet), 6, True)
+    approximation, details = transform(signal, pywt.Wavelet(wavelet), 6, True)
     for ours, theirs in zip([approximation, *details], pywt.swt(signal, wavelet, 6, trim_approx=True), strict=True):
         assert np.abs(ours - theirs).max() < 1e-13
     details[2] *= 0.5  # no longer the transform of a signal: the inverse has to average
-    ours = _inverse(approximation, details, pywt.Wavelet(wavelet), True)
+    ours = inverse(approximation, details, pywt.Wavelet(wavelet), True)
     assert np.abs(ours - pywt.iswt([approximation, *details], wavelet)).max() < 1e-12
 
 
@@ -118,10 +118,10 @@ def test_details_are_thresholded_level_by_level(prior, scale, rule):
 def test_transform_is_reversed_and_keeps_the_variance_of_noise(translation_invariant):
     signal = np.random.default_rng(1).normal(size=2**14)
     filters = pywt.Wavelet("sym8")
-    approximation, details = _transform(signal, filters, 4, translation_invariant)
+    approximation, details = transform(signal, filters, 4, translation_invariant)
     for detail in details:
         assert np.var(detail) == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 * 2**4 / signal.size))
-    assert np.abs(_inverse(approximation, details, filters, translation_invariant) - signal).max() < 1e-11
+    assert np.abs(inverse(approximation, details, filters, translation_invariant) - signal).max() < 1e-11
 
 
 @pytest.mark.parametrize(("translation_invariant", "holds"), [(True, True), (False, False)])

@@ -1,1 +1,10 @@
-"""The command line: words in, text out. No other wing imports this one."""
+"""The command line: words in, text out. No other wing imports this one.
+
+- `main`: the command ``pymc-ship``: errors, interrupts, progress.
+- `parser`: commands, options and worked examples.
+- `words`: numbers and names of the command line, checked.
+- `files`: trials in, results out.
+- `texts`: results as lines of text.
+- `commands`: commands about one trial or one posterior.
+- `ship_commands`: commands about a real ship.
+"""

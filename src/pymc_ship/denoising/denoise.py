@@ -9,18 +9,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from pymc_ship.denoising import wavelets
 from pymc_ship.denoising.ebayes import PRIORS, RULES, check_choice, fit_prior, mad, shrink
-from pymc_ship.denoising.wavelets import (
-    _ACCURACY,
-    BOUNDARIES,
-    _end_trend,
-    _inside,
-    _inverse,
-    _levels,
-    _margins,
-    _transform,
-    _wavelet,
-)
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.trial.record import check_trial
 
@@ -118,8 +108,8 @@ def denoise_signal(
     levels : int or None, optional
         Levels of detail; by default floor(log2(n_time)) - 3.
     boundary : {"reflect", "periodic"}, optional
-        How the signal goes on beyond its ends: see :data:`BOUNDARIES`. "periodic" asks for a length that is a multiple
-        of 2**levels.
+        How the signal goes on beyond its ends, see :data:`~pymc_ship.denoising.wavelets.BOUNDARIES`. "periodic" asks
+        for a length that is a multiple of 2**levels.
 
     Returns
     -------
@@ -153,25 +143,29 @@ def _denoise(
 ) -> tuple[np.ndarray, float]:
     """Smooth signal and noise standard deviation; ``what`` names the signal in errors."""
     signal = np.asarray(y, dtype=float)
-    for kind, choice, choices in (("prior", prior, PRIORS), ("rule", rule, RULES), ("boundary", boundary, BOUNDARIES)):
+    for kind, choice, choices in (
+        ("prior", prior, PRIORS),
+        ("rule", rule, RULES),
+        ("boundary", boundary, wavelets.BOUNDARIES),
+    ):
         check_choice(kind, choice, choices)
-    filters = _wavelet(wavelet)
+    filters = wavelets.orthogonal_wavelet(wavelet)
     _check_signal(signal, what)
-    levels = _levels(signal.size, levels, what)
-    before, after = _margins(signal.size, filters.dec_len, levels, boundary, what)
-    trend = _end_trend(signal) if boundary == "reflect" else np.zeros(signal.size)
+    levels = wavelets.whole_levels(signal.size, levels, what)
+    before, after = wavelets.margins(signal.size, filters.dec_len, levels, boundary, what)
+    trend = wavelets.end_trend(signal) if boundary == "reflect" else np.zeros(signal.size)
     padded = np.pad(signal - trend, (before, after), "symmetric")
-    approximation, details = _transform(padded, filters, levels, translation_invariant)
-    inside = [_inside(detail.size, padded.size, before, after) for detail in details]
+    approximation, details = wavelets.transform(padded, filters, levels, translation_invariant)
+    inside = [wavelets.inside(detail.size, padded.size, before, after) for detail in details]
     finest = details[-1][inside[-1]]
     sdev = mad(finest - np.median(finest))
-    if sdev <= _ACCURACY * np.abs(signal).max():
+    if sdev <= wavelets.ACCURACY * np.abs(signal).max():
         return signal.copy(), 0.0
     smooth = []
     for detail, part in zip(details, inside, strict=True):
         weight, fitted, _ = fit_prior(detail[part] / sdev, prior, scale)
         smooth.append(sdev * shrink(detail / sdev, weight, prior, fitted, rule))
-    estimate = _inverse(approximation, smooth, filters, translation_invariant)
+    estimate = wavelets.inverse(approximation, smooth, filters, translation_invariant)
     return estimate[before : before + signal.size] + trend, sdev
 
 

@@ -13,10 +13,11 @@ BOUNDARIES = ("reflect", "periodic")
 """The signal, less a parabola with its end slopes, goes on as its mirror image; or it starts again."""
 
 
-_ACCURACY = 1e-11  # of the filters of PyWavelets
+ACCURACY = 1e-11
+"""Relative accuracy of the filters of PyWavelets."""
 
 
-def _transform(
+def transform(
     padded: np.ndarray, filters: pywt.Wavelet, levels: int, translation_invariant: bool
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Approximation and details, coarsest first, of the periodic transform; white noise keeps its variance in all.
@@ -35,10 +36,10 @@ def _transform(
     return approximation, details
 
 
-def _inverse(
+def inverse(
     approximation: np.ndarray, details: list[np.ndarray], filters: pywt.Wavelet, translation_invariant: bool
 ) -> np.ndarray:
-    """Signal from :func:`_transform`; the stationary one averages over all shifts (the average-basis inverse)."""
+    """Signal from :func:`transform`; the stationary one averages over all shifts (the average-basis inverse)."""
     for level, detail in zip(range(len(details) - 1, -1, -1), details, strict=True):
         if translation_invariant:
             parts = approximation.reshape(-1, 2**level), detail.reshape(-1, 2**level)
@@ -48,7 +49,7 @@ def _inverse(
     return approximation
 
 
-def _end_trend(signal: np.ndarray) -> np.ndarray:
+def end_trend(signal: np.ndarray) -> np.ndarray:
     """Parabola that has the slopes of the signal at its two ends, so that the mirror image of the rest has no kink."""
     n_time = signal.size
     sdev = mad(np.diff(signal, 2)) / math.sqrt(6.0)
@@ -76,7 +77,7 @@ def _end_slope(signal: np.ndarray, sdev: float) -> float:
     return slope
 
 
-def _margins(n_time: int, support: int, levels: int, boundary: str, what: str) -> tuple[int, int]:
+def margins(n_time: int, support: int, levels: int, boundary: str, what: str) -> tuple[int, int]:
     """Samples added before and after so that the length is a multiple of 2**levels.
 
     Mirrored margins reach half the coarsest filter, or half the record, where the two mirror images meet again.
@@ -94,18 +95,20 @@ def _margins(n_time: int, support: int, levels: int, boundary: str, what: str) -
     return added // 2, added - added // 2
 
 
-def _inside(n_detail: int, n_padded: int, before: int, after: int) -> slice:
+def inside(n_detail: int, n_padded: int, before: int, after: int) -> slice:
     """Coefficients of a level that belong to the record and not to its margins."""
     return slice(before * n_detail // n_padded, n_detail - after * n_detail // n_padded)
 
 
-def _wavelet(name: str) -> pywt.Wavelet:
+def orthogonal_wavelet(name: str) -> pywt.Wavelet:
+    """Wavelet of PyWavelets; ValueError for a name that is none or that of a wavelet that is not orthogonal."""
     if name not in pywt.wavelist(kind="discrete") or not pywt.Wavelet(name).orthogonal:
         raise ValueError(f"Denoising needs an orthogonal wavelet, found {name!r}; take one such as haar, db4 or sym8.")
     return pywt.Wavelet(name)
 
 
-def _levels(n_time: int, levels: int | None, what: str) -> int:
+def whole_levels(n_time: int, levels: int | None, what: str) -> int:
+    """Levels of a transform: as given, by default so many that eight coefficients are left; ValueError for others."""
     largest = int(math.log2(n_time))
     if levels is None:
         return largest - 3

@@ -1,1 +1,10 @@
-"""Grids of experiments that can be stopped and continued."""
+"""Grids of experiments that can be stopped and continued.
+
+- `grid`: ships x manoeuvres x noise x methods x seeds, read from TOML.
+- `task`: one seed of one cell: simulated, polluted, fitted, scored.
+- `store`: results kept one by one and merged into Parquet.
+- `run`: the tasks of a grid handed to workers.
+- `tables`: scores of cells, costs and a plan.
+- `figures`: scores with error bars.
+- `page`: the page of a grid.
+"""

@@ -14,7 +14,7 @@ from pymc_ship.experiments.task import METHODS, Task
 from pymc_ship.machine.toml import toml_table
 from pymc_ship.machine.workers import MonteCarloError
 from pymc_ship.manoeuvre.standard import SIDES, Manoeuvre, ManoeuvreError, turning_circle, zigzag
-from pymc_ship.trial.noise import NOISES
+from pymc_ship.trial.noise import NOISES, RECORD_STEP
 from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
 
 PART_SEEDS = 1000
@@ -24,7 +24,6 @@ _KEYS = ("title", "ships", "manoeuvres", "methods", "seeds", "root_seed", "durat
 _OPTIONAL = ("title", "duration")
 _KINDS = {"zigzag": zigzag, "turning circle": turning_circle}
 _LISTS = ("ships", "manoeuvres", "methods")
-_STEP = 0.02
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,7 @@ def _grid(table: Mapping, where: str, folder: Path) -> Grid:
         methods=tuple(names["methods"]),
         seeds=_whole(table["seeds"], 1, where, "seeds"),
         root_seed=_whole(table["root_seed"], 0, where, "root_seed"),
-        duration=_number(table.get("duration", 400.0), _STEP, where, "duration"),
+        duration=_number(table.get("duration", 400.0), RECORD_STEP, where, "duration"),
     )
 
 

@@ -1,1 +1,11 @@
-"""Posterior draws carried into manoeuvres, with bands, intervals and a page."""
+"""Posterior draws carried into manoeuvres, with bands, intervals and a page.
+
+- `draws`: coefficient draws from posteriors, with motion and noise of their data.
+- `forecast`: simulated ships of the draws, their bands and indices.
+- `extrapolation`: how far a forecast leaves the motion of the data.
+- `index_error`: model error of indices from held-out manoeuvres.
+- `figures`: heading, rudder and motion of a forecast.
+- `force_curves`: forces of the draws over drift, yaw rate and rudder.
+- `track`: tracks with ship outlines and dimensions.
+- `page`: the page of forecasts and its tables.
+"""

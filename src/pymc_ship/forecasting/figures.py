@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from pymc_ship.forecasting.track import median_ship, track
 from pymc_ship.manoeuvre.measured import aligned
 from pymc_ship.manoeuvre.standard import SIDES
-from pymc_ship.pages.drawing import COLOURS, REFERENCE, _styled, subplots
+from pymc_ship.pages.drawing import COLOURS, REFERENCE, styled, subplots
 from pymc_ship.trial.record import UNITS
 from pymc_ship.vessel.vessel import Vessel
 
@@ -24,13 +24,10 @@ _WORDS = {
     "psi": "heading ψ",
     "delta": "rudder δ",
 }
-_FORCES = ("surge", "sway", "yaw")
-_HALF_RANGE = {"v": 0.4, "r": 0.8, "delta": np.deg2rad(40.0)}
-_AXES = {"v": "sway velocity v'", "r": "yaw rate r'", "delta": "rudder δ [deg]"}
 _FALLEN = 0.5
 """Heading change [deg] after which an overshoot has had its peak."""
 
-_GRID, _MARGIN, _POINTS = 81, 1.5, 400
+_POINTS = 400
 
 
 def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> dict[str, Figure]:
@@ -42,7 +39,7 @@ def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | 
     }
 
 
-@_styled
+@styled
 def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
     """Heading and rudder [deg] against time: band, median and, where there is one, the measured trial.
 
@@ -131,7 +128,7 @@ def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
     ax.margins(y=0.12)
 
 
-@_styled
+@styled
 def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
     """Velocities, yaw rate and roll against time: band, median and measured trial; parameters as of the figures above.
 

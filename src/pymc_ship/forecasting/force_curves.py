@@ -9,12 +9,17 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.forces.terms import SYMBOLS, evaluate
-from pymc_ship.forecasting.figures import _AXES, _BLUE, _FORCES, _GRID, _HALF_RANGE, _MARGIN
-from pymc_ship.pages.drawing import NOISE, _styled, subplots
+from pymc_ship.pages.drawing import COLOURS, NOISE, styled, subplots
 from pymc_ship.vessel.vessel import LETTER, Vessel
 
+_BLUE = COLOURS["conjugate"]
+_FORCES = ("surge", "sway", "yaw")
+_HALF_RANGE = {"v": 0.4, "r": 0.8, "delta": np.deg2rad(40.0)}
+_AXES = {"v": "sway velocity v'", "r": "yaw rate r'", "delta": "rudder δ [deg]"}
+_GRID, _MARGIN = 81, 1.5
 
-@_styled
+
+@styled
 def force_curves(
     models: Sequence[tuple[Vessel, np.ndarray]], ranges: xr.DataArray | None = None, *, ci_prob: float = 0.95
 ) -> Figure:

@@ -20,10 +20,10 @@ KINDS = ("angle", "time", "distance")
 """Kinds of indices that carry a model error; where none of a kind was held out, that of the kind before it counts."""
 
 _HALVINGS = 60
-_KIND_OF = ZIGZAG_INDICES | CIRCLE_INDICES
+KIND_OF = ZIGZAG_INDICES | CIRCLE_INDICES
 
 
-def _robust_sd(values: np.ndarray) -> float:
+def robust_sd(values: np.ndarray) -> float:
     """Half the width of the central 68 % of the draws that reach the event: a few that run away do not count."""
     if not np.isfinite(values).any():
         return np.nan
@@ -31,10 +31,10 @@ def _robust_sd(values: np.ndarray) -> float:
     return float(0.5 * (high - low))
 
 
-def _scale(name: str, value, heading_deg: float, vessel: Vessel):
+def index_scale(name: str, value, heading_deg: float, vessel: Vessel):
     """What an error of an index is measured in."""
     s = vessel.particulars
-    return {"angle": heading_deg + value, "time": s.ship_time, "distance": s.L}[_KIND_OF[name]]
+    return {"angle": heading_deg + value, "time": s.ship_time, "distance": s.L}[KIND_OF[name]]
 
 
 def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
@@ -102,9 +102,9 @@ def with_model_error(
 
     def widened(variable: xr.DataArray) -> xr.DataArray:
         name = str(variable.name)
-        if _KIND_OF[name] not in errors or (_KIND_OF[name] == "angle" and not name.endswith("overshoot_angle")):
+        if KIND_OF[name] not in errors or (KIND_OF[name] == "angle" and not name.endswith("overshoot_angle")):
             return variable
-        size = errors[_KIND_OF[name]] * _scale(name, variable, heading_deg, vessel)
+        size = errors[KIND_OF[name]] * index_scale(name, variable, heading_deg, vessel)
         return variable + size * rng.standard_normal(variable.shape)
 
     return found.map(widened, keep_attrs=True)

@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.measured import aligned, measured_indices
 from pymc_ship.manoeuvre.standard import SIDES
-from pymc_ship.pages.drawing import COLOURS, REFERENCE, _styled, subplots
+from pymc_ship.pages.drawing import COLOURS, REFERENCE, styled, subplots
 from pymc_ship.vessel.vessel import Vessel
 
 BEAM = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0.14)])
@@ -111,7 +111,7 @@ def _mark(ship: xr.Dataset, turned: float) -> tuple[float, float] | None:
     return tuple(float(np.interp(np.deg2rad(turned), psi[pair], ship[name].values[pair])) for name in ("x", "y"))
 
 
-@_styled
+@styled
 def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> Figure:
     """Track of the forecast seen from above, in ship lengths, with ship outlines to scale at regular intervals.
 

@@ -12,7 +12,7 @@ from pymc_ship.frontier.bound import cramer_rao_bound
 from pymc_ship.machine.seeds import generator
 from pymc_ship.manoeuvre.standard import Manoeuvre, zigzag
 from pymc_ship.motion.simulation import simulate
-from pymc_ship.trial.noise import _STEP, noisy_trial
+from pymc_ship.trial.noise import RECORD_STEP, noisy_trial
 from pymc_ship.trial.record import SENSORS
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
@@ -112,9 +112,9 @@ def data_set(vessel: Vessel, cell: Cell, level: float, seed: int, *, root: int, 
         With the bound where the cell asks for it.
     """
     data = DataSet(vessel, cell, level, seed, root)
-    settings = {"method": cell.method, "step": _STEP if cell.method == "euler" else _SMALL_STEP}
+    settings = {"method": cell.method, "step": RECORD_STEP if cell.method == "euler" else _SMALL_STEP}
     clean = tuple(
-        simulate(vessel, manoeuvre, duration=duration, record_interval=_STEP, **settings)
+        simulate(vessel, manoeuvre, duration=duration, record_interval=RECORD_STEP, **settings)
         for manoeuvre in _manoeuvres(vessel, cell.n_designed, duration, data.rng("rudder"))
     )
     rng = data.rng("noise")

@@ -1,1 +1,8 @@
-"""What every wing asks of the computer: files, threads, workers and random numbers."""
+"""What every wing asks of the computer. Imports no other wing.
+
+- `files`: results that appear under their name only when they are complete; rows as CSV.
+- `toml`: tables of TOML files, with errors of one sentence.
+- `threads`: one pool of threads for the package, one thread inside a worker process.
+- `workers`: processes on the local cores or on a Dask cluster that do tasks one by one.
+- `seeds`: a random generator for each purpose, from one root seed.
+"""

@@ -1,1 +1,8 @@
-"""The equations of motion: integrated, differentiated and in weak form."""
+"""The equations of motion: integrated, differentiated and in weak form.
+
+- `equations`: accelerations from state and rudder, many ships side by side.
+- `prime_record`: the motion of a record in prime quantities.
+- `simulation`: a manoeuvre or a rudder record, integrated.
+- `sensitivities`: derivatives of a simulated motion by coefficients and initial state.
+- `weak_form`: the equations times test functions, and the start of a trajectory fit.
+"""

@@ -1,1 +1,6 @@
-"""Drawing, formatted tables and the writer of pages."""
+"""Drawing, formatted tables and HTML pages. Knows nothing of ships.
+
+- `drawing`: style, colours, and figures as SVG or PNG.
+- `tables`: numbers formatted into the cells of a table.
+- `page`: a page from its template.
+"""

@@ -30,7 +30,7 @@ REFERENCE, NOISE = "#1b1b1b", "#b9c0c8"
 COLOURS = {"conjugate": "#1f6fb2", "semiconjugate": "#c8551b"}
 
 
-def _styled(draw):
+def styled(draw):
     """Draw in the house style."""
 
     @wraps(draw)
@@ -54,7 +54,7 @@ def _lay_out(fig: Figure) -> None:
         fig.set_layout_engine("none")
 
 
-@_styled
+@styled
 def svg(fig: Figure, name: str) -> str:
     """Figure as SVG text, the same for the same figure; its ids begin with the name, so figures share a page."""
     _lay_out(fig)
@@ -64,7 +64,7 @@ def svg(fig: Figure, name: str) -> str:
     return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}.", text[text.index("<svg") :])
 
 
-@_styled
+@styled
 def png(fig: Figure, dpi: int = 150) -> bytes:
     """Figure as PNG bytes."""
     _lay_out(fig)
@@ -76,3 +76,9 @@ def png(fig: Figure, dpi: int = 150) -> bytes:
 def embedded(fig: Figure, alternative: str) -> str:
     """Figure as an HTML image with its PNG inside, for figures with too many points for SVG."""
     return f'<img alt="{escape(alternative)}" src="data:image/png;base64,{base64.b64encode(png(fig)).decode()}">'
+
+
+DOF_COLOURS = {"surge": "#1f6fb2", "sway": "#c8551b", "yaw": "#3a8f4d", "roll": "#7d4fa3"}
+
+
+METHOD_COLOURS = ("#7fb2dd", "#1f6fb2", "#3a8f4d", "#c8551b", "#7d4fa3")

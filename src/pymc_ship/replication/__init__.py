@@ -1,1 +1,10 @@
-"""The paper's study from end to end, and its page."""
+"""The paper's study from end to end, and its page.
+
+- `study`: the study in the paper's order.
+- `measurements`: discretisation, methods, published errors.
+- `findings`: what the study found, in sentences.
+- `bound_chapter`: the published errors beside the bound.
+- `tables`: tables of the page and as CSV.
+- `figures`: figures of the study.
+- `page`: the page of the study.
+"""

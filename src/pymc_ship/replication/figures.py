@@ -10,14 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from pymc_ship.forecasting.forecast import stated_shares
-from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, _styled, subplots
+from pymc_ship.pages.drawing import COLOURS, DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, styled, subplots
 from pymc_ship.trial.record import UNITS
-
-DOF_COLOURS = {"surge": "#1f6fb2", "sway": "#c8551b", "yaw": "#3a8f4d", "roll": "#7d4fa3"}
-
-
-METHOD_COLOURS = ("#7fb2dd", "#1f6fb2", "#3a8f4d", "#c8551b", "#7d4fa3")
-
 
 _DEGREES = {"rad": "deg", "rad/s": "deg/s"}
 
@@ -33,7 +27,7 @@ def _label(name: str) -> str:
     return f"{_LABELS.get(name, name)} [{_DEGREES.get(UNITS[name], UNITS[name])}]"
 
 
-@_styled
+@styled
 def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tuple[float, float]) -> Figure:
     """Fig. 2: clean, polluted and denoised channels, the whole record and a part enlarged."""
     names = [name for name in ("u", "v", "r", "p", "phi") if name in smooth]
@@ -54,7 +48,7 @@ def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tu
     return fig
 
 
-@_styled
+@styled
 def noise_variance(exact: Mapping[str, object], dof: str) -> Figure:
     """Fig. 3: prior and posterior density of sigma2 of one DOF for each family, on a log axis."""
     fig, axes = subplots(8.0, 2.9, 1, len(exact))
@@ -82,7 +76,7 @@ def noise_variance(exact: Mapping[str, object], dof: str) -> Figure:
     return fig
 
 
-@_styled
+@styled
 def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
     """Fig. 4: path of a coefficient through the draws of every chain, with its mean and reference, for each name."""
     fig, axes = subplots(8.0, 2.9, 1, len(paths))
@@ -98,7 +92,7 @@ def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
     return fig
 
 
-@_styled
+@styled
 def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]) -> Figure:
     """Fig. 5 and 6: motion of the reference ship against medians and bands of each forecast, and their shares."""
     names = ("u", "v", "r", "p", "phi", "psi")
@@ -138,7 +132,7 @@ def _track(ax, reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree], *, e
         ax.set_xlim(float(reference["y"].min()) - reach, float(reference["y"].max()) + reach)
 
 
-@_styled
+@styled
 def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], published: float, bound: float) -> Figure:
     """Median coefficient error of each DOF against the noise level, with the published median and its level."""
     fig, axes = subplots(8.0, 3.4)
@@ -154,7 +148,7 @@ def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], publis
     return fig
 
 
-@_styled
+@styled
 def errors_by_method(
     levels: np.ndarray, errors: Mapping[str, np.ndarray], published: Mapping[str, float], printed_level: float
 ) -> Figure:
@@ -175,7 +169,7 @@ def errors_by_method(
     return fig
 
 
-@_styled
+@styled
 def tuning(tuned: Mapping[str, object]) -> Figure:
     """Best cross-validated score so far against the evaluation, relative to the evidence maximum, for each DOF."""
     fig, axes = subplots(8.0, 2.9)
@@ -191,7 +185,7 @@ def tuning(tuned: Mapping[str, object]) -> Figure:
     return fig
 
 
-@_styled
+@styled
 def arviz_panels(plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapping[str, str], **settings) -> Figure:
     """One panel for one coefficient of each tree, drawn by an ArviZ plot such as ``plot_trace`` or ``plot_rank``."""
     import arviz as az

@@ -1,1 +1,11 @@
-"""A real ship from several trials: ensemble, held-out runs and page."""
+"""A real ship from several trials: ensemble of term sets, held-out runs and page.
+
+- `model`: term sets fitted, weighted and drawn from.
+- `held_out`: each run judged by a fit to the others.
+- `held_out_indices`: indices of held-out manoeuvres beside their forecasts.
+- `paths`: other ways to the coefficients, on the same terms.
+- `soundness`: draws that run away in a standard manoeuvre.
+- `files`: an identified ship, saved, loaded and forecast.
+- `figures`: held-out windows, overshoots and scores.
+- `page`: the page of an identification and its tables.
+"""

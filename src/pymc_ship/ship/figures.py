@@ -10,8 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pymc_ship.pages.drawing import COLOURS, REFERENCE, _styled, subplots
-from pymc_ship.replication.figures import DOF_COLOURS
+from pymc_ship.pages.drawing import COLOURS, DOF_COLOURS, REFERENCE, styled, subplots
 from pymc_ship.ship.model import Candidate, held_together
 from pymc_ship.ship.paths import QUANTILES
 from pymc_ship.trajectory.windows import prepared_windows, restarted, thinned
@@ -71,7 +70,7 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
     return found
 
 
-@_styled
+@styled
 def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
     """Measured motion of runs against time, and the windows forecast without the run.
 
@@ -106,7 +105,7 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
     return fig
 
 
-@_styled
+@styled
 def held_out_overshoots(rows: Sequence[Mapping]) -> Figure:
     """Forecast of held-out overshoots against what was measured: angles, and times from reversal to peak.
 
@@ -168,7 +167,7 @@ def score_differences(candidates: Sequence[Candidate], rng: np.random.Generator)
     return found
 
 
-@_styled
+@styled
 def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
     """Score of each term set less that of the best, in every held-out run, with the mean and its bar.
 

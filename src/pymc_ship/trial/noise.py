@@ -85,7 +85,8 @@ def second_difference_sd(values: np.ndarray) -> np.ndarray:
     return np.median(np.abs(np.diff(values, 2, axis=-1)), axis=-1) / _SECOND_DIFFERENCE
 
 
-_STEP = 0.02
+RECORD_STEP = 0.02
+"""Sampling interval [s] of the simulated records that the kinds of noise below are made for."""
 
 
 def _white(size: int, rng: np.random.Generator) -> np.ndarray:
@@ -100,7 +101,7 @@ def _correlated(size: int, rng: np.random.Generator, *, time_constant: float) ->
     """First-order autoregression of unit variance from its stationary state."""
     from scipy.signal import lfilter
 
-    correlation = np.exp(-_STEP / time_constant)
+    correlation = np.exp(-RECORD_STEP / time_constant)
     shocks = rng.standard_normal(size)
     shocks[1:] *= np.sqrt(1.0 - correlation**2)
     return lfilter([1.0], [1.0, -correlation], shocks)
