@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.forecasting.figures import manoeuvre_figures
 from pymc_ship.vessel.vessel import reference_coefficients
 
 MANOEUVRES = {
@@ -49,3 +52,25 @@ def trial(vessel, manoeuvre, duration, *, course=0.7, approach=60.0, begin=100.0
     whole |= {"x": 500.0 + c * x - s * y, "y": -300.0 + s * x + c * y}
     whole["psi"] = np.angle(np.exp(1j * (whole["psi"] + course)))
     return run, xr.Dataset({n: ("time", v) for n, v in whole.items()}, {"time": begin + 0.5 * np.arange(len(x))})
+
+
+@cache
+def case(kind):
+    """Vessel, forecast and measured trial of a manoeuvre, the run it was made from first."""
+    vessel = ps.load_vessel("container")
+    manoeuvre, duration = MANOEUVRES[kind]
+    return vessel, forecast(vessel, manoeuvre, duration), *trial(vessel, manoeuvre, duration)
+
+
+@cache
+def drawn(kind, name):
+    vessel, tree, _, measured = case(kind)
+    return manoeuvre_figures(tree, vessel, measured)[name]
+
+
+def labelled(ax, label):
+    return next(line for line in ax.get_lines() if line.get_label() == label)
+
+
+def legend(fig):
+    return [text.get_text() for text in fig.legends[0].get_texts()]

@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import pymc_ship as ps
 from pymc_ship.forecasting.index_error import KINDS, index_sd, model_error, with_model_error
 from pymc_ship.manoeuvre.indices import CIRCLE_INDICES, ZIGZAG_INDICES
-from pymc_ship.ship.held_out import SCORED
-from pymc_ship.ship.held_out_indices import index_rows
-from pymc_ship.trajectory.prior import coefficient_names
-from pymc_ship.vessel.vessel import reference_coefficients
-from tests.ship.cases import RUNS, tanker, trial
+from tests.ship.cases import tanker
 
 N = 20_000
 MONTE_CARLO = 4.0 / np.sqrt(2.0 * N)  # relative, of a standard deviation
@@ -127,58 +122,3 @@ class TestWithModelError:
         before["advance"][0] = np.nan
         after = with_model_error(before, ERRORS, tanker(), RNG(2))
         assert np.isnan(after["advance"].values).tolist() == [True, *[False] * (N - 1)]
-
-
-class TestIndexRows:
-    @staticmethod
-    def model(factor=1.0, spread=0.002):
-        """Estimate and draws about it, the yaw moment of the rudder being a multiple of the true one."""
-        row = reference_coefficients(tanker())
-        row[coefficient_names(tanker()).index("Ngdelta")] *= factor
-        rng = RNG(4)
-        return tanker(), np.vstack([row, row * (1.0 + spread * rng.standard_normal((30, row.size)))])
-
-    @pytest.mark.parametrize("manoeuvre", [RUNS[0], ps.turning_circle(35.0)])
-    def test_a_run_of_the_model_itself_is_forecast_without_error(self, manoeuvre):
-        rows = index_rows("own", trial(manoeuvre), manoeuvre, [self.model()], np.ones(1))
-        assert [entry["index"] for entry in rows] == list(SCORED[manoeuvre.kind])
-        for entry in rows:
-            assert (entry["run"], entry["manoeuvre"]) == ("own", manoeuvre.label)
-            assert abs(entry["measured"] - entry["forecast"]) < 0.025 * entry["scale"], entry["index"]
-            assert 0.0 < entry["parameter_sd"] < 0.2 * entry["scale"]
-            assert entry["model_sd"] == 0.0
-            swing = manoeuvre.heading_deg + entry["measured"]
-            assert entry["scale"] == pytest.approx(UNIT.get(entry["kind"], swing), rel=1e-12)
-        weaker = index_rows("own", trial(manoeuvre), manoeuvre, [self.model(0.9)], np.ones(1))
-        assert max(abs(entry["measured"] - entry["forecast"]) / entry["scale"] for entry in weaker) > 0.1
-
-    def test_models_are_weighed(self):
-        weight, models = np.array([0.8, 0.2]), [self.model(), self.model(0.9)]
-        first, second, both = (
-            index_rows("1", trial(RUNS[0], duration=800.0), RUNS[0], which, share)
-            for which, share in ((models[:1], np.ones(1)), (models[1:], np.ones(1)), (models, weight))
-        )
-        for a, b, c in zip(first, second, both, strict=True):
-            assert c["forecast"] == pytest.approx(0.8 * a["forecast"] + 0.2 * b["forecast"], rel=1e-12)
-            assert c["model_sd"] == pytest.approx(0.4 * abs(a["forecast"] - b["forecast"]), rel=1e-9)
-            within = 0.8 * a["parameter_sd"] ** 2 + 0.2 * b["parameter_sd"] ** 2
-            assert c["parameter_sd"] == pytest.approx(np.sqrt(within), rel=1e-12)
-
-    def test_a_few_draws_that_run_away_do_not_count(self):
-        vessel, draws = self.model()
-        wild = draws.copy()
-        wild[5:7, coefficient_names(tanker()).index("Ngdelta")] *= 2.0
-        wild[7] *= -100.0
-        calm, found = (
-            {entry["index"]: entry for entry in index_rows("1", trial(RUNS[0]), RUNS[0], [(vessel, few)], np.ones(1))}
-            for few in (draws, wild)
-        )
-        assert calm.keys() == found.keys()
-        assert all(found[name]["parameter_sd"] < 2.0 * calm[name]["parameter_sd"] for name in calm)
-
-    def test_indices_that_were_not_reached_are_left_out(self):
-        rows = index_rows("1", trial(RUNS[1], duration=120.0), RUNS[1], [self.model()], np.ones(1))
-        assert {"initial_turning_time", "initial_turning_distance"} <= {entry["index"] for entry in rows}
-        assert not {"second_overshoot_angle", "period"} & {entry["index"] for entry in rows}
-        blind = index_rows("1", trial(RUNS[0]).drop_vars(["x", "y"]), RUNS[0], [self.model()], np.ones(1))
-        assert {entry["kind"] for entry in blind} == {"angle", "time"}

@@ -118,3 +118,66 @@ def test_manoeuvres_without_a_criterion_have_no_verdict(container):
 )
 def test_only_certainty_is_shown_as_certain(probability, words):
     assert shown_probability(probability) == words
+
+
+CONTAINER_LENGTH = 230.66
+
+
+class TestCriteria:
+    """Limits of IMO resolution MSC.137(76), 5.3."""
+
+    @staticmethod
+    def zigzag(angle, speed, **values):
+        table = {"first_overshoot_angle": 1.0, "second_overshoot_angle": 1.0, "initial_turning_distance": 1.0} | values
+        units = {"initial_turning_distance": "m"}
+        attrs = {"manoeuvre": "zigzag", "rudder_deg": angle, "heading_deg": angle, "approach_speed": speed}
+        data = {name: ((), value, {"units": units.get(name, "deg")}) for name, value in table.items()}
+        return xr.Dataset(data, attrs=attrs)
+
+    @pytest.mark.parametrize(
+        ("ratio", "first", "second"),
+        [
+            (9.0, 10.0, 25.0),
+            (10.0, 10.0, 25.0),
+            (20.0, 5.0 + 0.5 * 20.0, 17.5 + 0.75 * 20.0),
+            (29.0, 5.0 + 0.5 * 29.0, 17.5 + 0.75 * 29.0),
+            (30.0, 20.0, 40.0),
+            (45.0, 20.0, 40.0),
+        ],
+    )
+    def test_zigzag_10_10_limits_grow_with_length_over_speed(self, container, ratio, first, second):
+        for scale in (0.999, 1.001):
+            values = {"first_overshoot_angle": scale * first, "second_overshoot_angle": scale * second}
+            values["initial_turning_distance"] = scale * 2.5 * CONTAINER_LENGTH
+            rows = ps.imo_criteria(self.zigzag(10.0, CONTAINER_LENGTH / ratio, **values), container)
+            assert [row["criterion"] for row in rows] == [name.replace("_", " ") for name in values]
+            np.testing.assert_allclose([row["limit"] for row in rows], [first, second, 2.5], rtol=1e-14)
+            np.testing.assert_allclose([row["value"] for row in rows], scale * np.array([first, second, 2.5]))
+            assert [row["units"] for row in rows] == ["deg", "deg", "L"]
+            assert [row["passed"] for row in rows] == [scale < 1.0] * 3
+
+    @pytest.mark.parametrize(("rudder_deg", "criteria"), [(35.0, 2), (15.0, 0)])
+    def test_turning_limits_apply_to_hard_over_rudder_only(self, rudder_deg, criteria, container):
+        run = ps.simulate(container, ps.turning_circle(rudder_deg), duration=100.0, record_interval=1.0)
+        assert len(ps.imo_criteria(ps.indices(run), container)) == criteria
+
+    def test_zigzag_20_20_first_overshoot_is_limited_to_25_deg(self, container):
+        for value, passed in ((24.9, True), (25.0, True), (25.1, False)):
+            (row,) = ps.imo_criteria(self.zigzag(20.0, 12.7, first_overshoot_angle=value), container)
+            assert (row["criterion"], row["limit"], row["passed"]) == ("first overshoot angle", 25.0, passed)
+
+    def test_turning_circle_limits_are_lengths(self, container, circle_trial):
+        rows = ps.imo_criteria(ps.indices(circle_trial), container)
+        assert [(row["criterion"], row["limit"], row["units"]) for row in rows] == [
+            ("advance", 4.5, "L"),
+            ("tactical diameter", 5.0, "L"),
+        ]
+        np.testing.assert_allclose([row["value"] for row in rows], [5.0, 6.7], atol=0.05)
+        assert [row["passed"] for row in rows] == [False, False]
+
+    def test_an_event_that_was_not_reached_neither_passes_nor_fails(self, container):
+        short = ps.indices(ps.simulate(container, ps.turning_circle(35.0), duration=150.0))
+        assert [row["passed"] for row in ps.imo_criteria(short, container)] == [False, None]
+
+    def test_other_zigzags_have_no_limits(self, container):
+        assert ps.imo_criteria(self.zigzag(15.0, 12.7), container) == []

@@ -1,0 +1,87 @@
+"""Measured manoeuvres: brought to the start of their forecast, and their indices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.manoeuvre.measured import aligned, measured_indices
+from tests.forecasting.cases import MANOEUVRES, case, trial
+
+
+class TestAligned:
+    @pytest.mark.parametrize("kind", MANOEUVRES)
+    def test_a_trial_begins_where_its_forecast_does(self, kind):
+        """Another clock, course and place, a heading that jumps by 360 deg, and a minute of approach are undone."""
+        _, _, run, measured = case(kind)
+        found = aligned(measured, run.attrs["rudder_deg"])
+        assert found["time"].values[0] == 0.0
+        assert all(float(found[name][0]) == 0.0 for name in ("x", "y"))
+        assert abs(float(found["psi"][0])) < 2e-3
+        again = found.interp(time=run["time"].values[2:-2])
+        for name, bound in {"x": 0.5, "y": 2.0, "psi": 2e-3, "u": 0.02, "delta": 0.01}.items():
+            assert np.abs(again[name].values - run[name].values[2:-2]).max() < bound, name
+
+    def test_the_execution_is_found_below_noise_and_small_helm(self):
+        time = np.arange(0.0, 60.0, 0.1)
+        rng = np.random.default_rng(4)
+        delta = np.deg2rad(np.clip(2.3 * (time - 20.0), 0.0, 10.0)) + 0.002 * rng.standard_normal(time.size)
+        helm = np.where(time < 15.0, np.deg2rad(1.5) * np.sin(time), 0.0)
+        record = xr.Dataset({"delta": ("time", delta + helm)}, {"time": time})
+        assert time[-1] - float(aligned(record, 10.0)["time"][-1]) == pytest.approx(20.0, abs=0.3)
+
+    @pytest.mark.parametrize("delta", [np.full(5, -0.6), np.zeros(5)])
+    def test_a_rudder_that_never_leaves_its_angle_keeps_the_record_whole(self, delta):
+        record = xr.Dataset({"delta": ("time", delta), "psi": ("time", np.arange(5.0))}, {"time": np.arange(3.0, 8.0)})
+        found = aligned(record, 35.0)
+        np.testing.assert_allclose(found["time"], np.arange(5.0))
+        np.testing.assert_allclose(found["psi"], np.arange(5.0))
+
+    def test_missing_channels_stay_missing_and_a_track_needs_a_heading(self):
+        measured = case("zigzag")[3]
+        assert set(aligned(measured[["r", "delta"]]).data_vars) == {"r", "delta"}
+        assert "x" not in aligned(measured.drop_vars("psi"), 20.0)
+        assert aligned(measured.drop_vars("delta"))["time"].size == measured["time"].size
+
+    def test_gaps_stay_gaps(self):
+        measured = case("zigzag")[3].copy(deep=True)
+        measured["psi"][200:210] = np.nan
+        assert int(np.isnan(aligned(measured, 20.0)["psi"]).sum()) == 10
+
+
+class TestMeasuredIndices:
+    @pytest.mark.parametrize("kind", MANOEUVRES)
+    def test_indices_are_those_of_the_run(self, kind):
+        _, tree, run, measured = case(kind)
+        found, exact = measured_indices(measured, tree.attrs), ps.indices(run)
+        assert set(found) == set(exact.data_vars)
+        for name, value in found.items():
+            assert value == pytest.approx(float(exact[name]), rel=0.01, abs=0.05, nan_ok=True), name
+
+    @pytest.mark.parametrize("seed", [2, 4])
+    def test_a_noisy_yaw_rate_does_not_end_the_overshoot_early(self, seed):
+        """Left as it is, this noise takes 6 of the 20 s."""
+        run, measured = trial(ps.load_vessel("container"), ps.zigzag(10.0, 10.0), 250.0)
+        noise = np.deg2rad(0.05) * np.random.default_rng(seed).standard_normal(measured["time"].size)
+        found = measured_indices(measured.assign(r=measured["r"] + noise), run.attrs)
+        exact = float(ps.indices(run)["first_overshoot_time"])
+        assert found["first_overshoot_time"] == pytest.approx(exact, abs=0.5)
+
+    def test_what_a_channel_is_needed_for_is_left_open(self):
+        _, tree, run, measured = case("zigzag")
+        found = measured_indices(measured[["psi", "delta"]], tree.attrs)
+        known = {name for name, value in found.items() if np.isfinite(value)}
+        exact = {name for name, value in ps.indices(run).items() if np.isfinite(value)}
+        assert known == exact - {"initial_turning_distance", "maximum_roll_angle"}
+        assert found["first_overshoot_angle"] == pytest.approx(
+            float(ps.indices(run)["first_overshoot_angle"]), abs=0.05
+        )
+        assert measured_indices(measured[["u", "delta"]], tree.attrs) == {}
+
+    def test_velocities_are_those_of_the_track_where_none_are_measured(self):
+        _, tree, run, measured = case("port")
+        found = measured_indices(measured[["x", "y", "psi", "delta"]], tree.attrs)
+        for name in ("steady_speed", "tactical_diameter"):
+            assert found[name] == pytest.approx(float(ps.indices(run)[name]), rel=0.01), name
