@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numba import njit
 
-import pymc_ship as ps
 from pymc_ship.motion.equations import STATE, scheme, sin_cos, state_derivative, work_rows
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.vessel.vessel import reference_coefficients
@@ -74,27 +73,6 @@ def test_the_equations_close_along_a_run(container, zigzag_trial):
     force = np.array([plain_hull.force(*instant) for instant in zip(*motion, strict=True)]).T
     scale = np.abs(force).max(axis=1, keepdims=True)
     np.testing.assert_allclose((plain_hull.J @ prime) / scale, force / scale, atol=1e-9)
-
-
-def test_known_forces_are_the_forces_of_a_hull_without_coefficients(container, zigzag_trial):
-    run = zigzag_trial.isel(time=slice(None, None, 500))
-    record = {name: run[name].values for name in ("u", "v", "r", "p", "phi", "delta")}
-    motion, speed, known = prime_record(container, record)
-    U, L, mass = np.hypot(run.u, run.v).values, container.particulars.L, container.m
-    np.testing.assert_allclose(speed, U, rtol=1e-15)
-    np.testing.assert_allclose(motion["u"], 1.0 - 12.7 / U, atol=1e-15)
-    np.testing.assert_allclose(motion["v"], run.v / U, rtol=1e-14)
-    np.testing.assert_allclose(motion["r"], run.r * L / U, rtol=1e-14)
-    hydrodynamic = np.array(
-        [
-            ps.regression_data(zigzag_trial, container, dof, interval=10.0).design_matrix
-            @ container.coefficients(dof).values
-            for dof in container.dofs
-        ]
-    )
-    total = np.array([plain_hull.force(*instant) for instant in zip(*record.values(), strict=True)]).T
-    np.testing.assert_allclose(known + hydrodynamic, total, atol=1e-14)
-    np.testing.assert_allclose(known[1], -mass * (run.u / U) * run.r * L / U, rtol=1e-13)
 
 
 def test_the_track_turns_with_the_heading_and_the_motion_does_not(container, motions):

@@ -10,7 +10,6 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.forces.terms import evaluate, order
 from pymc_ship.motion import weak_form as module
-from pymc_ship.motion.prime_record import motion_record
 from pymc_ship.motion.weak_form import METHODS, RADIUS, bump, weak_form
 from pymc_ship.vessel.vessel import reference_coefficients
 
@@ -246,11 +245,6 @@ def test_the_test_function_takes_over_the_derivative(method, step):
     assert -dphi @ time == pytest.approx(1.0, rel=1e-3)
     assert (phi[0], phi[-1]) == (0.0, 0.0)
     assert time[-1] == pytest.approx(2.0 * RADIUS, abs=step)
-
-
-def test_the_record_of_a_trial_is_what_the_vessel_needs(container, zigzag_trial, flat_bottomed):
-    assert set(motion_record(zigzag_trial, container)) == {"u", "v", "r", "p", "phi", "delta"}
-    assert set(motion_record(zigzag_trial, flat_bottomed)) == {"u", "v", "r", "delta"}
 
 
 class TestErrors:
