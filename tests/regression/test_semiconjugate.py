@@ -13,48 +13,12 @@ from scipy.special import logsumexp
 from pymc_ship.regression.data import RegressionData, RegressionDataError
 from pymc_ship.regression.priors import ConjugatePrior, PriorError, SemiConjugatePrior
 from pymc_ship.regression.semiconjugate import semiconjugate, semiconjugate_posterior
+from tests.regression.cases import case, dense, two_modes, vector_prior
 from tests.regression.peers import largest_z, oracle, simulated, z_limit
-
-SHAPES = [(12, 3), (3, 7), (5, 5), (1, 2)]
-"""Rows and terms: more rows, more terms, as many, and a single row."""
-
-
-def vector_prior(n_terms, seed=9):
-    rng = np.random.default_rng(seed)
-    return SemiConjugatePrior(
-        mean=rng.standard_normal(n_terms), kappa=rng.uniform(0.2, 5.0, n_terms), shape=3.5, scale=0.7
-    )
-
-
-def case():
-    return simulated(20, 3, seed=14), vector_prior(3)
-
-
-def two_modes():
-    """Rows that either a coefficient of 25 or the noise explains; the marginal of log sigma2 has two modes."""
-    x = np.array([1.0, 2.0, 3.0, -2.0, -1.0])
-    data = RegressionData.from_arrays(x[:, None], 25.0 * x + [1.0, -1.0, 0.5, 0.0, -0.5])
-    return data, SemiConjugatePrior(kappa=10.0, shape=2.0, scale=1.0)
 
 
 def more_terms():
     return simulated(3, 7, seed=1), vector_prior(7)
-
-
-def dense(X, y, prior, t):
-    """Log of p(y, t) at values of t = log sigma2, by dense matrices."""
-    prior_covariance = (X * prior.kappas(X.shape[1])) @ X.T
-    residual = y - X @ prior.means(X.shape[1])
-    values, vectors = np.linalg.eigh(prior_covariance)
-    variances = np.clip(values, 0.0, None) + np.exp(t)[:, None]
-    log_likelihood = -0.5 * np.sum(np.log(2.0 * np.pi * variances) + (vectors.T @ residual) ** 2 / variances, axis=1)
-    return log_likelihood + stats.invgamma.logpdf(np.exp(t), prior.shape, scale=prior.scale) + t
-
-
-def dense_evidence(X, y, prior):
-    """Log evidence from a brute number of nodes."""
-    t = np.linspace(-30.0, 40.0, 140_001)
-    return logsumexp(dense(X, y, prior, t)) + np.log(t[1] - t[0])
 
 
 @pytest.fixture(scope="module", params=["ds1", "ds2"])
@@ -93,59 +57,6 @@ class TestOracle:
     def test_the_conjugate_prior_is_another_answer(self, known):
         """The broken twin: the other family lies within a posterior sd, yet a million times the tolerance off."""
         assert np.abs(np.array(known.conjugate["mean"]) - known.mean).max() > 1e-5
-
-
-class TestQuadrature:
-    @pytest.mark.parametrize(("n_rows", "n_terms"), SHAPES)
-    def test_the_evidence_is_that_of_dense_matrices(self, n_rows, n_terms):
-        data, prior = simulated(n_rows, n_terms, seed=1), vector_prior(n_terms)
-        known = dense_evidence(data.design_matrix, data.response, prior)
-        assert semiconjugate(data, prior).log_evidence == pytest.approx(known, abs=1e-9)
-
-    @pytest.mark.parametrize("shape", [0.05, 1.0, 1e5])
-    @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e4])
-    def test_skewed_and_sharp_marginals(self, shape, scale):
-        data, prior = simulated(4, 6, seed=2), SemiConjugatePrior(kappa=3.0, shape=shape, scale=scale)
-        exact = semiconjugate(data, prior)
-        t = np.linspace(exact.log_noise_variance[0] - 5.0, exact.log_noise_variance[-1] + 5.0, 400_001)
-        log_density = dense(data.design_matrix, data.response, prior, t)
-        known = logsumexp(log_density) + np.log(t[1] - t[0])
-        assert exact.log_evidence == pytest.approx(known, abs=1e-8)
-
-    def test_two_modes_are_both_covered(self):
-        data, prior = two_modes()
-        t = np.linspace(-20.0, 20.0, 2001)
-        log_density = dense(data.design_matrix, data.response, prior, t)
-        peaks = np.flatnonzero(np.diff(np.sign(np.diff(log_density))) < 0)
-        exact = semiconjugate(data, prior)
-        assert peaks.size == 2
-        assert exact.log_noise_variance[0] < t[peaks[0]] < t[peaks[1]] < exact.log_noise_variance[-1]
-        known = dense_evidence(data.design_matrix, data.response, prior)
-        assert exact.log_evidence == pytest.approx(known, abs=1e-9)
-
-    def test_modes_with_nothing_between_them_are_both_covered(self):
-        """The density falls by e^-100 between them, further than the grid reaches beyond either."""
-        rng = np.random.default_rng(1)
-        X = rng.standard_normal((40, 8))
-        y = 300.0 * X.sum(axis=1) + rng.standard_normal(40)
-        prior = SemiConjugatePrior(kappa=1445.0, shape=2.0, scale=1.0)
-        log_density = dense(X, y, prior, np.linspace(-0.3, 12.6, 500))
-        assert min(log_density[0], log_density[-1]) - log_density.min() > 100.0
-        exact = semiconjugate(RegressionData.from_arrays(X, y), prior)
-        share = exact.weights[exact.log_noise_variance > 6.0].sum()
-        assert 0.01 < share < 0.99
-        assert exact.log_evidence == pytest.approx(dense_evidence(X, y, prior), abs=1e-9)
-
-    def test_half_the_nodes_give_the_same(self):
-        """The weights of every second node add up to one half, as they do once the trapezoid rule has converged."""
-        for data, prior in (case(), two_modes(), (simulated(2, 9, seed=3), vector_prior(9))):
-            weights = semiconjugate(data, prior).weights
-            assert weights[::2].sum() == pytest.approx(0.5, abs=1e-11)
-            assert abs(weights[::16].sum() - 1.0 / 16.0) > 1e-5
-
-    def test_a_handful_of_nodes_usually_suffices(self):
-        known = oracle("ds2")
-        assert semiconjugate(known.data, SemiConjugatePrior(kappa=100.0)).weights.size < 80
 
 
 class TestEvidence:
