@@ -11,7 +11,7 @@ from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.sampling.error_laws import ERRORS
 from pymc_ship.sampling.gibbs import gibbs_posterior
 from pymc_ship.sampling.predictive import PREDICTIVE_DRAWS, predictive, prior_draws, with_predictive
-from tests.sampling.test_regression_model import hyperparameters, regression
+from tests.sampling.cases import hyperparameters, regression
 
 EXACT = {ConjugatePrior: (conjugate, conjugate_posterior), SemiConjugatePrior: (semiconjugate, semiconjugate_posterior)}
 LIMIT = 4.8

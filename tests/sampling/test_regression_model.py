@@ -9,35 +9,14 @@ import pytest
 from scipy import stats
 
 from pymc_ship.regression.conjugate import conjugate_posterior
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import ConjugatePrior, PriorError, SemiConjugatePrior
 from pymc_ship.regression.semiconjugate import semiconjugate
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.sampling.regression_model import nuts_posterior, pymc_model
-
-N_TERMS = 5
-"""One number of terms throughout: the whitened model is compiled once."""
+from tests.sampling.cases import N_TERMS, hyperparameters, log_volume, regression, scaled_parameters
 
 FAMILIES = (ConjugatePrior, SemiConjugatePrior)
 CASES = ("tall", "zscored", "wide")
-
-
-@cache
-def regression(case):
-    """Rows with nearly collinear columns; z-scored around a constant column; fewer rows than terms."""
-    rng = np.random.default_rng(20200)
-    n_rows = 4 if case == "wide" else 60
-    X = rng.normal(size=(n_rows, N_TERMS))
-    X[:, 1] = X[:, 0] + 0.02 * X[:, 1]
-    if case == "zscored":
-        X[:, 0], X[:, 2] = 2.0, 40.0 + 3.0 * X[:, 2]
-    response = X @ np.array([1.0, -2.0, 0.5, 3.0, 0.0]) + 1.5 * rng.normal(size=n_rows)
-    return RegressionData.from_arrays(X, response, scaling="zscore" if case == "zscored" else "none")
-
-
-def hyperparameters(**changes):
-    mean, kappa = np.array([0.0, 0.3, -0.2, 1.0, 0.0]), np.array([4.0, 1.0, 2.0, 0.5, 3.0])
-    return {"mean": mean, "kappa": kappa, "shape": 6.0, "scale": 9.0} | changes
 
 
 def flat_functions(model):
@@ -54,17 +33,6 @@ def flat_functions(model):
         return {v.name: piece.reshape(np.shape(start[v.name])) for v, piece in zip(values, pieces, strict=True)}
 
     return lambda flat: float(log_density(point(flat))), lambda flat: parameters(point(flat))
-
-
-def scaled_parameters(data, coefficients, noise_variance):
-    return np.append(data.to_scaled(coefficients), noise_variance / data.response_scale**2)
-
-
-def log_volume(function, flat, step=1e-5):
-    """Log of the volume that a function stretches, by central differences."""
-    moves = step * np.eye(len(flat))
-    jacobian = [(function(flat + move) - function(flat - move)) / (2.0 * step) for move in moves]
-    return np.linalg.slogdet(np.array(jacobian))[1]
 
 
 def log_joint(data, prior, scaled, variance):

@@ -13,7 +13,7 @@ from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.sampling.error_laws import ERRORS
 from pymc_ship.sampling.regression_model import nuts_posterior, pymc_model
 from pymc_ship.sampling.rows_model import row_statistics
-from tests.sampling.test_regression_model import N_TERMS, hyperparameters, log_volume, regression, scaled_parameters
+from tests.sampling.cases import N_TERMS, hyperparameters, log_volume, regression, scaled_parameters
 
 pytestmark = pytest.mark.slow
 
