@@ -1,0 +1,26 @@
+"""Noisy trials of the container ship, and a ship that does not roll; all are read only."""
+
+from __future__ import annotations
+
+import pytest
+
+import pymc_ship as ps
+from tests.checks.cases import noisy, simulated, steered
+
+
+@pytest.fixture(scope="module")
+def approached(container):
+    """Noisy trial with a straight approach."""
+    return noisy(steered(container))
+
+
+@pytest.fixture(scope="module")
+def zigzag(container):
+    """Noisy 20/20 zigzag."""
+    return noisy(simulated(container, ps.zigzag(20.0, 20.0)))
+
+
+@pytest.fixture(scope="module")
+def circle(container):
+    """Noisy 35 deg turn."""
+    return noisy(simulated(container, ps.turning_circle(35.0), 600.0))

@@ -1,0 +1,74 @@
+"""What a record lacks before and during the run: a steady approach, turning, directions above the noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from tests.checks.cases import alarms, changed, found, noisy, simulated
+
+TERMS = ("Xu", "Xrr", "Xdeltadelta", "Yv", "Yv|v|", "Yr", "Ydelta", "Nv", "Nr", "Ndelta")
+"""Ten coefficients of the container ship, without roll."""
+
+
+@pytest.fixture(scope="module")
+def flat(container):
+    """A ship that does not roll."""
+    forces = {
+        dof: tuple(c for c in force if c.name in TERMS) for dof, force in container.forces.items() if dof != "roll"
+    }
+    return replace(container, name="flat", forces=forces)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("r", "r is"), ("v", "v is"), ("phi", "phi is"), ("u", "the speed changes by")]
+)
+def test_an_approach_that_is_not_straight_or_steady_is_doubted(container, approached, name, words):
+    straight = approached["time"].values <= 40.0
+    largest = np.abs(approached[name].values).max()
+    slope = np.linspace(-1.0, 0.0, straight.sum()) if name == "u" else 1.0
+    values = approached[name].values + np.where(straight, 0.0, 0.0)
+    values[straight] += 0.2 * largest * slope
+    check = found(changed(approached, **{name: values}), container)["approach"]
+    assert check.verdict == "doubtful"
+    assert words in check.sentence
+
+
+def test_a_record_of_another_scale_than_the_vessels_is_doubted(container, approached):
+    factor = 40.0
+    length, time = 1.0 / factor, 1.0 / np.sqrt(factor)
+    names = {"u": length / time, "v": length / time, "r": 1.0 / time, "p": 1.0 / time, "x": length, "y": length}
+    model = changed(approached, **{name: scale * approached[name].values for name, scale in names.items()})
+    model = model.assign_coords(time=approached["time"].values * time)
+    assert "times the nominal one" in found(model, container)["approach"].sentence
+    assert found(model, container)["rudder rate"].verdict == "doubtful"
+    assert alarms(found(model)) == set()
+
+
+@pytest.mark.parametrize(("angle", "verdict"), [(15.0, "good"), (3.0, "doubtful"), (0.2, "bad")])
+def test_a_run_that_hardly_turns_is_told(flat, angle, verdict):
+    time = np.arange(0.0, 400.0, 40.0)
+    programme = ps.rudder_programme(time, np.deg2rad(angle) * np.resize([1.0, 1.0, -1.0, -1.0], time.size))
+    checks = found(noisy(simulated(flat, programme), level=0.001), flat)
+    assert checks["ranges"].verdict == verdict
+
+
+def test_directions_above_the_noise_are_counted(flat, container):
+    few = found(noisy(simulated(flat, ps.zigzag(20.0, 20.0))), flat)
+    assert all(few[f"excitation {dof}"].verdict == "good" for dof in flat.dofs)
+    assert few["excitation yaw"].value("directions above noise") == 3.0
+    turn = found(noisy(simulated(container, ps.turning_circle(35.0)), level=0.1), container)["excitation sway"]
+    assert turn.verdict in ("doubtful", "bad")
+    assert turn.value("directions above noise") < 20.0
+    assert turn.value("condition number") > 100.0 * few["excitation sway"].value("condition number")
+    assert found(simulated(flat, ps.zigzag(20.0, 20.0)))["excitation"].verdict == "not checked"
+
+
+def test_terms_that_stay_zero_are_named(container, zigzag):
+    still = changed(zigzag, p=0.0 * zigzag["p"].values + 1e-30)
+    check = found(still, container)["excitation roll"]
+    assert check.verdict == "bad"
+    assert "Kp" in check.sentence
