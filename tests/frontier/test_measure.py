@@ -1,4 +1,4 @@
-"""The frontier at small scale: honest intervals cover, broken ones are seen, the same seed gives the same tables."""
+"""The frontier at small scale: honest intervals cover, broken ones do not, and every table is made."""
 
 from __future__ import annotations
 
@@ -9,46 +9,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import pymc_ship as ps
-from pymc_ship.cli.main import main
 from pymc_ship.frontier import measure as frontier
 from pymc_ship.frontier import page as frontier_report
-from pymc_ship.frontier import tables
-from pymc_ship.frontier.data_sets import SLOW_SPEED, Cell, DataSet, data_set
+from pymc_ship.frontier.data_sets import Cell, DataSet
 from pymc_ship.frontier.scores import with_error
-from pymc_ship.frontier.tables import (
-    AIMS,
-    DIFFERENCES,
-    METHODS,
-    Aim,
-    aim_rows,
-    best_differencing,
-    bound_down_rows,
-    over_seeds,
-)
+from pymc_ship.frontier.tables import AIMS, DIFFERENCES, METHODS, aim_rows, bound_down_rows, over_seeds
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import trajectory_run
-from pymc_ship.trial.noise import NOISES, noisy_trial
 from pymc_ship.vessel.vessel import reference_coefficients
-from tests.vessel.cases import small_vessel
 
-Measurement = frontier.Measurement
-
-NAMES = {"surge": ("Xu", "Xuu", "Xvr"), "sway": ("Yv", "Yr", "Ydelta"), "yaw": ("Nv", "Nr", "Ndelta")}
-LEVEL, DURATION = 0.05, 60.0
+LEVEL = 0.05
+DURATION = 60.0
 PLAIN = Cell("white", ("bound", "plain", "halved"), (LEVEL,))
 WHOLE = (
     Cell("white", ("bound", "flat", "forecasts", "regressions"), (0.01,)),
     Cell("one designed run", ("starts",), (LEVEL,), n_designed=1),
     Cell("offsets", ("white assumed",), (0.01,), noise="offsets"),
 )
-
-
-@pytest.fixture(scope="module")
-def small(container):
-    """Nine of the container ship's coefficients, without roll."""
-    return small_vessel(container, NAMES)
 
 
 def one_fit(data, sd_factor):
@@ -63,7 +41,7 @@ def one_fit(data, sd_factor):
 
 
 @pytest.fixture(scope="module")
-def many(small):
+def many(nine):
     """Honest fits of 30 data sets and their broken twins, whose noise is taken for half of what it is."""
     estimators = {
         "plain": lambda data: [frontier._scored(data, "plain", *one_fit(data, 1.0))],
@@ -72,7 +50,7 @@ def many(small):
     with pytest.MonkeyPatch.context() as patch:
         for name, estimator in estimators.items():
             patch.setitem(frontier.ESTIMATORS, name, estimator)
-        return frontier.frontier(small, seeds=30, seed=1, cells=[PLAIN], duration=DURATION, workers=1)
+        return frontier.frontier(nine, seeds=30, seed=1, cells=[PLAIN], duration=DURATION, workers=1)
 
 
 def score(found, estimator, column, statistic="mean"):
@@ -104,11 +82,11 @@ def test_the_error_at_the_bound_is_that_of_the_fits(many):
 
 
 @pytest.fixture(scope="module")
-def whole(small):
+def whole(nine):
     """Every estimator on two data sets."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(frontier, "DRAWS", 40)
-        return frontier.frontier(small, seeds=2, seed=3, cells=WHOLE, duration=120.0, workers=1)
+        return frontier.frontier(nine, seeds=2, seed=3, cells=WHOLE, duration=120.0, workers=1)
 
 
 @pytest.mark.slow
@@ -125,8 +103,8 @@ def test_every_aim_stands_in_the_table_at_the_levels_measured(whole):
 
 
 @pytest.mark.slow
-def test_the_report_holds_every_table_and_the_figure(whole, small, tmp_path):
-    page = frontier_report.write_frontier(whole, small, tmp_path, seeds=2, seed=3)
+def test_the_report_holds_every_table_and_the_figure(whole, nine, tmp_path):
+    page = frontier_report.write_frontier(whole, nine, tmp_path, seeds=2, seed=3)
     text = page.read_text(encoding="utf-8")
     assert "pymc-ship frontier --seeds 2 --seed 3" in text
     assert all(label in text for label in METHODS.values())
@@ -140,72 +118,28 @@ def test_the_report_holds_every_table_and_the_figure(whole, small, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_processes_do_not_matter_but_the_seed_does(small):
+def test_the_processes_do_not_matter_but_the_seed_does(nine):
     settings = {"seeds": 2, "cells": [Cell("white", ("bound", "flat"), (LEVEL,))], "duration": DURATION}
     lines = []
-    one = frontier.frontier(small, seed=5, workers=1, progress=lines.append, **settings)
-    two = frontier.frontier(small, seed=5, workers=2, **settings)
-    other = frontier.frontier(small, seed=6, workers=1, **settings)
+    one = frontier.frontier(nine, seed=5, workers=1, progress=lines.append, **settings)
+    two = frontier.frontier(nine, seed=5, workers=2, **settings)
+    other = frontier.frontier(nine, seed=6, workers=1, **settings)
     assert [(m.values, m.deviation.tobytes()) for m in one] == [(m.values, m.deviation.tobytes()) for m in two]
     assert [m.values for m in one] != [m.values for m in other]
     assert lines[-1].endswith("2 of 2 data sets")
 
 
-def test_a_frontier_needs_two_seeds(small):
+def test_a_frontier_needs_two_seeds(nine):
     with pytest.raises(ValueError, match="two seeds or more, found 1"):
-        frontier.frontier(small, seeds=1)
+        frontier.frontier(nine, seeds=1)
 
 
-@pytest.mark.parametrize("name", NOISES)
-def test_noise_has_unit_variance(name):
-    noise = np.array([NOISES[name](4000, np.random.default_rng(k)) for k in range(50)])
-    power = np.mean(np.clip(noise, -30.0, 30.0) ** 2, axis=1)
-    assert abs(power.mean() - 1.0) < 4.0 * power.std() / np.sqrt(50)
-
-
-@pytest.mark.parametrize("time_constant", [0.2, 1.0])
-def test_correlated_noise_forgets_within_its_time_constant(time_constant):
-    noise = np.array([NOISES[f"correlated {time_constant:g} s"](4000, np.random.default_rng(k)) for k in range(50)])
-    lag = round(time_constant / 0.02)
-    correlation = np.mean(noise[:, lag:] * noise[:, :-lag], axis=1)
-    assert abs(correlation.mean() - np.exp(-1.0)) < 4.0 * correlation.std() / np.sqrt(50)
-
-
-def test_offsets_are_half_to_all_of_the_level(small):
-    clean = ps.simulate(small, ps.zigzag(20, 20), duration=40.0)
-    offsets = []
-    for seed in range(20):
-        shifted = noisy_trial(clean, 0.01, "offsets", np.random.default_rng(seed))
-        offsets += [float((shifted[c] - clean[c]).mean() / np.abs(clean[c]).max()) for c in ("u", "r")]
-    offsets = np.array(offsets)
-    spread = 0.003 / np.sqrt(clean.sizes["time"])  # of the mean of the white noise on top
-    assert np.all((np.abs(offsets) > 0.005 - 5.0 * spread) & (np.abs(offsets) < 0.01 + 5.0 * spread))
-    assert {-1.0, 1.0} == set(np.sign(offsets))
-
-
-def test_designed_runs_come_after_the_zigzag(small):
-    data = data_set(small, Cell("two", (), n_designed=2), 0.01, 0, root=1, duration=20.0)
-    assert [trial.sizes["time"] for trial in data.trials] == [1000] * 3
-    assert float(data.clean[1]["u"][0]) == SLOW_SPEED
-    other = data_set(small, Cell("two", (), n_designed=2), 0.01, 1, root=1, duration=20.0)
-    assert not data.clean[1].equals(other.clean[1])
-    assert data.clean[2].equals(other.clean[2])
-
-
-def test_the_bound_falls_with_the_noise_and_with_runs(small):
-    cells = [Cell(name, ("bound",), n_designed=n) for name, n in (("one", 0), ("two", 1))]
-    one, quiet = (data_set(small, cells[0], level, 0, root=1, duration=DURATION).bound for level in (0.01, 0.001))
-    more = data_set(small, cells[1], 0.01, 0, root=1, duration=DURATION).bound
-    np.testing.assert_allclose(one, 10.0 * quiet, rtol=1e-6)
-    assert np.all(more < one)
-
-
-def test_a_fit_that_fails_counts_as_infinitely_wrong(small, monkeypatch):
+def test_a_fit_that_fails_counts_as_infinitely_wrong(nine, monkeypatch):
     def fail(*args, **settings):
         raise TrajectoryError("No minimum was found.")
 
     monkeypatch.setattr(frontier, "trajectory_mode", fail)
-    data = DataSet(small, Cell("white", ()), 0.01, 0, 1)
+    data = DataSet(nine, Cell("white", ()), 0.01, 0, 1)
     default, *forecasts = frontier._forecasts(data)
     assert default.values == {"median_error": np.inf, "coverage": 0.0, "failed": 1.0, "reaching": 0.0}
     assert [one.values["error"] for one in forecasts] == [np.inf] * len(frontier.FORECASTS)
@@ -214,8 +148,8 @@ def test_a_fit_that_fails_counts_as_infinitely_wrong(small, monkeypatch):
 @pytest.mark.parametrize(
     ("shift", "evidence", "expected"), [(0.0, 5.0, 50.0), (3.0, 5.0, 0.0), (3.0, -5.0, 50.0), (0.1, 5.0, 50.0)]
 )
-def test_starts_miss_where_the_truth_leads_to_another_and_better_mode(small, monkeypatch, shift, evidence, expected):
-    truth, sd = reference_coefficients(small), np.ones(9)
+def test_starts_miss_where_the_truth_leads_to_another_and_better_mode(nine, monkeypatch, shift, evidence, expected):
+    truth, sd = reference_coefficients(nine), np.ones(9)
     problem = SimpleNamespace(runs=(), prior=None)
     mode = SimpleNamespace(
         choice=SimpleNamespace(fit=SimpleNamespace(coefficients=truth, sd=sd, log_evidence=0.0, problem=problem)),
@@ -224,40 +158,7 @@ def test_starts_miss_where_the_truth_leads_to_another_and_better_mode(small, mon
     )
     best = SimpleNamespace(fit=SimpleNamespace(coefficients=truth + shift * sd, log_evidence=evidence))
     monkeypatch.setattr(frontier, "fit_with_noise", lambda *args: best)
-    assert frontier._reaching(DataSet(small, Cell("white", ()), 0.01, 0, 1), mode)["reaching"] == expected
-
-
-def made_up(estimator, values, cell="white", level=0.01):
-    return [Measurement(cell, level, k, estimator, {"x": x}, np.full(2, x)) for k, x in enumerate(values)]
-
-
-def test_the_error_of_a_mean_is_its_standard_error():
-    values = np.random.default_rng(0).standard_normal(200)
-    assert with_error(values, "mean")[1] == pytest.approx(values.std() / np.sqrt(200), rel=0.15)
-
-
-@pytest.mark.parametrize(
-    ("value", "verdict"), [(1.0, "yes"), (2.0, "yes"), (2.1, "no"), (np.inf, "no"), (np.nan, "no")]
-)
-def test_an_aim_is_met_within_its_limits_alone(monkeypatch, value, verdict):
-    aim = Aim("x", "%", "white", ("fit",), "x", "median", {0.01: (1.0, 2.0)})
-    monkeypatch.setattr(tables, "AIMS", (aim,))
-    (row,) = aim_rows(made_up("fit", [value] * 3))
-    assert row["met"] == verdict
-
-
-def test_the_ratio_is_that_of_the_medians():
-    found = made_up("a", [10.0, 20.0, 90.0]) + made_up("b", [4.0, 1.0, 5.0])
-    assert with_error(over_seeds(found, "white", 0.01, ("a", "b"), "x"), "ratio")[0] == 5.0
-
-
-def test_the_best_differencing_has_the_smallest_median():
-    found = [
-        replace(one, values={"median_error": one.values["x"]})
-        for k, name in enumerate(DIFFERENCES)
-        for one in made_up(name, [5.0 - k, 50.0, 5.0 - k])
-    ]
-    assert best_differencing(found, 0.01) == list(DIFFERENCES)[-1]
+    assert frontier._reaching(DataSet(nine, Cell("white", ()), 0.01, 0, 1), mode)["reaching"] == expected
 
 
 @pytest.mark.slow
@@ -265,34 +166,3 @@ def test_methods_are_compared_with_the_bound(whole):
     rows = bound_down_rows(whole)
     assert [row["times_bound"] for row in rows if row["method"] == METHODS["bound"]] == [1.0]
     assert all(row["by"] in DIFFERENCES for row in rows if row["method"] == METHODS["best differencing"])
-
-
-def test_the_command_passes_its_options_on_and_prints_the_table(tmp_path, monkeypatch, capsys):
-    called = []
-
-    def reported_frontier(out, **settings):
-        called.append((out, settings))
-        return "| a |", tmp_path / "index.html"
-
-    monkeypatch.setattr(frontier_report, "reported_frontier", reported_frontier)
-    assert main(["frontier", "--seeds", "3", "--seed", "7", "--quiet", "--out", str(tmp_path)]) == 0
-    ((out, settings),) = called
-    settings.pop("progress")("unheard")
-    assert (out, settings) == (str(tmp_path), {"seeds": 3, "seed": 7})
-    assert capsys.readouterr() == ("| a |\n", "")
-
-
-def test_one_seed_is_refused_in_a_sentence(tmp_path, capsys):
-    assert main(["frontier", "--seeds", "1", "--out", str(tmp_path)]) == 2
-    assert "two seeds or more, found 1" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_place_that_cannot_be_written_is_refused_before_long_work(tmp_path, monkeypatch, capsys):
-    def forbid(*args, **settings):
-        raise AssertionError("long work has begun")
-
-    monkeypatch.setattr(frontier_report, "frontier", forbid)
-    (tmp_path / "file").write_text("kept")
-    assert main(["frontier", "--out", str(tmp_path / "file" / "below")]) == 2
-    assert "cannot be written" in capsys.readouterr().err

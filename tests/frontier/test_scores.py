@@ -15,6 +15,7 @@ from pymc_ship.frontier.scores import (
     published_rows,
     relative_error,
     summary_rows,
+    with_error,
 )
 
 ZIGZAG = ps.zigzag(20.0, 20.0)
@@ -165,3 +166,8 @@ def test_a_channel_that_never_moves_is_not_scored(ship):
     row = forecast_row(still, found, shifted_bands(still, found, 0.05, 0.1))
     assert row["error"] == pytest.approx(5.0)
     assert row["coverage"] == 100.0
+
+
+def test_the_error_of_a_mean_is_its_standard_error():
+    values = np.random.default_rng(0).standard_normal(200)
+    assert with_error(values, "mean")[1] == pytest.approx(values.std() / np.sqrt(200), rel=0.15)

@@ -7,7 +7,6 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.trajectory.runs import trajectory_run
-from pymc_ship.trial.noise import second_difference_sd
 from tests.trajectory.cases import SD, record, rough, without_roll
 
 
@@ -22,35 +21,13 @@ def noisy(trial):
     return rough(trial, 0)
 
 
-class TestNoise:
-    def test_second_differences_find_white_noise_on_a_smooth_signal(self):
-        """Averaged over 200 records, to within their scatter."""
-        rng, t = np.random.default_rng(1), 0.1 * np.arange(1000)
-        found = second_difference_sd(3.0 * np.sin(0.1 * t) + 0.02 * rng.standard_normal((200, 1000)))
-        assert abs(found.mean() / 0.02 - 1.0) < 4.0 * found.std() / 0.02 / np.sqrt(200)
-        assert abs(np.diff(rng.standard_normal((200, 1000))).std() - 1.0) > 0.3
-
-    def test_they_are_blind_to_outliers_and_to_a_polynomial(self):
-        rng, t = np.random.default_rng(2), np.arange(2000.0)
-        plain = rng.standard_normal(2000)
-        spoiled = plain.copy()
-        spoiled[::100] += 1e3
-        assert second_difference_sd(spoiled) == pytest.approx(second_difference_sd(plain), rel=0.1)
-        assert second_difference_sd(plain + 5.0 * t - 7.0) == pytest.approx(second_difference_sd(plain))
-        assert second_difference_sd(5.0 * t - 7.0) == 0.0
-
-    def test_they_miss_most_of_a_noise_that_is_correlated(self):
-        walk = np.cumsum(np.random.default_rng(3).standard_normal(5000))
-        assert second_difference_sd(walk) < 0.1 * walk.std()
-
+class TestRun:
     def test_a_run_has_the_noise_of_its_channels_or_what_is_given(self, container, noisy):
         run = trajectory_run(noisy, container, noise_sd={"v": 0.1, "x": 3.0})
         expected = [SD["u"], 0.1, SD["r"], SD["p"], SD["phi"]]
         np.testing.assert_allclose(run.sample_sd, expected, rtol=0.25)
         assert run.sample_sd[1] == 0.1
 
-
-class TestRun:
     def test_blocks_are_means_of_a_fifth_of_a_second(self, container, noisy):
         run = trajectory_run(noisy.isel(time=slice(0, -1)), container)
         assert (run.block, run.substeps, run.n_blocks, run.n_states) == (2, 1, 299, 5)

@@ -6,6 +6,7 @@ import xarray as xr
 from scipy.stats import chi2, kstest
 
 import pymc_ship as ps
+from pymc_ship.trial.noise import NOISES, second_difference_sd
 
 FACTORS = {"u": 0.3, "v": 1.0, "r": 0.3, "p": 0.3, "phi": 0.3, "psi": 0.3}
 LEVEL = 0.05
@@ -118,3 +119,40 @@ def test_a_trial_with_gaps_cannot_be_polluted(zigzag_trial):
     gap["r"][100] = np.nan
     with pytest.raises(ps.TrialError, match="Channel r must be finite"):
         ps.pollute(gap, level=0.1, rng=np.random.default_rng(13))
+
+
+@pytest.mark.parametrize("name", NOISES)
+def test_noise_has_unit_variance(name):
+    noise = np.array([NOISES[name](4000, np.random.default_rng(k)) for k in range(50)])
+    power = np.mean(np.clip(noise, -30.0, 30.0) ** 2, axis=1)
+    assert abs(power.mean() - 1.0) < 4.0 * power.std() / np.sqrt(50)
+
+
+@pytest.mark.parametrize("time_constant", [0.2, 1.0])
+def test_correlated_noise_forgets_within_its_time_constant(time_constant):
+    noise = np.array([NOISES[f"correlated {time_constant:g} s"](4000, np.random.default_rng(k)) for k in range(50)])
+    lag = round(time_constant / 0.02)
+    correlation = np.mean(noise[:, lag:] * noise[:, :-lag], axis=1)
+    assert abs(correlation.mean() - np.exp(-1.0)) < 4.0 * correlation.std() / np.sqrt(50)
+
+
+class TestSecondDifferences:
+    def test_second_differences_find_white_noise_on_a_smooth_signal(self):
+        """Averaged over 200 records, to within their scatter."""
+        rng, t = np.random.default_rng(1), 0.1 * np.arange(1000)
+        found = second_difference_sd(3.0 * np.sin(0.1 * t) + 0.02 * rng.standard_normal((200, 1000)))
+        assert abs(found.mean() / 0.02 - 1.0) < 4.0 * found.std() / 0.02 / np.sqrt(200)
+        assert abs(np.diff(rng.standard_normal((200, 1000))).std() - 1.0) > 0.3
+
+    def test_they_are_blind_to_outliers_and_to_a_polynomial(self):
+        rng, t = np.random.default_rng(2), np.arange(2000.0)
+        plain = rng.standard_normal(2000)
+        spoiled = plain.copy()
+        spoiled[::100] += 1e3
+        assert second_difference_sd(spoiled) == pytest.approx(second_difference_sd(plain), rel=0.1)
+        assert second_difference_sd(plain + 5.0 * t - 7.0) == pytest.approx(second_difference_sd(plain))
+        assert second_difference_sd(5.0 * t - 7.0) == 0.0
+
+    def test_they_miss_most_of_a_noise_that_is_correlated(self):
+        walk = np.cumsum(np.random.default_rng(3).standard_normal(5000))
+        assert second_difference_sd(walk) < 0.1 * walk.std()
