@@ -1,21 +1,17 @@
-"""The diagnostic page: what it says of posteriors right, wrong or incomplete, and the command that writes it."""
+"""The diagnostic page: what it says of posteriors right, wrong or incomplete."""
 
 import re
 from html.parser import HTMLParser
-from importlib import import_module
 
 import numpy as np
 import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.cli.main import main
-from pymc_ship.diagnostics.agreement import Comparison, comparisons
-from pymc_ship.diagnostics.parts import parts, verdict
-from pymc_ship.regression.tree import read_posterior, write_posterior
+from tests.diagnostics.cases import without
+from tests.diagnostics.regressions import shifted, three_ways, torn
 
 pytestmark = pytest.mark.filterwarnings("error")
-
 TITLES = [
     "Convergence gates",
     "Agreement with the exact posterior",
@@ -30,71 +26,6 @@ TITLES = [
     "Leave-one-out cross-validation",
     "Sensitivity to prior and likelihood",
 ]
-
-
-def posterior(container, wave=0.0, draws=800):
-    """Posterior of the container ship's first sway coefficients, as a vessel of that name would have them."""
-    rng = np.random.default_rng(7)
-    names = [str(name) for name in container.coefficients("sway")["coefficient"].values]
-    X = rng.standard_normal((120, len(names)))
-    noise = 1e-4 * rng.standard_normal(120)
-    for k in range(1, 120):
-        noise[k] += wave * noise[k - 1]
-    response = X @ container.coefficients("sway").values + noise
-    labels = {"dof": "sway", "vessel": "container", "derivative": "euler"}
-    data = ps.RegressionData.from_arrays(X, response, names, scaling="zscore", time=np.arange(120.0), **labels)
-    return ps.conjugate_posterior(data, ps.ConjugatePrior(kappa=1e4), draws=draws, chains=4, rng=rng)
-
-
-def without(tree, *groups):
-    kept = {name: node.to_dataset() for name, node in tree.children.items() if name not in groups}
-    return xr.DataTree.from_dict({"/": tree.to_dataset(), **kept})
-
-
-def torn(tree):
-    """Posterior of which one chain stands elsewhere."""
-    draws = tree["posterior"].to_dataset().copy(deep=True)
-    draws["coefficients"][3, :, 0] += 1.0
-    return xr.DataTree.from_dict({"/": tree.to_dataset(), "posterior": draws})
-
-
-def verdict_on(tree):
-    return verdict(Comparison("x", {"x": tree}))
-
-
-def regression(seed=11):
-    """Data of a raft with two coefficients, and the prior of its posteriors."""
-    rng = np.random.default_rng(seed)
-    X = rng.standard_normal((60, 2))
-    labels = {"dof": "sway", "vessel": "raft"}
-    data = ps.RegressionData.from_arrays(X, X.sum(axis=1) + 0.1 * rng.standard_normal(60), ("Yv", "Yr"), **labels)
-    return data, ps.ConjugatePrior(kappa=10.0)
-
-
-def three_ways(**changes):
-    """Exact, Gibbs and NUTS draws of one posterior, those of NUTS (independent ones with its groups) last."""
-    data, prior = regression()
-    exact = ps.conjugate_posterior(data, prior, draws=4000, rng=np.random.default_rng(1))
-    gibbs = ps.gibbs_posterior(data, prior, draws=1000, rng=np.random.default_rng(2))
-    nuts = ps.conjugate_posterior(data, prior, draws=4000, rng=np.random.default_rng(3))
-    energy = np.random.default_rng(4).standard_normal((4, 1000))
-    stats = {"diverging": np.zeros((4, 1000), dtype=bool), "energy": energy}
-    stats = xr.Dataset({name: (("chain", "draw"), value) for name, value in stats.items()})
-    nuts = nuts.assign({"sample_stats": xr.DataTree(stats)})
-    nuts.attrs |= {"method": "nuts"} | changes
-    return {"a": exact, "b": gibbs, "c": nuts}
-
-
-def shifted(tree, by=0.1):
-    """Draws whose first coefficient sits so many standard deviations from where it belongs."""
-    draws = tree["posterior"].to_dataset().copy(deep=True)
-    draws["coefficients"][..., 0] += by * draws["coefficients"][..., 0].std()
-    return tree.assign({"posterior": xr.DataTree(draws)})
-
-
-@pytest.fixture(scope="module")
-def good(container):
-    return posterior(container)
 
 
 class Tags(HTMLParser):
@@ -180,47 +111,6 @@ def test_the_same_seed_gives_the_same_page(good, tmp_path):
     assert first == second
 
 
-def test_the_verdict_counts_what_the_data_determine(good):
-    gates, determined, white = verdict_on(good)
-    assert gates == "All convergence gates hold."
-    count, total = map(int, re.match(r"(\d+) of (\d+) coefficients are determined by the data", determined).groups())
-    assert 10 <= count < total == 28
-    assert white.startswith("Residuals pass for white noise (r1 = ")
-
-
-def test_the_verdict_on_correlated_residuals(container):
-    white = verdict_on(posterior(container, wave=0.97))[2]
-    assert re.match(
-        r"Residuals are autocorrelated \(r1 = 0\.[4-9]\d*, Ljung-Box p = .*\): intervals are too narrow", white
-    )
-    assert white.endswith("leave-future-out or block folds are the right tool for serially correlated rows.")
-
-
-def test_the_verdict_without_a_design_says_so(good):
-    lines = verdict_on(without(good, "observed_data"))
-    assert lines[1:] == [
-        "What the data determine and the residuals are not known: the tree has no observed_data/response."
-    ]
-
-
-@pytest.mark.slow
-def test_a_part_for_every_group_of_nuts(good):
-    """sample_stats bring the energy; posterior_predictive is shown as the tree holds it."""
-    rng = np.random.default_rng(0)
-    shape = (4, 200)
-    names = {"diverging": np.zeros(shape, dtype=bool), "energy": rng.standard_normal(shape)}
-    stats = xr.Dataset({name: (("chain", "draw"), value) for name, value in names.items()})
-    response = good["observed_data"]["response"].values + 1e-4 * rng.standard_normal((*shape, 120))
-    drawn = xr.Dataset({"response": (("chain", "draw", "row"), response)})
-    groups = {"sample_stats": xr.DataTree(stats), "posterior_predictive": xr.DataTree(drawn)}
-    tree = without(good, "log_likelihood").assign(groups)
-    found = {part.title: part for part in parts(Comparison("x", {"x": tree}), None, rng)}
-    assert [image[0] for image in found["Energy"].images] == ["energy"]
-    assert "as the tree holds them" in found["Prior and posterior predictive check"].text
-    assert found["Convergence gates"].text == ""
-    assert "no vessel was given" in found["Coefficients"].images[0][2]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["one chain", "one coefficient", "stuck"])
 def test_a_poor_posterior_is_still_reported(tmp_path, case):
@@ -246,56 +136,6 @@ def test_a_poor_posterior_is_still_reported(tmp_path, case):
 
 
 # several methods
-
-
-def test_draws_of_one_posterior_share_a_section_and_others_do_not():
-    """Exact draws first, wherever they stand; other data, another prior and other errors stand alone."""
-    data, prior = regression()
-    trees = three_ways()
-    others = {
-        "prior": ps.gibbs_posterior(data, ps.ConjugatePrior(kappa=9.0), draws=100, rng=np.random.default_rng(0)),
-        "data": ps.gibbs_posterior(regression(12)[0], prior, draws=100, rng=np.random.default_rng(0)),
-        "errors": three_ways(errors="student_t")["c"],
-        "bare": without(trees["b"], "constant_data"),
-        "other exact": three_ways()["a"],
-    }
-    found = comparisons({"c": trees["c"], **others, "a": trees["a"], "b": trees["b"]})
-    assert [one.name for one in found] == ["other exact, c, b", "prior", "data", "errors", "bare", "a"]
-    assert [one.agreement is None for one in found] == [False, True, True, True, True, True]
-    together = found[0]
-    assert list(together.trees) == ["exact", "nuts", "gibbs"]
-    assert together.posterior is others["other exact"]
-    assert together.sampler == "nuts"
-
-
-def test_saved_draws_are_compared_with_the_exact_posterior_itself():
-    """Data and prior read from the exact draws give the agreement of the posterior they were drawn from."""
-    trees, exact = three_ways(), ps.conjugate(*regression())
-    (found,) = comparisons(trees)
-    xr.testing.assert_allclose(found.agreement, ps.agreement(exact, {"gibbs": trees["b"], "nuts": trees["c"]}))
-    assert found.agreement["agrees"].all()
-    assert (found.failed_gates, found.disagreements) == ([], [])
-
-
-def test_draws_of_one_method_twice_are_told_apart_by_their_names():
-    trees = three_ways()
-    (found,) = comparisons({**trees, "d": trees["b"]})
-    assert list(found.trees) == ["a", "b", "c", "d"]
-    assert found.agreement["method"].values.tolist() == ["b", "c", "d"]
-
-
-@pytest.mark.parametrize(
-    ("trees", "sentence"),
-    [
-        (lambda three: {"c": three["c"]}, "no exact posterior of the same data and prior is given"),
-        (lambda three: {"a": three["a"]}, "no draws of the same data and prior by another method are given"),
-        (lambda three: {"c": three_ways(errors="ar1")["c"]}, "the exact posterior is of normal errors, these are ar1"),
-    ],
-)
-def test_why_there_is_no_agreement_is_said(monkeypatch, trees, sentence):
-    (one,) = comparisons(trees(three_ways()))
-    part = import_module("pymc_ship.diagnostics.parts")._agreement(one)
-    assert (part.text, part.tables) == (f"Not shown: {sentence}.", [])
 
 
 @pytest.fixture(scope="module")
@@ -349,92 +189,3 @@ def test_another_vessel_is_refused(good, container, tmp_path):
     fewer = fewer.assign({"posterior": xr.DataTree(fewer["posterior"].to_dataset().isel(coefficient=[1, 0]))})
     with pytest.raises(ps.VesselError, match="coefficients of 'container' in order, found Yvv, Yv in x"):
         ps.diagnostic_report({"x": fewer}, tmp_path / "out", container)
-
-
-# the command
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    """Leave the figures out, which have their own tests above."""
-    monkeypatch.setattr(import_module("pymc_ship.diagnostics.page"), "parts", lambda *args: [])
-
-
-@pytest.mark.usefixtures("quick")
-def test_the_command_writes_the_page_and_prints_the_verdict(good, tmp_path, capsys):
-    write_posterior(good, tmp_path / "sway.nc")
-    words = ["report", str(tmp_path / "sway.nc"), "--vessel", "container", "--out", str(tmp_path / "out")]
-    assert main(words) == 0
-    printed = capsys.readouterr()
-    assert printed.out.splitlines() == ["sway", *verdict_on(good)]
-    assert printed.err == f"diagnosing sway\nWritten to {tmp_path}/out/diagnostics.html.\n"
-
-
-@pytest.mark.usefixtures("quick")
-def test_a_failing_gate_is_status_3_and_the_page_is_written(good, tmp_path, capsys):
-    (tmp_path / "a").mkdir()
-    for path, tree in (("x.nc", good), ("a/x.nc", torn(good))):
-        write_posterior(tree, tmp_path / path)
-    words = ["report", str(tmp_path / "x.nc"), str(tmp_path / "a" / "x.nc"), "--quiet", "--out", str(tmp_path / "out")]
-    assert main(words) == 3
-    printed = capsys.readouterr()
-    assert re.fullmatch(
-        r"pymc-ship: A convergence gate or the agreement with the exact posterior fails in 1 of 2 posteriors, first in "
-        r"\S+/a/x\.nc: largest R-hat [1-9.e+]+ \(Yv\), to be < 1\.01; .*; the page is written and names them all\.\n",
-        printed.err,
-    )
-    assert printed.out.count("A convergence gate fails: largest R-hat") == 1
-    page = (tmp_path / "out" / "diagnostics.html").read_text(encoding="utf-8")
-    assert page.count('<section id="posterior-') == 2
-    assert page.count("(a gate fails)") == 1
-
-
-@pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("wrong", [False, True])
-def test_a_disagreement_is_status_3_and_the_page_is_written(tmp_path, capsys, wrong):
-    trees = three_ways()
-    if wrong:
-        trees["b"] = shifted(trees["b"])
-    paths = [str(write_posterior(tree, tmp_path / f"{name}.nc")) for name, tree in trees.items()]
-    assert main(["report", *paths, "--quiet", "--out", str(tmp_path / "out")]) == (3 if wrong else 0)
-    printed = capsys.readouterr()
-    assert printed.out.startswith("a, b, c\nAll convergence gates hold.\nAgainst the exact posterior: gibbs ")
-    said = re.fullmatch(
-        r"pymc-ship: A convergence gate or the agreement with the exact posterior fails in 1 of 1 posteriors, first in "
-        r"a, b, c: gibbs DISAGREES \(largest \|z\| [\d.]+, largest R-hat [\d.]+\); the page is written .* all\.\n",
-        printed.err,
-    )
-    assert bool(said) == wrong
-    assert bool(printed.err) == wrong
-    assert (tmp_path / "out" / "diagnostics.html").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        ("{tmp}/none.nc", "found nothing at .*none.nc; check the path."),
-        ("{tmp}/junk.nc", "junk.nc is no posterior written by this package"),
-        ("{tmp}/x.nc --vessel raft", "A vessel is one of container"),
-        ("{tmp}/x.nc --out {tmp}/junk.nc/below", "cannot be written: Not a directory; choose another place."),
-        ("", "the following arguments are required: POSTERIOR"),
-    ],
-)
-def test_what_cannot_be_reported_is_one_sentence(good, tmp_path, capsys, words, sentence):
-    write_posterior(without(good, "log_likelihood"), tmp_path / "x.nc")
-    (tmp_path / "junk.nc").write_text("no NetCDF")
-    try:
-        status = main(
-            ["report", *words.format(tmp=tmp_path).split(), *([] if "--out" in words else ["--out", f"{tmp_path}/out"])]
-        )
-    except SystemExit as stop:
-        status = stop.code
-    printed = capsys.readouterr()
-    assert (status, printed.out) == (2, "")
-    assert printed.err.count("\n") == 1
-    assert re.search(sentence, printed.err)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["junk.nc", "x.nc"]
-
-
-def test_a_zarr_posterior_is_read_as_well(good, tmp_path):
-    tree = read_posterior(write_posterior(without(good, "log_likelihood"), tmp_path / "x.zarr"))
-    assert verdict_on(tree) == verdict_on(good)

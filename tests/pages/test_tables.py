@@ -1,10 +1,6 @@
 import numpy as np
 import pytest
-from jinja2 import UndefinedError
 
-import pymc_ship as ps
-from pymc_ship.diagnostics.tables import agreement_rows, agreement_table
-from pymc_ship.pages.page import rendered
 from pymc_ship.pages.tables import fixed, number, table
 
 MINUS, DASH = "−", "–"
@@ -130,32 +126,3 @@ def test_a_table_without_rows_keeps_its_heads():
 def test_a_row_that_lacks_a_column_is_an_error():
     with pytest.raises(KeyError, match="rows"):
         table([{"dof": "yaw", "median": 1.0, "share": 2.0}], COLUMNS)
-
-
-# agreement and pages
-
-
-def test_an_agreement_is_tabled_in_prime_values_times_1e5_with_its_worst_quantile():
-    rng = np.random.default_rng(0)
-    X = rng.standard_normal((40, 2))
-    data = ps.RegressionData.from_arrays(X, X @ [1e-3, 0.0] + 1e-4 * rng.standard_normal(40), ("Yv", "Yr"))
-    prior = ps.ConjugatePrior()
-    found = ps.agreement(ps.conjugate(data, prior), {"gibbs": ps.gibbs_posterior(data, prior, rng=rng)})
-    made = agreement_table(found)
-    assert made.heads == ["quantity", "exact mean", "exact sd", "gibbs mean", "z", "gibbs sd", "z", "|z| q"]
-    assert [cells[0] for cells in made.cells] == ["Yv", "Yr", "σ²"]
-    exact = found["exact_mean"].values * [1e5, 1e5, 1e10]
-    assert [cells[1] for cells in made.cells] == [number(4)(value) for value in exact]
-    worst = np.abs(found["z_quantile"].values).max(axis=(found["z_quantile"].dims.index("probability")))
-    assert [float(cells[-1]) for cells in made.cells] == pytest.approx(worst.ravel(), abs=0.006)
-    (row,) = agreement_rows(found)
-    assert (row["method"], row["agrees"]) == ("gibbs", "yes")
-    assert row["largest_z"] == float(found["largest_z"].item())
-    assert np.isnan(row["divergences"])
-
-
-def test_a_page_escapes_its_content_and_misses_no_name():
-    content = {"defaults": "", "back": "", "sections": [], "figures": {}, "versions": "", "sources": []}
-    assert "<h1>a &lt; b</h1>" in rendered("diagnostics.html.j2", title="a < b", **content)
-    with pytest.raises(UndefinedError, match="'title' is undefined"):
-        rendered("diagnostics.html.j2", **content)

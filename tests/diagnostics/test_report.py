@@ -1,0 +1,94 @@
+"""The command that writes the diagnostic page, and how it ends."""
+
+import re
+from importlib import import_module
+
+import pytest
+
+from pymc_ship.cli.main import main
+from pymc_ship.regression.tree import write_posterior
+from tests.diagnostics.cases import without
+from tests.diagnostics.regressions import shifted, three_ways, torn, verdict_on
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Leave the figures out, which have their own tests above."""
+    monkeypatch.setattr(import_module("pymc_ship.diagnostics.page"), "parts", lambda *args: [])
+
+
+@pytest.mark.usefixtures("quick")
+def test_the_command_writes_the_page_and_prints_the_verdict(good, tmp_path, capsys):
+    write_posterior(good, tmp_path / "sway.nc")
+    words = ["report", str(tmp_path / "sway.nc"), "--vessel", "container", "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    printed = capsys.readouterr()
+    assert printed.out.splitlines() == ["sway", *verdict_on(good)]
+    assert printed.err == f"diagnosing sway\nWritten to {tmp_path}/out/diagnostics.html.\n"
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_failing_gate_is_status_3_and_the_page_is_written(good, tmp_path, capsys):
+    (tmp_path / "a").mkdir()
+    for path, tree in (("x.nc", good), ("a/x.nc", torn(good))):
+        write_posterior(tree, tmp_path / path)
+    words = ["report", str(tmp_path / "x.nc"), str(tmp_path / "a" / "x.nc"), "--quiet", "--out", str(tmp_path / "out")]
+    assert main(words) == 3
+    printed = capsys.readouterr()
+    assert re.fullmatch(
+        r"pymc-ship: A convergence gate or the agreement with the exact posterior fails in 1 of 2 posteriors, first in "
+        r"\S+/a/x\.nc: largest R-hat [1-9.e+]+ \(Yv\), to be < 1\.01; .*; the page is written and names them all\.\n",
+        printed.err,
+    )
+    assert printed.out.count("A convergence gate fails: largest R-hat") == 1
+    page = (tmp_path / "out" / "diagnostics.html").read_text(encoding="utf-8")
+    assert page.count('<section id="posterior-') == 2
+    assert page.count("(a gate fails)") == 1
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_disagreement_is_status_3_and_the_page_is_written(tmp_path, capsys, wrong):
+    trees = three_ways()
+    if wrong:
+        trees["b"] = shifted(trees["b"])
+    paths = [str(write_posterior(tree, tmp_path / f"{name}.nc")) for name, tree in trees.items()]
+    assert main(["report", *paths, "--quiet", "--out", str(tmp_path / "out")]) == (3 if wrong else 0)
+    printed = capsys.readouterr()
+    assert printed.out.startswith("a, b, c\nAll convergence gates hold.\nAgainst the exact posterior: gibbs ")
+    said = re.fullmatch(
+        r"pymc-ship: A convergence gate or the agreement with the exact posterior fails in 1 of 1 posteriors, first in "
+        r"a, b, c: gibbs DISAGREES \(largest \|z\| [\d.]+, largest R-hat [\d.]+\); the page is written .* all\.\n",
+        printed.err,
+    )
+    assert bool(said) == wrong
+    assert bool(printed.err) == wrong
+    assert (tmp_path / "out" / "diagnostics.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("{tmp}/none.nc", "found nothing at .*none.nc; check the path."),
+        ("{tmp}/junk.nc", "junk.nc is no posterior written by this package"),
+        ("{tmp}/x.nc --vessel raft", "A vessel is one of container"),
+        ("{tmp}/x.nc --out {tmp}/junk.nc/below", "cannot be written: Not a directory; choose another place."),
+        ("", "the following arguments are required: POSTERIOR"),
+    ],
+)
+def test_what_cannot_be_reported_is_one_sentence(good, tmp_path, capsys, words, sentence):
+    write_posterior(without(good, "log_likelihood"), tmp_path / "x.nc")
+    (tmp_path / "junk.nc").write_text("no NetCDF")
+    try:
+        status = main(
+            ["report", *words.format(tmp=tmp_path).split(), *([] if "--out" in words else ["--out", f"{tmp_path}/out"])]
+        )
+    except SystemExit as stop:
+        status = stop.code
+    printed = capsys.readouterr()
+    assert (status, printed.out) == (2, "")
+    assert printed.err.count("\n") == 1
+    assert re.search(sentence, printed.err)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["junk.nc", "x.nc"]
