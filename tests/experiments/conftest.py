@@ -1,0 +1,35 @@
+"""Folders of one small study, read only: its file, results of no work, and true results."""
+
+from __future__ import annotations
+
+import pytest
+
+import pymc_ship as ps
+from tests.experiments.cases import TOML
+from tests.experiments.folders import run
+from tests.vessel.cases import toml
+
+
+@pytest.fixture(scope="module")
+def study(small, tmp_path_factory):
+    """Study of a small ship: two methods, two levels, four seeds."""
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "small.toml").write_text(toml(small))
+    (folder / "study.toml").write_text(TOML)
+    return folder / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def plain(study, tmp_path_factory):
+    """Folder of the study of trivial tasks, never interrupted."""
+    out = tmp_path_factory.mktemp("plain")
+    run(study, out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def measured(study, tmp_path_factory):
+    """Folder of the true study by one worker."""
+    out = tmp_path_factory.mktemp("measured")
+    ps.montecarlo(study, out, workers=1)
+    return out
