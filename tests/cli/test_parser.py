@@ -1,0 +1,76 @@
+import shlex
+import subprocess
+import sys
+import time
+from statistics import median
+
+import numpy as np
+import pytest
+
+from pymc_ship.cli import parser as command_parser
+from pymc_ship.cli.main import main
+from pymc_ship.cli.parser import parser
+from pymc_ship.denoising.derivative import DERIVATIVES
+from pymc_ship.denoising.ebayes import PRIORS
+from pymc_ship.manoeuvre.standard import SIDES
+from pymc_ship.motion.simulation import METHODS
+from pymc_ship.regression import cross_validation
+from pymc_ship.regression import identify as identification
+from pymc_ship.regression.data import WEAK
+from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.ship import model as ship_model
+from pymc_ship.trajectory.prior import KINDS
+from pymc_ship.vessel.vessel import DOFS
+from tests.journeys.cases import program
+
+COMMANDS = ("study", "simulate", "denoise", "regress", "tune", "forecast", "report")
+HEAVY = ("numpy", "xarray", "numba", "scipy", "pymc", "pytensor", "arviz", "skopt", "sklearn", "matplotlib", "rich")
+
+
+def test_help_is_quick_and_imports_nothing_heavy():
+    """Median of three whole processes under half a second; the module list is that of the last."""
+    script = (
+        "import sys\nfrom pymc_ship.cli import main\n"
+        "for words in (['--help'], *([name, '--help'] for name in sys.argv[1:])):\n"
+        "    try:\n        main(words)\n    except SystemExit as stop:\n        assert stop.code == 0\n"
+        "print(*sorted(sys.modules), file=sys.stderr)"
+    )
+    seconds = []
+    for _ in range(3):
+        start = time.perf_counter()
+        done = subprocess.run(program("--help"), capture_output=True, text=True, check=True)
+        seconds.append(time.perf_counter() - start)
+    assert median(seconds) < 0.5
+    assert all(name in done.stdout for name in COMMANDS)
+    done = subprocess.run([sys.executable, "-c", script, *COMMANDS], capture_output=True, text=True, check=True)
+    imported = {name.split(".")[0] for name in done.stderr.split()}
+    assert imported.isdisjoint(HEAVY)
+    assert "argparse" in imported
+
+
+def test_every_command_has_seed_quiet_out_and_examples_that_parse(capsys):
+    for name in COMMANDS:
+        with pytest.raises(SystemExit, match="0"):
+            main([name, "--help"])
+        text = capsys.readouterr().out
+        assert all(option in text for option in ("--seed", "--quiet", "--out"))
+        examples = [line.strip() for line in text.splitlines() if line.startswith("  pymc-ship ")]
+        assert 1 <= len(examples) <= 4
+        for example in examples:
+            args = parser().parse_args(shlex.split(example)[1:])
+            assert args.command == name
+            assert args.seed == 2020
+
+
+def test_choices_are_those_of_the_api():
+    assert tuple(FAMILIES) == command_parser.FAMILIES
+    assert identification.SELECTIONS == command_parser.SELECTIONS
+    assert set(SIDES) == set(command_parser.SIDES)
+    assert METHODS == command_parser.METHODS
+    assert (*DERIVATIVES, *WEAK) == command_parser.DERIVATIVES
+    assert PRIORS == command_parser.DENOISE_PRIORS
+    assert ship_model.PRIORS == command_parser.SHIP_PRIORS
+    assert set(KINDS) == set(command_parser.TRAJECTORY_PRIORS)
+    assert DOFS == command_parser.DOFS
+    for split in command_parser.SPLITS:
+        assert len(cross_validation.fold_rows(10, split=split, rng=np.random.default_rng(1))) == 5

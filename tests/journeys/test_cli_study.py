@@ -1,0 +1,48 @@
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from pymc_ship.cli.main import main
+from pymc_ship.replication import page
+from tests.journeys.cases import run
+
+
+def test_study_passes_its_options_on(tmp_path, monkeypatch, capsys):
+    called = []
+
+    def reported_study(out, **settings):
+        called.append((out, settings))
+        return SimpleNamespace(comparisons=[]), Path(out) / "index.html"
+
+    monkeypatch.setattr(page, "reported_study", reported_study)
+    run("study", "--vessel", "my/other.toml", "--level", 0.05, "--seed", 3, "--quiet")
+    ((out, settings),) = called
+    assert out == Path("reports/other")
+    settings.pop("progress")("unheard")
+    assert settings == {"vessel": "my/other.toml", "level": 0.05, "seed": 3}
+    run("study", "--out", tmp_path)
+    assert called[1][0] == str(tmp_path)
+    assert capsys.readouterr().err == f"Written to {tmp_path / 'index.html'}.\n"
+
+
+@pytest.mark.parametrize("failed", [[], ["nuts: largest R-hat 1.02 (Yv), to be < 1.01"]])
+def test_a_study_whose_check_fails_writes_its_pages_and_ends_with_status_3(tmp_path, monkeypatch, capsys, failed):
+    report = page
+    good, poor = (
+        SimpleNamespace(name=name, failed_gates=said, disagreements=[])
+        for name, said in zip("ab", ([], failed), strict=True)
+    )
+    result = SimpleNamespace(comparisons=[good, poor], vessel=None, seed=3, draws={})
+    for name, value in {"run_study": result, "_figures": {}, "render": "new", "csv_tables": {}}.items():
+        monkeypatch.setattr(report, name, lambda *args, value=value, **settings: value)
+    monkeypatch.setattr(report, "diagnostic_page", lambda *args, **settings: "diagnosed")
+    assert main(["study", "--quiet", "--out", str(tmp_path)]) == (3 if failed else 0)
+    printed = capsys.readouterr()
+    sentence = (
+        "pymc-ship: A convergence gate or the agreement with the exact posterior fails in 1 of 2 posteriors, first in "
+        "b: nuts: largest R-hat 1.02 (Yv), to be < 1.01; the page is written and names them all.\n"
+    )
+    assert (printed.out, printed.err) == ("", sentence if failed else "")
+    pages = [(tmp_path / name).read_text() for name in ("index.html", "diagnostics.html")]
+    assert pages == ["new", "diagnosed"]
