@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 import pymc_ship as ps
 from tests.checks.cases import noisy, simulated, steered
+
+TERMS = ("Xu", "Xrr", "Xdeltadelta", "Yv", "Yv|v|", "Yr", "Ydelta", "Nv", "Nr", "Ndelta")
+"""Ten coefficients of the container ship, without roll."""
+
+
+@pytest.fixture(scope="module")
+def flat(container):
+    """A ship that does not roll."""
+    forces = {
+        dof: tuple(c for c in force if c.name in TERMS) for dof, force in container.forces.items() if dof != "roll"
+    }
+    return replace(container, name="flat", forces=forces)
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,7 @@ HEAVY = ("numpy", "xarray", "numba", "scipy", "pymc", "pytensor", "arviz", "skop
 def test_help_is_quick_and_imports_nothing_heavy():
     """Median of three whole processes under half a second; the module list is that of the last."""
     script = (
-        "import sys\nfrom pymc_ship.cli import main\n"
+        "import sys\nfrom pymc_ship.cli.main import main\n"
         "for words in (['--help'], *([name, '--help'] for name in sys.argv[1:])):\n"
         "    try:\n        main(words)\n    except SystemExit as stop:\n        assert stop.code == 0\n"
         "print(*sorted(sys.modules), file=sys.stderr)"

@@ -73,7 +73,7 @@ def test_a_place_that_cannot_be_written_is_one_sentence(study, tmp_path, capsys)
 
 
 def test_nothing_of_a_study_is_loaded_before_it_is_run():
-    code = "import sys, pymc_ship\nfrom pymc_ship.cli import main\ntry:\n    main(['montecarlo', '--help'])\n"
+    code = "import sys, pymc_ship\nfrom pymc_ship.cli.main import main\ntry:\n    main(['montecarlo', '--help'])\n"
     code += "except SystemExit:\n    print('|', [n for n in sys.argv[1:] if n in sys.modules])"
     names = ("joblib", "dask", "distributed", "pandas", "pyarrow", "matplotlib", "numba", "numpy")
     printed = subprocess.run([sys.executable, "-c", code, *names], check=True, capture_output=True, text=True).stdout
