@@ -1,10 +1,9 @@
-"""Folders of one small study, read only: its file, results of no work, and true results."""
+"""A small study and its folder after tasks that are no work; both are read only."""
 
 from __future__ import annotations
 
 import pytest
 
-import pymc_ship as ps
 from tests.experiments.cases import TOML
 from tests.experiments.folders import run
 from tests.vessel.cases import toml
@@ -24,12 +23,4 @@ def plain(study, tmp_path_factory):
     """Folder of the study of trivial tasks, never interrupted."""
     out = tmp_path_factory.mktemp("plain")
     run(study, out)
-    return out
-
-
-@pytest.fixture(scope="module")
-def measured(study, tmp_path_factory):
-    """Folder of the true study by one worker."""
-    out = tmp_path_factory.mktemp("measured")
-    ps.montecarlo(study, out, workers=1)
     return out

@@ -8,15 +8,6 @@ from pymc_ship.experiments import page as report
 from tests.experiments.folders import run
 
 
-def test_the_page_has_scores_costs_and_the_step_beyond(measured):
-    text = (measured / "index.html").read_text(encoding="utf-8")
-    assert "<svg" in text
-    assert "weak form" in text
-    assert "The step beyond: 1e6 tasks" in text
-    assert "processor time of" not in text
-    assert all(name in text for name in ("overhead %", "parent ms/task", "time on 64 cores", "storage"))
-
-
 def test_a_large_page_says_what_it_leaves_out(study, plain, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "MOST_ROWS", 3)
     monkeypatch.setattr(report, "MOST_FIGURES", 0)
