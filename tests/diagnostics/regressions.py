@@ -7,7 +7,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.diagnostics.agreement import Comparison
-from pymc_ship.diagnostics.parts import verdict
+from pymc_ship.diagnostics.regression_parts import REGRESSION
 
 
 def posterior(container, wave=0.0, draws=800):
@@ -32,7 +32,7 @@ def torn(tree):
 
 
 def verdict_on(tree):
-    return verdict(Comparison("x", {"x": tree}))
+    return REGRESSION.verdict(Comparison("x", {"x": tree}))
 
 
 def regression(seed=11):

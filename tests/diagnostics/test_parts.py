@@ -1,14 +1,14 @@
 """Parts and verdicts of the diagnostics: what they say of posteriors right, wrong or incomplete."""
 
 import re
-from importlib import import_module
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from pymc_ship.diagnostics import regression_parts
 from pymc_ship.diagnostics.agreement import Comparison, comparisons
-from pymc_ship.diagnostics.parts import parts
+from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from tests.diagnostics.cases import without
 from tests.diagnostics.regressions import posterior, three_ways, verdict_on
@@ -50,7 +50,7 @@ def test_a_part_for_every_group_of_nuts(good):
     drawn = xr.Dataset({"response": (("chain", "draw", "row"), response)})
     groups = {"sample_stats": xr.DataTree(stats), "posterior_predictive": xr.DataTree(drawn)}
     tree = without(good, "log_likelihood").assign(groups)
-    found = {part.title: part for part in parts(Comparison("x", {"x": tree}), None, rng)}
+    found = {part.title: part for part in REGRESSION.parts(Comparison("x", {"x": tree}), None, rng)}
     assert [image[0] for image in found["Energy"].images] == ["energy"]
     assert "as the tree holds them" in found["Prior and posterior predictive check"].text
     assert found["Convergence gates"].text == ""
@@ -67,7 +67,7 @@ def test_a_part_for_every_group_of_nuts(good):
 )
 def test_why_there_is_no_agreement_is_said(monkeypatch, trees, sentence):
     (one,) = comparisons(trees(three_ways()))
-    part = import_module("pymc_ship.diagnostics.parts")._agreement(one)
+    part = regression_parts._agreement(one)
     assert (part.text, part.tables) == (f"Not shown: {sentence}.", [])
 
 

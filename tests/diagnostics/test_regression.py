@@ -8,6 +8,7 @@ import xarray as xr
 from scipy import stats
 
 import pymc_ship as ps
+from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics import regression as d
 
 TRUTH = np.array([1.0, -2.0, 0.0])
@@ -52,14 +53,14 @@ def without(tree, *groups):
 
 
 def gate(tree, name):
-    return next(row for row in d.gates(tree) if row["gate"] == name)
+    return next(row for row in numbers.gates(tree) if row["gate"] == name)
 
 
 # convergence
 
 
 def test_independent_draws_pass_every_gate(good):
-    rows = d.gates(good[0])
+    rows = numbers.gates(good[0])
     assert [row["gate"] for row in rows] == ["largest R-hat", "least bulk ESS", "least tail ESS"]
     assert all(row["holds"] for row in rows)
     assert rows[1]["value"] == pytest.approx(2400, rel=0.2)
@@ -76,7 +77,7 @@ def test_a_chain_that_stands_elsewhere_fails_the_gate_of_its_coefficient(good):
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_chains_that_stand_still_and_single_chains_fail(good):
     still = changed(good[0], noise_variance=xr.zeros_like(good[0]["posterior"]["noise_variance"]) + 1.0)
-    assert not all(row["holds"] for row in d.gates(still))
+    assert not all(row["holds"] for row in numbers.gates(still))
     one = xr.DataTree.from_dict(
         {"/": good[0].to_dataset(), "posterior": good[0]["posterior"].to_dataset().isel(chain=[0])}
     )
@@ -112,7 +113,7 @@ def sampled(tree, values):
 
 def test_the_summary_agrees_with_the_exact_posterior(good):
     tree, data, prior = good
-    exact, found = ps.conjugate(data, prior), d.summary(tree)
+    exact, found = ps.conjugate(data, prior), numbers.summary(tree)
     z = (found["mean"].values[:-1] - exact.mean) / found["mcse_mean"].values[:-1]
     assert np.abs(z).max() < stats.norm.ppf(1 - 0.5e-3 / 3)
     lower, upper = exact.quantiles([0.025, 0.975])
@@ -168,7 +169,7 @@ def test_a_direction_the_data_do_not_see_follows_the_prior():
     weakest = d.singular_directions(tree)[0]
     assert weakest["share"] == pytest.approx(0.0, abs=1e-9)
     assert weakest["direction"].startswith(("+0.71 Ya -0.71 Yb", "+0.71 Yb -0.71 Ya"))
-    pair = d.correlated_pairs(tree, 1)[0]
+    pair = numbers.correlated_pairs(tree, 1)[0]
     assert {pair["first"], pair["second"]} == {"Ya", "Yb"}
     assert pair["correlation"] < -0.99
     assert not d.contraction(tree)["determined"].values[:2].any()
@@ -178,7 +179,7 @@ def test_a_direction_the_data_do_not_see_follows_the_prior():
 
 
 def test_white_noise_passes_and_a_wave_fails():
-    calm, rough = d.whiteness(white(2000)), d.whiteness(wave(2000))
+    calm, rough = numbers.whiteness(white(2000)), numbers.whiteness(wave(2000))
     assert calm["p_value"] > 0.01
     assert abs(calm["r1"]) < 3.0 * calm["band"] / 1.96
     assert rough["p_value"] < 1e-12
@@ -188,26 +189,28 @@ def test_white_noise_passes_and_a_wave_fails():
 def test_the_whiteness_test_is_as_large_as_it_says():
     """At the 5 % level white noise is rejected in 5 % of 1000 series, within four binomial standard errors."""
     rng = np.random.default_rng(8)
-    rejected = np.mean([d.whiteness(rng.standard_normal(200))["p_value"] < 0.05 for _ in range(1000)])
+    rejected = np.mean([numbers.whiteness(rng.standard_normal(200))["p_value"] < 0.05 for _ in range(1000)])
     assert rejected == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 * 0.95 / 1000))
 
 
 def test_the_statistic_of_ljung_and_box_by_hand():
     values = np.tile([1.0, -1.0], 5)
-    found = d.whiteness(values)
+    found = numbers.whiteness(values)
     r = np.array([-0.9, 0.8])
     assert found["lags"] == 2
-    assert d.autocorrelation(values, 2) == pytest.approx(r)
+    assert numbers.autocorrelation(values, 2) == pytest.approx(r)
     assert found["statistic"] == pytest.approx(10 * 12 * np.sum(r**2 / [9, 8]))
     assert found["p_value"] == pytest.approx(np.exp(-0.5 * found["statistic"]))
     with pytest.raises(ValueError, match="needs ten values or more, found 9; use a longer trial"):
-        d.whiteness(values[:9])
+        numbers.whiteness(values[:9])
 
 
 def test_residuals_of_a_posterior_show_the_noise_of_its_data():
-    assert d.whiteness(d.residuals(made(wave())[0]).values)["r1"] == pytest.approx(0.9, abs=0.08)
+    assert numbers.whiteness(d.residuals(made(wave())[0]).values)["r1"] == pytest.approx(0.9, abs=0.08)
     seeds = range(60)
-    found = [d.whiteness(d.residuals(made(white(seed=k), draws=5, seed=k + 100)[0]).values)["p_value"] for k in seeds]
+    found = [
+        numbers.whiteness(d.residuals(made(white(seed=k), draws=5, seed=k + 100)[0]).values)["p_value"] for k in seeds
+    ]
     assert stats.kstest(found, "uniform").pvalue > 1e-3
 
 
@@ -216,7 +219,7 @@ def test_residuals_of_a_posterior_show_the_noise_of_its_data():
 
 def test_leave_one_out_of_a_right_model(good):
     """About one effective parameter a coefficient and one for sigma2; intervals hold their share of the rows."""
-    loo = d.cross_validation(good[0])
+    loo = numbers.cross_validation(good[0])
     assert float(loo.p) == pytest.approx(4.0, abs=1.5)
     assert (loo.pareto_k.values < loo.good_k).all()
     half, most = d.loo_pit_coverage(d.predictive(good[0], np.random.default_rng(0)))
@@ -227,17 +230,17 @@ def test_leave_one_out_of_a_right_model(good):
 def test_an_outlier_has_a_large_pareto_k():
     noise = white(60)
     noise[17] = 40.0
-    loo = d.cross_validation(made(noise)[0])
+    loo = numbers.cross_validation(made(noise)[0])
     assert int(np.argmax(loo.pareto_k.values)) == 17
     assert loo.pareto_k.values[17] > loo.good_k
 
 
 def test_a_strong_prior_is_felt_and_a_weak_one_is_not():
-    weak = d.prior_sensitivity(made(white(), kappa=1e4)[0])
-    strong = d.prior_sensitivity(made(white(), kappa=0.02, family=ps.SemiConjugatePrior)[0])
+    weak = numbers.prior_sensitivity(made(white(), kappa=1e4)[0])
+    strong = numbers.prior_sensitivity(made(white(), kappa=0.02, family=ps.SemiConjugatePrior)[0])
     assert [row["quantity"] for row in weak] == ["Ya", "Yb", "Yc", "noise_variance"]
-    assert max(row["prior"] for row in weak[:3]) < d.PSENSE_LIMIT
-    assert strong[1]["prior"] > d.PSENSE_LIMIT
+    assert max(row["prior"] for row in weak[:3]) < numbers.PSENSE_LIMIT
+    assert strong[1]["prior"] > numbers.PSENSE_LIMIT
 
 
 def test_predictive_draws_have_the_spread_of_the_response(good):
@@ -298,5 +301,5 @@ def test_a_tree_that_is_no_posterior_is_one_sentence(good):
 
 
 def test_missing_variables_are_named(good):
-    assert d.missing(good[0], "log_likelihood/response", *d.DESIGN) == []
-    assert d.missing(without(good[0], "constant_data"), *d.DESIGN) == ["constant_data/design_matrix"]
+    assert numbers.missing(good[0], "log_likelihood/response", *d.DESIGN) == []
+    assert numbers.missing(without(good[0], "constant_data"), *d.DESIGN) == ["constant_data/design_matrix"]

@@ -1,11 +1,13 @@
 """The command that writes the diagnostic page, and how it ends."""
 
 import re
-from importlib import import_module
+from dataclasses import replace
 
 import pytest
 
 from pymc_ship.cli.main import main
+from pymc_ship.diagnostics import page as page_module
+from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.regression.tree import write_posterior
 from tests.diagnostics.cases import without
 from tests.diagnostics.regressions import shifted, three_ways, torn, verdict_on
@@ -16,7 +18,8 @@ pytestmark = pytest.mark.filterwarnings("error")
 @pytest.fixture
 def quick(monkeypatch):
     """Leave the figures out, which have their own tests above."""
-    monkeypatch.setattr(import_module("pymc_ship.diagnostics.page"), "parts", lambda *args: [])
+    bare = replace(REGRESSION, parts=lambda *args: [])
+    monkeypatch.setattr(page_module, "subject_of", lambda tree: bare)
 
 
 @pytest.mark.usefixtures("quick")

@@ -5,8 +5,12 @@ import pytest
 import xarray as xr
 
 from pymc_ship.design.identifiability import UNKNOWN, fitted_identifiability
+from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics import trajectory as d
-from pymc_ship.diagnostics.regression import cross_validation
+from pymc_ship.diagnostics.numbers import cross_validation
+from pymc_ship.diagnostics.page import subject_of
+from pymc_ship.diagnostics.regression_parts import REGRESSION
+from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from tests.diagnostics.cases import changed, sampled, short_mode, short_posterior, with_attrs, without
 
@@ -37,10 +41,10 @@ def test_the_prior_sd_is_laid_out_with_its_factors_and_infinite_where_flat(tmp_p
 
 
 def test_posteriors_of_trajectories_are_known_by_their_method():
-    assert d.of_trajectories(short_posterior())
-    assert d.of_trajectories(sampled())
-    assert not d.of_trajectories(with_attrs(short_posterior(), method="conjugate"))
-    assert not d.of_trajectories(xr.DataTree())
+    assert subject_of(short_posterior()) is TRAJECTORIES
+    assert subject_of(sampled()) is TRAJECTORIES
+    assert subject_of(with_attrs(short_posterior(), method="conjugate")) is REGRESSION
+    assert subject_of(xr.DataTree()) is REGRESSION
 
 
 @pytest.mark.parametrize(
@@ -70,25 +74,25 @@ def test_a_sampler_needs_no_pareto_khat():
 
 @pytest.mark.parametrize(("khat", "holds"), [(0.3, True), (0.7, True), (0.71, False), (np.nan, False)])
 def test_the_gate_of_the_normal_approximation_is_pareto_khat(khat, holds):
-    (gate,) = d.gates(with_attrs(short_posterior(), pareto_khat=khat))
+    (gate,) = numbers.gates(with_attrs(short_posterior(), pareto_khat=khat))
     assert (gate["gate"], gate["limit"], gate["holds"]) == ("Pareto k-hat", "≤ 0.7", holds)
 
 
 def test_the_gates_of_a_sampler_watch_every_unknown():
-    gates = {gate["gate"]: gate for gate in d.gates(sampled())}
+    gates = {gate["gate"]: gate for gate in numbers.gates(sampled())}
     assert list(gates) == ["largest R-hat", "least bulk ESS", "least tail ESS", "divergences", "least E-BFMI"]
     assert all(gate["holds"] for gate in gates.values())
     torn = changed(sampled(), "posterior/initial_state", lambda v: v[3, :, 1, 1].__iadd__(1.0))
-    failed = [gate for gate in d.gates(torn) if not gate["holds"]]
+    failed = [gate for gate in numbers.gates(torn) if not gate["holds"]]
     assert failed[0]["where"] == "initial v, run 2"
     diverged = changed(sampled(), "sample_stats/diverging", lambda v: v[0].__setitem__(slice(2), True))
-    assert [(g["gate"], g["value"]) for g in d.gates(diverged) if not g["holds"]] == [("divergences", 2.0)]
+    assert [(g["gate"], g["value"]) for g in numbers.gates(diverged) if not g["holds"]] == [("divergences", 2.0)]
 
 
 def test_the_unknowns_are_coefficients_initial_states_and_offsets():
     tree = short_posterior(noise="ar1")
     tree = changed(tree, "posterior/sensor_offset", lambda v: v[:, :, 1, 2].fill(np.nan))
-    found = d.unknowns(tree)
+    found = numbers.quantities(tree)
     names = found["quantity"].values.tolist()
     assert names[:53] == tree["posterior"]["coefficient"].values.tolist()
     assert names[53:] == [
@@ -97,7 +101,7 @@ def test_the_unknowns_are_coefficients_initial_states_and_offsets():
     ]
     offset = tree["posterior"]["sensor_offset"].sel(run=1, channel="v")
     np.testing.assert_array_equal(found.sel(quantity="offset of v, run 2"), offset)
-    assert d.unknowns(short_posterior()).sizes["quantity"] == 63
+    assert numbers.quantities(short_posterior()).sizes["quantity"] == 63
 
 
 # what the records determine

@@ -5,7 +5,7 @@ import pytest
 
 from pymc_ship.diagnostics import trajectory as trajectory_diagnostics
 from pymc_ship.diagnostics import trajectory_figures
-from pymc_ship.diagnostics.regression import autocorrelation
+from pymc_ship.diagnostics.numbers import autocorrelation
 from tests.diagnostics.cases import changed, hull, short_posterior
 
 pytestmark = pytest.mark.filterwarnings("error")

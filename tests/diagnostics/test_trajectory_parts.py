@@ -1,15 +1,18 @@
 """The page of posteriors of whole trajectories: right, wrong or incomplete, alone or beside those of regressions."""
 
 import re
-from importlib import import_module
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
+from pymc_ship.diagnostics import page as page_module
+from pymc_ship.diagnostics import trajectory_parts
 from pymc_ship.diagnostics.agreement import Comparison, comparisons, failure
-from pymc_ship.diagnostics.page import check_trees, parts, verdict
+from pymc_ship.diagnostics.page import check_trees
+from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
 from pymc_ship.regression.tree import write_posterior
 from tests.diagnostics.cases import changed, hull, sampled, short_posterior, with_attrs, without
 
@@ -33,11 +36,11 @@ def section(tree):
 
 
 def parts_of(tree):
-    return {part.title: part for part in parts(section(tree), None, np.random.default_rng(0))}
+    return {part.title: part for part in TRAJECTORIES.parts(section(tree), None, np.random.default_rng(0))}
 
 
 def part(name, tree, *ship):
-    return getattr(import_module("pymc_ship.diagnostics.trajectory_parts"), name)(tree, *ship)
+    return getattr(trajectory_parts, name)(tree, *ship)
 
 
 def regression():
@@ -58,7 +61,7 @@ def page(tmp_path_factory):
 
 
 def test_the_verdict_says_what_is_known_how_noise_was_treated_and_how_far_to_trust_it():
-    gates, khat, determined, along, noise, white, starts = verdict(section(short_posterior()))
+    gates, khat, determined, along, noise, white, starts = TRAJECTORIES.verdict(section(short_posterior()))
     assert gates == "All gates hold."
     assert khat == "Pareto k-hat 0.30 (limit 0.7): the normal approximation can be trusted."
     pattern = r"(\d+) of 53 coefficients are determined by the data; (\d+) follow the prior and (\d+) cannot be told"
@@ -76,7 +79,8 @@ def test_the_verdict_says_what_is_known_how_noise_was_treated_and_how_far_to_tru
 
 
 def test_the_verdict_on_a_normal_approximation_that_fails():
-    gates, khat, *_, starts = verdict(section(with_attrs(short_posterior(), pareto_khat=0.85, share_diverged=0.125)))
+    failing = with_attrs(short_posterior(), pareto_khat=0.85, share_diverged=0.125)
+    gates, khat, *_, starts = TRAJECTORIES.verdict(section(failing))
     assert gates == (
         "A gate fails: Pareto k-hat 0.85 (importance weights of the draws), to be ≤ 0.7. The numbers below are not to "
         "be relied on."
@@ -89,7 +93,7 @@ def test_the_verdict_on_residuals_that_are_not_white():
     def wave(response):
         response[:, 0] += 0.05 * np.sin(np.arange(len(response)) / 8.0)
 
-    white = verdict(section(changed(short_posterior(), "observed_data/response", wave)))[5]
+    white = TRAJECTORIES.verdict(section(changed(short_posterior(), "observed_data/response", wave)))[5]
     assert re.match(
         r"Under this noise the residuals are still autocorrelated \(least .*channel u of run 1\): int", white
     )
@@ -97,29 +101,28 @@ def test_the_verdict_on_residuals_that_are_not_white():
 
 
 def test_the_verdict_on_flat_priors():
-    lines = verdict(section(short_posterior("flat")))
+    lines = TRAJECTORIES.verdict(section(short_posterior("flat")))
     assert "; 0 follow the prior and " in lines[2]
     assert lines[2].endswith("Every coefficient has a flat prior, which nothing can follow.")
     one = changed(short_posterior(), "constant_data/prior_sd", lambda v: v.__setitem__(0, np.inf))
-    assert verdict(section(one))[3].startswith("Of 52 directions of the coefficients ")
-    assert verdict(section(one))[3].endswith(" 1 coefficient with a flat prior is left out.")
+    assert TRAJECTORIES.verdict(section(one))[3].startswith("Of 52 directions of the coefficients ")
+    assert TRAJECTORIES.verdict(section(one))[3].endswith(" 1 coefficient with a flat prior is left out.")
 
 
 def test_the_verdict_without_records_and_prior_says_so():
-    lines = verdict(section(without(short_posterior(), "observed_data", "constant_data/prior_sd")))
+    lines = TRAJECTORIES.verdict(section(without(short_posterior(), "observed_data", "constant_data/prior_sd")))
     assert lines[2] == "What the records determine is not known: the tree has no constant_data/prior_sd."
     assert lines[4] == "The residuals are not known: the tree has no observed_data/response."
 
 
 def test_the_verdict_on_a_sampler_names_its_gates_and_no_khat():
-    lines = verdict(section(sampled()))
+    lines = TRAJECTORIES.verdict(section(sampled()))
     assert (lines[0], len(lines)) == ("All gates hold.", 6)
     assert "k-hat" not in " ".join(lines)
     assert lines[-1].endswith("0 transitions of the sampler diverged.")
     torn = changed(sampled(), "posterior/coefficients", lambda v: v[3, :, 0].__iadd__(1.0))
-    assert re.match(
-        r"A gate fails: largest R-hat [\d.e+]+ \(Xu\), to be < 1\.01; least bulk ESS", verdict(section(torn))[0]
-    )
+    said = TRAJECTORIES.verdict(section(torn))[0]
+    assert re.match(r"A gate fails: largest R-hat [\d.e+]+ \(Xu\), to be < 1\.01; least bulk ESS", said)
 
 
 # the page
@@ -188,7 +191,7 @@ def test_the_sensitivity_lists_what_moves_most_with_the_prior():
 
 def test_directions_show_all_that_stay_unknown():
     rows = part("_directions", short_posterior()).tables[0][0].cells
-    unknown = int(re.search(r"coefficients (\d+) follow", verdict(section(short_posterior()))[3])[1])
+    unknown = int(re.search(r"coefficients (\d+) follow", TRAJECTORIES.verdict(section(short_posterior()))[3])[1])
     assert len(rows) == max(8, unknown)
     assert part("_directions", short_posterior("flat")).text.startswith("Not shown: every coefficient has a flat prior")
 
@@ -254,12 +257,13 @@ def test_a_posterior_of_another_vessel_is_refused(container):
 
 @pytest.mark.parametrize("khat", [0.3, 0.85])
 def test_a_failing_gate_is_status_3_and_the_page_is_written(monkeypatch, tmp_path, capsys, khat):
-    monkeypatch.setattr(import_module("pymc_ship.diagnostics.page"), "parts", lambda *args: [])
+    bare = replace(TRAJECTORIES, parts=lambda *args: [])
+    monkeypatch.setattr(page_module, "subject_of", lambda tree: bare)
     tree = with_attrs(short_posterior(), pareto_khat=khat)
     path = write_posterior(tree, tmp_path / "trials.nc")
     assert main(["report", str(path), "--quiet", "--out", str(tmp_path / "out")]) == (0 if khat < 0.7 else 3)
     printed = capsys.readouterr()
-    assert printed.out.splitlines() == ["trials", *verdict(section(tree))]
+    assert printed.out.splitlines() == ["trials", *TRAJECTORIES.verdict(section(tree))]
     sentence = (
         "A convergence gate or the agreement with the exact posterior fails in 1 of 1 posteriors, first in trials: "
         "Pareto k-hat 0.85 (importance weights of the draws), to be ≤ 0.7; the page is written and names them all."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from html.parser import HTMLParser
 
-from pymc_ship.diagnostics import page as diagnostic_report
+from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.frontier.scores import published_rows
 from pymc_ship.regression.priors import FAMILIES
 from pymc_ship.replication import measurements
@@ -17,9 +17,13 @@ SHOWN = (LEVEL, LITERAL_LEVEL)
 
 
 def parts_of(*names):
-    """Parts of the sections of these names, none of the others, which take long to draw."""
-    parts = diagnostic_report.parts
-    return lambda one, ship, rng: parts(one, ship, rng) if one.name in names else []
+    """Kind of posterior whose sections of these names have parts, and no others, which take long to draw."""
+
+    def parts(one, ship, rng):
+        return REGRESSION.parts(one, ship, rng) if one.name in names else []
+
+    subject = replace(REGRESSION, parts=parts)
+    return lambda tree: subject
 
 
 SUMMARY = {"family", "dof", "coefficients", "median", "under_5", "under_20", "under_50", "coverage"}

@@ -252,7 +252,7 @@ def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Report on saved posteriors; the text has the verdict on each."""
     from pymc_ship.diagnostics.agreement import comparisons, failure
-    from pymc_ship.diagnostics.page import check_trees, verdict, write_diagnostics
+    from pymc_ship.diagnostics.page import check_trees, subject_of, write_diagnostics
 
     vessel = ps.load_vessel(args.vessel) if args.vessel else None
     paths = {Path(path).stem: path for path in args.posteriors}
@@ -262,7 +262,8 @@ def report(args: argparse.Namespace, progress: Progress) -> Outcome:
     check_trees(trees, vessel)
     out, compared = writable_folder(args.out), comparisons(trees)
     page = write_diagnostics(compared, out, vessel, seed=args.seed, progress=progress)
-    return "\n\n".join("\n".join([one.name, *verdict(one)]) for one in compared), page, failure(compared)
+    said = ["\n".join([one.name, *subject_of(one.posterior).verdict(one)]) for one in compared]
+    return "\n\n".join(said), page, failure(compared)
 
 
 def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:

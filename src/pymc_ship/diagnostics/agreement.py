@@ -11,9 +11,8 @@ from typing import Protocol
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics.regression import DESIGN, R_HAT_LIMIT, data_of, gates, missing, prior_of, quantities, summary
-from pymc_ship.diagnostics.trajectory import gates as trajectory_gates
-from pymc_ship.diagnostics.trajectory import of_trajectories
+from pymc_ship.diagnostics.numbers import R_HAT_LIMIT, gates, missing, quantities, summary
+from pymc_ship.diagnostics.regression import DESIGN, data_of, prior_of
 from pymc_ship.regression.identify import EXACT
 
 PROBABILITIES = (0.05, 0.5, 0.95)
@@ -192,10 +191,8 @@ class Comparison:
 
     @cached_property
     def gates(self) -> dict[str, list[dict]]:
-        """Convergence gates of every method, or those of whole trajectories."""
-        return {
-            method: (trajectory_gates if of_trajectories(tree) else gates)(tree) for method, tree in self.trees.items()
-        }
+        """Gates of every method."""
+        return {method: gates(tree) for method, tree in self.trees.items()}
 
     @property
     def failed_gates(self) -> list[str]:

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
-from pymc_ship.diagnostics import regression as diagnostics
-from pymc_ship.diagnostics.tables import CI_PROB
+from pymc_ship.diagnostics import numbers, regression
+from pymc_ship.diagnostics.numbers import CI_PROB
 from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, STYLE, subplots
 
 ESS_POINTS = 12
@@ -76,18 +76,18 @@ def trace(tree: xr.DataTree, names: Sequence[str]) -> Figure:
 def rank(tree: xr.DataTree, names: Sequence[str]) -> Figure:
     """Difference of each chain's fractional ranks from uniform."""
     drawn = chosen_draws(tree, names)
-    return arviz_figure("plot_rank", drawn, envelope_prob=diagnostics.ENVELOPE, **_panels(len(names)))
+    return arviz_figure("plot_rank", drawn, envelope_prob=numbers.ENVELOPE, **_panels(len(names)))
 
 
 def effective_sample_size(tree: xr.DataTree, names: Sequence[str]) -> Figure:
     """Bulk and tail ESS of the chosen quantities against the number of draws."""
-    settings = {"min_ess": diagnostics.ESS_LIMIT, "n_points": ESS_POINTS, **_panels(len(names))}
+    settings = {"min_ess": numbers.ESS_LIMIT, "n_points": ESS_POINTS, **_panels(len(names))}
     return arviz_figure("plot_ess_evolution", chosen_draws(tree, names), **settings)
 
 
 def energy(tree: xr.DataTree) -> Figure:
     """E-BFMI of each chain; marginal energy and energy transitions."""
-    fig = arviz_figure("plot_energy", tree, (8.0, 2.8), threshold=diagnostics.E_BFMI_LIMIT)
+    fig = arviz_figure("plot_energy", tree, (8.0, 2.8), threshold=numbers.E_BFMI_LIMIT)
     labels = (("E-BFMI", "chain"), ("energy, centred", "density"))
     for ax, (x, y) in zip(fig.axes, labels, strict=False):
         ax.set_xlabel(x)
@@ -154,7 +154,7 @@ def _heights(ax, means: np.ndarray) -> np.ndarray:
 def noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Figure:
     """Prior and posterior of log10 sigma2, the prior from draws inside its central 95 %."""
     posterior = np.log10(tree["posterior"]["noise_variance"])
-    prior = np.log10(np.maximum(diagnostics.prior_noise_variance(tree, 20 * posterior.size, rng), 1e-300))
+    prior = np.log10(np.maximum(regression.prior_noise_variance(tree, 20 * posterior.size, rng), 1e-300))
     prior = prior[(prior >= np.quantile(prior, 0.025)) & (prior <= np.quantile(prior, 0.975))][: posterior.size]
     groups = {
         "prior": xr.Dataset({"log10 σ²": (("chain", "draw"), prior[None])}),
@@ -187,7 +187,7 @@ def pair(tree: xr.DataTree, names: Sequence[str]) -> Figure:
 
 def correlation(tree: xr.DataTree) -> Figure:
     """Heat map of the posterior correlation of the coefficients."""
-    matrix = diagnostics.correlation(tree)
+    matrix = numbers.correlation(tree)
     names = [str(name) for name in matrix["coefficient"].values]
     with matplotlib.rc_context({**STYLE, "axes.grid": False}):
         side = 2.2 + 0.2 * len(names)
@@ -214,7 +214,7 @@ def pareto_k(loo: object) -> Figure:
 
 def loo_pit(tree: xr.DataTree) -> Figure:
     """Leave-one-out probability integral transform, ECDF minus uniform."""
-    fig = arviz_figure("plot_loo_pit", tree, (8.0, 3.2), var_names=["response"], envelope_prob=diagnostics.ENVELOPE)
+    fig = arviz_figure("plot_loo_pit", tree, (8.0, 3.2), var_names=["response"], envelope_prob=numbers.ENVELOPE)
     low, high = fig.axes[0].get_ylim()
     fig.axes[0].set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     return _labelled(fig, "LOO-PIT", "ECDF minus uniform")
@@ -223,7 +223,7 @@ def loo_pit(tree: xr.DataTree) -> Figure:
 def residuals(values: xr.DataArray, band: float) -> Figure:
     """Residuals over time and their autocorrelation with the band of white noise."""
     lags = min(40, values.size - 2)
-    r = diagnostics.autocorrelation(values.values, lags)
+    r = numbers.autocorrelation(values.values, lags)
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(8.0, 2.9, 1, 2, width_ratios=(1.5, 1.0))
         axes[0, 0].plot(values["time"], 1e5 * values, color=_BLUE, lw=0.8)

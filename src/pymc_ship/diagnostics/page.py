@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -10,19 +9,16 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics import parts as diagnostic_parts
-from pymc_ship.diagnostics import regression as diagnostics
-from pymc_ship.diagnostics import trajectory_parts
+from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.agreement import LEVEL, Comparison, comparisons
-from pymc_ship.diagnostics.parts import Part
-from pymc_ship.diagnostics.regression import PSENSE_LIMIT, WHITENESS_LEVEL
-from pymc_ship.diagnostics.tables import CI_PROB
-from pymc_ship.diagnostics.trajectory import check_trajectory, of_trajectories
+from pymc_ship.diagnostics.numbers import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.parts import Subject
+from pymc_ship.diagnostics.regression_parts import REGRESSION
+from pymc_ship.diagnostics.trajectory import METHODS
+from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
 from pymc_ship.machine.files import staged, writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import rendered
-from pymc_ship.pages.tables import number
-from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
 
 PAGE = "diagnostics.html"
@@ -36,7 +32,8 @@ SOURCES = (
     "Ljung & Box (1978), Biometrika 65(2):297, doi:10.1093/biomet/65.2.297",
 )
 
-_n = number(3)
+SUBJECTS = dict.fromkeys(METHODS, TRAJECTORIES)
+"""Kind of posterior by the method of its draws; a method that is not named here draws that of a regression."""
 
 
 def diagnostic_report(
@@ -108,7 +105,8 @@ def diagnostic_page(
     for k, one in enumerate(compared):
         progress(f"diagnosing {one.name}")
         sections.append(_section(f"posterior-{k + 1}", one, ship, np.random.default_rng(seed), images))
-    return _render(sections, images, back, trajectories=any(of_trajectories(one.posterior) for one in compared))
+    subjects = list(dict.fromkeys(subject_of(one.posterior) for one in compared))
+    return _render(sections, images, back, subjects)
 
 
 def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None:
@@ -116,7 +114,7 @@ def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None
     if not trees:
         raise ValueError("A diagnostic report needs at least one posterior, found none; give trees by name.")
     for name, tree in trees.items():
-        (check_trajectory if of_trajectories(tree) else diagnostics.check_posterior)(tree, name)
+        subject_of(tree).check(tree, name)
         if vessel is None:
             continue
         if tree.attrs["vessel"] != vessel.name:
@@ -124,37 +122,23 @@ def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None
                 f"The posterior is to be of {vessel.name!r}, found {tree.attrs['vessel']!r} in {name}; use its vessel."
             )
         names = [str(value) for value in tree["posterior"]["coefficient"].values]
-        if names != _names_of(vessel, tree):
+        if names != subject_of(tree).coefficient_names(vessel, tree):
             raise VesselError(
                 f"The posterior is to hold the {tree.attrs['dof']} coefficients of {vessel.name!r} in order, found "
                 f"{', '.join(names)} in {name}; use the vessel it was made with."
             )
 
 
-def _names_of(vessel: Vessel, tree: xr.DataTree) -> list[str]:
-    """Coefficients that a posterior of the vessel holds: those of its DOF, or of all."""
-    if of_trajectories(tree):
-        return coefficient_names(vessel)
-    return [str(value) for value in vessel.coefficients(tree.attrs["dof"])["coefficient"].values]
-
-
-def verdict(one: Comparison) -> list[str]:
-    """What heads a section, of a regression or of whole trajectories."""
-    return (trajectory_parts if of_trajectories(one.posterior) else diagnostic_parts).verdict(one)
-
-
-def parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
-    """Every part of a section, of a regression or of whole trajectories."""
-    if of_trajectories(one.posterior):
-        return trajectory_parts.parts(one, ship)
-    return diagnostic_parts.parts(one, ship, rng)
+def subject_of(tree: xr.DataTree) -> Subject:
+    """Kind of posterior that a tree holds."""
+    return SUBJECTS.get(tree.attrs.get("method"), REGRESSION)
 
 
 def _section(
     identifier: str, one: Comparison, ship: Vessel | None, rng: np.random.Generator, images: dict[str, str]
 ) -> dict:
-    shown = []
-    for part in parts(one, ship, rng):
+    subject, shown = subject_of(one.posterior), []
+    for part in subject.parts(one, ship, rng):
         captions = []
         for kind, figure, caption in part.images:
             images[f"{identifier}-{kind}"] = drawing.embedded(figure, part.title)
@@ -165,46 +149,27 @@ def _section(
         "id": identifier,
         "name": one.name,
         "failed": ", ".join(failed),
-        "verdict": verdict(one),
-        "origin": trajectory_parts.origin(one) if of_trajectories(one.posterior) else _origin(one),
+        "verdict": subject.verdict(one),
+        "origin": subject.origin(one),
         "parts": shown,
     }
 
 
-def _origin(one: Comparison) -> str:
-    """What was estimated, how the draws were made, and under which prior."""
-    tree = one.posterior
-    prior, sizes = json.loads(tree.attrs["prior"]), tree["posterior"].sizes
-    hyperparameters = ", ".join(f"{key} {_plain(prior[key])}" for key in ("mean", "kappa", "shape", "scale"))
-    drawn = "; ".join(
-        f"{name if len(one.trees) > 1 else f'method {given.attrs["method"]}'}, "
-        f"{given['posterior'].sizes['chain']} chains of {given['posterior'].sizes['draw']} draws"
-        for name, given in one.trees.items()
-    )
-    return (
-        f"{tree.attrs['dof'].capitalize()} of {tree.attrs['vessel']}, {drawn}; {sizes['coefficient']} coefficients; "
-        f"{prior['family']} prior on the scaled columns: {hyperparameters}."
-    )
-
-
-def _plain(value: float | list) -> str:
-    return _n(value) if not isinstance(value, list) else f"{_n(min(value))} to {_n(max(value))}"
-
-
-def _render(sections: list[dict], images: Mapping[str, str], back: str, *, trajectories: bool) -> str:
+def _render(sections: list[dict], images: Mapping[str, str], back: str, subjects: Sequence[Subject]) -> str:
+    more = " ".join(subject.defaults for subject in subjects if subject.defaults)
     return rendered(
         "diagnostics/page.html.j2",
         title=f"Diagnostics of {len(sections)} posterior{'s' * (len(sections) > 1)}",
         defaults=(
             f"Intervals are equal-tailed (ci_kind eti) of {100 * CI_PROB:g} % (ci_prob {CI_PROB:g}). Gates: R-hat < "
-            f"{diagnostics.R_HAT_LIMIT:g}, bulk and tail ESS > {diagnostics.ESS_LIMIT:g}, no divergence, E-BFMI > "
-            f"{diagnostics.E_BFMI_LIMIT:g}. Agreement: |z| within the two-sided normal quantile at {LEVEL:g} over the "
+            f"{numbers.R_HAT_LIMIT:g}, bulk and tail ESS > {numbers.ESS_LIMIT:g}, no divergence, E-BFMI > "
+            f"{numbers.E_BFMI_LIMIT:g}. Agreement: |z| within the two-sided normal quantile at {LEVEL:g} over the "
             f"number of comparisons. Whiteness at the {100 * WHITENESS_LEVEL:g} % level, "
-            f"sensitivity above {PSENSE_LIMIT:g}.{f' {trajectory_parts.DEFAULTS}' if trajectories else ''}"
+            f"sensitivity above {PSENSE_LIMIT:g}.{f' {more}' if more else ''}"
         ),
         back=back,
         sections=sections,
         figures=images,
         versions=", ".join(f"{name} {version(name)}" for name in ("pymc-ship", "arviz", "numpy", "scipy", "xarray")),
-        sources=(*SOURCES, *(trajectory_parts.SOURCES if trajectories else ())),
+        sources=(*SOURCES, *(source for subject in subjects for source in subject.sources)),
     )

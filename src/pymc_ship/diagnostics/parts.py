@@ -1,44 +1,51 @@
-"""Parts of a section of the diagnostic report: what each says, tabulates and draws of one posterior.
-
-Of a posterior by several methods the first is what is said of it, and the sampler's chains are what is drawn of them.
-"""
+"""Parts of a section of the diagnostic page, and those that every section shares."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.diagnostics import figures as drawn
-from pymc_ship.diagnostics import regression as diagnostics
-from pymc_ship.diagnostics.agreement import LEVEL, Comparison, errors_of
-from pymc_ship.diagnostics.regression import (
-    CONTRACTION_LIMIT,
-    DESIGN,
-    ENVELOPE,
-    PSENSE_LIMIT,
-    SD_LIMIT,
-    WHITENESS_LEVEL,
-)
-from pymc_ship.diagnostics.tables import (
-    AGREEMENT,
-    CI_PROB,
-    agreement_rows,
-    agreement_table,
-    chain_table,
-    coefficient_table,
-    sensitivity_table,
-)
-from pymc_ship.pages import drawing
+from pymc_ship.diagnostics import figures, numbers
+from pymc_ship.diagnostics.agreement import Comparison
+from pymc_ship.diagnostics.numbers import ENVELOPE
 from pymc_ship.pages.tables import Table, fixed, number, table
-from pymc_ship.regression.identify import EXACT
 from pymc_ship.vessel.vessel import Vessel
 
-_n = number(3)
-_CI = f"{100 * CI_PROB:g} %"
-_PRIME = "Prime values times 1e5 (σ² times 1e10)"
+
+@dataclass(frozen=True)
+class Subject:
+    """What a section can be about: a kind of posterior, and how the page speaks of it.
+
+    A new kind of posterior is one file that makes its ``Subject``, and one entry in
+    :data:`pymc_ship.diagnostics.page.SUBJECTS`.
+
+    Attributes
+    ----------
+    check : callable
+        (tree, name): raises a ValueError that says what the tree lacks to be such a posterior.
+    coefficient_names : callable
+        (vessel, tree): names of the coefficients that such a posterior of the vessel holds, in order.
+    verdict, origin : callable
+        (comparison): the sentences that head a section, and one on how the draws were made.
+    parts : callable
+        (comparison, vessel or None, generator): every part of a section, in order.
+    defaults : str
+        What the page states of the limits of such a section, beyond those that all sections share.
+    sources : tuple of str
+        Works that such a section rests on, beyond those of all sections.
+    """
+
+    check: Callable[[xr.DataTree, str], None]
+    coefficient_names: Callable[[Vessel, xr.DataTree], list[str]]
+    verdict: Callable[[Comparison], list[str]]
+    origin: Callable[[Comparison], str]
+    parts: Callable[[Comparison, Vessel | None, np.random.Generator], list[Part]]
+    defaults: str = ""
+    sources: tuple[str, ...] = ()
 
 
 @dataclass
@@ -51,69 +58,10 @@ class Part:
     images: list[tuple[str, Figure, str]] = field(default_factory=list)
 
 
-def verdict(one: Comparison) -> list[str]:
-    """What heads a section: gates and agreement, what the data determine, and whether the residuals are white."""
-    lines = ["All convergence gates hold."]
-    if failed := one.failed_gates:
-        lines = [f"A convergence gate fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
-    if one.agreement is not None:
-        lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
-    tree = one.posterior
-    if lacking := missing_sentence(tree, *DESIGN):
-        return [*lines, f"What the data determine and the residuals are not known: {lacking}"]
-    return [*lines, _determined(tree), _white(tree)]
-
-
-def _determined(tree: xr.DataTree) -> str:
-    table = diagnostics.contraction(tree)
-    total, count = table.sizes["coefficient"], int(table["determined"].sum())
-    prior = int((~table["narrowed"]).sum())
-    zero = total - count - prior
-    text = f"{count} of {total} coefficients are determined by the data"
-    rest = [f"{prior} follow{'s' * (prior == 1)} the prior"] if prior else []
-    rest += [f"{zero} cannot be told from zero"] if zero else []
-    return f"{text}; {' and '.join(rest)}." if rest else f"{text}."
-
-
-def _white(tree: xr.DataTree) -> str:
-    values = diagnostics.residuals(tree).values
-    if values.size < 10:
-        return f"Whiteness of the residuals needs ten rows, found {values.size}."
-    test = diagnostics.whiteness(values)
-    numbers = f"r1 = {_n(test['r1'])}, Ljung-Box p = {_n(test['p_value'])} over {test['lags']} lags"
-    if test["p_value"] >= WHITENESS_LEVEL:
-        return f"Residuals pass for white noise ({numbers})."
-    strong = test["r1"] > test["band"]
-    effect = "intervals are too narrow" if strong else "intervals are not to be taken at face value"
-    return (
-        f"Residuals are autocorrelated ({numbers}): {effect}; leave-future-out or block folds are the right tool for "
-        "serially correlated rows."
-    )
-
-
 def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
     """Sentence that says which variables a part lacks; empty when it has them all."""
-    lacking = diagnostics.missing(tree, *wanted)
+    lacking = numbers.missing(tree, *wanted)
     return f"the tree has no {' and no '.join(lacking)}." if lacking else ""
-
-
-def parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
-    """Every part of a section, in order; a part whose variables the tree lacks says so."""
-    tree, chains = one.posterior, one.trees[one.sampler]
-    return [
-        _convergence(one),
-        _agreement(one),
-        _coefficients(tree, ship),
-        _chains(chains, one.sampler if len(one.trees) > 1 else ""),
-        energy_part(chains),
-        _noise_variance(tree, rng),
-        _predictive(tree, rng),
-        _correlation(tree),
-        _directions(tree),
-        _residuals(tree),
-        _leave_one_out(tree, rng),
-        _sensitivity(tree),
-    ]
 
 
 def gate_table(one: Comparison) -> Table:
@@ -136,100 +84,15 @@ def gate_table(one: Comparison) -> Table:
     return table(rows, columns)
 
 
-def _convergence(one: Comparison) -> Part:
-    unknown = [method for method, tree in one.trees.items() if "sample_stats" not in tree.children]
-    whose = f" of {' and '.join(unknown)}" if len(one.trees) > 1 else ""
-    text = f"Divergences and E-BFMI{whose} are not judged: there are no sample_stats." if unknown else ""
-    caption = "Worst value over all quantities against its limit."
-    return Part("Convergence gates", text, [(gate_table(one), caption)])
-
-
-def _agreement(one: Comparison) -> Part:
-    title, tree = "Agreement with the exact posterior", one.posterior
-    if one.agreement is None:
-        lacking = "no exact posterior of the same data and prior is given"
-        if errors_of(tree) != "normal":
-            lacking = f"the exact posterior is of normal errors, these are {errors_of(tree)}"
-        elif tree.attrs["method"] in EXACT:
-            lacking = "no draws of the same data and prior by another method are given"
-        return Part(title, f"Not shown: {lacking}.")
-    worst = (
-        "Largest |z| of means, standard deviations and quantiles, z from the run's own Monte Carlo error; the limit is "
-        f"the two-sided normal quantile at {LEVEL:g} over {one.agreement.attrs['comparisons']} comparisons."
-    )
-    summary, every = table(agreement_rows(one.agreement), AGREEMENT), agreement_table(one.agreement)
-    return Part(title, "", [(summary, worst), (every, f"{_PRIME}; |z| q: the largest of the quantiles.")])
-
-
-def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
-    dof, found = tree.attrs["dof"], diagnostics.summary(tree)
-    narrowing = None if diagnostics.missing(tree, *DESIGN) else diagnostics.contraction(tree)
-    reference = ship.coefficients(dof).values if ship else None
-    published = {family: ship.published(dof, family) for family in drawing.COLOURS} if ship else {}
-    published = {family: values for family, values in published.items() if np.isfinite(values).any()}
-    rows = coefficient_table(found, narrowing, reference, published)
-    relative = (
-        "Coefficients over their posterior standard deviation, since no vessel was given"
-        if reference is None
-        else "Coefficients over their reference: 1 is the reference, 0 is none; those with a reference of zero left out"
-    )
-    note = f"{relative}; mean, 50 % and {_CI} equal-tailed (eti) intervals."
-    images = []
-    if np.any(found["sd"].values[:-1] if reference is None else reference):
-        images = [("forest", drawn.forest(tree, reference, published), note)]
-    caption = f"{_PRIME}; equal-tailed (eti) intervals of {_CI}."
-    return Part("Coefficients", _meant(found, narrowing, reference), [(rows, caption)], images)
-
-
-def _meant(found: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None) -> str:
-    """What contraction and judgement mean, and how many reference values the intervals hold."""
-    said = []
-    if narrowing is not None:
-        said.append(
-            "Contraction is 1 − posterior variance / prior variance (that of the conjugate prior at the posterior mean "
-            f"of σ²). Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction "
-            f"not above {CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
-        )
-    if reference is not None:
-        lower, upper = found["lower"].values[:-1], found["upper"].values[:-1]
-        inside = int(np.sum((lower <= reference) & (reference <= upper)))
-        said.append(f"The {_CI} intervals hold {inside} of {reference.size} reference values.")
-    return " ".join(said)
-
-
-def _chosen(tree: xr.DataTree) -> list[str]:
-    """Quantities that are drawn: largest R-hat, the most correlated pair, the noise variance; those that vary."""
-    found = diagnostics.summary(tree)
-    names = [str(name) for name in found["quantity"].values]
-    pairs = diagnostics.correlated_pairs(tree, 1)
-    wanted = [names[int(np.argmax(np.nan_to_num(found["r_hat"].values[:-1])))]]
-    wanted += [pairs[0]["first"], pairs[0]["second"]] if pairs else []
-    varies = dict(zip(names, found["sd"].values > 0.0, strict=True))
-    return [name for name in dict.fromkeys([*wanted, "noise_variance"]) if varies[name]]
-
-
-def _chains(tree: xr.DataTree, method: str) -> Part:
-    """Chains of one method, named where there are several."""
-    names, errors = _chosen(tree), f"{_PRIME}; Monte Carlo errors of the chains."
-    tables = [(chain_table(diagnostics.summary(tree)), errors)]
-    whose = f"The chains are those of {method}. " if method else ""
-    if not names:
-        return Part("Chains", f"{whose}Not drawn: none of the chosen quantities varies.", tables)
-    text = f"{whose}Drawn are the coefficient of largest R-hat, the most correlated pair and the noise variance."
-    if tree["posterior"].sizes["chain"] < 2:
-        text = f"{text} Ranks are not drawn: they need two chains."
-    return Part("Chains", text, tables, chain_images(tree, names))
-
-
 def chain_images(tree: xr.DataTree, names: list[str]) -> list[tuple[str, Figure, str]]:
     """Traces, ranks where there are two chains, and growth of the effective sample size of some quantities."""
-    limit = f"{diagnostics.ESS_LIMIT:g}"
+    limit = f"{numbers.ESS_LIMIT:g}"
     images = [
-        ("trace", drawn.trace(tree, names), "Trace, one colour a chain."),
+        ("trace", figures.trace(tree, names), "Trace, one colour a chain."),
         (
             "ess",
-            drawn.effective_sample_size(tree, names),
-            f"Bulk (blue) and tail ESS (orange) against the number of draws at {drawn.ESS_POINTS} points; "
+            figures.effective_sample_size(tree, names),
+            f"Bulk (blue) and tail ESS (orange) against the number of draws at {figures.ESS_POINTS} points; "
             f"dashed: {limit}.",
         ),
     ]
@@ -237,7 +100,7 @@ def chain_images(tree: xr.DataTree, names: list[str]) -> list[tuple[str, Figure,
         return images
     ranks = (
         "rank",
-        drawn.rank(tree, names),
+        figures.rank(tree, names),
         "Fractional ranks, each chain's distribution function minus the uniform one, with the p-value of uniformity "
         f"(black: where it fails at the {100 * (1 - ENVELOPE):.0f} % level; envelope_prob {ENVELOPE:g}).",
     )
@@ -249,42 +112,13 @@ def energy_part(tree: xr.DataTree) -> Part:
     """E-BFMI and energies of a Hamiltonian sampler."""
     if lacking := missing_sentence(tree, "sample_stats/energy"):
         return Part("Energy", f"Not shown: {lacking}")
-    caption = f"E-BFMI of each chain, limit {diagnostics.E_BFMI_LIMIT:g}; marginal energy and its transitions."
-    return Part("Energy", "", [], [("energy", drawn.energy(tree), caption)])
+    caption = f"E-BFMI of each chain, limit {numbers.E_BFMI_LIMIT:g}; marginal energy and its transitions."
+    return Part("Energy", "", [], [("energy", figures.energy(tree), caption)])
 
 
-def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
-    title = "Prior and posterior of the noise variance"
-    if float(tree["posterior"]["noise_variance"].std()) == 0.0:
-        return Part(title, "Not drawn: the noise variance does not vary.")
-    caption = "Kernel densities of draws of log10 σ²; the prior's are cut to its central 95 %."
-    wide = diagnostics.noise_variance_widths(tree, rng)
-    ending = "; the noise variance follows its prior." if wide[1] > 0.5 * wide[0] else "."
-    widths = f"{_n(wide[0])} wide under the prior, {_n(wide[1])} under the posterior"
-    text = f"The central {_CI} of log10 σ² is {widths}{ending}"
-    return Part(title, text, [], [("noise", drawn.noise_variance(tree, rng), caption)])
-
-
-def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
-    title = "Prior and posterior predictive check"
-    if lacking := missing_sentence(tree, *DESIGN):
-        return Part(title, f"Not shown: {lacking}")
-    low, middle, high = diagnostics.prior_predictive_ratio(tree, rng)
-    made = (
-        "as the tree holds them"
-        if diagnostics.has(tree, "posterior_predictive/response")
-        else "drawn from posterior and design"
-    )
-    text = (
-        f"Under the prior the root mean square of the response is {_n(middle)} times that of the record "
-        f"(5 to 95 % of 400 draws: {_n(low)} to {_n(high)}). Posterior predictive responses, {made}:"
-    )
-    caption = f"Kernel density of the response (black) and of {drawn.PREDICTIVE_SAMPLES} predictive data sets."
-    return Part(title, text, [], [("predictive", drawn.predictive(diagnostics.predictive(tree, rng)), caption)])
-
-
-def _correlation(tree: xr.DataTree) -> Part:
-    title, pairs = "Correlation of the coefficients", diagnostics.correlated_pairs(tree)
+def correlation_part(tree: xr.DataTree, heat_map: Callable[[xr.DataTree], Figure], caption: str) -> Part:
+    """The strongest posterior correlations, the draws of the first pair, and a heat map of all."""
+    title, pairs = "Correlation of the coefficients", numbers.correlated_pairs(tree)
     if not pairs or pairs[0]["correlation"] == 0.0:
         return Part(title, "Not shown: there is no pair of coefficients that vary.")
     columns = {
@@ -292,91 +126,22 @@ def _correlation(tree: xr.DataTree) -> Part:
         "second": ("and", str),
         "correlation": ("posterior correlation", fixed(4)),
     }
-    names = [pairs[0]["first"], pairs[0]["second"]]
-    images = [
-        (
-            "pair",
-            drawn.pair(tree, names),
-            f"About {drawn.PAIR_DRAWS} draws of the most correlated pair, with marginals.",
-        ),
-        ("correlation", drawn.correlation(tree), "Posterior correlation of all coefficients."),
-    ]
+    shown = f"About {figures.PAIR_DRAWS} draws of the most correlated pair, with marginals."
+    pair = figures.pair(tree, [pairs[0]["first"], pairs[0]["second"]])
+    images = [("pair", pair, shown), ("correlation", heat_map(tree), caption)]
     return Part(title, "", [(table(pairs, columns), f"The {len(pairs)} strongest posterior correlations.")], images)
 
 
-def _directions(tree: xr.DataTree) -> Part:
-    title = "Singular directions of the design"
-    if lacking := missing_sentence(tree, *DESIGN):
-        return Part(title, f"Not shown: {lacking}")
-    rows = diagnostics.singular_directions(tree)
-    open_ = sum(row["share"] <= CONTRACTION_LIMIT for row in rows)
-    condition = diagnostics.data_of(tree).condition_number
-    said = f"leave {open_} of {len(rows)} directions to the prior" if open_ else f"determine all {len(rows)} directions"
-    text = (
-        f"The data {said}; a direction is left to the prior where the data's share of the posterior precision does not "
-        f"exceed {CONTRACTION_LIMIT:g}. The condition number of the scaled design is {_n(condition)}."
-    )
-    columns = {
-        "singular_value": ("singular value", _n),
-        "share": ("share of the data", fixed(4)),
-        "direction": ("largest loadings, scaled columns over prior sd", str),
-    }
-    shown = rows[: max(8, open_)]
-    caption = f"The {len(shown)} weakest directions of the design times prior sd over σ; share = s² / (s² + 1)."
-    return Part(title, text, [(table(shown, columns), caption)])
+def pareto_image(loo: object, unit: str) -> tuple[str, Figure, str]:
+    """Pareto k of every row or block of a leave-one-out cross-validation."""
+    return "pareto", figures.pareto_k(loo), f"Pareto k of every {unit}; dashed: limit {loo.good_k:.2f}."
 
 
-def _residuals(tree: xr.DataTree) -> Part:
-    if lacking := missing_sentence(tree, *DESIGN):
-        return Part("Residuals", f"Not shown: {lacking}")
-    values = diagnostics.residuals(tree)
-    if values.size < 10:
-        return Part("Residuals", _white(tree))
-    test = diagnostics.whiteness(values.values)
-    size = np.abs(values.values) / np.sqrt(float(tree["posterior"]["noise_variance"].mean()))
-    worst = int(size.argmax())
-    moment = _n(float(values["time"][worst]))
-    text = f"{_white(tree)} The largest residual is {_n(float(size[worst]))} sigma, at {moment} s (row {worst})."
-    caption = (
-        "Residuals at the posterior mean over time and their autocorrelation; band ± 1.96/√n. Ljung-Box Q = "
-        f"{_n(test['statistic'])} over {test['lags']} lags, p = {_n(test['p_value'])}, level {WHITENESS_LEVEL:g}."
-    )
-    return Part("Residuals", text, [], [("residuals", drawn.residuals(values, test["band"]), caption)])
-
-
-def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
-    title = "Leave-one-out cross-validation"
-    if lacking := missing_sentence(tree, "log_likelihood/response", *DESIGN):
-        return Part(title, f"Not shown: {lacking}")
-    loo = diagnostics.cross_validation(tree)
+def pareto_sentence(loo: object, unit: str) -> str:
+    """Sentence on the rows or blocks whose Pareto k is too large."""
     k = np.ravel(loo.pareto_k.values)
-    full = diagnostics.predictive(tree, rng)
-    half, most = diagnostics.loo_pit_coverage(full)
     worst = int(np.argmax(k))
-    text = (
-        f"elpd {_n(float(loo.elpd))} ± {_n(float(loo.se))}, p_loo {_n(float(loo.p))}. {int(np.sum(k > loo.good_k))} of "
-        f"{k.size} rows have a Pareto k above {loo.good_k:.2f}; the largest is {_n(float(k[worst]))}, row {worst}. "
-        f"Leave-one-out intervals of 50 and {_CI} hold {100 * half:.0f} and {100 * most:.0f} % of the rows. "
-        "With serially correlated rows leave-one-out flatters, since the neighbours of a row stay in."
+    return (
+        f"{int(np.sum(k > loo.good_k))} of {k.size} {unit}s have a Pareto k above {loo.good_k:.2f}; the largest is "
+        f"{number(3)(float(k[worst]))}, row {worst}."
     )
-    images = [
-        ("pareto", drawn.pareto_k(loo), f"Pareto k of every row; dashed: limit {loo.good_k:.2f}."),
-        (
-            "pit",
-            drawn.loo_pit(full),
-            f"LOO-PIT, its distribution function minus the uniform one; orange: what most tells it from uniform "
-            f"(envelope_prob {ENVELOPE:g}).",
-        ),
-    ]
-    return Part(title, text, [], images)
-
-
-def _sensitivity(tree: xr.DataTree) -> Part:
-    title = "Sensitivity to prior and likelihood"
-    if lacking := missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
-        return Part(title, f"Not shown: {lacking}")
-    rows = diagnostics.prior_sensitivity(tree)
-    moved = [row["quantity"] for row in rows if row["prior"] > PSENSE_LIMIT]
-    text = f"{len(moved)} of {len(rows)} quantities move with the prior{': ' + ', '.join(moved) if moved else ''}."
-    caption = f"Power-scaling sensitivity by 0.99 and 1.01 (psense); above {PSENSE_LIMIT:g} a quantity is moved."
-    return Part(title, text, [(sensitivity_table(rows, "quantity"), caption)])

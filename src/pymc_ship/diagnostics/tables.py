@@ -1,4 +1,4 @@
-"""Tables of a diagnosed regression: agreement of methods, coefficients, chains and sensitivities."""
+"""Tables of a diagnosed posterior: agreement of methods, coefficients, chains and sensitivities."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.diagnostics.numbers import CI_PROB, judged
 from pymc_ship.pages.tables import Table, fixed, number, table
 
 _SCALED = ("mean", "sd", "lower", "upper", "mcse_mean", "mcse_sd")
@@ -81,8 +82,27 @@ def coefficient_table(
     return table(_coefficient_rows(summary, narrowing, reference, published), columns)
 
 
+def prior_posterior_table(found: xr.Dataset, marks: dict[str, np.ndarray]) -> Table:
+    """Prior and posterior of the coefficients of a DOF beside other values; prior means of zero left out."""
+    scaled = {"prior_mean": "prior mean"} if found["prior_mean"].values.any() else {}
+    scaled |= {"prior_sd": "prior sd", "mean": "mean", "sd": "sd"}
+    scaled |= {"lower": f"{50 - 50 * CI_PROB:g} %", "upper": f"{50 + 50 * CI_PROB:g} %"}
+    columns = {"coefficient": ("coefficient", str)} | {name: (name, number(4)) for name in marks}
+    columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in scaled.items()}
+    columns |= {"contraction": ("contraction", fixed(3)), "judged": ("judged", str)}
+    rows, words = [], judged(found)
+    for k, name in enumerate(map(str, found["coefficient"].values)):
+        one = found.isel(coefficient=k)
+        rows.append(
+            {"coefficient": name, "contraction": float(one["contraction"]), "judged": str(words[k])}
+            | {key: 1e5 * float(one[key]) for key in scaled}
+            | {mark: 1e5 * float(values[k]) for mark, values in marks.items()}
+        )
+    return table(rows, columns)
+
+
 def sensitivity_table(rows: Sequence[Mapping], quantity: str) -> Table:
-    """Rows of :func:`pymc_ship.diagnostics.regression.prior_sensitivity`, the first column as named."""
+    """Rows of :func:`pymc_ship.diagnostics.numbers.prior_sensitivity`, the first column as named."""
     columns = {"quantity": (quantity, str), "prior": ("prior", fixed(3)), "likelihood": ("likelihood", fixed(3))}
     return table(rows, columns | {"diagnosis": ("diagnosis", str)})
 
@@ -121,7 +141,7 @@ def _coefficient_columns(
 def _coefficient_rows(
     summary: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None, published: Mapping[str, np.ndarray]
 ) -> list[dict]:
-    rows = []
+    rows, words = [], [] if narrowing is None else judged(narrowing)
     for k, name in enumerate(map(str, summary["quantity"].values)):
         last = k == summary.sizes["quantity"] - 1
         scale = 1e10 if last else 1e5
@@ -133,10 +153,6 @@ def _coefficient_rows(
         if narrowing is not None and not last:
             one = narrowing.isel(coefficient=k)
             row["contraction"] = float(one["contraction"])
-            row["judged"] = "determined" if one["determined"] else "not from zero" if one["narrowed"] else "prior"
+            row["judged"] = str(words[k])
         rows.append(row)
     return rows
-
-
-CI_PROB = 0.95
-"""Probability of the equal-tailed intervals."""

@@ -11,10 +11,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.design.identifiability import UNKNOWN
-from pymc_ship.diagnostics import regression as diagnostics
-from pymc_ship.diagnostics.regression import CONTRACTION_LIMIT, SD_LIMIT, check_draws
+from pymc_ship.diagnostics import numbers
+from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT, check_draws
 from pymc_ship.trajectory.fit import whiten
-from pymc_ship.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.trial.record import UNITS
 from pymc_ship.vessel.vessel import LETTER
 
@@ -33,11 +32,6 @@ _SAMPLE = ("chain", "draw")
 _ATTRS = ("dof", "vessel", "prior", "integrator", "noise_model", "noise_sentence", "starts", "starts_agreeing")
 
 
-def of_trajectories(tree: xr.DataTree) -> bool:
-    """Whether a posterior is of whole trajectories."""
-    return tree.attrs.get("method") in METHODS
-
-
 def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
     """Raise a ValueError that says what a tree lacks to be a posterior of whole trajectories."""
     needed = (*_ATTRS, *(["pareto_khat"] if tree.attrs["method"] == "trajectory" else []))
@@ -53,35 +47,6 @@ def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
             f"{name} is no posterior of this package: its prior is to give family, tau, and mean and scale of every "
             "coefficient; give one that `pymc-ship fit` made."
         )
-
-
-def gates(tree: xr.DataTree) -> list[dict]:
-    """Gates of a posterior of whole trajectories, laid out as :func:`~pymc_ship.diagnostics.regression.gates`.
-
-    Draws of the normal approximation are independent: their only gate is Pareto k-hat. Those of a sampler have the
-    gates of chains, over coefficients, initial states and sensor offsets.
-    """
-    if tree.attrs["method"] != "trajectory":
-        return diagnostics.gates(tree, unknowns(tree))
-    khat = float(tree.attrs["pareto_khat"])
-    where, limit = "importance weights of the draws", f"≤ {KHAT_LIMIT:g}"
-    return [{"gate": "Pareto k-hat", "value": khat, "where": where, "limit": limit, "holds": khat <= KHAT_LIMIT}]
-
-
-def unknowns(tree: xr.DataTree) -> xr.DataArray:
-    """Draws of every coefficient, initial state and sensor offset, dims (chain, draw, quantity)."""
-    posterior = tree["posterior"].dataset
-    values = [posterior["coefficients"].transpose(*_SAMPLE, "coefficient").values]
-    names = [str(name) for name in posterior["coefficient"].values]
-    for name, of, said in (("initial_state", "state", "initial {}"), ("sensor_offset", "channel", "offset of {}")):
-        if name not in posterior:
-            continue
-        draws = posterior[name].transpose(*_SAMPLE, "run", of)
-        for run, label in np.argwhere(np.isfinite(draws.values).all((0, 1))):
-            values.append(draws.values[:, :, run, label, None])
-            names.append(f"{said.format(draws[of].values[label])}, run {run + 1}")
-    coords = {name: posterior[name].values for name in _SAMPLE} | {"quantity": names}
-    return xr.DataArray(np.concatenate(values, axis=2), coords, (*_SAMPLE, "quantity"))
 
 
 def contraction(tree: xr.DataTree) -> xr.Dataset:
@@ -149,14 +114,8 @@ def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
         "n_effective": float(found["contraction"].values[proper].sum()),
         "n_flat": int(np.sum(~proper)),
     }
-    text = [_loadings(right[k], names, loadings) for k in order]
+    text = [numbers.loadings(right[k], names, loadings) for k in order]
     return xr.Dataset({"share": ("direction", share[order]), "text": ("direction", text)}, attrs=attrs)
-
-
-def _loadings(vector: np.ndarray, names: np.ndarray, count: int) -> str:
-    order = np.argsort(-np.abs(vector))[:count]
-    turned = vector * np.sign(vector[order[0]])
-    return " ".join(f"{turned[k]:+.2f} {names[k]}" for k in order)
 
 
 def residuals(tree: xr.DataTree) -> xr.Dataset:
@@ -205,7 +164,7 @@ def channel_rows(tree: xr.DataTree) -> list[dict]:
         factor, unit = shown_unit(name)
         by_run = {key: float(constant[key].isel(run_index=k, channel=c)) for key in ("block_sd", "correlation")}
         shift = np.nan if offset is None else float(offset.isel(run=k).sel(channel=name).mean())
-        test = diagnostics.whiteness(white)
+        test = numbers.whiteness(white)
         rows.append(
             {"run": k + 1, "channel": name, "unit": unit, "blocks": white.size, "offset": factor * shift}
             | {"block_sd": factor * by_run["block_sd"], "correlation": by_run["correlation"]}

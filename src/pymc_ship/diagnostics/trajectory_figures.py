@@ -11,10 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymc_ship.design.identifiability import UNKNOWN
-from pymc_ship.diagnostics import regression as diagnostics
-from pymc_ship.diagnostics import trajectory as trajectory_diagnostics
+from pymc_ship.diagnostics import numbers, trajectory
 from pymc_ship.diagnostics.figures import forest_of
-from pymc_ship.diagnostics.regression import CONTRACTION_LIMIT, SD_LIMIT
+from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT
 from pymc_ship.diagnostics.trajectory import shown_unit
 from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, STYLE, subplots
 
@@ -31,7 +30,7 @@ _JUDGED = {"determined": _BLUE, "not from zero": "#8fb7d8", "prior": _RUST}
 
 def motion(tree: xr.DataTree, run: int) -> Figure:
     """Measured and fitted block means of every channel of a run, residuals below, and the rudder."""
-    found, constant = trajectory_diagnostics.residuals(tree), tree["constant_data"].dataset
+    found, constant = trajectory.residuals(tree), tree["constant_data"].dataset
     rows = np.flatnonzero(found["run"].values == run)
     one, time = found["residual"].isel(row=rows), found["time"].values[rows]
     names = [str(name) for name in one["channel"].values if np.isfinite(one.sel(channel=name)).all()]
@@ -101,7 +100,7 @@ def autocorrelation(found: xr.Dataset) -> Figure:
                 seconds = interval * np.arange(1, lags + 1)
                 band = 1.96 / np.sqrt(values.size)
                 ax.fill_between(seconds, -band, band, color=NOISE, alpha=0.35, lw=0, label="white noise, 95 %")
-                ax.plot(seconds, diagnostics.autocorrelation(values, lags), ".-", lw=0.8, ms=3, label=f"run {run + 1}")
+                ax.plot(seconds, numbers.autocorrelation(values, lags), ".-", lw=0.8, ms=3, label=f"run {run + 1}")
             ax.axhline(0.0, color=REFERENCE, lw=0.7)
             ax.set_xlabel("lag [s]")
         handles, labels = panels[0][0].get_legend_handles_labels()
@@ -132,7 +131,7 @@ def forest(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figu
     Coefficients with a flat prior are divided by their posterior standard deviation. ``marks`` are other values of the
     coefficients by name, drawn beside them.
     """
-    found = trajectory_diagnostics.contraction(tree)
+    found = trajectory.contraction(tree)
     mine = np.flatnonzero(found["dof"].values == dof)
     one, draws = found.isel(coefficient=mine), tree["posterior"]["coefficients"].isel(coefficient=mine)
     flat = np.isinf(one["prior_sd"].values)
@@ -159,7 +158,7 @@ def contraction(found: xr.Dataset) -> Figure:
     """Contraction of every coefficient, a row of bars for each DOF."""
     dofs = list(dict.fromkeys(found["dof"].values))
     most = max(int(np.sum(found["dof"].values == dof)) for dof in dofs)
-    judged = np.where(found["determined"], "determined", np.where(found["narrowed"], "not from zero", "prior"))
+    judged = numbers.judged(found)
     with matplotlib.rc_context(STYLE | {"axes.grid": False}):
         fig, axes = subplots(9.0, 2.3 * len(dofs), len(dofs))
         for ax, dof in zip(axes[:, 0], dofs, strict=True):
@@ -198,7 +197,7 @@ def directions(found: xr.Dataset) -> Figure:
 
 def correlation(tree: xr.DataTree) -> Figure:
     """Heat map of the posterior correlation of the coefficients, DOFs parted by lines."""
-    matrix, dofs = diagnostics.correlation(tree), np.array(trajectory_diagnostics.dofs(tree))
+    matrix, dofs = numbers.correlation(tree), np.array(trajectory.dofs(tree))
     edges = np.flatnonzero(dofs[1:] != dofs[:-1]) + 0.5
     middles = 0.5 * (np.append(-0.5, edges) + np.append(edges, dofs.size - 0.5))
     names = list(dict.fromkeys(dofs))

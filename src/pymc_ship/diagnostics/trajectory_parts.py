@@ -8,29 +8,36 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.design.identifiability import UNKNOWN
-from pymc_ship.diagnostics import figures as diagnostic_figures
-from pymc_ship.diagnostics import regression as diagnostics
-from pymc_ship.diagnostics import trajectory as trajectory_diagnostics
-from pymc_ship.diagnostics import trajectory_figures as drawn
+from pymc_ship.diagnostics import numbers, trajectory, trajectory_figures
 from pymc_ship.diagnostics.agreement import Comparison
-from pymc_ship.diagnostics.parts import Part, chain_images, energy_part, gate_table, missing_sentence
-from pymc_ship.diagnostics.regression import CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
-from pymc_ship.diagnostics.tables import CI_PROB, sensitivity_table
+from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.parts import (
+    Part,
+    Subject,
+    chain_images,
+    correlation_part,
+    energy_part,
+    gate_table,
+    missing_sentence,
+    pareto_image,
+    pareto_sentence,
+)
+from pymc_ship.diagnostics.tables import prior_posterior_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
 from pymc_ship.pages.drawing import COLOURS
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.pages.tables import fixed, number, table
 from pymc_ship.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.trajectory.posterior import verdict as khat_verdict
+from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.vessel import Vessel
 
-DEFAULTS = (
+_DEFAULTS = (
     f"Posteriors of whole trajectories: Pareto k-hat ≤ {KHAT_LIMIT:g} for draws of the normal approximation, the gates "
     "of chains for a sampler; a direction is unknown where it keeps more than "
     f"{UNKNOWN:g} of its prior variance; whiteness at {100 * WHITENESS_LEVEL:g} % for all channels together."
 )
-"""What a page with such a section states of its defaults."""
 
-SOURCES = (
+_SOURCES = (
     "Maine & Iliff (1986), Application of parameter estimation to aircraft, NASA RP-1168",
     "Vehtari, Simpson, Gelman, Yao & Gabry (2024), Pareto smoothed importance sampling, JMLR 25(72)",
     "MacKay (1992), Neural Computation 4(3):415, doi:10.1162/neco.1992.4.3.415",
@@ -38,15 +45,15 @@ SOURCES = (
     "Buerkner, Gabry & Vehtari (2020), J. Statistical Computation and Simulation 90:2499, "
     "doi:10.1080/00949655.2020.1783262",
 )
-"""Works that such a section rests on."""
 
 _CI = f"{100 * CI_PROB:g} %"
+_HEAT_MAP = "Posterior correlation of all coefficients, degrees of freedom parted."
 _WEAKEST = 8
 _LISTED = 12
 _n = number(3)
 
 
-def verdict(one: Comparison) -> list[str]:
+def _verdict(one: Comparison) -> list[str]:
     """What heads a section: gates, what the records determine, the noise and the residuals, starts and divergences."""
     tree = one.posterior
     lines = ["All gates hold."]
@@ -63,7 +70,7 @@ def verdict(one: Comparison) -> list[str]:
 
 
 def _determined(tree: xr.DataTree) -> list[str]:
-    found, along = trajectory_diagnostics.contraction(tree), trajectory_diagnostics.directions(tree)
+    found, along = trajectory.contraction(tree), trajectory.directions(tree)
     total, count = found.sizes["coefficient"], int(found["determined"].sum())
     prior = int((~found["narrowed"]).sum())
     text = (
@@ -87,7 +94,7 @@ def _determined(tree: xr.DataTree) -> list[str]:
 def _white(tree: xr.DataTree) -> str:
     if lacking := missing_sentence(tree, *RECORDS):
         return f"The residuals are not known: {lacking}"
-    rows = trajectory_diagnostics.channel_rows(tree)
+    rows = trajectory.channel_rows(tree)
     worst = min(rows, key=lambda row: row["p_value"])
     numbers = (
         f"least Ljung-Box p = {_n(worst['p_value'])} of {len(rows)}, r1 = {_n(worst['r1'])}, channel "
@@ -99,14 +106,14 @@ def _white(tree: xr.DataTree) -> str:
 
 
 def _diverged(tree: xr.DataTree) -> str:
-    if diagnostics.has(tree, "sample_stats/diverging"):
+    if numbers.has(tree, "sample_stats/diverging"):
         return f"{int(tree['sample_stats']['diverging'].sum())} transitions of the sampler diverged"
     if "share_diverged" in tree.attrs:
         return f"with {100 * float(tree.attrs['share_diverged']):.3g} % of the draws the ship diverged on the records"
     return "divergences were not recorded"
 
 
-def origin(one: Comparison) -> str:
+def _origin(one: Comparison) -> str:
     """What was estimated, how the draws were made, and under which prior and noise."""
     tree = one.posterior
     prior, sizes, attrs = json.loads(tree.attrs["prior"]), tree["posterior"].sizes, tree.attrs
@@ -121,7 +128,7 @@ def origin(one: Comparison) -> str:
     )
 
 
-def parts(one: Comparison, ship: Vessel | None) -> list[Part]:
+def _parts(one: Comparison, ship: Vessel | None, _: np.random.Generator) -> list[Part]:
     """Every part of a section, in order; a part whose variables the tree lacks says so."""
     tree = one.posterior
     sampled = [_chains(tree), energy_part(tree)] if tree.attrs["method"] != "trajectory" else []
@@ -133,7 +140,7 @@ def parts(one: Comparison, ship: Vessel | None) -> list[Part]:
         _coefficients(tree, ship),
         _contraction(tree),
         _directions(tree),
-        _correlation(tree),
+        correlation_part(tree, trajectory_figures.correlation, _HEAT_MAP),
         _leave_one_out(tree),
         _sensitivity(tree),
     ]
@@ -151,7 +158,7 @@ def _gates(one: Comparison) -> Part:
 
 
 def _chains(tree: xr.DataTree) -> Part:
-    found = diagnostics.summary(tree, trajectory_diagnostics.unknowns(tree))
+    found = numbers.summary(tree)
     names = [str(name) for name in found["quantity"].values]
     worst = np.argsort(-np.nan_to_num(found["r_hat"].values, nan=np.inf), kind="stable")[:_LISTED]
     keys = {"r_hat": fixed(4), "ess_bulk": fixed(0), "ess_tail": fixed(0)}
@@ -162,7 +169,7 @@ def _chains(tree: xr.DataTree) -> Part:
     }
     coefficients = set(map(str, tree["posterior"]["coefficient"].values))
     chosen = [names[k] for k in worst if names[k] in coefficients][:1]
-    pair = diagnostics.correlated_pairs(tree, 1)[:1]
+    pair = numbers.correlated_pairs(tree, 1)[:1]
     chosen = list(dict.fromkeys([*chosen, *(name for one in pair for name in (one["first"], one["second"]))]))
     text = "Drawn are the coefficient of largest R-hat and the most correlated pair (prime values times 1e5)."
     caption = f"The {len(rows)} quantities of largest R-hat."
@@ -175,14 +182,14 @@ def _motion(tree: xr.DataTree) -> Part:
         return Part(title, f"Not shown: {lacking}")
     caption = "Run {}: block means and the motion at the posterior mode; below, residuals in sd of a block."
     runs = range(tree["constant_data"].sizes["run_index"])
-    images = [(f"motion-{k + 1}", drawn.motion(tree, k), caption.format(k + 1)) for k in runs]
+    images = [(f"motion-{k + 1}", trajectory_figures.motion(tree, k), caption.format(k + 1)) for k in runs]
     return Part(title, "", [], images)
 
 
 def _residuals(tree: xr.DataTree) -> Part:
     if lacking := missing_sentence(tree, *RECORDS):
         return Part("Residuals", f"Not shown: {lacking}")
-    found, rows = trajectory_diagnostics.residuals(tree), trajectory_diagnostics.channel_rows(tree)
+    found, rows = trajectory.residuals(tree), trajectory.channel_rows(tree)
     columns = {
         "run": ("run", number(4)),
         "channel": ("channel", str),
@@ -209,8 +216,12 @@ def _residuals(tree: xr.DataTree) -> Part:
     )
     text = _white(tree) + (student if tree.attrs["noise_model"].startswith("student_t") else "")
     images = [
-        ("autocorrelation", drawn.autocorrelation(found), "Their autocorrelation; band of each run ± 1.96/√n."),
-        ("quantiles", drawn.quantiles(found), "Quantiles of these residuals against those of the normal."),
+        (
+            "autocorrelation",
+            trajectory_figures.autocorrelation(found),
+            "Their autocorrelation; band of each run ± 1.96/√n.",
+        ),
+        ("quantiles", trajectory_figures.quantiles(found), "Quantiles of these residuals against those of the normal."),
     ]
     return Part("Residuals", text, [(table(rows, columns), caption)], images)
 
@@ -219,7 +230,7 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     title = "Coefficients"
     if lacking := missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
-    found = trajectory_diagnostics.contraction(tree)
+    found = trajectory.contraction(tree)
     tails = tree["posterior"]["coefficients"].quantile([0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], ("chain", "draw"))
     found = found.assign(lower=tails[0].drop_vars("quantile"), upper=tails[1].drop_vars("quantile"))
     tables, images, inside, total = [], [], 0, 0
@@ -229,9 +240,13 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
             held = (one["lower"].values <= marks["reference"]) & (marks["reference"] <= one["upper"].values)
             inside, total = inside + int(held.sum()), total + held.size
         caption = f"{dof.capitalize()}, prime values times 1e5; equal-tailed (eti) intervals of {_CI}."
-        tables.append((coefficient_table(one, marks), caption))
+        tables.append((prior_posterior_table(one, marks), caption))
         images.append(
-            (f"forest-{dof}", drawn.forest(tree, dof, marks), f"{dof.capitalize()}: mean, 50 % and {_CI} eti.")
+            (
+                f"forest-{dof}",
+                trajectory_figures.forest(tree, dof, marks),
+                f"{dof.capitalize()}: mean, 50 % and {_CI} eti.",
+            )
         )
     text = (
         f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
@@ -251,26 +266,6 @@ def _marks(ship: Vessel | None, dof: str) -> dict[str, np.ndarray]:
     }
 
 
-def coefficient_table(found: xr.Dataset, marks: dict[str, np.ndarray]) -> Table:
-    """Prior and posterior of the coefficients of a DOF beside other values; prior means of zero left out."""
-    scaled = {"prior_mean": "prior mean"} if found["prior_mean"].values.any() else {}
-    scaled |= {"prior_sd": "prior sd", "mean": "mean", "sd": "sd"}
-    scaled |= {"lower": f"{50 - 50 * CI_PROB:g} %", "upper": f"{50 + 50 * CI_PROB:g} %"}
-    columns = {"coefficient": ("coefficient", str)} | {name: (name, number(4)) for name in marks}
-    columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in scaled.items()}
-    columns |= {"contraction": ("contraction", fixed(3)), "judged": ("judged", str)}
-    rows = []
-    for k, name in enumerate(map(str, found["coefficient"].values)):
-        one = found.isel(coefficient=k)
-        judged = "determined" if one["determined"] else "not from zero" if one["narrowed"] else "prior"
-        rows.append(
-            {"coefficient": name, "contraction": float(one["contraction"]), "judged": judged}
-            | {key: 1e5 * float(one[key]) for key in scaled}
-            | {mark: 1e5 * float(values[k]) for mark, values in marks.items()}
-        )
-    return table(rows, columns)
-
-
 def _contraction(tree: xr.DataTree) -> Part:
     title = "Contraction"
     if lacking := missing_sentence(tree, *PRIOR):
@@ -278,7 +273,7 @@ def _contraction(tree: xr.DataTree) -> Part:
     text = "Contraction is 1 − posterior variance / prior variance, the factors tau included; 1 under a flat prior."
     caption = f"Contraction of every coefficient; dashed: limit {CONTRACTION_LIMIT:g}."
     return Part(
-        title, text, [], [("contraction", drawn.contraction(trajectory_diagnostics.contraction(tree)), caption)]
+        title, text, [], [("contraction", trajectory_figures.contraction(trajectory.contraction(tree)), caption)]
     )
 
 
@@ -286,7 +281,7 @@ def _directions(tree: xr.DataTree) -> Part:
     title = "Directions that stay unknown"
     if lacking := missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
-    found = trajectory_diagnostics.directions(tree)
+    found = trajectory.directions(tree)
     if not found.sizes["direction"]:
         return Part(title, "Not shown: every coefficient has a flat prior, which gives a direction no unit.")
     count = min(max(_WEAKEST, found.attrs["n_unknown"]), found.sizes["direction"])
@@ -297,54 +292,33 @@ def _directions(tree: xr.DataTree) -> Part:
         "half along them; a share is known to a tenth or so and may come out above 1."
     )
     caption = f"The {len(rows)} least known directions."
-    image = ("directions", drawn.directions(found), f"Prior variance left along every direction; dashed: {UNKNOWN:g}.")
+    image = (
+        "directions",
+        trajectory_figures.directions(found),
+        f"Prior variance left along every direction; dashed: {UNKNOWN:g}.",
+    )
     return Part(title, text, [(table(rows, columns), caption)], [image])
-
-
-def _correlation(tree: xr.DataTree) -> Part:
-    pairs = diagnostics.correlated_pairs(tree)
-    columns = {
-        "first": ("coefficient", str),
-        "second": ("and", str),
-        "correlation": ("posterior correlation", fixed(4)),
-    }
-    names = [pairs[0]["first"], pairs[0]["second"]]
-    shown = f"Draws of the most correlated pair, {diagnostic_figures.PAIR_DRAWS} at most, with marginals."
-    images = [
-        ("pair", diagnostic_figures.pair(tree, names), shown),
-        (
-            "correlation",
-            drawn.correlation(tree),
-            "Posterior correlation of all coefficients, degrees of freedom parted.",
-        ),
-    ]
-    caption = f"The {len(pairs)} strongest posterior correlations."
-    return Part("Correlation of the coefficients", "", [(table(pairs, columns), caption)], images)
 
 
 def _leave_one_out(tree: xr.DataTree) -> Part:
     title = "Leave-one-out by block"
     if lacking := missing_sentence(tree, "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
-    loo = diagnostics.cross_validation(trajectory_diagnostics.ships_that_ran(tree))
-    k = np.ravel(loo.pareto_k.values)
-    worst = int(np.argmax(k))
+    loo = numbers.cross_validation(trajectory.ships_that_ran(tree))
     text = (
         f"elpd {number(6)(float(loo.elpd))} ± {_n(float(loo.se))}, p_loo {_n(float(loo.p))}. "
-        f"{int(np.sum(k > loo.good_k))} of {k.size} blocks have a Pareto k above {loo.good_k:.2f}; the largest is "
-        f"{_n(float(k[worst]))}, row {worst}. Neighbouring blocks of a trajectory are not exchangeable: those that "
+        f"{pareto_sentence(loo, 'block')} Neighbouring blocks of a trajectory are not exchangeable: those that "
         "stay in tell the motion of the one left out. elpd compares models of the same record; for the forecast of a "
         "manoeuvre leave out whole runs, or the future of one."
     )
-    caption = f"Pareto k of every block; dashed: limit {loo.good_k:.2f}."
-    return Part(title, text, [], [("pareto", diagnostic_figures.pareto_k(loo), caption)])
+    return Part(title, text, [], [pareto_image(loo, "block")])
 
 
 def _sensitivity(tree: xr.DataTree) -> Part:
     title = "Sensitivity to prior and likelihood"
     if lacking := missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
-    rows = diagnostics.prior_sensitivity(trajectory_diagnostics.ships_that_ran(tree))
+    rows = numbers.prior_sensitivity(trajectory.ships_that_ran(tree))
     moved = sum(row["prior"] > PSENSE_LIMIT for row in rows)
     text = f"{moved} of {len(rows)} coefficients move with the prior. Its factors tau are held at their values."
     shown = sorted(rows, key=lambda row: -row["prior"])[:_LISTED]
@@ -353,3 +327,20 @@ def _sensitivity(tree: xr.DataTree) -> Part:
         f"{PSENSE_LIMIT:g} a coefficient is moved."
     )
     return Part(title, text, [(sensitivity_table(shown, "coefficient"), caption)])
+
+
+def _coefficient_names(vessel: Vessel, _: xr.DataTree) -> list[str]:
+    """Coefficients of all degrees of freedom."""
+    return coefficient_names(vessel)
+
+
+TRAJECTORIES = Subject(
+    check=trajectory.check_trajectory,
+    coefficient_names=_coefficient_names,
+    verdict=_verdict,
+    origin=_origin,
+    parts=_parts,
+    defaults=_DEFAULTS,
+    sources=_SOURCES,
+)
+"""The posterior of all coefficients, from whole trajectories."""

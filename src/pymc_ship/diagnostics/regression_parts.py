@@ -1,0 +1,327 @@
+"""Parts of a section of the diagnostic report: what each says, tabulates and draws of one posterior.
+
+Of a posterior by several methods the first is what is said of it, and the sampler's chains are what is drawn of them.
+"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.diagnostics import figures, numbers, regression
+from pymc_ship.diagnostics.agreement import LEVEL, Comparison, errors_of
+from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.parts import (
+    Part,
+    Subject,
+    chain_images,
+    correlation_part,
+    energy_part,
+    gate_table,
+    missing_sentence,
+    pareto_image,
+    pareto_sentence,
+)
+from pymc_ship.diagnostics.regression import DESIGN
+from pymc_ship.diagnostics.tables import (
+    AGREEMENT,
+    agreement_rows,
+    agreement_table,
+    chain_table,
+    coefficient_table,
+    sensitivity_table,
+)
+from pymc_ship.pages import drawing
+from pymc_ship.pages.tables import fixed, number, table
+from pymc_ship.regression.identify import EXACT
+from pymc_ship.vessel.vessel import Vessel
+
+_n = number(3)
+_CI = f"{100 * CI_PROB:g} %"
+_PRIME = "Prime values times 1e5 (σ² times 1e10)"
+
+
+def _verdict(one: Comparison) -> list[str]:
+    """What heads a section: gates and agreement, what the data determine, and whether the residuals are white."""
+    lines = ["All convergence gates hold."]
+    if failed := one.failed_gates:
+        lines = [f"A convergence gate fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
+    if one.agreement is not None:
+        lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
+    tree = one.posterior
+    if lacking := missing_sentence(tree, *DESIGN):
+        return [*lines, f"What the data determine and the residuals are not known: {lacking}"]
+    return [*lines, _determined(tree), _white(tree)]
+
+
+def _determined(tree: xr.DataTree) -> str:
+    table = regression.contraction(tree)
+    total, count = table.sizes["coefficient"], int(table["determined"].sum())
+    prior = int((~table["narrowed"]).sum())
+    zero = total - count - prior
+    text = f"{count} of {total} coefficients are determined by the data"
+    rest = [f"{prior} follow{'s' * (prior == 1)} the prior"] if prior else []
+    rest += [f"{zero} cannot be told from zero"] if zero else []
+    return f"{text}; {' and '.join(rest)}." if rest else f"{text}."
+
+
+def _white(tree: xr.DataTree) -> str:
+    values = regression.residuals(tree).values
+    if values.size < 10:
+        return f"Whiteness of the residuals needs ten rows, found {values.size}."
+    test = numbers.whiteness(values)
+    said = f"r1 = {_n(test['r1'])}, Ljung-Box p = {_n(test['p_value'])} over {test['lags']} lags"
+    if test["p_value"] >= WHITENESS_LEVEL:
+        return f"Residuals pass for white noise ({said})."
+    strong = test["r1"] > test["band"]
+    effect = "intervals are too narrow" if strong else "intervals are not to be taken at face value"
+    return (
+        f"Residuals are autocorrelated ({said}): {effect}; leave-future-out or block folds are the right tool for "
+        "serially correlated rows."
+    )
+
+
+def _origin(one: Comparison) -> str:
+    """What was estimated, how the draws were made, and under which prior."""
+    tree = one.posterior
+    prior, sizes = json.loads(tree.attrs["prior"]), tree["posterior"].sizes
+    hyperparameters = ", ".join(f"{key} {_plain(prior[key])}" for key in ("mean", "kappa", "shape", "scale"))
+    drawn = "; ".join(
+        f"{name if len(one.trees) > 1 else f'method {given.attrs["method"]}'}, "
+        f"{given['posterior'].sizes['chain']} chains of {given['posterior'].sizes['draw']} draws"
+        for name, given in one.trees.items()
+    )
+    return (
+        f"{tree.attrs['dof'].capitalize()} of {tree.attrs['vessel']}, {drawn}; {sizes['coefficient']} coefficients; "
+        f"{prior['family']} prior on the scaled columns: {hyperparameters}."
+    )
+
+
+def _plain(value: float | list) -> str:
+    return _n(value) if not isinstance(value, list) else f"{_n(min(value))} to {_n(max(value))}"
+
+
+def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
+    """Every part of a section, in order; a part whose variables the tree lacks says so."""
+    tree, chains = one.posterior, one.trees[one.sampler]
+    return [
+        _convergence(one),
+        _agreement(one),
+        _coefficients(tree, ship),
+        _chains(chains, one.sampler if len(one.trees) > 1 else ""),
+        energy_part(chains),
+        _noise_variance(tree, rng),
+        _predictive(tree, rng),
+        correlation_part(tree, figures.correlation, "Posterior correlation of all coefficients."),
+        _directions(tree),
+        _residuals(tree),
+        _leave_one_out(tree, rng),
+        _sensitivity(tree),
+    ]
+
+
+def _convergence(one: Comparison) -> Part:
+    unknown = [method for method, tree in one.trees.items() if "sample_stats" not in tree.children]
+    whose = f" of {' and '.join(unknown)}" if len(one.trees) > 1 else ""
+    text = f"Divergences and E-BFMI{whose} are not judged: there are no sample_stats." if unknown else ""
+    caption = "Worst value over all quantities against its limit."
+    return Part("Convergence gates", text, [(gate_table(one), caption)])
+
+
+def _agreement(one: Comparison) -> Part:
+    title, tree = "Agreement with the exact posterior", one.posterior
+    if one.agreement is None:
+        lacking = "no exact posterior of the same data and prior is given"
+        if errors_of(tree) != "normal":
+            lacking = f"the exact posterior is of normal errors, these are {errors_of(tree)}"
+        elif tree.attrs["method"] in EXACT:
+            lacking = "no draws of the same data and prior by another method are given"
+        return Part(title, f"Not shown: {lacking}.")
+    worst = (
+        "Largest |z| of means, standard deviations and quantiles, z from the run's own Monte Carlo error; the limit is "
+        f"the two-sided normal quantile at {LEVEL:g} over {one.agreement.attrs['comparisons']} comparisons."
+    )
+    summary, every = table(agreement_rows(one.agreement), AGREEMENT), agreement_table(one.agreement)
+    return Part(title, "", [(summary, worst), (every, f"{_PRIME}; |z| q: the largest of the quantiles.")])
+
+
+def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
+    dof, found = tree.attrs["dof"], numbers.summary(tree)
+    narrowing = None if numbers.missing(tree, *DESIGN) else regression.contraction(tree)
+    reference = ship.coefficients(dof).values if ship else None
+    published = {family: ship.published(dof, family) for family in drawing.COLOURS} if ship else {}
+    published = {family: values for family, values in published.items() if np.isfinite(values).any()}
+    rows = coefficient_table(found, narrowing, reference, published)
+    relative = (
+        "Coefficients over their posterior standard deviation, since no vessel was given"
+        if reference is None
+        else "Coefficients over their reference: 1 is the reference, 0 is none; those with a reference of zero left out"
+    )
+    note = f"{relative}; mean, 50 % and {_CI} equal-tailed (eti) intervals."
+    images = []
+    if np.any(found["sd"].values[:-1] if reference is None else reference):
+        images = [("forest", figures.forest(tree, reference, published), note)]
+    caption = f"{_PRIME}; equal-tailed (eti) intervals of {_CI}."
+    return Part("Coefficients", _meant(found, narrowing, reference), [(rows, caption)], images)
+
+
+def _meant(found: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None) -> str:
+    """What contraction and judgement mean, and how many reference values the intervals hold."""
+    said = []
+    if narrowing is not None:
+        said.append(
+            "Contraction is 1 − posterior variance / prior variance (that of the conjugate prior at the posterior mean "
+            f"of σ²). Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction "
+            f"not above {CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
+        )
+    if reference is not None:
+        lower, upper = found["lower"].values[:-1], found["upper"].values[:-1]
+        inside = int(np.sum((lower <= reference) & (reference <= upper)))
+        said.append(f"The {_CI} intervals hold {inside} of {reference.size} reference values.")
+    return " ".join(said)
+
+
+def _chosen(tree: xr.DataTree) -> list[str]:
+    """Quantities that are drawn: largest R-hat, the most correlated pair, the noise variance; those that vary."""
+    found = numbers.summary(tree)
+    names = [str(name) for name in found["quantity"].values]
+    pairs = numbers.correlated_pairs(tree, 1)
+    wanted = [names[int(np.argmax(np.nan_to_num(found["r_hat"].values[:-1])))]]
+    wanted += [pairs[0]["first"], pairs[0]["second"]] if pairs else []
+    varies = dict(zip(names, found["sd"].values > 0.0, strict=True))
+    return [name for name in dict.fromkeys([*wanted, "noise_variance"]) if varies[name]]
+
+
+def _chains(tree: xr.DataTree, method: str) -> Part:
+    """Chains of one method, named where there are several."""
+    names, errors = _chosen(tree), f"{_PRIME}; Monte Carlo errors of the chains."
+    tables = [(chain_table(numbers.summary(tree)), errors)]
+    whose = f"The chains are those of {method}. " if method else ""
+    if not names:
+        return Part("Chains", f"{whose}Not drawn: none of the chosen quantities varies.", tables)
+    text = f"{whose}Drawn are the coefficient of largest R-hat, the most correlated pair and the noise variance."
+    if tree["posterior"].sizes["chain"] < 2:
+        text = f"{text} Ranks are not drawn: they need two chains."
+    return Part("Chains", text, tables, chain_images(tree, names))
+
+
+def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
+    title = "Prior and posterior of the noise variance"
+    if float(tree["posterior"]["noise_variance"].std()) == 0.0:
+        return Part(title, "Not drawn: the noise variance does not vary.")
+    caption = "Kernel densities of draws of log10 σ²; the prior's are cut to its central 95 %."
+    wide = regression.noise_variance_widths(tree, rng)
+    ending = "; the noise variance follows its prior." if wide[1] > 0.5 * wide[0] else "."
+    widths = f"{_n(wide[0])} wide under the prior, {_n(wide[1])} under the posterior"
+    text = f"The central {_CI} of log10 σ² is {widths}{ending}"
+    return Part(title, text, [], [("noise", figures.noise_variance(tree, rng), caption)])
+
+
+def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
+    title = "Prior and posterior predictive check"
+    if lacking := missing_sentence(tree, *DESIGN):
+        return Part(title, f"Not shown: {lacking}")
+    low, middle, high = regression.prior_predictive_ratio(tree, rng)
+    made = (
+        "as the tree holds them"
+        if numbers.has(tree, "posterior_predictive/response")
+        else "drawn from posterior and design"
+    )
+    text = (
+        f"Under the prior the root mean square of the response is {_n(middle)} times that of the record "
+        f"(5 to 95 % of 400 draws: {_n(low)} to {_n(high)}). Posterior predictive responses, {made}:"
+    )
+    caption = f"Kernel density of the response (black) and of {figures.PREDICTIVE_SAMPLES} predictive data sets."
+    return Part(title, text, [], [("predictive", figures.predictive(regression.predictive(tree, rng)), caption)])
+
+
+def _directions(tree: xr.DataTree) -> Part:
+    title = "Singular directions of the design"
+    if lacking := missing_sentence(tree, *DESIGN):
+        return Part(title, f"Not shown: {lacking}")
+    rows = regression.singular_directions(tree)
+    open_ = sum(row["share"] <= CONTRACTION_LIMIT for row in rows)
+    condition = regression.data_of(tree).condition_number
+    said = f"leave {open_} of {len(rows)} directions to the prior" if open_ else f"determine all {len(rows)} directions"
+    text = (
+        f"The data {said}; a direction is left to the prior where the data's share of the posterior precision does not "
+        f"exceed {CONTRACTION_LIMIT:g}. The condition number of the scaled design is {_n(condition)}."
+    )
+    columns = {
+        "singular_value": ("singular value", _n),
+        "share": ("share of the data", fixed(4)),
+        "direction": ("largest loadings, scaled columns over prior sd", str),
+    }
+    shown = rows[: max(8, open_)]
+    caption = f"The {len(shown)} weakest directions of the design times prior sd over σ; share = s² / (s² + 1)."
+    return Part(title, text, [(table(shown, columns), caption)])
+
+
+def _residuals(tree: xr.DataTree) -> Part:
+    if lacking := missing_sentence(tree, *DESIGN):
+        return Part("Residuals", f"Not shown: {lacking}")
+    values = regression.residuals(tree)
+    if values.size < 10:
+        return Part("Residuals", _white(tree))
+    test = numbers.whiteness(values.values)
+    size = np.abs(values.values) / np.sqrt(float(tree["posterior"]["noise_variance"].mean()))
+    worst = int(size.argmax())
+    moment = _n(float(values["time"][worst]))
+    text = f"{_white(tree)} The largest residual is {_n(float(size[worst]))} sigma, at {moment} s (row {worst})."
+    caption = (
+        "Residuals at the posterior mean over time and their autocorrelation; band ± 1.96/√n. Ljung-Box Q = "
+        f"{_n(test['statistic'])} over {test['lags']} lags, p = {_n(test['p_value'])}, level {WHITENESS_LEVEL:g}."
+    )
+    return Part("Residuals", text, [], [("residuals", figures.residuals(values, test["band"]), caption)])
+
+
+def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
+    title = "Leave-one-out cross-validation"
+    if lacking := missing_sentence(tree, "log_likelihood/response", *DESIGN):
+        return Part(title, f"Not shown: {lacking}")
+    loo = numbers.cross_validation(tree)
+    full = regression.predictive(tree, rng)
+    half, most = regression.loo_pit_coverage(full)
+    text = (
+        f"elpd {_n(float(loo.elpd))} ± {_n(float(loo.se))}, p_loo {_n(float(loo.p))}. {pareto_sentence(loo, 'row')} "
+        f"Leave-one-out intervals of 50 and {_CI} hold {100 * half:.0f} and {100 * most:.0f} % of the rows. "
+        "With serially correlated rows leave-one-out flatters, since the neighbours of a row stay in."
+    )
+    images = [
+        pareto_image(loo, "row"),
+        (
+            "pit",
+            figures.loo_pit(full),
+            f"LOO-PIT, its distribution function minus the uniform one; orange: what most tells it from uniform "
+            f"(envelope_prob {ENVELOPE:g}).",
+        ),
+    ]
+    return Part(title, text, [], images)
+
+
+def _sensitivity(tree: xr.DataTree) -> Part:
+    title = "Sensitivity to prior and likelihood"
+    if lacking := missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
+        return Part(title, f"Not shown: {lacking}")
+    rows = numbers.prior_sensitivity(tree)
+    moved = [row["quantity"] for row in rows if row["prior"] > PSENSE_LIMIT]
+    text = f"{len(moved)} of {len(rows)} quantities move with the prior{': ' + ', '.join(moved) if moved else ''}."
+    caption = f"Power-scaling sensitivity by 0.99 and 1.01 (psense); above {PSENSE_LIMIT:g} a quantity is moved."
+    return Part(title, text, [(sensitivity_table(rows, "quantity"), caption)])
+
+
+def _coefficient_names(vessel: Vessel, tree: xr.DataTree) -> list[str]:
+    """Coefficients of the degree of freedom that a posterior is of."""
+    return [str(value) for value in vessel.coefficients(tree.attrs["dof"])["coefficient"].values]
+
+
+REGRESSION = Subject(
+    check=regression.check_posterior,
+    coefficient_names=_coefficient_names,
+    verdict=_verdict,
+    origin=_origin,
+    parts=_parts,
+)
+"""The posterior of one degree of freedom."""
