@@ -15,6 +15,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
 from pymc_ship.machine.files import OutputError
+from pymc_ship.pages import drawing
 from pymc_ship.pages.tables import fixed
 from pymc_ship.ship import page as ship_report
 from pymc_ship.ship.figures import held_out_windows
@@ -63,8 +64,8 @@ def quick(monkeypatch):
     """Pages whose figures are empty."""
     names = dict.fromkeys(ship_report._FIGURES)
     monkeypatch.setattr(ship_report, "_figures", lambda *_: names)
-    monkeypatch.setattr(ship_report.figures, "svg", lambda *_: "<svg></svg>")
-    monkeypatch.setattr(ship_report.figures, "png", lambda *_, **__: b"")
+    monkeypatch.setattr(drawing, "svg", lambda *_: "<svg></svg>")
+    monkeypatch.setattr(drawing, "png", lambda *_, **__: b"")
 
 
 @pytest.fixture(scope="module")
