@@ -21,9 +21,10 @@ test-fast: $(STAMP)  ## without the slow tests, under two minutes on two cores
 consistency: $(STAMP)  ## every path to a posterior against the others and against simulated truth, with the largest z
 	$(PYTHON) -m pytest -q -m consistency
 
-lint: $(STAMP)
+lint: $(STAMP)  ## style, and the types of the public names
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
 
 bench: $(BENCH)  ## ratios against named peers, measured in this run -> reports/benchmarks/benchmarks.md
 	$(PYTHON) -m benchmarks.run
@@ -41,4 +42,4 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $(STAMP)
 
 clean:
-	rm -rf $(VENV) .pytest_cache .ruff_cache dist build
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache dist build

@@ -1,96 +1,84 @@
 """Bayesian identification of ship manoeuvring models: from a trial to coefficients, their uncertainty and a forecast.
 
-Every public name below is loaded where it is first used, so that ``import pymc_ship`` stays light.
+Every public name is loaded where it is first used (PEP 562), so that ``import pymc_ship`` stays light.
 """
 
-from __future__ import annotations
-
-import sys
 from importlib import import_module
-from types import ModuleType
 
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "vessel.vessel": ("load_vessel", "shipped_vessels", "Vessel", "VesselError"),
-    "vessel.hull_database": ("hull_coefficients",),
-    "manoeuvre.standard": ("zigzag", "turning_circle", "rudder_programme", "Manoeuvre", "ManoeuvreError"),
-    "design.candidates": ("candidate_trials",),
-    "trial.record": ("write_trial", "check_trial", "TrialError"),
-    "trial.reading": ("read_trial",),
-    "motion.simulation": ("simulate", "SimulationError"),
-    "motion.sensitivities": ("sensitivities",),
-    "trial.noise": ("pollute",),
-    "denoising.ebayes": ("ebayes_threshold",),
-    "denoising.denoise": (
-        "denoise",
-        "denoise_signal",
-    ),
-    "manoeuvre.indices": ("indices",),
-    "manoeuvre.criteria": ("imo_probabilities", "imo_criteria"),
     "machine.files": ("OutputError",),
-    "motion.weak_form": ("weak_form_start", "coefficient_scales"),
-    "regression.data": ("regression_data", "RegressionData", "RegressionDataError"),
-    "regression.streamed": ("stream_regression", "StreamedRegression"),
-    "regression.priors": ("ConjugatePrior", "SemiConjugatePrior", "PriorError"),
-    "sampling.predictive": ("with_predictive",),
+    "machine.workers": ("MonteCarloError",),
+    "vessel.hull_database": ("hull_coefficients",),
+    "vessel.term_sets": ("term_sets", "with_terms"),
+    "vessel.vessel": ("Vessel", "VesselError", "load_vessel", "shipped_vessels"),
+    "trial.noise": ("pollute",),
+    "trial.reading": ("read_trial",),
+    "trial.record": ("TrialError", "check_trial", "write_trial"),
+    "denoising.denoise": ("denoise", "denoise_signal"),
+    "denoising.derivative": ("derivative",),
+    "denoising.ebayes": ("ebayes_threshold",),
+    "manoeuvre.criteria": ("imo_criteria", "imo_probabilities"),
+    "manoeuvre.indices": ("indices",),
+    "manoeuvre.recognition": ("recognise",),
+    "manoeuvre.standard": ("Manoeuvre", "ManoeuvreError", "rudder_programme", "turning_circle", "zigzag"),
+    "motion.sensitivities": ("sensitivities",),
+    "motion.simulation": ("SimulationError", "simulate"),
+    "motion.weak_form": ("coefficient_scales", "weak_form_start"),
+    "checks.trial_checks": ("check_table", "corrected_trial", "trial_checks"),
+    "regression.conjugate": ("conjugate", "conjugate_posterior"),
+    "regression.data": ("RegressionData", "RegressionDataError", "regression_data"),
+    "regression.identify": ("Identification", "identify"),
     "regression.prior_table": (
-        "informed_prior",
         "hold_fixed",
-        "restore_fixed",
+        "informed_prior",
         "order_damped_prior",
+        "restore_fixed",
         "sister_ship_table",
     ),
-    "regression.tree": ("write_posterior", "read_posterior"),
-    "checks.trial_checks": ("trial_checks", "corrected_trial", "check_table"),
-    "trajectory.prior": ("coefficient_prior", "posterior_prior", "CoefficientPrior"),
+    "regression.priors": ("ConjugatePrior", "PriorError", "SemiConjugatePrior"),
+    "regression.semiconjugate": ("semiconjugate", "semiconjugate_posterior"),
+    "regression.streamed": ("StreamedRegression", "stream_regression"),
+    "regression.tree": ("read_posterior", "write_posterior"),
+    "regression.tune": ("maximise_evidence", "tune_prior"),
     "trajectory.fit": ("TrajectoryError",),
     "trajectory.posterior": ("trajectory_posterior",),
-    "regression.conjugate": ("conjugate", "conjugate_posterior"),
-    "regression.semiconjugate": ("semiconjugate", "semiconjugate_posterior"),
+    "trajectory.prior": ("CoefficientPrior", "coefficient_prior", "posterior_prior"),
     "sampling.gibbs": ("gibbs", "gibbs_posterior"),
-    "sampling.regression_model": ("pymc_model", "nuts_posterior"),
+    "sampling.predictive": ("with_predictive",),
+    "sampling.regression_model": ("nuts_posterior", "pymc_model"),
     "sampling.trajectory_model": ("trajectory_model", "trajectory_nuts_posterior"),
-    "diagnostics.agreement": ("agreement",),
-    "diagnostics.calibration": ("simulation_based_calibration", "coverage", "geweke"),
-    "regression.tune": ("tune_prior", "maximise_evidence"),
     "forecasting.extrapolation": ("extrapolation",),
     "forecasting.forecast": ("forecast",),
-    "design.identifiability": ("identifiability", "fitted_identifiability", "fisher_information"),
-    "design.trial_design": ("design_trials", "TrialDesignError"),
-    "regression.identify": ("identify", "Identification"),
-    "vessel.term_sets": ("term_sets", "with_terms"),
-    "manoeuvre.recognition": ("recognise",),
-    "ship.model": ("identify_ship", "ShipModel"),
-    "ship.files": ("forecast_ship", "save_ship", "load_ship", "IdentifiedShip"),
-    "replication.study": ("run_study", "StudyResult"),
-    "replication.page": ("study",),
-    "experiments.run": ("montecarlo",),
+    "design.candidates": ("candidate_trials",),
+    "design.identifiability": ("fisher_information", "fitted_identifiability", "identifiability"),
+    "design.trial_design": ("TrialDesignError", "design_trials"),
+    "ship.files": ("IdentifiedShip", "forecast_ship", "load_ship", "save_ship"),
+    "ship.model": ("ShipModel", "identify_ship"),
+    "diagnostics.agreement": ("agreement",),
+    "diagnostics.calibration": ("coverage", "geweke", "simulation_based_calibration"),
     "diagnostics.page": ("diagnostic_report",),
-    "machine.workers": ("MonteCarloError",),
-    "denoising.derivative": ("derivative",),
+    "replication.page": ("study",),
+    "replication.study": ("StudyResult", "run_study"),
+    "experiments.run": ("montecarlo",),
 }
-_MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
+"""Public names of each room; editors and type checkers read the same table in ``__init__.pyi``."""
+
+_MODULE_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = ["__version__", *_MODULE_OF]
 
 
-class _Package(ModuleType):
-    """Package whose public functions win over submodules of the same name (``simulate``, ``denoise``, ...)."""
-
-    def __getattr__(self, name: str):
-        if name not in _MODULE_OF:
-            raise AttributeError(f"module 'pymc_ship' has no attribute {name!r}")
-        value = getattr(import_module(f"pymc_ship.{_MODULE_OF[name]}"), name)
-        self.__dict__[name] = value
-        return value
-
-    def __setattr__(self, name: str, value):
-        if not (name in _MODULE_OF and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-    def __dir__(self):
-        return sorted({*super().__dir__(), *__all__})
+def __getattr__(name: str) -> object:
+    """Load a public name from its room, and keep it."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'pymc_ship' has no attribute {name!r}")
+    value = getattr(import_module(f"pymc_ship.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
 
 
-sys.modules[__name__].__class__ = _Package
+def __dir__() -> list[str]:
+    """Public names, in alphabetical order."""
+    return sorted(__all__)

@@ -1,0 +1,135 @@
+"""The one door of the package: its public names, what type checkers see of them, and what importing loads."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+import pymc_ship as ps
+from tests.test_structure import SAMPLERS, WINGS
+
+STUB = Path(ps.__file__).with_suffix(".pyi")
+HEAVY = (*SAMPLERS, "numba", "arviz", "skopt", "matplotlib", "scipy", "pandas", "xarray")
+
+
+def printed(*words, status=0):
+    """Run a command line of the interpreter in a new process; return what it prints and its errors."""
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True)
+    assert done.returncode == status, done.stderr
+    return done.stdout, done.stderr
+
+
+def fresh(code):
+    """Run code in a new interpreter; return what it prints."""
+    return printed("-c", code)[0]
+
+
+def stubbed(text):
+    """Statements of a stub: the room and name of each re-export, and the source of anything else."""
+    found = []
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.ImportFrom) and [alias.asname for alias in node.names] == [node.names[0].name]:
+            found.append((node.module, node.names[0].name))
+        else:
+            found.append(ast.unparse(node))
+    return found
+
+
+# public names ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [name for name in ps.__all__ if name != "__version__"])
+def test_a_public_name_resolves_and_has_a_docstring(name):
+    value = getattr(ps, name)
+    assert callable(value)
+    assert value.__name__ == name
+    assert value.__module__ == f"pymc_ship.{ps._MODULE_OF[name]}"
+    assert inspect.getdoc(value)
+
+
+def test_the_table_of_public_names_has_the_order_of_the_house():
+    rooms = [room.split(".") for room in ps._PUBLIC]
+    assert rooms == sorted(rooms, key=lambda room: (list(WINGS).index(room[0]), room[1]))
+    assert all(list(names) == sorted(names) for names in ps._PUBLIC.values())
+
+
+def test_public_names_are_listed_once_and_unknown_ones_are_attribute_errors():
+    assert len(set(ps.__all__)) == len(ps.__all__)
+    assert ps.__version__
+    with pytest.raises(AttributeError, match=r"^module 'pymc_ship' has no attribute 'anchor'$"):
+        ps.anchor  # noqa: B018
+
+
+def test_only_public_names_are_listed_whatever_was_imported():
+    code = "import pymc_ship as ps; ps.load_vessel; import pymc_ship.cli.main; print(*dir(ps))"
+    assert fresh(code).split() == sorted(ps.__all__)
+
+
+def test_a_public_name_is_loaded_once():
+    code = "import pymc_ship as ps; print('Vessel' in vars(ps)); ps.Vessel; print(vars(ps)['Vessel'] is ps.Vessel)"
+    assert fresh(code).split() == ["False", "True"]
+
+
+# type checkers --------------------------------------------------------------------------------------------------------
+
+
+def test_the_stub_holds_the_public_names_and_nothing_else():
+    table = [(f"pymc_ship.{room}", name) for room, names in ps._PUBLIC.items() for name in names]
+    *imports, version = stubbed(STUB.read_text(encoding="utf-8"))
+    assert sorted(imports) == sorted(table)
+    assert version == "__version__: str"
+
+
+def test_the_check_of_the_stub_can_fail():
+    text = "from a.b import c as c\nfrom a.b import d\nfrom a.b import e as f\ng: int\n"
+    assert stubbed(text) == [("a.b", "c"), "from a.b import d", "from a.b import e as f", "g: int"]
+
+
+def test_the_package_says_that_it_is_typed():
+    assert STUB.with_name("py.typed").read_bytes() == b""
+
+
+@pytest.mark.parametrize("name", [name for name in ps.__all__ if name[0].islower()])
+def test_a_public_function_has_types(name):
+    """Of its arguments and of what it returns; only options handed on to another function may lack one."""
+    signature = inspect.signature(getattr(ps, name))
+    arguments = [entry for entry in signature.parameters.values() if entry.kind is not entry.VAR_KEYWORD]
+    assert signature.return_annotation is not signature.empty
+    assert [entry.name for entry in arguments if entry.annotation is entry.empty] == []
+
+
+# what is loaded when --------------------------------------------------------------------------------------------------
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    loaded = fresh(f"import sys, pymc_ship; print([name for name in {HEAVY!r} if name in sys.modules])")
+    assert loaded.strip() == "[]"
+
+
+def test_importing_the_package_takes_less_than_half_a_second():
+    clock = "from time import perf_counter as now; begin = now(); import pymc_ship; print(now() - begin)"
+    assert median(float(fresh(clock)) for _ in range(3)) < 0.5
+
+
+def test_loading_a_vessel_and_simulating_load_no_statistics():
+    work = "import sys, pymc_ship as ps; ps.simulate(ps.load_vessel('container'), ps.zigzag(20, 20), duration=1.0)"
+    names = ("pymc", "pytensor", "arviz", "skopt", "matplotlib")
+    assert fresh(f"{work}; print([name for name in {names!r} if name in sys.modules])").strip() == "[]"
+
+
+# the package as a program ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("words", "status"), [(["--help"], 0), (["check", "--help"], 0), (["check"], 2)])
+def test_python_m_pymc_ship_is_the_command(words, status):
+    command = printed(str(Path(sys.executable).with_name("pymc-ship")), *words, status=status)
+    module = printed("-m", "pymc_ship", *words, status=status)
+    assert module == command
+    assert "pymc-ship" in "".join(module)
+    assert "__main__" not in "".join(module)

@@ -1,0 +1,45 @@
+"""What a type checker sees of the public names: ``make lint`` runs mypy on this file, and nothing runs the file itself.
+
+Each ``assert_type`` fails where a name is missing from ``pymc_ship/__init__.pyi`` or has lost its annotations, because
+the type of such a name is ``Any``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import assert_type
+
+import numpy as np
+import xarray as xr
+
+import pymc_ship as ps
+
+rng = np.random.default_rng(1)
+vessel = ps.load_vessel("container")
+manoeuvre = ps.zigzag(20.0, 20.0)
+trial = ps.simulate(vessel, manoeuvre, duration=100.0)
+noisy = ps.pollute(trial, level=0.01, rng=rng)
+smooth = ps.denoise(noisy)
+data = ps.regression_data(smooth, vessel, "sway", interval=1.0)
+prior, log_evidence = ps.maximise_evidence(data)
+tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), rng=rng)
+found = ps.identify(smooth, vessel)
+forecast = ps.forecast(vessel, tree, ps.turning_circle(35.0), rng=rng)
+ship = ps.identify_ship([trial], vessel, rng=rng)
+
+assert_type(ps.__version__, str)
+assert_type(vessel, ps.Vessel)
+assert_type(vessel.particulars.L, float)
+assert_type(manoeuvre, ps.Manoeuvre)
+assert_type(trial, xr.Dataset)
+assert_type(noisy, xr.Dataset)
+assert_type(smooth, xr.Dataset)
+assert_type(data, ps.RegressionData)
+assert_type(prior, ps.ConjugatePrior | ps.SemiConjugatePrior)
+assert_type(log_evidence, float)
+assert_type(tree, xr.DataTree)
+assert_type(found, ps.Identification)
+assert_type(forecast, xr.DataTree)
+assert_type(ps.write_trial(trial, "trial.csv"), Path)
+assert_type(ship, ps.ShipModel)
+assert_type(ps.shipped_vessels(), tuple[str, ...])
