@@ -60,6 +60,15 @@ def hull_coefficients(vessel: Vessel) -> dict[str, tuple[float, float]]:
     ------
     VesselError
         When the draught is not stated.
+
+    Examples
+    --------
+    What captive tests of other hulls say of a tanker's yaw damping:
+
+    >>> import pymc_ship as ps
+    >>> mean, sd = ps.hull_coefficients(ps.load_vessel("kvlcc2"))["Nr"]
+    >>> print(f"Nr = {mean:.4f}, sd {sd:.4f}")
+    Nr = -0.0035, sd 0.0010
     """
     s = vessel.particulars
     if s.d <= 0.0:

@@ -83,6 +83,17 @@ def term_sets(vessel: Vessel) -> tuple[str, ...]:
 
     Those by the propeller's loading where it states its propeller, the plain ones else; before them its own terms where
     no set holds them all: then the file is a model of its own.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> for name in ps.term_sets(ps.load_vessel("kvlcc2")):
+    ...     print(name)
+    loading
+    hull and loading
+    hull and loading, cubic
+    hull and loading, cubic rudder
+    hull beside loading
     """
     wanted = vessel.propeller is not None
     names = tuple(name for name, terms in TERM_SETS.items() if terms.propeller == wanted)
@@ -110,6 +121,13 @@ def with_terms(vessel: Vessel, name: str) -> Vessel:
     ------
     VesselError
         For an unknown set, or one that needs a propeller the vessel does not state.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "loading")
+    >>> print(*(coefficient.name for coefficient in vessel.forces["yaw"]))
+    N0 Ngv Ngr Ngv|v| Ngv|r| Ngr|v| Ngr|r| Ngdelta
     """
     if name == OWN:
         return vessel

@@ -201,7 +201,14 @@ class Vessel:
 
 
 def shipped_vessels() -> tuple[str, ...]:
-    """Names of the vessels that come with the package."""
+    """Names of the vessels that come with the package.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> ps.shipped_vessels()
+    ('container', 'kvlcc2')
+    """
     return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
 
 
@@ -221,6 +228,13 @@ def load_vessel(source: str | Path) -> Vessel:
     ------
     VesselError
         For an unknown vessel, an unreadable file, unknown or missing keys, unknown terms and non-finite values.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> vessel.dofs, vessel.particulars.L
+    (('surge', 'sway', 'yaw'), 320.0)
     """
     path = Path(source)
     if path.suffix != ".toml":
