@@ -56,6 +56,18 @@ def pollute(
     References
     ----------
     Xue et al. (2020), Eq. 22, doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    The noise of the heading has the standard deviation that the attrs state:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=300, step=0.5)
+    >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
+    >>> noise = noisy["psi"] - trial["psi"]
+    >>> print(f"{noise.std():.4f} rad; {noisy.attrs['noise_sd_psi']:.4f} rad")
+    0.0019 rad; 0.0019 rad
     """
     size = noise_sd(level)
     unknown = [name for name in factors if name not in CHANNELS]

@@ -49,6 +49,18 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) 
     ------
     TrialError
         For a file, a format, a heading or a cell that cannot be read; names file and line or column.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> rows = ["time [s],u [kn],Heading [deg],Rudder angle [deg]", "0,10,359,0", "1,10,0,-10", "2,10,1,-10"]
+    >>> np.savetxt("run.csv", rows, fmt="%s")
+    >>> trial = ps.read_trial("run.csv")
+    >>> print(trial["u"].values.round(3))
+    [5.144 5.144 5.144]
+    >>> print(trial.attrs["reading"].splitlines()[-1])
+    psi made continuous over 1 jump of 360 deg.
     """
     path, layout = Path(path), load_format(format)
     table = _table(_text(path), layout, path)

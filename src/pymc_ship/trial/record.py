@@ -54,6 +54,17 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
     TrialError
         For channels that are missing or depend on more than time, NaN or infinity, times that do not increase or are
         not uniform.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=60, step=0.5)
+    >>> ps.check_trial(trial, ["u", "psi"]) is trial
+    True
+    >>> ps.check_trial(trial[["u"]], ["u", "psi"])
+    Traceback (most recent call last):
+        ...
+    pymc_ship.trial.record.TrialError: The trial needs the channels u, psi; psi missing; add them.
     """
     if "time" not in trial.coords:
         raise TrialError("A trial is a Dataset over the coordinate time [s], found none; add it.")
@@ -116,6 +127,16 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     ------
     OutputError
         When the folder cannot be written.
+
+    Examples
+    --------
+    A trial comes back as it was written:
+
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=60, step=0.5)
+    >>> path = ps.write_trial(trial, "trial.csv")
+    >>> ps.read_trial(path)["psi"].equals(trial["psi"])
+    True
     """
     path = Path(path)
     names = [name for name in (*CHANNELS, *EXTRA_UNITS) if name in trial]
