@@ -42,6 +42,18 @@ def derivative(
     ValueError
         For an unknown method, a step or window that is not positive, an order below 1, values that are not finite and
         a signal shorter than the method needs.
+
+    Examples
+    --------
+    Of t squared, by forward and by central differences:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> time = 0.5 * np.arange(6)
+    >>> print(ps.derivative(time**2, step=0.5, method="euler"))
+    [0.5 1.5 2.5 3.5 4.5 4.5]
+    >>> print(ps.derivative(time**2, step=0.5, method="central"))
+    [0. 1. 2. 3. 4. 5.]
     """
     signal = np.asarray(values, dtype=float)
     check_choice("method", method, DERIVATIVES)

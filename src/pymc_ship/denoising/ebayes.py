@@ -114,6 +114,16 @@ def ebayes_threshold(
     References
     ----------
     Johnstone & Silverman (2005), J. Stat. Softw. 12(8), doi:10.18637/jss.v012.i08.
+
+    Examples
+    --------
+    Two of ten observations stand out from noise of standard deviation 1:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> found = ps.ebayes_threshold(np.array([0.3, -0.8, 5.0, 0.5, -0.1, 1.2, -7.0, -0.4, 0.9, 0.2]))
+    >>> print(found.estimate.round(1) + 0.0)
+    [ 0.   0.   4.5  0.   0.   0.  -6.5  0.   0.   0. ]
     """
     values = _observations(x)
     check_choice("prior", prior, PRIORS)
