@@ -37,6 +37,22 @@ def imo_probabilities(tree: xr.DataTree, vessel: Vessel) -> list[dict]:
     References
     ----------
     IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76).
+
+    Examples
+    --------
+    A turning circle, forecast from a zigzag:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> trial = ps.pollute(ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5), level=0.01, rng=rng)
+    >>> found = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
+    >>> posteriors = found.posteriors("conjugate", draws=40, rng=rng)
+    >>> turn = ps.forecast(vessel, posteriors, ps.turning_circle(35), draws=40, duration=900, step=0.5, rng=rng)
+    >>> for row in ps.imo_probabilities(turn, vessel):
+    ...     print(row["criterion"], row["judgement"], row["probability"])
+    advance passes 1.0
+    tactical diameter passes 1.0
     """
     if "indices" not in tree.children:
         return []
@@ -127,6 +143,16 @@ def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:
     list of dict
         ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None where the record does not reach the event);
         empty where no limit applies.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.turning_circle(35), duration=900, step=0.5)
+    >>> for row in ps.imo_criteria(ps.indices(trial), vessel):
+    ...     print(f"{row['criterion']}: {row['value']:.2f} {row['units']}, limit {row['limit']}: {row['passed']}")
+    advance: 3.10 L, limit 4.5: True
+    tactical diameter: 3.56 L, limit 5.0: True
     """
     rows = []
     for name, limit, unit, units in imo_limits(found.attrs, vessel):

@@ -68,6 +68,14 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     References
     ----------
     IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76).
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(10, 10), duration=600, step=0.5)
+    >>> overshoot = ps.indices(trial)["first_overshoot_angle"]
+    >>> print(f"{overshoot:.1f} {overshoot.attrs['units']}")
+    10.1 deg
     """
     kind = manoeuvre or trial.attrs.get("manoeuvre", "")
     families = {"zigzag": (_zigzag, ZIGZAG_INDICES), "turning_circle": (_turning_circle, CIRCLE_INDICES)}

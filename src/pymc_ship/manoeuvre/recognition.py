@@ -70,6 +70,17 @@ def recognise(trials: Sequence[xr.Dataset], vessel: Vessel) -> tuple[list[Manoeu
     ------
     TrialError
         For a trial that lacks a channel.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> (manoeuvre,), steering = ps.recognise([trial], vessel)
+    >>> manoeuvre.kind, manoeuvre.rudder_deg, manoeuvre.heading_deg, manoeuvre.side
+    ('zigzag', 20.0, 20.0, 'port')
+    >>> print(f"{steering.rudder_rate_deg:.2f} deg/s")
+    2.35 deg/s
     """
     for trial in trials:
         check_trial(trial, ("u", "r", "psi", "delta"), uniform=False)

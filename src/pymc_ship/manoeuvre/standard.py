@@ -85,13 +85,27 @@ def zigzag(
     ------
     ManoeuvreError
         For angles that are not positive, an unknown side or a speed that is not positive.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> manoeuvre = ps.zigzag(10, 20, side="starboard")
+    >>> manoeuvre.rudder_deg, manoeuvre.heading_deg, manoeuvre.side
+    (10.0, 20.0, 'starboard')
     """
     _check(side, approach_speed, rudder_deg=rudder_deg, heading_deg=heading_deg)
     return Manoeuvre("zigzag", float(rudder_deg), float(heading_deg), side, approach_speed)
 
 
 def turning_circle(rudder_deg: float = 35.0, *, side: str = "port", approach_speed: float | None = None) -> Manoeuvre:
-    """Turning circle with constant rudder from time 0; parameters and errors as :func:`zigzag`."""
+    """Turning circle with constant rudder from time 0; parameters and errors as :func:`zigzag`.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> ps.turning_circle(35, side="starboard").side
+    'starboard'
+    """
     _check(side, approach_speed, rudder_deg=rudder_deg)
     return Manoeuvre("turning_circle", float(rudder_deg), side=side, approach_speed=approach_speed)
 
@@ -120,6 +134,17 @@ def rudder_programme(
     ------
     ManoeuvreError
         For arrays of different length, values that are not finite or times that do not increase.
+
+    Examples
+    --------
+    A step to 10 deg at 50 s; the ship's steering gear is slower than the programme:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> programme = ps.rudder_programme([0, 50, 51], np.deg2rad([0, 0, 10]))
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), programme, duration=100, step=0.5)
+    >>> print(np.rad2deg(trial["delta"].sel(time=[50, 52, 90]).values).round(1))
+    [ 0.   3.5 10. ]
     """
     time, delta = np.array(time, dtype=float), np.array(delta, dtype=float)
     _check("port", approach_speed)
