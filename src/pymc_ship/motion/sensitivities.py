@@ -324,6 +324,18 @@ def sensitivities(
     ------
     SimulationError
         For an unknown method, arrays of the wrong shape, counts below one or a record shorter than a block.
+
+    Examples
+    --------
+    Derivatives of 5 states at 600 instants by 25 coefficients and the 5 initial states:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=300, step=0.5, method="rk4")
+    >>> start = [vessel.particulars.nominal_speed, 0, 0, 0, 0]
+    >>> motion, jacobian = ps.sensitivities(vessel, trial["delta"].values, start, interval=0.5)
+    >>> motion.shape, jacobian.shape
+    ((5, 600), (5, 600, 30))
     """
     delta, initial = np.ascontiguousarray(delta, dtype=float), np.array(initial_state, dtype=float)
     theta = reference_coefficients(vessel) if coefficients is None else np.array(coefficients, dtype=float)

@@ -292,6 +292,16 @@ def simulate(
     References
     ----------
     Xue et al. (2020), Eq. 1 to 5, doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> turn = ps.simulate(ps.load_vessel("kvlcc2"), ps.turning_circle(35), duration=600, step=0.5, method="rk4")
+    >>> dict(turn.sizes)
+    {'time': 1200}
+    >>> print(f"{turn['u'][-1]:.2f} m/s, {np.rad2deg(turn['r'][-1]):.2f} deg/s")
+    2.34 m/s, -0.30 deg/s
     """
     n_steps, stride = _grid(duration, step, record_interval, method)
     reference = reference_coefficients(vessel)
