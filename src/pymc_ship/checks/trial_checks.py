@@ -69,6 +69,18 @@ def trial_checks(trial: xr.Dataset, vessel: Vessel | None = None) -> tuple[Check
     TrialError
         For NaN, time that does not increase or is not uniform, fewer than 20 samples, none of the channels or values
         beyond 1e12.
+
+    Examples
+    --------
+    A rate gyro that is off by 1e-3 rad/s:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> for check in ps.trial_checks(trial.assign(r=trial["r"] + 1e-3), vessel):
+    ...     if check.verdict == "doubtful":
+    ...         print(f"{check.name}: {check.sentence}")
+    gyro offset: r has an offset of +0.0573 deg/s against psi, 16 deg in 5 L/U; subtract it.
     """
     _check_record(trial)
     trial = trial.drop_vars([name for name in ("p", "phi") if name in trial and name not in present(trial)])
@@ -144,6 +156,14 @@ def check_table(checks: Iterable[Check]) -> xr.Dataset:
     Dataset, dims (check,) and (number,)
         ``verdict``, ``sentence`` and ``mendable`` over the names of the checks; ``value`` and ``unit`` over the
         numbers, with the coordinates ``of`` (name of the check) and ``quantity``.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> table = ps.check_table(ps.trial_checks(trial))
+    >>> table["verdict"].sel(check="rudder sign").item()
+    'good'
     """
     checks = list(checks)
     rows = [(check.name, *number) for check in checks for number in check.numbers]
@@ -196,6 +216,18 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
     ------
     TrialError
         Where a check is bad: wrong units or signs, a track that nothing mends, a sensor that stands still.
+
+    Examples
+    --------
+    A rate gyro that is off by 1e-3 rad/s is set right:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> measured = trial.assign(r=trial["r"] + 1e-3)
+    >>> corrected = ps.corrected_trial(measured, ps.trial_checks(measured, vessel))
+    >>> print(f"{(measured['r'] - corrected['r']).mean():.5f} rad/s")
+    0.00100 rad/s
     """
     checks = list(checks)
     if sentence := failed_checks(checks):
