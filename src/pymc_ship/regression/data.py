@@ -285,6 +285,15 @@ def regression_data(
     References
     ----------
     Xue et al. (2020), Eq. 6 and 21, doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=5.0, derivative="central")
+    >>> data.design_matrix.shape, data.coefficients[:3]
+    ((119, 10), ('N0', 'Nv', 'Nr'))
     """
     from pymc_ship.denoising.derivative import DERIVATIVES
     from pymc_ship.denoising.ebayes import check_choice

@@ -91,6 +91,22 @@ def identify(
         For a trial that cannot be used, an unknown family.
     ValueError
         For an unknown selection, or Bayesian optimisation without ``rng``.
+
+    Examples
+    --------
+    The rudder coefficients of a noisy zigzag:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
+    >>> found = ps.identify(noisy, vessel, families=["conjugate"], interval=None, derivative="weak")
+    >>> for dof, exact in found.exact["conjugate"].items():
+    ...     print(f"{found.data[dof].coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
+    Xgdeltadelta = -0.00145, sd 0.00068
+    Ygdelta = 0.00554, sd 0.00047
+    Ngdelta = -0.00195, sd 0.00002
     """
     if selection not in SELECTIONS or (selection == "bayesian_optimisation" and rng is None):
         raise ValueError(

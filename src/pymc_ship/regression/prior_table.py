@@ -51,6 +51,18 @@ def informed_prior(
     PriorError
         For names the data do not have, means or sds that are not finite, an sd that is not positive, the constant of
         centred columns, or a conjugate prior whose noise variance has no mean (shape <= 1).
+
+    Examples
+    --------
+    A coefficient that is known holds against the data:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> prior = ps.informed_prior(data, ps.SemiConjugatePrior(), {"Nr": (-0.0023, 1e-9)})
+    >>> print(f"{ps.semiconjugate(data, prior).mean[data.coefficients.index('Nr')]:.5f}")
+    -0.00230
     """
     _check_names(table, data.coefficients, PriorError)
     mean, kappa = prior.means(data.n_terms).copy(), prior.kappas(data.n_terms).copy()
@@ -99,6 +111,15 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
     ------
     RegressionDataError
         For names the data do not have, values that are not finite, or when no coefficient is left.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> ps.hold_fixed(data, {"N0": 0.0, "Nr": -0.0023}).coefficients
+    ('Nv', 'Ngv', 'Ngr', 'Nvvv', 'Nvvr', 'Nvrr', 'Nrrr', 'Ngdelta')
     """
     _check_names(values, data.coefficients, RegressionDataError)
     held = {name: _number(value, name, RegressionDataError) for name, value in values.items()}
@@ -146,6 +167,21 @@ def restore_fixed(
     RegressionDataError
         For values that are not finite, coefficients that the posterior has already, or an order that is not one of all
         the coefficients.
+
+    Examples
+    --------
+    A coefficient that was held comes back as a constant:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data, fixed = ps.regression_data(trial, vessel, "yaw", interval=2.0), {"Nr": -0.0023}
+    >>> free = ps.hold_fixed(data, fixed)
+    >>> tree = ps.conjugate_posterior(free, ps.ConjugatePrior(), draws=40, rng=np.random.default_rng(1))
+    >>> whole = ps.restore_fixed(tree, fixed, data.coefficients)
+    >>> print(np.unique(whole["posterior"]["coefficients"].sel(coefficient="Nr")))
+    [-0.0023]
     """
     posterior = tree["posterior"].to_dataset()
     free = [str(name) for name in posterior["coefficient"].values]
@@ -193,6 +229,20 @@ def order_damped_prior(
     ------
     PriorError
         For damping outside (0, 1] or names that are no letter and term.
+
+    Examples
+    --------
+    Prior variances of a linear and of a cubic term:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> prior = ps.order_damped_prior(data, ps.ConjugatePrior(kappa=100.0))
+    >>> for name in ("Nr", "Nvvr"):
+    ...     print(f"{name}: {prior.kappa[data.coefficients.index(name)]:.2f}")
+    Nr: 100.00
+    Nvvr: 0.81
     """
     factor = _number(damping, "damping", PriorError)
     if not 0.0 < factor <= 1.0:
@@ -238,6 +288,15 @@ def sister_ship_table(
         When the vessel has no such DOF.
     PriorError
         When relative_sd or floor is negative or not finite, or an sd would be 0.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> table = ps.sister_ship_table(ps.load_vessel("container"), "yaw", names=["Nv", "Nr"])
+    >>> for name, (mean, sd) in table.items():
+    ...     print(f"{name} = {mean:.5f}, sd {sd:.5f}")
+    Nv = -0.00300, sd 0.00090
+    Nr = -0.00290, sd 0.00087
     """
     reference = vessel.coefficients(dof)
     values = reference.values

@@ -106,6 +106,15 @@ class ConjugatePrior(_Prior):
     References
     ----------
     Xue et al. (2020), Eq. 12; doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    The prior mean of the noise variance, on the scale of the z-scored response:
+
+    >>> import pymc_ship as ps
+    >>> prior = ps.ConjugatePrior(kappa=1e4, shape=3.0, scale=0.1)
+    >>> prior.scale / (prior.shape - 1)
+    0.05
     """
 
     family: ClassVar[str] = "conjugate"
@@ -118,6 +127,12 @@ class SemiConjugatePrior(_Prior):
     References
     ----------
     Xue et al. (2020), Eq. 18; doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> ps.SemiConjugatePrior(kappa=1e4, shape=3.0, scale=0.1)
+    SemiConjugatePrior(mean=0.0, kappa=10000.0, shape=3.0, scale=0.1)
     """
 
     family: ClassVar[str] = "semiconjugate"

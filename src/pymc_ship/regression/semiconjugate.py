@@ -238,6 +238,16 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
     ------
     PriorError
         For a prior of the other family, or vectors of the wrong length.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw")
+    >>> exact = ps.semiconjugate(data, ps.SemiConjugatePrior(kappa=1e4))
+    >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.4f}, sd {exact.sd[-1]:.5f}")
+    Ngdelta = -0.0020, sd 0.00001
     """
     if not isinstance(prior, SemiConjugatePrior):
         raise PriorError(

@@ -130,6 +130,22 @@ def stream_regression(
     RegressionDataError
         For no chunk, chunks of wrong or differing shapes, values that are not finite, duplicate names, fewer rows than
         terms, columns without variation.
+
+    Examples
+    --------
+    Ten chunks of a thousand rows:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> def chunks(rng):
+    ...     for _ in range(10):
+    ...         rows = rng.standard_normal((1000, 2))
+    ...         yield rows, rows @ [2.0, -1.0] + 0.1 * rng.standard_normal(1000)
+    >>> data = ps.stream_regression(chunks(np.random.default_rng(1)), ["a", "b"])
+    >>> data.n_rows
+    10000
+    >>> print(ps.conjugate(data, ps.ConjugatePrior()).mean.round(2))
+    [ 2. -1.]
     """
     if scaling not in ("none", "zscore"):
         raise RegressionDataError(f"The scaling is 'none' or 'zscore', found {scaling!r}; choose one of them.")

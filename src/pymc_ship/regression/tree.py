@@ -191,6 +191,20 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
         For another ending.
     OutputError
         When the folder cannot be written.
+
+    Examples
+    --------
+    A posterior comes back as it was written:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=40, rng=np.random.default_rng(1))
+    >>> path = ps.write_posterior(tree, "yaw.nc")
+    >>> ps.read_posterior(path).identical(tree)
+    True
     """
     path = Path(path)
     if path.suffix not in (".nc", ".zarr"):

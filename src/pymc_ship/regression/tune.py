@@ -177,6 +177,20 @@ def maximise_evidence(
         For an unknown family.
     TuningError
         For a box with other names, or bounds not positive and rising.
+
+    Examples
+    --------
+    The log evidence of the prior found, and of the default prior:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
+    >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
+    >>> prior, log_evidence = ps.maximise_evidence(data, family="conjugate")
+    >>> print(f"{log_evidence:.0f} > {ps.conjugate(data, ps.ConjugatePrior()).log_evidence:.0f}")
+    1369 > 1260
     """
     from scipy.optimize import minimize
 
