@@ -81,6 +81,22 @@ def trajectory_posterior(
     ----------
     Maine & Iliff (1986), NASA RP-1168; Tierney & Kadane (1986), doi:10.1080/01621459.1986.10478240; Vehtari et al.
     (2024), Pareto smoothed importance sampling, JMLR 25(72).
+
+    Examples
+    --------
+    A fit to a noisy zigzag, and a rudder coefficient beside its reference value:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=400, step=0.5, method="rk4")
+    >>> noisy = ps.pollute(trial, level=0.01, rng=rng)
+    >>> tree = ps.trajectory_posterior(noisy, vessel, "sister_ship", draws=200, rng=rng)
+    >>> tree.attrs["noise_model"], tree.attrs["verdict"]
+    ('white', 'the normal approximation can be trusted')
+    >>> draws = tree["posterior"]["coefficients"].sel(coefficient="Ngdelta")
+    >>> print(f"{draws.mean():.5f}, {vessel.coefficients('yaw').sel(coefficient='Ngdelta'):.5f}")
+    -0.00198, -0.00198
     """
     if draws < 1 or chains < 1 or draws % chains:
         raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")

@@ -92,6 +92,17 @@ def coefficient_prior(
     PriorError
         For an unknown kind, a damping outside (0, 1], a relative sd or a table's sd that is not positive, or unknown
         names.
+
+    Examples
+    --------
+    A sister ship's coefficients, but for one that a table states and that no factor tau changes:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> prior = ps.coefficient_prior([trial], vessel, "sister_ship", table={"XT": (0.001, 0.0001)})
+    >>> prior.mean.shape, float(prior.mean[0]), bool(prior.tuned[0])
+    ((25,), 0.001, False)
     """
     if kind not in KINDS or not 0.0 < damping <= 1.0 or not 0.0 < relative_sd < np.inf:
         raise PriorError(
