@@ -151,6 +151,17 @@ def gibbs_posterior(
         For vectors of the wrong length.
     ValueError
         When draws or chains are not positive, or tune is negative.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> tree = ps.gibbs_posterior(data, ps.SemiConjugatePrior(), draws=200, tune=100, rng=np.random.default_rng(1))
+    >>> dict(tree["posterior"]["coefficients"].sizes)
+    {'chain': 4, 'draw': 200, 'coefficient': 10}
     """
     state = rng_state(rng)
     coefficients, noise_variance = gibbs(data, prior, draws=draws, chains=chains, tune=tune, rng=rng)

@@ -83,6 +83,16 @@ def pymc_model(
     Xue et al. (2020), Eq. 12 and 18, doi:10.1016/j.oceaneng.2019.106612; Abril-Pla et al. (2023), PyMC,
     doi:10.7717/peerj-cs.1516; Papaspiliopoulos, Roberts & Skoeld (2007), A general framework for the parametrization
     of hierarchical models, doi:10.1214/088342307000000014.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> model = ps.pymc_model(data, ps.SemiConjugatePrior(), "direct")
+    >>> sorted(variable.name for variable in model.free_RVs)
+    ['scaled_coefficients', 'scaled_noise_variance']
     """
     if parametrisation not in ("whitened", "direct"):
         raise ValueError(f"A parametrisation is whitened or direct, found {parametrisation!r}; choose one of these.")
@@ -225,6 +235,17 @@ def nuts_posterior(
     References
     ----------
     Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> tree = ps.nuts_posterior(data, ps.ConjugatePrior(), draws=200, chains=2, tune=200, rng=rng)
+    >>> tree["sample_stats"]["diverging"].sum().item()
+    0
     """
     sampler = nuts_sampler or ("nutpie" if find_spec("nutpie") else "pymc")
     if sampler not in ("nutpie", "pymc"):
