@@ -28,6 +28,14 @@ def candidate_trials(vessel: Vessel, *, duration: float = 400.0, rng: np.random.
     Returns
     -------
     dict of str to Manoeuvre
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> candidates = ps.candidate_trials(ps.load_vessel("kvlcc2"), rng=np.random.default_rng(1))
+    >>> candidates["zigzag 35/20 port"].heading_deg, len(candidates)
+    (20.0, 9)
     """
     half = 0.5 * vessel.particulars.nominal_speed
     manoeuvres = [

@@ -139,6 +139,21 @@ def design_trials(
     ----------
     Fedorov (1972), Theory of Optimal Experiments; Goodwin & Payne (1977), Dynamic System Identification, ch. 6;
     Chaloner & Verdinelli (1995), doi:10.1214/ss/1177009939, for the average over a posterior.
+
+    Examples
+    --------
+    Which of two runs tells more about coefficients that are known to 30 %:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> mean = np.concatenate([vessel.coefficients(dof) for dof in vessel.dofs])
+    >>> known = mean, np.diag((0.3 * mean) ** 2)
+    >>> runs = [ps.zigzag(10, 10), ps.zigzag(20, 20)]
+    >>> settings = {"level": 0.01, "draws": 2, "duration": 200, "interval": 0.5}
+    >>> plan = ps.design_trials(vessel, known, runs, n=1, rng=np.random.default_rng(1), **settings)
+    >>> plan["chosen"].item()
+    'zigzag 20/20 port'
     """
     if criterion not in CRITERIA or n < 1 or draws < 1:
         raise TrialDesignError(
