@@ -180,6 +180,19 @@ def identify_ship(
         When no term set can be fitted, or all of them run away.
     VesselError, PriorError
         For unknown term sets or priors, or the hull database without a draught.
+
+    Examples
+    --------
+    Two zigzags of a tanker, one term set:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> runs = [ps.simulate(vessel, ps.zigzag(angle, angle), duration=400, step=0.5) for angle in (10, 20)]
+    >>> runs = [ps.pollute(run, level=0.005, rng=rng) for run in runs]
+    >>> ship = ps.identify_ship(runs, vessel, terms=["hull and loading"], draws=100, rng=rng)
+    >>> [(manoeuvre.kind, manoeuvre.rudder_deg) for manoeuvre in ship.manoeuvres]
+    [('zigzag', 10.0), ('zigzag', 20.0)]
     """
     prior = chosen_prior(vessel, prior)
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
