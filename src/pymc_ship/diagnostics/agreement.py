@@ -70,6 +70,20 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     References
     ----------
     Vehtari, Gelman, Simpson, Carpenter & Buerkner (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221.
+
+    Examples
+    --------
+    A Gibbs sampler against the exact posterior:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, prior = ps.load_vessel("kvlcc2"), ps.SemiConjugatePrior()
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> draws = ps.gibbs_posterior(data, prior, draws=500, rng=np.random.default_rng(1))
+    >>> table = ps.agreement(ps.semiconjugate(data, prior), {"gibbs": draws})
+    >>> table["agrees"].sel({"method": "gibbs"}).item()
+    True
     """
     names = _coefficient_names(exact, posteriors)
     exact_values = _exact_values(exact, [*names, "noise_variance"])
