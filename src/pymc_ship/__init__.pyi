@@ -24,9 +24,9 @@ from pymc_ship.machine.workers import MonteCarloError as MonteCarloError
 from pymc_ship.manoeuvre.criteria import imo_criteria as imo_criteria
 from pymc_ship.manoeuvre.criteria import imo_probabilities as imo_probabilities
 from pymc_ship.manoeuvre.indices import indices as indices
+from pymc_ship.manoeuvre.kinds import ManoeuvreError as ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise as recognise
 from pymc_ship.manoeuvre.standard import Manoeuvre as Manoeuvre
-from pymc_ship.manoeuvre.standard import ManoeuvreError as ManoeuvreError
 from pymc_ship.manoeuvre.standard import rudder_programme as rudder_programme
 from pymc_ship.manoeuvre.standard import turning_circle as turning_circle
 from pymc_ship.manoeuvre.standard import zigzag as zigzag

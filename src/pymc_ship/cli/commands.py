@@ -43,7 +43,8 @@ from pymc_ship.cli.texts import (
 )
 from pymc_ship.forecasting.forecast import BANDS, stated_shares
 from pymc_ship.machine.files import staged, writable_folder
-from pymc_ship.manoeuvre.standard import Manoeuvre, ManoeuvreError
+from pymc_ship.manoeuvre.kinds import ManoeuvreError
+from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.trial.record import CHANNELS, UNITS, TrialError
 from pymc_ship.vessel.vessel import Vessel
@@ -71,7 +72,7 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress(f"simulating the {manoeuvre.label}")
     run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
     text = [divergence(run)] if run["diverged"] else []
-    if manoeuvre.kind != "rudder_programme":
+    if manoeuvre.traits.indices:
         found = ps.indices(run)
         text += [index_table(found, {"value": found}), criteria_table(ps.imo_criteria(found, vessel))]
     trial = run.isel(time=np.isfinite(run["psi"].values))
@@ -206,7 +207,8 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
             name = manoeuvre.label.replace(" ", "-").replace("/", "-")
             _write_bands(folder / f"{name}-{ending}.csv", tree, args)
             reference = ps.simulate(vessel, manoeuvre, duration=duration, record_interval=0.5)
-            text.append(forecast_text(tree, {"reference": ps.indices(reference)}))
+            beside = {"reference": ps.indices(reference)} if manoeuvre.traits.indices else {}
+            text.append(forecast_text(tree, beside))
     return "\n\n".join(text), out
 
 
@@ -220,7 +222,7 @@ def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     found = ps.design_trials(vessel, posterior, candidates, args.n, rng=rng, **settings)
     with staged_files(out) as folder:
         for label in np.unique(found["chosen"].values):
-            if (manoeuvre := candidates[label]).kind == "rudder_programme":
+            if (manoeuvre := candidates[label]).time:
                 rows = zip(manoeuvre.time, np.rad2deg(manoeuvre.delta).round(6).tolist(), strict=True)
                 path = folder / f"{label.replace('m/s', 'mps').replace(' ', '-')}.csv"
                 write_csv(path, _PROGRAMME_HEADER, rows, args, remark=label)
@@ -271,8 +273,8 @@ def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:
         if args.side:
             raise ManoeuvreError("A rudder programme has its own sides, found --side; leave it out.")
         return ps.rudder_programme(*_read_programme(args.programme), approach_speed=args.speed)
-    settings = {"side": args.side or "port", "approach_speed": args.speed}
-    return ps.zigzag(*args.zigzag, **settings) if args.zigzag else ps.turning_circle(args.turn, **settings)
+    (manoeuvre,) = requested_manoeuvres(args, (args.side or "port",), approach_speed=args.speed)
+    return manoeuvre
 
 
 def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,8 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.machine.files import OutputError, staged, writable_folder
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.manoeuvre.registry import KINDS
+from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 
 Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str]
@@ -30,10 +31,16 @@ def trial_argument(path: str, args: argparse.Namespace, progress: Progress) -> x
     return trial
 
 
-def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str]) -> list[Manoeuvre]:
-    """Zigzags and turning circles of a command line, each to every side."""
-    found = [ps.zigzag(*angles, side=side) for angles in args.zigzag for side in sides]
-    return found + [ps.turning_circle(rudder, side=side) for rudder in args.turn for side in sides]
+def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str], **settings) -> list[Manoeuvre]:
+    """Manoeuvres whose angles a command line gives, each to every side; with settings such as ``approach_speed``."""
+    found = []
+    for kind in KINDS.values():
+        given = getattr(args, kind.option.replace("-", "_")) if kind.option else []
+        for value in given if isinstance(given, list) else [given]:
+            if value is not None:
+                angles = value if isinstance(value, tuple) else (value,)
+                found += [standard_manoeuvre(kind.name, *angles, side=side, **settings) for side in sides]
+    return found
 
 
 def output_file(path: str) -> Path:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import argparse
 
 from pymc_ship import __version__
-from pymc_ship.cli.words import draws, interval, level, names, seed, zigzag
+from pymc_ship.cli.words import angles, draws, interval, level, names, seed
+from pymc_ship.manoeuvre.registry import KINDS
 
 FAMILIES = ("conjugate", "semiconjugate")
 """Prior families; like the choices below a copy of the API's, so that ``--help`` need not import it."""
@@ -152,8 +153,7 @@ def _add_simulate(commands) -> None:
     command = _command(commands, "simulate", "simulate a trial and print its indices", _SIMULATE_EXAMPLES)
     command.add_argument("vessel", metavar="VESSEL", help="shipped vessel or TOML file")
     manoeuvre = command.add_mutually_exclusive_group(required=True)
-    manoeuvre.add_argument("--zigzag", type=zigzag, metavar="RUDDER/HEADING", help="zigzag test [deg], such as 20/20")
-    manoeuvre.add_argument("--turn", type=float, metavar="RUDDER", help="turning circle [deg], such as 35")
+    _add_manoeuvres(manoeuvre, "{0.title} [deg], such as {0.example}")
     manoeuvre.add_argument("--programme", metavar="FILE", help="rudder programme: CSV with the header time,delta_deg")
     command.add_argument("--side", choices=SIDES, help="side turned to first by a zigzag or a circle (port)")
     command.add_argument("--speed", type=float, help="approach speed [m/s] (the vessel's nominal speed)")
@@ -164,6 +164,14 @@ def _add_simulate(commands) -> None:
         "--noise", type=level, help="noise level: sd over peak of sway, 0.3 of it elsewhere, or `literal` (none)"
     )
     command.add_argument("--out", required=True, help="CSV file of the trial")
+
+
+def _add_manoeuvres(command, text: str, **settings) -> None:
+    """Option of each kind of manoeuvre that has one."""
+    for kind in KINDS.values():
+        if kind.option:
+            words = {"type": angles(kind), "metavar": kind.metavar, "help": text.format(kind)}
+            command.add_argument(f"--{kind.option}", **words, **settings)
 
 
 def _add_check(commands) -> None:
@@ -285,12 +293,7 @@ def _add_forecast(commands) -> None:
     command.add_argument(
         "--vessel", help="shipped vessel or TOML file: the reference ship (an identified one: herself)"
     )
-    command.add_argument(
-        "--zigzag", type=zigzag, action="append", default=[], metavar="RUDDER/HEADING", help="zigzag [deg]; repeatable"
-    )
-    command.add_argument(
-        "--turn", type=float, action="append", default=[], metavar="RUDDER", help="turning circle [deg]; repeatable"
-    )
+    _add_manoeuvres(command, "{0.words} [deg]; repeatable", action="append", default=[])
     command.add_argument(
         "--family", choices=FAMILIES, default="conjugate", help="prior family, of a folder of `regress` (%(default)s)"
     )

@@ -135,10 +135,11 @@ def montecarlo_text(rows: list[dict], most: int = 60) -> str:
 
 def forecast_text(tree: xr.DataTree, beside: Mapping[str, xr.Dataset]) -> str:
     """Median and band of each index and what stands beside them, between shares of the forecast and extrapolation."""
-    bands = tree["index_bands"].to_dataset()
-    columns = {band: bands.sel(band=band) for band in BANDS}
-    title = f"{tree.attrs['label']}: {stated_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"
-    return f"{title}\n{index_table(bands, {**beside, **columns})}\n{tree.attrs['extrapolation']}"
+    lines = [f"{tree.attrs['label']}: {stated_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]
+    if "index_bands" in tree.children:
+        bands = tree["index_bands"].to_dataset()
+        lines.append(index_table(bands, {**beside, **{band: bands.sel(band=band) for band in BANDS}}))
+    return "\n".join([*lines, tree.attrs["extrapolation"]])
 
 
 def probability_text(rows: Iterable[Mapping]) -> str:

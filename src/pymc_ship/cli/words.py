@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+
+from pymc_ship.manoeuvre.kinds import ManoeuvreKind
 
 
 def seed(text: str) -> int:
@@ -19,13 +22,21 @@ def draws(text: str) -> int:
     return int(text)
 
 
-def zigzag(text: str) -> tuple[float, float]:
-    """Rudder angle and heading [deg]."""
-    try:
-        rudder, heading = (float(angle) for angle in text.split("/"))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"a zigzag is RUDDER/HEADING in deg such as 20/20, found {text!r}") from None
-    return rudder, heading
+def angles(kind: ManoeuvreKind) -> Callable[[str], float | tuple[float, ...]]:
+    """Reader of the angles of a kind of manoeuvre [deg]: one number, or several between slashes."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(angle) for angle in text.split("/"))
+        except ValueError:
+            values = ()
+        if len(values) != len(kind.angles):
+            raise argparse.ArgumentTypeError(
+                f"a {kind.words} is {kind.metavar} in deg such as {kind.example}, found {text!r}"
+            )
+        return values
+
+    return float if len(kind.angles) == 1 else read
 
 
 def names(text: str) -> tuple[str, ...]:

@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from pymc_ship.manoeuvre.standard import SIDES, Manoeuvre
+from pymc_ship.manoeuvre.kinds import SIDES
+from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.sensitivities import sensitivities
 from pymc_ship.motion.simulation import replay, simulate
 from pymc_ship.vessel.vessel import Vessel
@@ -75,14 +76,12 @@ def closed_loop_sensitivities(
 
 
 def _reversals(psi: np.ndarray, manoeuvre: Manoeuvre) -> list[int]:
-    """Samples at which the rudder of a zigzag is reversed."""
+    """Samples at which the rudder is moved because of the heading."""
     found: list[int] = []
+    heading, factor = manoeuvre.switch
     direction, begin = SIDES[manoeuvre.side], 0
-    while manoeuvre.kind == "zigzag":
-        reached = direction * psi[begin:] >= np.deg2rad(manoeuvre.heading_deg)
-        if not reached.any():
-            break
+    while (reached := direction * psi[begin:] >= heading).any():
         begin += int(np.argmax(reached))
         found.append(begin)
-        direction = -direction
+        direction *= factor
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from urllib.parse import quote
 
@@ -13,7 +13,9 @@ from pymc_ship import __version__
 from pymc_ship.experiments.task import METHODS, Task
 from pymc_ship.machine.toml import toml_table
 from pymc_ship.machine.workers import MonteCarloError
-from pymc_ship.manoeuvre.standard import SIDES, Manoeuvre, ManoeuvreError, turning_circle, zigzag
+from pymc_ship.manoeuvre.kinds import ManoeuvreError
+from pymc_ship.manoeuvre.registry import KINDS
+from pymc_ship.manoeuvre.standard import Manoeuvre, written_manoeuvre
 from pymc_ship.trial.noise import NOISES, RECORD_STEP
 from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
 
@@ -22,7 +24,6 @@ PART_SEEDS = 1000
 
 _KEYS = ("title", "ships", "manoeuvres", "methods", "seeds", "root_seed", "duration", "noise")
 _OPTIONAL = ("title", "duration")
-_KINDS = {"zigzag": zigzag, "turning circle": turning_circle}
 _LISTS = ("ships", "manoeuvres", "methods")
 
 
@@ -105,17 +106,23 @@ class Grid:
 
     def record(self) -> dict:
         """What the results depend on, as it is kept beside them."""
-        digests = {name: hashlib.sha256(repr(ship).encode()).hexdigest() for name, ship in self.ships.items()}
+        digests = {name: hashlib.sha256(_in_full(ship).encode()).hexdigest() for name, ship in self.ships.items()}
         return {
             "version": __version__,
             "root_seed": self.root_seed,
             "duration": self.duration,
             "seeds": self.seeds,
             "ships": digests,
-            "manoeuvres": {label: repr(manoeuvre) for label, manoeuvre in self.manoeuvres.items()},
+            "manoeuvres": {label: _in_full(manoeuvre) for label, manoeuvre in self.manoeuvres.items()},
             "noise": {kind: list(levels) for kind, levels in self.noise.items()},
             "methods": list(self.methods),
         }
+
+
+def _in_full(value: Vessel | Manoeuvre) -> str:
+    """Every attribute of a value in one line; its own text leaves most of them out."""
+    attributes = ", ".join(f"{field.name}={getattr(value, field.name)!r}" for field in fields(value))
+    return f"{type(value).__name__}({attributes})"
 
 
 def difference(old: Mapping, new: Mapping) -> str:
@@ -247,26 +254,14 @@ def _manoeuvres(texts: Sequence[str], where: str) -> dict[str, Manoeuvre]:
     found = {}
     for text in texts:
         try:
-            manoeuvre = _manoeuvre(text)
+            manoeuvre = written_manoeuvre(text)
         except ManoeuvreError as error:
             raise MonteCarloError(f"{where}: manoeuvres cannot have {text!r}: {error}") from None
-        except ValueError:
+        if manoeuvre is None:
+            examples = ", ".join(f"'{kind.words} {kind.example}'" for kind in KINDS.values() if kind.angles)
             raise MonteCarloError(
-                f"{where}: a manoeuvre is 'zigzag 20/20', 'turning circle 35' or one of them with its side, found "
-                f"{text!r}; write it so."
-            ) from None
+                f"{where}: a manoeuvre is {examples} or one of them with its side, found {text!r}; write it so."
+            )
         _once([*found, manoeuvre.label], where, "manoeuvres")
         found[manoeuvre.label] = manoeuvre
     return found
-
-
-def _manoeuvre(text: str) -> Manoeuvre:
-    """Manoeuvre of a label such as ``zigzag 20/20 port``; the side may be left out."""
-    words = text.split()
-    side = words.pop() if words and words[-1] in SIDES else "port"
-    *kind, angles = words or [""]
-    build = _KINDS.get(" ".join(kind))
-    numbers = [float(angle) for angle in angles.split("/")]
-    if build is None or len(numbers) != (2 if build is zigzag else 1):
-        raise ValueError(text)
-    return build(*numbers, side=side)

@@ -15,8 +15,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from numba import njit
+
+
+class PropellerConstants(NamedTuple):
+    """What :func:`loading` knows of a propeller: advance ratio at the nominal speed, K_T polynomial, eta and kappa.
+
+    All zero where a ship has no propeller.
+    """
+
+    J: float = 0.0
+    k_0: float = 0.0
+    k_1: float = 0.0
+    k_2: float = 0.0
+    eta: float = 0.0
+    kappa: float = 0.0
+
 
 _SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy"}
 
@@ -38,10 +54,10 @@ class Propeller:
     eta: float
     kappa: float
 
-    def constants(self, nominal_speed: float) -> tuple[float, ...]:
-        """Constants of :func:`loading`: J at the nominal speed, k_0, k_1, k_2, eta, kappa."""
+    def constants(self, nominal_speed: float) -> PropellerConstants:
+        """Constants of :func:`loading`."""
         J = (1.0 - self.wake_fraction) * nominal_speed / (self.n * self.D)
-        return J, self.k_0, self.k_1, self.k_2, self.eta, self.kappa
+        return PropellerConstants(J, self.k_0, self.k_1, self.k_2, self.eta, self.kappa)
 
 
 @njit(**_SETTINGS)
@@ -57,13 +73,13 @@ def _inflow(load, eta, kappa):
 def loading(u_a, constants):
     """Propeller loading at a relative speed: g, T and their derivatives by u_a.
 
-    ``constants`` is J_nom, k_0, k_1, k_2, eta, kappa as in :meth:`Propeller.constants`.
+    ``constants`` are those of :meth:`Propeller.constants`.
     """
-    J_nom, k_0, k_1, k_2, eta, kappa = constants
+    J_nom, k_0, k_1, k_2 = constants.J, constants.k_0, constants.k_1, constants.k_2
     a = 1.0 - u_a
     thrust = k_0 * a * a / (J_nom * J_nom) + k_1 * a / J_nom + k_2
     slope = -(2.0 * k_0 * a / (J_nom * J_nom) + k_1 / J_nom)
     nominal = k_0 / (J_nom * J_nom) + k_1 / J_nom + k_2
-    inflow, inflow_slope = _inflow(8.0 / math.pi * thrust, eta, kappa)
-    unit, _ = _inflow(8.0 / math.pi * nominal, eta, kappa)
+    inflow, inflow_slope = _inflow(8.0 / math.pi * thrust, constants.eta, constants.kappa)
+    unit, _ = _inflow(8.0 / math.pi * nominal, constants.eta, constants.kappa)
     return inflow / unit, thrust / nominal - 1.0, inflow_slope * 8.0 / math.pi * slope / unit, slope / nominal

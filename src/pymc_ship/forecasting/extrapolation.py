@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -41,6 +42,17 @@ _NAMED = 3
 """Departures that a sentence names at most."""
 _VISIBLE = 0.005
 """Departure from a symbol's range, in units of it, that a sentence names."""
+
+
+class _Direction(NamedTuple):
+    """Unit vector among the symbols."""
+
+    u: float
+    v: float
+    r: float
+    p: float
+    phi: float
+    delta: float
 
 
 def extrapolation(vessel: Vessel, ships: xr.Dataset, motion: xr.DataArray) -> xr.Dataset:
@@ -201,9 +213,10 @@ def _fill_distances(points, directions, limits, distance):
     for begin in range(0, distance.size, _BLOCK):
         end = min(begin + _BLOCK, distance.size)
         for k in range(len(directions)):
-            a, b, c, d, e, f = directions[k]
+            unit = directions[k]
+            way = _Direction(unit[0], unit[1], unit[2], unit[3], unit[4], unit[5])
             low, high = limits[0, k], limits[1, k]
             for i in range(begin, end):
-                support = a * points[0, i] + b * points[1, i] + c * points[2, i]
-                support += d * points[3, i] + e * points[4, i] + f * points[5, i]
+                support = way.u * points[0, i] + way.v * points[1, i] + way.r * points[2, i]
+                support += way.p * points[3, i] + way.phi * points[4, i] + way.delta * points[5, i]
                 distance[i] = max(distance[i], max(support - high, low - support))

@@ -8,8 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymc_ship.forecasting.track import median_ship, track
+from pymc_ship.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.manoeuvre.measured import aligned
-from pymc_ship.manoeuvre.standard import SIDES
+from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.pages.drawing import COLOURS, REFERENCE, styled, subplots
 from pymc_ship.trial.record import UNITS
 from pymc_ship.vessel.vessel import Vessel
@@ -53,14 +54,15 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
     Returns
     -------
     Figure
-        A zigzag has both on one axis, the switching headings dashed and the peaks of the overshoots marked: the
-        forecast's overshoot angle with its interval at the peak of the median ship, and the measured peak.
+        A manoeuvre that swings, such as a zigzag, has both on one axis, the switching headings dashed and the peaks of
+        the overshoots marked: the forecast's overshoot angle with its interval at the peak of the median ship, and the
+        measured peak.
     """
-    zigzag = tree.attrs["manoeuvre"] == "zigzag"
+    swings = kind_named(tree.attrs["manoeuvre"]).swings
     trial = None if measured is None else aligned(measured, tree.attrs["rudder_deg"])
-    fig, axes = subplots(8.0, 4.2 if zigzag else 4.6, 1 if zigzag else 2, 1, sharex=True)
+    fig, axes = subplots(8.0, 4.2 if swings else 4.6, 1 if swings else 2, 1, sharex=True)
     upper, lower = axes[0, 0], axes[-1, 0]
-    if zigzag:
+    if swings:
         _panel(upper, tree, "psi", trial, mark="heading: ")
         _panel(upper, tree, "delta", trial, colour=_RUST, mark="rudder: ")
         _overshoots(upper, tree, trial)
@@ -107,9 +109,8 @@ def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
         ax.axhline(level, color=REFERENCE, lw=0.7, ls="--", label=label)
     ship = tree["trajectories"].to_dataset().isel(draw=median_ship(tree))
     sign, bands = SIDES[side], tree["index_bands"].to_dataset()
-    names = ("first", "second", "third")
-    for k, (name, (when, _)) in enumerate(zip(names, overshoot_peaks(ship, heading, side), strict=False)):
-        values = bands[f"{name}_overshoot_angle"]
+    for k, (name, (when, _)) in enumerate(zip(OVERSHOOTS, overshoot_peaks(ship, heading, side), strict=False)):
+        values = bands[name]
         lower, median, upper = (heading + float(values.sel(band=band)) for band in ("lower", "median", "upper"))
         error = np.array([[median - lower], [upper - median]])[:: int(sign)]
         label = "overshoot with its interval" if k == 0 else None

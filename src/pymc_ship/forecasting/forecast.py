@@ -58,7 +58,7 @@ def forecast(
     -------
     DataTree
         ``trajectories`` (dims draw, time: the simulated ships with ``diverged`` and ``diverged_at``), ``bands`` (dims
-        band, time) and, for a zigzag or a turning circle, ``indices`` (dims draw) and ``index_bands`` (dims band).
+        band, time) and, for a manoeuvre that has indices, ``indices`` (dims draw) and ``index_bands`` (dims band).
         Bands are quantiles of the ships still running at that instant; attrs tell the ``share_diverged``. ``bands``
         hold the uncertainty of the coefficients alone; ``measured_bands``, there where a noise is known, that of what
         the sensors would read on top of it. ``extrapolation``, there where the posterior holds the motion it was fitted
@@ -144,7 +144,7 @@ def pooled_forecast(
     groups = {"trajectories": ships, "bands": _bands(ships[list(CHANNELS)], ci_prob)}
     if noise:
         groups["measured_bands"] = _bands(_measured(ships, noise, rng), ci_prob)
-    if manoeuvre.kind in ("zigzag", "turning_circle"):
+    if manoeuvre.traits.indices:
         groups["indices"] = with_model_error(indices(ships), errors or {}, vessel, rng)
         groups["index_bands"] = _bands(groups["indices"], ci_prob)
     attrs = {

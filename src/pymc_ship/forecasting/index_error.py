@@ -13,14 +13,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.manoeuvre.indices import CIRCLE_INDICES, ZIGZAG_INDICES
+from pymc_ship.manoeuvre.kinds import ERRING
+from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.vessel.vessel import Vessel
 
-KINDS = ("angle", "time", "distance")
-"""Kinds of indices that carry a model error; where none of a kind was held out, that of the kind before it counts."""
-
 _HALVINGS = 60
-KIND_OF = ZIGZAG_INDICES | CIRCLE_INDICES
 
 
 def robust_sd(values: np.ndarray) -> float:
@@ -31,10 +28,10 @@ def robust_sd(values: np.ndarray) -> float:
     return float(0.5 * (high - low))
 
 
-def index_scale(name: str, value, heading_deg: float, vessel: Vessel):
-    """What an error of an index is measured in."""
+def index_scale(quantity: str, value, heading_deg: float, vessel: Vessel):
+    """What an error of an index of a quantity is measured in."""
     s = vessel.particulars
-    return {"angle": heading_deg + value, "time": s.ship_time, "distance": s.L}[KIND_OF[name]]
+    return {"angle": heading_deg + value, "time": s.ship_time, "distance": s.L}[quantity]
 
 
 def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
@@ -49,10 +46,11 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
     -------
     dict of str to float
         Of overshoot angles over the swing, of times in L/U, of distances in L; empty without rows, 0 where the draws
-        explain the errors.
+        explain the errors. Without a held-out index of a kind, the error of the previous kind in this order is used (0
+        for the first).
     """
     found: dict[str, float] = {}
-    for kind in KINDS if rows else ():
+    for kind in ERRING if rows else ():
         mine = [row for row in rows if row["kind"] == kind]
         square = np.array([((row["measured"] - row["forecast"]) / row["scale"]) ** 2 for row in mine])
         known = np.array([(row["parameter_sd"] ** 2 + row["model_sd"] ** 2) / row["scale"] ** 2 for row in mine])
@@ -98,13 +96,13 @@ def with_model_error(
     -------
     Dataset, dims (draw,)
     """
-    heading_deg = found.attrs.get("heading_deg", 0.0)
+    heading_deg, table = found.attrs.get("heading_deg", 0.0), kind_named(found.attrs["manoeuvre"]).indices
 
     def widened(variable: xr.DataArray) -> xr.DataArray:
-        name = str(variable.name)
-        if KIND_OF[name] not in errors or (KIND_OF[name] == "angle" and not name.endswith("overshoot_angle")):
+        quantity = table[variable.name].quantity
+        if quantity not in errors:
             return variable
-        size = errors[KIND_OF[name]] * index_scale(name, variable, heading_deg, vessel)
+        size = errors[quantity] * index_scale(quantity, variable, heading_deg, vessel)
         return variable + size * rng.standard_normal(variable.shape)
 
     return found.map(widened, keep_attrs=True)

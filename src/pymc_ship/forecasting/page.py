@@ -16,6 +16,7 @@ from pymc_ship.forecasting.force_curves import force_curves
 from pymc_ship.machine.files import staged, writable_folder, write_rows
 from pymc_ship.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
 from pymc_ship.manoeuvre.measured import measured_indices
+from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import rendered
 from pymc_ship.pages.tables import Table, fixed, number, table
@@ -35,7 +36,7 @@ _CAPTIONS = {
     "heading_and_rudder": "Heading and rudder; a positive rudder angle turns to port.",
     "motion": "Velocities, rates, roll and rudder.",
 }
-_ZIGZAG = (
+_SWINGS = (
     " Bands and medians are those of each instant, so that the median of ships which turn at different instants is "
     "flatter than any of them; the marks are the overshoots themselves."
 )
@@ -195,7 +196,7 @@ def _slugs(names: Iterable[str]) -> list[str]:
 
 def _section(slug: str, name: str, tree: xr.DataTree, rows: list[dict], verdicts: list[str]) -> dict:
     """What the template shows of one manoeuvre."""
-    manoeuvre = tree.attrs["manoeuvre"]
+    swings = kind_named(tree.attrs["manoeuvre"]).swings
     return {
         "id": slug,
         "name": _capital(name),
@@ -205,7 +206,7 @@ def _section(slug: str, name: str, tree: xr.DataTree, rows: list[dict], verdicts
         "verdicts": [_capital(sentence) for sentence in verdicts],
         "table": index_table(rows, tree.attrs["ci_prob"]) if rows else None,
         "captions": {
-            f"{slug}_{kind}": caption + (_ZIGZAG if (kind, manoeuvre) == ("heading_and_rudder", "zigzag") else "")
+            f"{slug}_{kind}": caption + (_SWINGS if kind == "heading_and_rudder" and swings else "")
             for kind, caption in _CAPTIONS.items()
         },
     }

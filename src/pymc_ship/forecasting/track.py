@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.kinds import SIDES
 from pymc_ship.manoeuvre.measured import aligned, measured_indices
-from pymc_ship.manoeuvre.standard import SIDES
+from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.pages.drawing import COLOURS, REFERENCE, styled, subplots
 from pymc_ship.vessel.vessel import Vessel
 
@@ -127,11 +128,11 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     Returns
     -------
     Figure
-        Thin tracks of up to :data:`N_TRACKS` ships, the median ship and the trial. A turning circle shows its first
-        round, the points at 90 and 180 deg and the dimensions made there. Ahead is up and starboard right; a track
-        more than 2.5 times as long as wide, such as a zigzag's, has ahead to the right and starboard down.
+        Thin tracks of up to :data:`N_TRACKS` ships, the median ship and the trial. A manoeuvre that circles shows
+        its first round, the points at 90 and 180 deg and the dimensions made there. Ahead is up and starboard right; a
+        track more than 2.5 times as long as wide, such as a zigzag's, has ahead to the right and starboard down.
     """
-    turning = tree.attrs["manoeuvre"] == "turning_circle"
+    turning = kind_named(tree.attrs["manoeuvre"]).circles
     most = _SHOWN_TURN if turning else np.inf
     ships = tree["trajectories"].to_dataset()
     drawn = [_until(ships.isel(draw=k), most) for k in _some(ships, median_ship(tree))]

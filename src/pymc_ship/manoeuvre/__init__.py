@@ -1,8 +1,14 @@
 """What is steered, its indices and IMO criteria, and how a record of it is recognised.
 
+- `kinds`: what the manoeuvres of one kind have in common, as one value.
+- `zigzags`: the zigzag test as such a value, with its indices, limits and recognition.
+- `turning_circles`: the turning circle likewise.
+- `registry`: the known kinds by name, where a new one is registered.
 - `standard`: zigzag, turning circle and free rudder programme as values.
+- `events`: headings reached, peaks, distances and the steady turn of one run.
 - `indices`: overshoots, advance, transfer and the like of a record.
 - `criteria`: IMO MSC.137(76): limits and verdicts, with probabilities for draws.
+- `helm`: execution, held angles and reversals of a rudder.
 - `recognition`: which manoeuvre a record holds, and its steering gear.
 - `measured`: a measured manoeuvre beside a forecast one.
 """

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
+from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.vessel.vessel import Vessel
 
 SURE = 0.95
@@ -116,16 +117,8 @@ def imo_limits(attrs: Mapping, vessel: Vessel) -> list[tuple[str, float, float, 
     """
     L = vessel.particulars.L
     ratio = L / attrs.get("approach_speed", vessel.particulars.nominal_speed)
-    angles = (attrs.get("rudder_deg"), attrs.get("heading_deg"))
-    if attrs["manoeuvre"] == "turning_circle" and attrs.get("rudder_deg", 35.0) >= 35.0:
-        return [("advance", 4.5, L, "L"), ("tactical_diameter", 5.0, L, "L")]
-    if angles == (10.0, 10.0):
-        return [
-            ("first_overshoot_angle", float(np.clip(5.0 + 0.5 * ratio, 10.0, 20.0)), 1.0, "deg"),
-            ("second_overshoot_angle", float(np.clip(17.5 + 0.75 * ratio, 25.0, 40.0)), 1.0, "deg"),
-            ("initial_turning_distance", 2.5, L, "L"),
-        ]
-    return [("first_overshoot_angle", 25.0, 1.0, "deg")] if angles == (20.0, 20.0) else []
+    limits = kind_named(attrs["manoeuvre"]).limits(attrs, ratio)
+    return [(name, limit, L if units == "L" else 1.0, units) for name, limit, units in limits]
 
 
 def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:

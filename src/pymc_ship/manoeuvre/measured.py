@@ -1,4 +1,4 @@
-"""A measured zigzag or turning circle beside its forecast: begun where the forecast begins, and its indices."""
+"""A measured manoeuvre beside its forecast: begun where the forecast begins, and its indices."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.denoising.denoise import MIN_LENGTH, denoise
+from pymc_ship.manoeuvre.helm import base_course
 from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.recognition import base_course
+from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.trial.record import CHANNELS, UNITS, is_uniform
 
 _STILL = 0.05
@@ -110,10 +111,8 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
         has |= {"u", "v"} if {"x", "y"} <= has else set()
     channels.setdefault("phi", np.zeros(time.size))
     found = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, dict(attrs)))
-    return {
-        str(name): float(value) if _needs(str(name), value.attrs["units"]) <= has else np.nan
-        for name, value in found.data_vars.items()
-    }
+    table = kind_named(attrs["manoeuvre"]).indices
+    return {name: float(found[name]) if has.issuperset(index.needs) else np.nan for name, index in table.items()}
 
 
 def _smooth(measured: xr.Dataset) -> xr.Dataset:
@@ -123,12 +122,3 @@ def _smooth(measured: xr.Dataset) -> xr.Dataset:
         return measured
     unwrapped = {"psi": ("time", np.unwrap(measured["psi"].values))} if "psi" in names else {}
     return denoise(measured.assign(unwrapped), channels=names)
-
-
-def _needs(name: str, units: str) -> set[str]:
-    """Channels that an index cannot do without."""
-    if name == "maximum_roll_angle":
-        return {"phi"}
-    if name in ("steady_turning_diameter", "steady_drift_angle") or units == "m/s":
-        return {"psi", "u", "v"}
-    return {"psi", "x", "y"} if units == "m" else {"psi"}

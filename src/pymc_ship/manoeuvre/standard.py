@@ -9,12 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SIDES = {"starboard": 1.0, "port": -1.0}
-"""Sign of the heading change towards each side."""
-
-
-class ManoeuvreError(ValueError):
-    """A manoeuvre that no ship can run."""
+from pymc_ship.manoeuvre.kinds import SIDES, ManoeuvreError, ManoeuvreKind
+from pymc_ship.manoeuvre.registry import KINDS, kind_named
 
 
 @dataclass(frozen=True)
@@ -23,7 +19,8 @@ class Manoeuvre:
 
     Attributes
     ----------
-    kind : {"zigzag", "turning_circle", "rudder_programme"}
+    kind : str
+        Name of a kind that is registered: ``zigzag``, ``turning_circle``, ``rudder_programme``.
     rudder_deg, heading_deg : float
         Rudder angle and switching heading [deg], magnitudes.
     side : {"starboard", "port"}
@@ -45,22 +42,97 @@ class Manoeuvre:
     delta: tuple[float, ...] = ()
     rate_limited: bool = True
 
+    def __post_init__(self):
+        kind_named(self.kind)
+
+    def __repr__(self) -> str:
+        details = [f"from {self.approach_speed:g} m/s"] if self.approach_speed is not None else []
+        if self.time:
+            low, high = np.rad2deg([min(self.delta), max(self.delta)])
+            details.append(f"{len(self.time)} angles of {low:.3g} to {high:.3g} deg up to {self.time[-1]:g} s")
+        details += [] if self.rate_limited else ["which the rudder follows exactly"]
+        return f"<Manoeuvre: {', '.join([self.label, *details])}>"
+
+    @property
+    def traits(self) -> ManoeuvreKind:
+        """What all manoeuvres of this kind have in common: indices, limits, figures, reach."""
+        return kind_named(self.kind)
+
     @property
     def label(self) -> str:
         """Short name: ``zigzag 20/20 starboard``, ``turning circle 35 port``."""
-        name = self.kind.replace("_", " ")
-        angles = {"zigzag": f" {self.rudder_deg:g}/{self.heading_deg:g} {self.side}"}
-        return name + angles.get(self.kind, f" {self.rudder_deg:g} {self.side}" if self.rudder_deg else "")
+        angles = "/".join(f"{getattr(self, name):g}" for name in self.traits.angles)
+        return f"{self.traits.words} {angles} {self.side}" if angles else self.traits.words
+
+    @property
+    def attrs(self) -> dict[str, object]:
+        """What a record of the manoeuvre says of it: kind, angles [deg] and side, as indices need them."""
+        return {
+            "manoeuvre": self.kind,
+            "rudder_deg": self.rudder_deg,
+            "heading_deg": self.heading_deg,
+            "side": self.side,
+        }
+
+    @property
+    def switch(self) -> tuple[float, float]:
+        """Change of heading [rad] at which the rudder angle is multiplied, infinite for never, and the factor."""
+        factor = self.traits.reversal
+        return (np.inf, 1.0) if factor is None else (np.deg2rad(self.heading_deg), float(factor))
+
+    def command(self, time: np.ndarray) -> np.ndarray:
+        """Rudder angle [rad] that is ordered at the given times [s], as far as no heading has been reached."""
+        if self.time:
+            return np.interp(time, self.time, self.delta)
+        return np.full(np.shape(time), -SIDES[self.side] * np.deg2rad(self.rudder_deg))
 
 
-def manoeuvre_attrs(manoeuvre: Manoeuvre) -> dict[str, object]:
-    """What a record of a manoeuvre says of it: kind, angles [deg] and side, as indices need them."""
-    return {
-        "manoeuvre": manoeuvre.kind,
-        "rudder_deg": manoeuvre.rudder_deg,
-        "heading_deg": manoeuvre.heading_deg,
-        "side": manoeuvre.side,
-    }
+def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_speed: float | None = None) -> Manoeuvre:
+    """Manoeuvre of any kind that is written with angles.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the kind.
+    *angles : float
+        Magnitudes [deg], those of :attr:`pymc_ship.manoeuvre.kinds.ManoeuvreKind.angles` in order.
+    side : {"port", "starboard"}, optional
+        Side turned to first; port is the side of the positive rudder angle.
+    approach_speed : float, optional
+        [m/s]; the vessel's nominal speed by default.
+
+    Returns
+    -------
+    Manoeuvre
+
+    Raises
+    ------
+    ManoeuvreError
+        For an unknown kind, another number of angles, angles that are not positive, an unknown side or a speed that is
+        not positive.
+    """
+    names = kind_named(kind).angles
+    if not names or len(angles) != len(names):
+        wanted = " and ".join(names) or "its own constructor"
+        raise ManoeuvreError(f"A {kind} is made with {wanted}, found {len(angles)} angles; correct it.")
+    given = dict(zip(names, angles, strict=True))
+    _check(side, approach_speed, **given)
+    return Manoeuvre(kind, side=side, approach_speed=approach_speed, **{k: float(angle) for k, angle in given.items()})
+
+
+def written_manoeuvre(text: str) -> Manoeuvre | None:
+    """Manoeuvre of a label such as ``zigzag 20/20 port``, whose side may be left out; None for other words."""
+    words = text.split()
+    side = words.pop() if words and words[-1] in SIDES else "port"
+    *name, angles = words or [""]
+    kind = KINDS.get("_".join(name))
+    try:
+        numbers = [float(angle) for angle in angles.split("/")]
+    except ValueError:
+        return None
+    if kind is None or len(numbers) != len(kind.angles):
+        return None
+    return standard_manoeuvre(kind.name, *numbers, side=side)
 
 
 def zigzag(
@@ -93,8 +165,7 @@ def zigzag(
     >>> manoeuvre.rudder_deg, manoeuvre.heading_deg, manoeuvre.side
     (10.0, 20.0, 'starboard')
     """
-    _check(side, approach_speed, rudder_deg=rudder_deg, heading_deg=heading_deg)
-    return Manoeuvre("zigzag", float(rudder_deg), float(heading_deg), side, approach_speed)
+    return standard_manoeuvre("zigzag", rudder_deg, heading_deg, side=side, approach_speed=approach_speed)
 
 
 def turning_circle(rudder_deg: float = 35.0, *, side: str = "port", approach_speed: float | None = None) -> Manoeuvre:
@@ -106,8 +177,7 @@ def turning_circle(rudder_deg: float = 35.0, *, side: str = "port", approach_spe
     >>> ps.turning_circle(35, side="starboard").side
     'starboard'
     """
-    _check(side, approach_speed, rudder_deg=rudder_deg)
-    return Manoeuvre("turning_circle", float(rudder_deg), side=side, approach_speed=approach_speed)
+    return standard_manoeuvre("turning_circle", rudder_deg, side=side, approach_speed=approach_speed)
 
 
 def rudder_programme(
@@ -156,13 +226,6 @@ def rudder_programme(
         raise ManoeuvreError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
     programme = {"time": tuple(time.tolist()), "delta": tuple(delta.tolist()), "rate_limited": rate_limited}
     return Manoeuvre("rudder_programme", approach_speed=approach_speed, **programme)
-
-
-def rudder_command(manoeuvre: Manoeuvre, time: np.ndarray) -> np.ndarray:
-    """Commanded rudder angle [rad] at the given times [s]; for a zigzag, the first command throughout."""
-    if manoeuvre.kind == "rudder_programme":
-        return np.interp(time, manoeuvre.time, manoeuvre.delta)
-    return np.full(np.shape(time), -SIDES[manoeuvre.side] * np.deg2rad(manoeuvre.rudder_deg))
 
 
 def _check(side: str, approach_speed: float | None, **angles: float) -> None:

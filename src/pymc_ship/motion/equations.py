@@ -19,7 +19,7 @@ from pymc_ship.forces.prime_system import (
     relative_speed,
     righting_moment,
 )
-from pymc_ship.forces.propeller import loading
+from pymc_ship.forces.propeller import PropellerConstants, loading
 from pymc_ship.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_products, plan
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
@@ -76,7 +76,7 @@ def prime_motion(state, delta, hull, work, speed):
 @njit(**INLINED)
 def propeller_constants(hull):
     """Constants of the propeller among those of the hull."""
-    return hull[8], hull[9], hull[10], hull[11], hull[12], hull[13]
+    return PropellerConstants(hull[8], hull[9], hull[10], hull[11], hull[12], hull[13])
 
 
 @njit(**INLINED)

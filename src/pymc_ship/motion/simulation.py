@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import xarray as xr
 from numba import njit
 
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.manoeuvre.standard import Manoeuvre, manoeuvre_attrs, rudder_command
+from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.equations import KERNEL, STATE, scheme, state_derivative, work_rows
 from pymc_ship.trial.record import CHANNELS, UNITS
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
@@ -26,23 +28,34 @@ class SimulationError(ValueError):
     """Settings that no simulation can run with."""
 
 
-@njit(**KERNEL)
-def _steer(control, psi, command, delta, direction, waiting, following):
-    """Rudder angle after one step: reverse after the switching heading, follow the command at the rudder rate.
+class _Helm(NamedTuple):
+    """How the kernels move the rudder.
 
-    ``waiting`` (n_lanes,) counts the steps from a switching heading to the rudder's reversal; -1 between them.
+    The command is multiplied by ``factor``, ``delay`` steps after the ship has turned by ``heading`` [rad] to the side
+    of the command; an infinite heading is never reached. The rudder moves by up to ``travel`` [rad] in a step.
     """
-    is_zigzag, amplitude, heading, travel, delay = control
+
+    heading: float
+    factor: float
+    travel: float
+    delay: int
+
+
+@njit(**KERNEL)
+def _steer(helm, psi, command, delta, factor, waiting, following):
+    """Rudder angle after one step: switch the command after the switching heading, follow it at the rudder rate.
+
+    ``factor`` (n_lanes,) is what the command is multiplied by so far. ``waiting`` (n_lanes,) counts the steps from a
+    switching heading to the rudder's reversal; -1 between them.
+    """
     for lane in range(psi.size):
-        target = command
-        if is_zigzag:
-            if waiting[lane] < 0 and direction[lane] * psi[lane] >= heading:
-                waiting[lane] = delay
-            if waiting[lane] == 0:
-                direction[lane] = -direction[lane]
-            waiting[lane] = max(waiting[lane] - 1, -1)
-            target = -direction[lane] * amplitude
-        following[lane] = delta[lane] + min(max(target - delta[lane], -travel), travel)
+        if waiting[lane] < 0 and -np.sign(factor[lane] * command) * psi[lane] >= helm.heading:
+            waiting[lane] = helm.delay
+        if waiting[lane] == 0:
+            factor[lane] *= helm.factor
+        waiting[lane] = max(waiting[lane] - 1, -1)
+        target = factor[lane] * command
+        following[lane] = delta[lane] + min(max(target - delta[lane], -helm.travel), helm.travel)
 
 
 @njit(**KERNEL)
@@ -111,16 +124,16 @@ def _buffers(n_rows, n_lanes):
 
 
 @njit(**KERNEL)
-def _integrate(coefficients, plan, hull, n_rows, initial, control, command, stages, step, stride, start, out):
+def _integrate(coefficients, plan, hull, n_rows, initial, helm, command, stages, step, stride, start, out):
     """Integrate the lanes into rows of ``out`` (9, n_draws, n_saved); return the steps at which they diverged."""
     n_lanes = coefficients.shape[1]
     state = np.empty((initial.size, n_lanes))
     for row in range(initial.size):
         state[row] = initial[row]
     buffers = _buffers(n_rows, n_lanes)
-    delta = np.full(n_lanes, command[0] if control[3] == np.inf else 0.0)
+    delta = np.full(n_lanes, command[0] if helm.travel == np.inf else 0.0)
     following = delta.copy()
-    direction, waiting = np.full(n_lanes, -np.sign(command[0])), np.full(n_lanes, -1)
+    factor, waiting = np.ones(n_lanes), np.full(n_lanes, -1)
     diverged = np.full(n_lanes, -1)
     for k in range(command.size):
         if _mark_divergence(state, hull[1], k, diverged) == 0:
@@ -130,8 +143,8 @@ def _integrate(coefficients, plan, hull, n_rows, initial, control, command, stag
                 if diverged[lane] < 0:
                     out[:-1, start + lane, k // stride] = state[:, lane]
                     out[-1, start + lane, k // stride] = delta[lane]
-        ahead = command[min(k + 1, command.size - 1)] if control[3] == np.inf else command[k]
-        _steer(control, state[5], ahead, delta, direction, waiting, following)
+        ahead = command[min(k + 1, command.size - 1)] if helm.travel == np.inf else command[k]
+        _steer(helm, state[5], ahead, delta, factor, waiting, following)
         _advance(state, delta, following, coefficients, plan, hull, buffers, stages, step)
         delta[:] = following
     return diverged
@@ -345,11 +358,10 @@ def _settings(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float, m
     initial = np.zeros(_STATE_ROWS)
     initial[0] = manoeuvre.approach_speed or vessel.particulars.nominal_speed
     travel = np.deg2rad(vessel.particulars.rudder_rate_deg) * step if manoeuvre.rate_limited else np.inf
-    amplitude, heading = np.deg2rad(manoeuvre.rudder_deg), np.deg2rad(manoeuvre.heading_deg)
-    delay = round(vessel.particulars.rudder_delay / step)
-    control = (manoeuvre.kind == "zigzag", amplitude, heading, travel, delay)
-    command = rudder_command(manoeuvre, np.arange(n_steps) * step)
-    return scheme(vessel), vessel.hull, work_rows(vessel), initial, control, command, runge_kutta_stages(method)
+    heading, factor = manoeuvre.switch
+    helm = _Helm(heading, factor, travel, round(vessel.particulars.rudder_delay / step))
+    command = manoeuvre.command(np.arange(n_steps) * step)
+    return scheme(vessel), vessel.hull, work_rows(vessel), initial, helm, command, runge_kutta_stages(method)
 
 
 def runge_kutta_stages(method: str) -> np.ndarray:
@@ -360,7 +372,7 @@ def runge_kutta_stages(method: str) -> np.ndarray:
 def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, step: float, method: str) -> dict:
     return {
         "vessel": vessel.name,
-        **manoeuvre_attrs(manoeuvre),
+        **manoeuvre.attrs,
         "approach_speed": float(manoeuvre.approach_speed or vessel.particulars.nominal_speed),
         "step": step,
         "method": method,

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from pymc_ship.forecasting.forecast import stated_shares
+from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.pages.drawing import COLOURS, DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, styled, subplots
 from pymc_ship.trial.record import UNITS
 
@@ -96,7 +97,7 @@ def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
 def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]) -> Figure:
     """Fig. 5 and 6: motion of the reference ship against medians and bands of each forecast, and their shares."""
     names = ("u", "v", "r", "p", "phi", "psi")
-    turning = reference.attrs["manoeuvre"] == "turning_circle"
+    turning = kind_named(reference.attrs["manoeuvre"]).circles
     fig, axes = subplots(8.0, 7.4, 4, 2)
     panels = [*names, "delta"]
     for ax, name in zip(axes.flat, panels, strict=False):

@@ -26,7 +26,6 @@ FOLDER = "model"
 
 _INDEX = "ship.json"
 _CHAINS = 4
-_LASTS = 40.0  # L/U
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def forecast_ship(
     draws : int, optional
         At most; term sets keep their share of them.
     duration : float, optional
-        [s]; 40 L/U by default.
+        [s]; as far as the kind of manoeuvre reaches by default, 40 L/U for the standard ones.
     ci_prob : float, optional
         Probability inside the equal-tailed bands.
 
@@ -90,7 +89,7 @@ def forecast_ship(
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
     counts = [max(round(len(rows) * min(draws / total, 1.0)), 1) for _, rows in ship.models]
     unit = ship.models[0][0].particulars.ship_time
-    duration = _LASTS * unit if duration is None else duration
+    duration = manoeuvre.traits.reach * unit if duration is None else duration
     models = []
     for (vessel, rows), count in zip(ship.models, counts, strict=True):
         kept = rows[:count][sound(vessel, rows[:count], [manoeuvre], duration / unit)]

@@ -17,24 +17,10 @@ import xarray as xr
 
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.measured import measured_indices
-from pymc_ship.manoeuvre.standard import Manoeuvre, manoeuvre_attrs
+from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.trajectory.windows import Window, WindowFit, restarted
 from pymc_ship.vessel.vessel import Vessel
-
-SCORED = {
-    "zigzag": (
-        "first_overshoot_angle",
-        "second_overshoot_angle",
-        "first_overshoot_time",
-        "second_overshoot_time",
-        "initial_turning_time",
-        "initial_turning_distance",
-        "period",
-    ),
-    "turning_circle": ("advance", "transfer", "tactical_diameter"),
-}
-"""Indices that are compared on held-out runs, by manoeuvre."""
 
 JUDGED = ("u", "v", "r")
 """Channels of the score, the same for a model that rolls and one that does not."""
@@ -117,7 +103,7 @@ def forecast_indices(
     """Scored indices of a manoeuvre for each row of coefficients, each of shape (n_draws,)."""
     settings = simulation_settings(vessel)
     found = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
-    return {name: found[name].values for name in SCORED[manoeuvre.kind]}
+    return {name: found[name].values for name in manoeuvre.traits.scored}
 
 
 def simulation_settings(vessel: Vessel) -> dict:
@@ -128,5 +114,5 @@ def simulation_settings(vessel: Vessel) -> dict:
 
 def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre) -> dict[str, float]:
     """Scored indices of a recorded standard manoeuvre; NaN where the record ends before them or lacks a channel."""
-    found = measured_indices(trial, manoeuvre_attrs(manoeuvre))
-    return {name: found.get(name, np.nan) for name in SCORED[manoeuvre.kind]}
+    found = measured_indices(trial, manoeuvre.attrs)
+    return {name: found.get(name, np.nan) for name in manoeuvre.traits.scored}

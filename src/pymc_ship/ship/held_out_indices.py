@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forecasting.index_error import KIND_OF, index_scale, robust_sd
+from pymc_ship.forecasting.index_error import index_scale, robust_sd
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.ship.held_out import forecast_indices, scored_indices
 from pymc_ship.vessel.vessel import Vessel
@@ -47,8 +47,9 @@ def index_rows(
         forecast = float(weight @ mean)
         if np.isfinite([measured, forecast, *sd]).all():
             between = float(np.sqrt(weight @ (mean - forecast) ** 2))
-            row = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": KIND_OF[name]}
+            kind = manoeuvre.traits.indices[name].quantity
+            row = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": kind}
             row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(weight @ sd**2))}
-            scale = index_scale(name, measured, manoeuvre.heading_deg, models[0][0])
+            scale = index_scale(kind, measured, manoeuvre.heading_deg, models[0][0])
             rows.append(row | {"model_sd": between, "scale": float(scale)})
     return rows

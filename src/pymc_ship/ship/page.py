@@ -14,7 +14,8 @@ from pymc_ship.checks.trial_checks import worst_verdict
 from pymc_ship.checks.verdicts import Check
 from pymc_ship.forecasting.force_curves import force_curves
 from pymc_ship.machine.files import staged, writable_folder, write_rows
-from pymc_ship.manoeuvre.recognition import approach_speed
+from pymc_ship.manoeuvre.helm import approach_speed
+from pymc_ship.manoeuvre.kinds import UNITS
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import rendered
 from pymc_ship.pages.tables import Table, fixed, number, table
@@ -47,7 +48,6 @@ SOURCES = (
 _FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves")
 _TABLES = ("runs", "checks", "term_sets", "held_out_indices", "model_error", "paths", "coefficients", "correlations")
 _OF = {"angle": "swing of heading", "time": "L/U", "distance": "L"}
-_UNITS = {"angle": "deg", "time": "s", "distance": "m"}
 _LEFT_OUT = " terms were left out: "
 _DEGREES = ("r", "p", "phi")
 _SHOWN = {"u": "m/s", "v": "m/s", "r": "deg/s", "p": "deg/s", "phi": "deg"}
@@ -373,7 +373,7 @@ def _shown(row: Mapping, channels: Sequence[str]) -> dict:
 
 
 def _named(row: Mapping) -> dict:
-    return dict(row) | {"index": row["index"].replace("_", " "), "unit": _UNITS[row["kind"]]}
+    return dict(row) | {"index": row["index"].replace("_", " "), "unit": UNITS[row["kind"]]}
 
 
 def _prime(row: Mapping) -> dict:

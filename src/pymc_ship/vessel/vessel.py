@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.propeller import Propeller
+from pymc_ship.forces.propeller import Propeller, PropellerConstants
 from pymc_ship.forces.terms import UnknownTerm, factors, loaded
 from pymc_ship.machine.toml import toml_table
 
@@ -101,6 +101,18 @@ class Vessel:
     title: str = ""
     sources: tuple[str, ...] = ()
     propeller: Propeller | None = None
+
+    def __repr__(self) -> str:
+        s, words = self.particulars, "" if self.title in ("", self.name) else f": {self.title}"
+        draught = f"d = {s.d:.4g} m" if s.d > 0.0 else "draught not stated"
+        return "\n".join(
+            [
+                f"<Vessel {self.name!r}{words}",
+                f"  L = {s.L:.4g} m, B = {s.B:.4g} m, {draught}, nominal speed {s.nominal_speed:.4g} m/s",
+                *(f"  {dof}: {len(force)} terms" for dof, force in self.forces.items()),
+                f"  propeller: {'none' if self.propeller is None else 'yes'}>",
+            ]
+        )
 
     @property
     def dofs(self) -> tuple[str, ...]:
@@ -191,7 +203,7 @@ class Vessel:
         """Constants of the equations of motion: L, U_nom, m', x_G', z_G', volume, GM, BM and those of the propeller."""
         s = self.particulars
         GM, BM = (s.GM, s.BM) if "roll" in self.forces else (0.0, 0.0)
-        propeller = (0.0,) * 6 if self.propeller is None else self.propeller.constants(s.nominal_speed)
+        propeller = PropellerConstants() if self.propeller is None else self.propeller.constants(s.nominal_speed)
         return np.array([s.L, s.nominal_speed, self.m, self.x_G, self.z_G, s.volume, GM, BM, *propeller])
 
     def _force(self, dof: str) -> tuple[Coefficient, ...]:
@@ -299,11 +311,12 @@ def _propeller(table: dict, nominal_speed: float, path: Path) -> Propeller:
     values = _numbers(table, path, "propeller", names)
     _check_keys(values, set(names), set(names), path, "propeller")
     propeller = Propeller(**values)
-    J, k_0, k_1, k_2, eta, kappa = propeller.constants(nominal_speed) if values["n"] * values["D"] else ((0.0,) * 6)
-    if not (J > 0.0 and k_0 + k_1 * J + k_2 * J**2 > 0.0 and 0.0 < eta <= 1.0 and kappa >= 0.0):
+    c = propeller.constants(nominal_speed) if values["n"] * values["D"] else PropellerConstants()
+    thrust = c.k_0 + c.k_1 * c.J + c.k_2 * c.J**2
+    if not (c.J > 0.0 and thrust > 0.0 and 0.0 < c.eta <= 1.0 and c.kappa >= 0.0):
         raise VesselError(
             f"{path}: a propeller has positive D, n, advance ratio and thrust at the nominal speed, eta in (0, 1] and "
-            f"kappa from 0 up, found J = {J:.3g}; correct [propeller]."
+            f"kappa from 0 up, found J = {c.J:.3g}; correct [propeller]."
         )
     return propeller
 
