@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymc_ship.forecasting.index_error import KINDS, index_sd, model_error, with_model_error
-from pymc_ship.manoeuvre.indices import CIRCLE_INDICES, ZIGZAG_INDICES
+from pymc_ship.forecasting.index_error import index_sd, model_error, with_model_error
+from pymc_ship.manoeuvre.kinds import ERRING
+from pymc_ship.manoeuvre.turning_circles import TURNING_CIRCLE
+from pymc_ship.manoeuvre.zigzags import ZIGZAG
 from tests.ship.cases import tanker
 
 N = 20_000
@@ -50,7 +52,7 @@ class TestModelError:
         assert model_error(rows) == pytest.approx({"angle": 0.1, "time": 0.2, "distance": 0.3}, rel=1e-9)
 
     def test_where_a_kind_was_not_held_out_that_before_it_counts(self):
-        assert model_error([row("angle", 0.1)]) == pytest.approx(dict.fromkeys(KINDS, 0.1), rel=1e-9)
+        assert model_error([row("angle", 0.1)]) == pytest.approx(dict.fromkeys(ERRING, 0.1), rel=1e-9)
         found = model_error([row("angle", 0.1), row("distance", 0.3)])
         assert found == pytest.approx({"angle": 0.1, "time": 0.1, "distance": 0.3}, rel=1e-9)
         found = model_error([row("distance", 0.3)])
@@ -79,46 +81,46 @@ class TestModelError:
         assert model_error(forgetful)["angle"] ** 2 > 0.05**2 + 4.0 * error
 
 
-def ships(table, **attrs):
+def ships(kind, **attrs):
     """Indices of ships that are all alike: the first at 3, the second at 4 and so on."""
-    values = {name: ("draw", np.full(N, 3.0 + k), {"units": "of its own"}) for k, name in enumerate(table)}
-    return xr.Dataset(values, {"draw": np.arange(N)}, attrs)
+    values = {name: ("draw", np.full(N, 3.0 + k), {"units": "of its own"}) for k, name in enumerate(kind.indices)}
+    return xr.Dataset(values, {"draw": np.arange(N)}, {"manoeuvre": kind.name, **attrs})
 
 
 class TestWithModelError:
-    @pytest.mark.parametrize(("table", "heading_deg"), [(ZIGZAG_INDICES, 20.0), (CIRCLE_INDICES, 0.0)])
-    def test_the_spread_is_that_stated(self, table, heading_deg):
-        before = ships(table, heading_deg=heading_deg)
+    @pytest.mark.parametrize(("kind", "heading_deg"), [(ZIGZAG, 20.0), (TURNING_CIRCLE, 0.0)])
+    def test_the_spread_is_that_stated(self, kind, heading_deg):
+        before = ships(kind, heading_deg=heading_deg)
         after = with_model_error(before, ERRORS, tanker(), RNG(2))
-        for name, kind in table.items():
-            if kind in ("speed", "rate") or name in ("maximum_roll_angle", "steady_drift_angle"):
+        for name, index in kind.indices.items():
+            if index.quantity in ("speed", "rate") or name in ("maximum_roll_angle", "steady_drift_angle"):
                 assert after[name].identical(before[name]), name
                 continue
-            size = UNIT.get(kind, heading_deg + float(before[name][0]))
+            size = UNIT.get(index.quantity, heading_deg + float(before[name][0]))
             spread = float(after[name].std())
-            assert spread == pytest.approx(ERRORS[kind] * size, rel=MONTE_CARLO), name
+            assert spread == pytest.approx(ERRORS[index.quantity] * size, rel=MONTE_CARLO), name
             assert float(after[name].mean()) == pytest.approx(float(before[name][0]), abs=4.0 * spread / np.sqrt(N))
         assert after.attrs == before.attrs
-        assert all(after[name].attrs == before[name].attrs for name in table)
+        assert all(after[name].attrs == before[name].attrs for name in kind.indices)
 
     def test_an_overshoot_measured_without_the_swing_would_be_narrower(self):
         """Broken twin: the heading left out of the attrs."""
-        after = with_model_error(ships(ZIGZAG_INDICES), ERRORS, tanker(), RNG(2))
+        after = with_model_error(ships(ZIGZAG), ERRORS, tanker(), RNG(2))
         assert float(after["first_overshoot_angle"].std()) < 0.5 * ERRORS["angle"] * 23.0
 
     def test_errors_of_two_indices_are_independent(self):
-        after = with_model_error(ships(ZIGZAG_INDICES, heading_deg=20.0), ERRORS, tanker(), RNG(2))
+        after = with_model_error(ships(ZIGZAG, heading_deg=20.0), ERRORS, tanker(), RNG(2))
         together = np.corrcoef(after["first_overshoot_angle"], after["second_overshoot_angle"])[0, 1]
         assert abs(together) < 4.0 / np.sqrt(N)
 
     def test_without_errors_nothing_changes(self):
-        before = ships(ZIGZAG_INDICES, heading_deg=20.0)
+        before = ships(ZIGZAG, heading_deg=20.0)
         assert with_model_error(before, {}, tanker(), RNG(2)).identical(before)
-        none = with_model_error(before, dict.fromkeys(KINDS, 0.0), tanker(), RNG(2))
+        none = with_model_error(before, dict.fromkeys(ERRING, 0.0), tanker(), RNG(2))
         assert none.identical(before)
 
     def test_a_ship_that_did_not_reach_the_event_stays_nan(self):
-        before = ships(CIRCLE_INDICES)
+        before = ships(TURNING_CIRCLE)
         before["advance"][0] = np.nan
         after = with_model_error(before, ERRORS, tanker(), RNG(2))
         assert np.isnan(after["advance"].values).tolist() == [True, *[False] * (N - 1)]

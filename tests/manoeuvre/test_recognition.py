@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.manoeuvre import recognition as recognised
+from pymc_ship.manoeuvre import helm, recognition
+from pymc_ship.manoeuvre.helm import approach_speed, execution, rudder_reversals
 from pymc_ship.manoeuvre.measured import aligned
-from pymc_ship.manoeuvre.recognition import (
-    Steering,
-    _reversals,
-    approach_speed,
-    execution,
-    recognise,
-    with_steering,
-)
+from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.ship.held_out import scored_indices
 from pymc_ship.trial.record import TrialError
 from tests.ship.cases import STEP, tanker, trial, with_delay
@@ -84,14 +78,15 @@ class TestZigzags:
         """Broken twin: the ship yaws faster at the first reversal than at the second."""
         run = records[4.0][0]
         assert recognise([run], tanker())[0][0].label == "zigzag 10/10 port"
-        switches = recognised._switches
+        switches = helm.switching_headings
 
         def fixed(reversals, delays):
             rate = np.rad2deg([reversal.yaw_rate for reversal in reversals])
             switch, middle = switches(reversals, np.zeros(1))
             return switch - rate[:, None] * delays, middle
 
-        monkeypatch.setattr(recognised, "_switches", fixed)
+        for room in (helm, recognition):
+            monkeypatch.setattr(room, "switching_headings", fixed)
         assert recognise([run], tanker())[0][0].label != "zigzag 10/10 port"
 
     @pytest.mark.parametrize("course_deg", [-1.2, 0.7, 179.5, 250.0])
@@ -116,7 +111,7 @@ class TestZigzags:
 
     def test_a_run_with_one_reversal_is_known_on_any_course(self):
         run = trial(ps.zigzag(20.0, 10.0, side="starboard"), duration=130.0)
-        assert len(_reversals(run)) == 1
+        assert len(rudder_reversals(run)) == 1
         for record in (run, moved(run)):
             assert recognise([record], tanker())[0][0].label == "zigzag 20/10 starboard"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.manoeuvre.standard import rudder_command
+from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre, written_manoeuvre
 
 
 @pytest.mark.parametrize(
@@ -25,13 +25,73 @@ def test_labels(manoeuvre, label):
 )
 def test_a_positive_rudder_angle_turns_to_port(constructor):
     time = np.array([0.0, 5.0])
-    np.testing.assert_allclose(rudder_command(constructor("port"), time), np.deg2rad([20.0, 20.0]))
-    np.testing.assert_allclose(rudder_command(constructor("starboard"), time), np.deg2rad([-20.0, -20.0]))
+    np.testing.assert_allclose(constructor("port").command(time), np.deg2rad([20.0, 20.0]))
+    np.testing.assert_allclose(constructor("starboard").command(time), np.deg2rad([-20.0, -20.0]))
 
 
 def test_a_programme_is_linear_between_its_breakpoints_and_held_beyond():
     programme = ps.rudder_programme([0.0, 10.0, 30.0], [0.1, 0.3, -0.1])
-    np.testing.assert_allclose(rudder_command(programme, np.array([0.0, 5.0, 20.0, 99.0])), [0.1, 0.2, 0.1, -0.1])
+    np.testing.assert_allclose(programme.command(np.array([0.0, 5.0, 20.0, 99.0])), [0.1, 0.2, 0.1, -0.1])
+
+
+def test_a_manoeuvre_shows_itself_in_one_line():
+    slow = ps.turning_circle(side="starboard", approach_speed=6.5)
+    record = ps.rudder_programme(np.arange(500.0), np.linspace(-0.1, 0.2, 500), rate_limited=False)
+    assert repr(ps.zigzag(20, 10)) == "<Manoeuvre: zigzag 20/10 port>"
+    assert repr(slow) == "<Manoeuvre: turning circle 35 starboard, from 6.5 m/s>"
+    angles = "500 angles of -5.73 to 11.5 deg up to 499 s"
+    assert repr(record) == f"<Manoeuvre: rudder programme, {angles}, which the rudder follows exactly>"
+
+
+@pytest.mark.parametrize(
+    "manoeuvre", [ps.zigzag(20, 10), ps.zigzag(7.5, 5, side="starboard"), ps.turning_circle(side="starboard")]
+)
+def test_a_label_is_read_back(manoeuvre):
+    assert written_manoeuvre(manoeuvre.label) == manoeuvre
+    assert written_manoeuvre(manoeuvre.label.rsplit(maxsplit=1)[0]).side == "port"
+
+
+_NO_LABELS = ("", "port", "zigzag", "zigzag 20", "zigzag a/b", "turning circle 35/35", "rudder programme", "spiral 20")
+
+
+@pytest.mark.parametrize("text", _NO_LABELS)
+def test_other_words_are_no_manoeuvre(text):
+    assert written_manoeuvre(text) is None
+
+
+def test_a_label_with_angles_that_no_rudder_has_is_an_error():
+    with pytest.raises(ps.ManoeuvreError, match="rudder_deg is a magnitude"):
+        written_manoeuvre("zigzag 0/20")
+
+
+@pytest.mark.parametrize(
+    ("kind", "angles", "message"),
+    [
+        ("zigzag", (20.0,), "A zigzag is made with rudder_deg and heading_deg, found 1 angles"),
+        ("rudder_programme", (), "A rudder_programme is made with its own constructor, found 0 angles"),
+        ("anchor", (20.0,), "a zigzag, a turning_circle or a rudder_programme; found 'anchor'; register this kind"),
+    ],
+)
+def test_a_manoeuvre_of_a_kind_has_its_angles(kind, angles, message):
+    with pytest.raises(ps.ManoeuvreError, match=message):
+        standard_manoeuvre(kind, *angles)
+
+
+def test_a_manoeuvre_is_of_a_known_kind():
+    with pytest.raises(ps.ManoeuvreError, match="found 'anchor'"):
+        Manoeuvre("anchor")
+
+
+@pytest.mark.parametrize(
+    ("manoeuvre", "switch"),
+    [
+        (ps.zigzag(20, 10), (np.deg2rad(10.0), -1.0)),
+        (ps.turning_circle(35), (np.inf, 1.0)),
+        (ps.rudder_programme([0.0], [0.1]), (np.inf, 1.0)),
+    ],
+)
+def test_the_rudder_is_reversed_where_the_kind_says_so(manoeuvre, switch):
+    assert manoeuvre.switch == switch
 
 
 def test_a_manoeuvre_is_a_value():

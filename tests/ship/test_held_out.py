@@ -7,8 +7,7 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.manoeuvre.indices import CIRCLE_INDICES, ZIGZAG_INDICES
-from pymc_ship.ship.held_out import JUDGED, SCORED, forecast_indices, held_out, scored, scored_indices
+from pymc_ship.ship.held_out import JUDGED, forecast_indices, held_out, scored, scored_indices
 from pymc_ship.trajectory.prior import coefficient_prior
 from pymc_ship.trajectory.windows import WindowFit, fit_windows, prepared_windows, restarted
 from pymc_ship.vessel.term_sets import with_terms
@@ -134,7 +133,7 @@ class TestIndices:
         rows = np.array([true, 1.02 * true])
         found = forecast_indices(tanker(), rows, manoeuvre, 600.0)
         ship = ps.indices(trial(manoeuvre))
-        assert tuple(found) == SCORED[manoeuvre.kind]
+        assert tuple(found) == manoeuvre.traits.scored
         for name, values in found.items():
             assert values.shape == (2,)
             assert values[0] == pytest.approx(float(ship[name]), rel=5e-3), name
@@ -157,7 +156,3 @@ class TestIndices:
         before = run.copy(deep=True)
         scored_indices(run, RUNS[0])
         assert run.identical(before)
-
-    def test_all_are_of_a_known_kind(self):
-        for kind, table in (("zigzag", ZIGZAG_INDICES), ("turning_circle", CIRCLE_INDICES)):
-            assert set(SCORED[kind]) <= set(table)

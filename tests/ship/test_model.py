@@ -11,9 +11,10 @@ from scipy import stats
 import pymc_ship as ps
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.forecast import pooled_forecast
+from pymc_ship.manoeuvre.zigzags import ZIGZAG
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship import model as ship_model
-from pymc_ship.ship.held_out import SCORED, HeldOut
+from pymc_ship.ship.held_out import HeldOut
 from pymc_ship.ship.model import LARGEST_INFLATION, Candidate, identify_ship
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
@@ -90,7 +91,7 @@ class TestHeldOut:
     BOUND = (("angle", 0.03), ("time", 0.15), ("distance", 0.06))
 
     def test_every_index_of_every_run_is_forecast_closely(self, ship):
-        expected = {(name, index) for name in ship.names for index in SCORED["zigzag"]}
+        expected = {(name, index) for name in ship.names for index in ZIGZAG.scored}
         assert {(row["run"], row["index"]) for row in ship.index_rows} == expected
         for row in ship.index_rows:
             assert abs(row["measured"] - row["forecast"]) < dict(self.BOUND)[row["kind"]] * row["scale"], row
