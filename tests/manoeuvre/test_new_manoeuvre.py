@@ -232,13 +232,18 @@ class TestWords:
         record = ps.read_trial(out)
         assert float(record["delta"].min()) == pytest.approx(np.deg2rad(-20.0), rel=1e-6)
 
-    def test_the_command_line_forecasts_it(self, container, tmp_path, capsys):
+    @pytest.mark.parametrize("kind", [PULL_OUT, replace(PULL_OUT, indices={}, recognise=None)], ids=["", "no indices"])
+    def test_the_command_line_forecasts_it(self, container, kind, tmp_path, monkeypatch, capsys):
+        monkeypatch.setitem(KINDS, "pull_out", kind)
         draws = posterior(container, scattered(container))
         draws.attrs["vessel"] = "container"
         ps.write_posterior(draws, tmp_path / "joint.nc")
         words = ["forecast", str(tmp_path / "joint.nc"), "--vessel", "container", "--pull-out", "20/40"]
         assert main([*words, "--draws", "8", "--duration", "60", "--out", str(tmp_path / "bands")]) == 0
-        assert "pull out 20/40 port: 8 ships" in capsys.readouterr().out
+        shown = capsys.readouterr().out
+        assert "pull out 20/40 port: 8 ships" in shown
+        assert ("time to midships" in shown) == bool(kind.indices)
+        assert shown.endswith("does not hold the motion it was fitted to.\n")
         assert [path.name for path in (tmp_path / "bands").iterdir()] == ["pull-out-20-40-port-joint.csv"]
 
     def test_words_that_are_no_angles_are_refused(self, capsys):

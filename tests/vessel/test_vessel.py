@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,31 @@ class TestContainer:
 
     def test_container_is_shipped(self):
         assert "container" in ps.shipped_vessels()
+
+
+class TestText:
+    """What a vessel shows of itself where a notebook or a debugger prints it."""
+
+    def test_particulars_and_numbers_of_terms_stand_in_a_few_lines(self):
+        lines = repr(ps.load_vessel("kvlcc2")).splitlines()
+        assert lines[0].startswith("<Vessel 'kvlcc2': KVLCC2 tanker, 320 m, full load")
+        assert lines[1:] == [
+            "  L = 320 m, B = 58 m, d = 20.8 m, nominal speed 7.974 m/s",
+            "  surge: 5 terms",
+            "  sway: 10 terms",
+            "  yaw: 10 terms",
+            "  propeller: yes>",
+        ]
+
+    def test_what_a_ship_does_not_have_is_said(self, container):
+        text = repr(container)
+        assert len(text.splitlines()) < 12
+        assert "draught not stated" in text
+        assert f"roll: {len(container.terms('roll'))} terms" in text
+        assert text.endswith("propeller: none>")
+
+    def test_a_title_that_repeats_the_name_is_left_out(self, container):
+        assert repr(replace(container, title="container")).splitlines()[0] == "<Vessel 'container'"
 
 
 class TestUsersFile:
