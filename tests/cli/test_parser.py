@@ -12,7 +12,7 @@ from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import parser
 from pymc_ship.denoising.derivative import DERIVATIVES
 from pymc_ship.denoising.ebayes import PRIORS
-from pymc_ship.manoeuvre.standard import SIDES
+from pymc_ship.manoeuvre.kinds import SIDES
 from pymc_ship.motion.simulation import METHODS
 from pymc_ship.regression import cross_validation
 from pymc_ship.regression import identify as identification

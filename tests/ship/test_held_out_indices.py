@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.ship.held_out import SCORED
 from pymc_ship.ship.held_out_indices import index_rows
 from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.vessel import reference_coefficients
@@ -28,7 +27,7 @@ class TestIndexRows:
     @pytest.mark.parametrize("manoeuvre", [RUNS[0], ps.turning_circle(35.0)])
     def test_a_run_of_the_model_itself_is_forecast_without_error(self, manoeuvre):
         rows = index_rows("own", trial(manoeuvre), manoeuvre, [self.model()], np.ones(1))
-        assert [entry["index"] for entry in rows] == list(SCORED[manoeuvre.kind])
+        assert [entry["index"] for entry in rows] == list(manoeuvre.traits.scored)
         for entry in rows:
             assert (entry["run"], entry["manoeuvre"]) == ("own", manoeuvre.label)
             assert abs(entry["measured"] - entry["forecast"]) < 0.025 * entry["scale"], entry["index"]
