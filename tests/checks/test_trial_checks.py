@@ -11,7 +11,7 @@ import pymc_ship as ps
 from pymc_ship.checks.trial_checks import failed_checks
 from pymc_ship.checks.verdicts import VERDICTS, Check
 from pymc_ship.cli.main import main
-from pymc_ship.trial.record import CHANNELS
+from pymc_ship.trial.channels import SIMULATED
 from tests.checks.cases import alarms, changed, found, lever, noisy, offset, simulated, units, with_samples
 
 # without a fault
@@ -67,7 +67,7 @@ def test_records_of_few_channels_are_checked(zigzag, container, names):
 def test_spoilt_records_end_in_verdicts(zigzag, container, seed):
     """Channels left out, scaled, rounded, shifted, replaced by noise or held, at random: no crash, no NaN told."""
     rng = np.random.default_rng(seed)
-    names = rng.choice(CHANNELS, rng.integers(1, 10), replace=False).tolist()
+    names = rng.choice(SIMULATED, rng.integers(1, 10), replace=False).tolist()
     trial = zigzag[names].isel(time=slice(0, int(rng.choice([20, 60, 2000]))))
     for name in names:
         values = trial[name].values

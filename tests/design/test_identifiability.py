@@ -13,8 +13,8 @@ from pymc_ship.motion.sensitivities import sensitivities
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem, white_noise
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
 from pymc_ship.trajectory.runs import trajectory_run
-from pymc_ship.trial.noise import FACTORS
-from pymc_ship.trial.record import SENSORS
+from pymc_ship.trial.channels import sensors
+from pymc_ship.trial.noise import noise_factors
 from pymc_ship.vessel.vessel import reference_coefficients
 
 STEP = 0.5
@@ -24,9 +24,9 @@ def coarse(vessel, manoeuvre, duration=100.0):
     return ps.simulate(vessel, manoeuvre, duration=duration, step=STEP, method="rk4")
 
 
-def level_sd(trial, level, channels=SENSORS):
+def level_sd(trial, level, channels=None):
     """Noise of a level by channel."""
-    return {name: level * FACTORS[name] * float(np.abs(trial[name]).max()) for name in channels}
+    return {name: level * noise_factors()[name] * float(np.abs(trial[name]).max()) for name in channels or sensors()}
 
 
 @pytest.fixture(scope="module")

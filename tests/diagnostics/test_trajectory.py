@@ -224,12 +224,6 @@ def test_a_slow_wave_in_the_residuals_is_found_and_a_channel_that_is_not_there_l
     assert len(rows) == 5
 
 
-def test_angles_are_shown_in_degrees():
-    assert d.shown_unit("phi") == (pytest.approx(180.0 / np.pi), "deg")
-    assert d.shown_unit("p") == (pytest.approx(180.0 / np.pi), "deg/s")
-    assert d.shown_unit("x") == (1.0, "m")
-
-
 # draws that diverge
 
 

@@ -6,7 +6,7 @@ import pymc_ship as ps
 from pymc_ship.forecasting.draws import fitted_motion, sensor_noise
 from pymc_ship.forecasting.extrapolation import extrapolation
 from pymc_ship.forecasting.forecast import _quantiles, forecast, stated_shares
-from pymc_ship.trial.record import CHANNELS
+from pymc_ship.trial.channels import SIMULATED
 from tests.forecasting.posteriors import joint, posterior, scattered
 
 ZIGZAG = ps.zigzag(20.0, 20.0)
@@ -36,7 +36,7 @@ def test_certainty_about_the_reference_forecasts_the_reference_ship(container, m
     ship = ps.simulate(container, manoeuvre, duration=300.0, step=0.02, record_interval=0.5)
     found = ps.indices(ship)
     for band in BANDS:
-        for name in CHANNELS:
+        for name in SIMULATED:
             np.testing.assert_allclose(tree["bands"][name].sel(band=band), ship[name], **SAME)
         for name in found.data_vars:
             np.testing.assert_allclose(tree["index_bands"][name].sel(band=band), found[name], **SAME)

@@ -4,23 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-import pymc_ship as ps
 from pymc_ship.frontier.data_sets import SLOW_SPEED, Cell, data_set
-from pymc_ship.trial.noise import noisy_trial
 
 DURATION = 60.0
-
-
-def test_offsets_are_half_to_all_of_the_level(nine):
-    clean = ps.simulate(nine, ps.zigzag(20, 20), duration=40.0)
-    offsets = []
-    for seed in range(20):
-        shifted = noisy_trial(clean, 0.01, "offsets", np.random.default_rng(seed))
-        offsets += [float((shifted[c] - clean[c]).mean() / np.abs(clean[c]).max()) for c in ("u", "r")]
-    offsets = np.array(offsets)
-    spread = 0.003 / np.sqrt(clean.sizes["time"])  # of the mean of the white noise on top
-    assert np.all((np.abs(offsets) > 0.005 - 5.0 * spread) & (np.abs(offsets) < 0.01 + 5.0 * spread))
-    assert {-1.0, 1.0} == set(np.sign(offsets))
 
 
 def test_designed_runs_come_after_the_zigzag(nine):

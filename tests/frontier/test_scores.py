@@ -8,7 +8,6 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.forecasting.forecast import BANDS
 from pymc_ship.frontier.scores import (
-    FORECAST_CHANNELS,
     coefficient_rows,
     error_summary,
     forecast_row,
@@ -18,6 +17,7 @@ from pymc_ship.frontier.scores import (
     with_error,
 )
 
+SCORED = ("u", "v", "r", "phi", "psi")
 ZIGZAG = ps.zigzag(20.0, 20.0)
 
 
@@ -39,7 +39,7 @@ def off_by(vessel, percent):
 def shifted_bands(ship, found, shift, width):
     """Forecast whose median is off by ``shift`` ranges of each channel, in bands of half ``width`` ranges."""
     offsets = xr.DataArray([shift - width, shift, shift + width], coords={"band": list(BANDS)})
-    channels = ship[list(FORECAST_CHANNELS)]
+    channels = ship[list(SCORED)]
     bands = (channels + offsets * (channels.max() - channels.min())).transpose("band", "time")
     index_bands = found + xr.DataArray([-1.0, 0.0, 1.0], coords={"band": list(BANDS)})
     attrs = {"label": "zigzag", "share_diverged": 0.25, "share_extrapolated": 0.5, "extrapolation": "Half of it."}
@@ -156,7 +156,7 @@ def test_coverage_is_the_share_of_instants(ship):
     quarter = ship.sizes["time"] // 4
     upper[BANDS.index("upper"), :quarter] = upper[BANDS.index("lower"), :quarter]
     row = forecast_row(ship, found, tree)
-    assert row["coverage"] == pytest.approx(100.0 - 25.0 / len(FORECAST_CHANNELS))
+    assert row["coverage"] == pytest.approx(100.0 - 25.0 / len(SCORED))
 
 
 def test_a_channel_that_never_moves_is_not_scored(ship):

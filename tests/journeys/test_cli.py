@@ -7,7 +7,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli import commands
 from pymc_ship.cli.main import main
-from pymc_ship.trial.record import CHANNELS
+from pymc_ship.trial.channels import SIMULATED
 from tests.journeys.cases import files, program, run
 from tests.vessel.cases import toml
 
@@ -26,7 +26,7 @@ def test_simulate_writes_the_polluted_trial_and_prints_indices_of_the_clean_run(
     clean = ps.simulate(container, ps.zigzag(20, 20), duration=120.0, step=0.02)
     noisy = ps.pollute(clean, level=0.05, rng=np.random.default_rng(7))
     trial = ps.read_trial(out)
-    for name in ("time", *CHANNELS):
+    for name in ("time", *SIMULATED):
         np.testing.assert_array_equal(trial[name], noisy[name])
     printed = capsys.readouterr()
     angle = float(ps.indices(clean)["first_overshoot_angle"])
@@ -73,7 +73,7 @@ def test_simulate_says_that_a_run_diverged_and_keeps_what_was_before(small, tmp_
     trial = ps.read_trial(out)
     assert f"The run diverged at t = {float(expected['diverged_at']):g} s" in capsys.readouterr().out
     assert trial.sizes["time"] == int(np.isfinite(expected["u"]).sum()) > 2
-    assert all(np.isfinite(trial[name]).all() for name in CHANNELS)
+    assert all(np.isfinite(trial[name]).all() for name in SIMULATED)
 
 
 # denoise
@@ -86,7 +86,7 @@ def test_denoise_writes_the_smooth_trial_and_prints_the_noise(made, tmp_path, ca
     smooth = ps.read_trial(out)
     printed = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines()[1:]}
     assert set(printed) == {"u", "v", "r", "p", "phi", "psi"}
-    for name in CHANNELS:
+    for name in SIMULATED:
         np.testing.assert_array_equal(smooth[name], expected[name])
     for name, (sdev, unit) in printed.items():
         assert float(sdev) == pytest.approx(expected[name].attrs["noise_sdev"], rel=1e-3)

@@ -5,7 +5,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.regression import identify as identification
-from pymc_ship.trial.record import CHANNELS
+from pymc_ship.trial.channels import SIMULATED
 from tests.journeys.cases import column, files, rows, run
 
 
@@ -20,7 +20,7 @@ def test_forecast_writes_bands_and_prints_indices_beside_the_reference(made, sma
     tree = ps.forecast(small, posteriors, manoeuvre, draws=30, rng=rng, duration=150.0)
     table = rows(tmp_path / "zigzag-10-10-starboard-conjugate.csv")
     np.testing.assert_array_equal(column(table, "time"), tree["bands"]["time"])
-    for name in CHANNELS:
+    for name in SIMULATED:
         for band in ("lower", "median", "upper"):
             np.testing.assert_array_equal(column(table, f"{name}_{band}"), tree["bands"][name].sel(band=band))
     printed = capsys.readouterr().out

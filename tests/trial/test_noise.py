@@ -6,7 +6,7 @@ import xarray as xr
 from scipy.stats import chi2, kstest
 
 import pymc_ship as ps
-from pymc_ship.trial.noise import NOISES, second_difference_sd
+from pymc_ship.trial.noise import NOISES, noise_factors, noisy_trial, second_difference_sd
 
 FACTORS = {"u": 0.3, "v": 1.0, "r": 0.3, "p": 0.3, "phi": 0.3, "psi": 0.3}
 LEVEL = 0.05
@@ -121,19 +121,61 @@ def test_a_trial_with_gaps_cannot_be_polluted(zigzag_trial):
         ps.pollute(gap, level=0.1, rng=np.random.default_rng(13))
 
 
-@pytest.mark.parametrize("name", NOISES)
-def test_noise_has_unit_variance(name):
-    noise = np.array([NOISES[name](4000, np.random.default_rng(k)) for k in range(50)])
-    power = np.mean(np.clip(noise, -30.0, 30.0) ** 2, axis=1)
+# kinds of noise
+
+
+def unit_noise(kind, n_records=50):
+    """Records of 4000 samples of noise with standard deviation 1, without an offset."""
+    nothing = np.zeros(4000)
+    return np.array([NOISES[kind](nothing, 1.0, 0.0, np.random.default_rng(k)) for k in range(n_records)])
+
+
+@pytest.mark.parametrize("kind", NOISES)
+def test_noise_has_the_standard_deviation_asked_for(kind):
+    power = np.mean(np.clip(unit_noise(kind), -30.0, 30.0) ** 2, axis=1)
     assert abs(power.mean() - 1.0) < 4.0 * power.std() / np.sqrt(50)
 
 
 @pytest.mark.parametrize("time_constant", [0.2, 1.0])
 def test_correlated_noise_forgets_within_its_time_constant(time_constant):
-    noise = np.array([NOISES[f"correlated {time_constant:g} s"](4000, np.random.default_rng(k)) for k in range(50)])
+    noise = unit_noise(f"correlated {time_constant:g} s")
     lag = round(time_constant / 0.02)
     correlation = np.mean(noise[:, lag:] * noise[:, :-lag], axis=1)
     assert abs(correlation.mean() - np.exp(-1.0)) < 4.0 * correlation.std() / np.sqrt(50)
+
+
+def test_offsets_are_half_to_all_of_the_level(small):
+    clean = ps.simulate(small, ps.zigzag(20, 20), duration=40.0)
+    offsets = []
+    for seed in range(20):
+        shifted = noisy_trial(clean, 0.01, "offsets", np.random.default_rng(seed))
+        offsets += [float((shifted[c] - clean[c]).mean() / np.abs(clean[c]).max()) for c in ("u", "r")]
+    offsets = np.array(offsets)
+    spread = 0.003 / np.sqrt(clean.sizes["time"])  # of the mean of the white noise on top
+    assert np.all((np.abs(offsets) > 0.005 - 5.0 * spread) & (np.abs(offsets) < 0.01 + 5.0 * spread))
+    assert {-1.0, 1.0} == set(np.sign(offsets))
+
+
+def test_white_noise_is_that_of_pollute_on_the_sensors(zigzag_trial):
+    """The same draws of the same size; the products are taken in another order."""
+    noisy = noisy_trial(zigzag_trial, LEVEL, "white", np.random.default_rng(7))
+    sensors = {name: factor for name, factor in noise_factors().items() if name != "psi"}
+    polluted = ps.pollute(zigzag_trial, level=LEVEL, rng=np.random.default_rng(7), factors=sensors)
+    for name in sensors:
+        np.testing.assert_allclose(noise_of(zigzag_trial, noisy, name), noise_of(zigzag_trial, polluted, name))
+        assert noisy.attrs[f"noise_sd_{name}"] == pytest.approx(polluted.attrs[f"noise_sd_{name}"], rel=1e-15)
+    np.testing.assert_array_equal(noisy["psi"], zigzag_trial["psi"])
+
+
+def test_a_kind_of_noise_is_one_entry(zigzag_trial, monkeypatch):
+    def spiky(values, sd, peak, rng):
+        return np.where(rng.random(values.size) < 0.01, values + peak, values)
+
+    monkeypatch.setitem(NOISES, "spikes", spiky)
+    noisy = noisy_trial(zigzag_trial, LEVEL, "spikes", np.random.default_rng(3))
+    hit = noise_of(zigzag_trial, noisy, "v") > 0.0
+    assert 0.005 < hit.mean() < 0.015
+    assert noise_of(zigzag_trial, noisy, "v")[hit] == pytest.approx(LEVEL * float(np.abs(zigzag_trial["v"]).max()))
 
 
 class TestSecondDifferences:

@@ -7,8 +7,10 @@ import xarray as xr
 
 from pymc_ship.checks.rudder import measured_rate
 from pymc_ship.checks.verdicts import Check, ShipScale, not_checked
+from pymc_ship.motion.equations import STATE
+from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.noise import second_difference_sd
-from pymc_ship.trial.record import CHANNELS, sampling_interval
+from pymc_ship.trial.record import sampling_interval
 
 SAMPLES_DOUBTFUL, SAMPLES_BAD = 10.0, 4.0
 """Samples in L/U: a ship answers within a fraction of it, and accelerations need several samples to an answer."""
@@ -34,14 +36,13 @@ FROZEN = 0.25
 ROUNDED = 0.8
 """Share of distinct neighbours below which a channel is rounded: it then has runs of equal values of its own."""
 
-_MOTION = ("u", "v", "r", "p", "phi", "psi", "x", "y")
 _HALF_WINDOW, _LONGEST_SPIKE, _SURROUNDINGS = 4, 2, 51  # samples
 
 
-def present(trial: xr.Dataset, names: tuple[str, ...] = CHANNELS) -> list[str]:
+def present(trial: xr.Dataset, names: tuple[str, ...] = SIMULATED) -> list[str]:
     """Channels of a record; roll that is 0 throughout counts as not measured."""
     there = [name for name in names if name in trial]
-    return [name for name in there if name not in ("p", "phi") or trial[name].values.any()]
+    return [name for name in there if not CHANNELS[name].rolling or trial[name].values.any()]
 
 
 def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
@@ -88,7 +89,7 @@ def noise_check(trial: xr.Dataset) -> Check:
 
 def resolution_check(trial: xr.Dataset) -> Check:
     """Distinct values of the motion channels, which rounding makes few."""
-    counts = {name: np.unique(trial[name].values).size for name in present(trial, _MOTION)}
+    counts = {name: np.unique(trial[name].values).size for name in present(trial, STATE)}
     counts = {name: count for name, count in counts.items() if count > 1}
     if not counts or trial.sizes["time"] < 2 * DISTINCT_DOUBTFUL:
         return not_checked("resolution", "no motion channel that changes, or a very short record")
@@ -181,7 +182,7 @@ def wrap_check(trial: xr.Dataset) -> Check:
 
 def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Longest run of equal values of a motion channel while the ship moves."""
-    names = present(trial, _MOTION)
+    names = present(trial, STATE)
     stuck = [name for name in names if np.ptp(trial[name].values) == 0.0]
     if stuck:
         text = f"{', '.join(stuck)} never change{'s' if len(stuck) == 1 else ''}; find the right column or the sensor."
@@ -207,7 +208,7 @@ def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: f
     rounded = edges.size < ROUNDED * (trial.sizes["time"] - np.diff(edges).max())
     least = max(10, round(ship_time * (1.0 if rounded else FROZEN)))
     longest = 0
-    others = [trial[other].values for other in names if other in ("u", "v", "r") and other != name]
+    others = [trial[other].values for other in names if other in STATE[:3] and other != name]
     for place in np.flatnonzero(np.diff(edges) >= least):
         start, stop = edges[place], edges[place + 1]
         moving = any(np.ptp(_quiet(values[start:stop])) > 0.05 * np.ptp(values) for values in others)

@@ -41,7 +41,8 @@ from pymc_ship.checks.rudder import (
     rudder_zero_check,
 )
 from pymc_ship.checks.verdicts import VERDICTS, Check, not_checked, ship_scale
-from pymc_ship.trial.record import CHANNELS, TrialError, check_trial
+from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.record import TrialError, check_trial
 from pymc_ship.vessel.vessel import Vessel
 
 _LARGEST = 1e12
@@ -83,7 +84,7 @@ def trial_checks(trial: xr.Dataset, vessel: Vessel | None = None) -> tuple[Check
     gyro offset: r has an offset of +0.0573 deg/s against psi, 16 deg in 5 L/U; subtract it.
     """
     _check_record(trial)
-    trial = trial.drop_vars([name for name in ("p", "phi") if name in trial and name not in present(trial)])
+    trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in present(trial)])
     found = [spike_check(trial), wrap_check(trial)]
     trial = _mended(trial, found)
     scale = ship_scale(trial, vessel)
@@ -100,7 +101,7 @@ def trial_checks(trial: xr.Dataset, vessel: Vessel | None = None) -> tuple[Check
 
 def _check_record(trial: xr.Dataset) -> None:
     """Raise TrialError for a record that no check can be made of."""
-    names = [name for name in CHANNELS if name in trial]
+    names = [name for name in SIMULATED if name in trial]
     check_trial(trial, names or ("u",))
     if trial["time"].size < 20:
         raise TrialError(f"A trial is checked from 20 samples up, found {trial['time'].size}; use a longer record.")

@@ -46,7 +46,8 @@ from pymc_ship.machine.files import staged, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.regression.tree import read_posterior, write_posterior
-from pymc_ship.trial.record import CHANNELS, UNITS, TrialError
+from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.vessel import Vessel
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
@@ -109,7 +110,8 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     smooth = ps.denoise(trial, args.wavelet, args.prior, not args.decimated)
     names = smooth.attrs["denoised"].split()
     write_trial_file(smooth, out, args)
-    return table(("channel", "noise sd", ""), [(n, smooth[n].attrs["noise_sdev"], UNITS[n]) for n in names]), out
+    rows = [(name, smooth[name].attrs["noise_sdev"], CHANNELS[name].unit.name) for name in names]
+    return table(("channel", "noise sd", ""), rows), out
 
 
 def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -327,7 +329,7 @@ def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
 
 def _write_bands(path: Path, forecast: xr.DataTree, args: argparse.Namespace) -> None:
     bands = forecast["bands"].to_dataset()
-    names = [f"{channel}_{band}" for channel in CHANNELS for band in BANDS]
-    columns = [bands[channel].sel(band=band).values for channel in CHANNELS for band in BANDS]
+    names = [f"{channel}_{band}" for channel in bands.data_vars for band in BANDS]
+    columns = [values.sel(band=band).values for values in bands.data_vars.values() for band in BANDS]
     rows = np.column_stack([bands["time"].values, *columns]).tolist()
     write_csv(path, ("time", *names), rows, args, remark=stated_shares(forecast))

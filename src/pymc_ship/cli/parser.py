@@ -10,6 +10,7 @@ import argparse
 from pymc_ship import __version__
 from pymc_ship.cli.words import angles, draws, interval, level, names, seed
 from pymc_ship.manoeuvre.registry import KINDS
+from pymc_ship.trial.channels import sensors
 
 FAMILIES = ("conjugate", "semiconjugate")
 """Prior families; like the choices below a copy of the API's, so that ``--help`` need not import it."""
@@ -259,7 +260,10 @@ def _add_fit(commands) -> None:
         help="of the coefficients: small for high orders, near the vessel file's values, or none (%(default)s)",
     )
     command.add_argument(
-        "--channels", type=names, metavar="NAME,...", help="channels to fit (those of u, v, r, p, phi there are)"
+        "--channels",
+        type=names,
+        metavar="NAME,...",
+        help=f"channels to fit (those of {', '.join(sensors())} there are)",
     )
     command.add_argument(
         "--noise-model", choices=NOISE_MODELS, default="auto", help="auto tests the residuals (%(default)s)"

@@ -12,11 +12,8 @@ from numpy.typing import ArrayLike
 from pymc_ship.denoising import wavelets
 from pymc_ship.denoising.ebayes import PRIORS, RULES, check_choice, fit_prior, mad, shrink
 from pymc_ship.machine.threads import thread_pool
+from pymc_ship.trial.channels import channel_names
 from pymc_ship.trial.record import check_trial
-
-CHANNELS = ("u", "v", "r", "p", "phi", "psi")
-"""Motion channels that :func:`denoise` denoises where a trial has them."""
-
 
 MIN_LENGTH = 16
 """Fewest samples that can be denoised: one level of wavelets and eight coefficients above it."""
@@ -40,7 +37,7 @@ def denoise(
     wavelet, prior, translation_invariant
         As for :func:`denoise_signal`.
     channels : sequence of str, optional
-        Variables to denoise; by default those of :data:`CHANNELS` that the trial has.
+        Variables to denoise; by default the motion channels that the trial has, without its track.
     **options
         ``scale``, ``rule``, ``levels``, ``boundary`` of :func:`denoise_signal`.
 
@@ -69,23 +66,24 @@ def denoise(
     14 mm/s
     3 mm/s
     """
-    names = [name for name in CHANNELS if name in trial] if channels is None else list(channels)
-    if not names:
-        raise ValueError(f"Denoising needs one of the channels {', '.join(CHANNELS)}, found none; name the channels.")
-    check_trial(trial, names)
+    known = channel_names(lambda channel: channel.denoised)
+    chosen = [name for name in known if name in trial] if channels is None else list(channels)
+    if not chosen:
+        raise ValueError(f"Denoising needs one of the channels {', '.join(known)}, found none; name the channels.")
+    check_trial(trial, chosen)
 
     def smoothed(name: str) -> tuple[np.ndarray, float]:
         return _denoise(trial[name].to_numpy(), f"channel {name}", wavelet, prior, translation_invariant, **options)
 
     with thread_pool(2) as pool:
-        results = list(pool.map(smoothed, names))
+        results = list(pool.map(smoothed, chosen))
     smooth = trial.copy()
-    for name, (estimate, sdev) in zip(names, results, strict=True):
+    for name, (estimate, sdev) in zip(chosen, results, strict=True):
         smooth[name] = trial[name].copy(data=estimate).assign_attrs(noise_sdev=sdev)
     transform = "translation invariant" if translation_invariant else "decimated"
     record = {"wavelet": wavelet, "transform": transform, "prior": prior, **options}
     record = {f"denoise_{key}": value for key, value in record.items() if value is not None}
-    return smooth.assign_attrs(denoised=" ".join(names), **record)
+    return smooth.assign_attrs(denoised=" ".join(chosen), **record)
 
 
 def denoise_signal(

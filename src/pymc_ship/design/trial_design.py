@@ -24,15 +24,14 @@ from pymc_ship.motion.simulation import simulate
 from pymc_ship.trajectory.fit import Noise, TrajectoryFit
 from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.trajectory.runs import Run, trajectory_run
-from pymc_ship.trial.noise import FACTORS
+from pymc_ship.trial.channels import channel_names, sensors
+from pymc_ship.trial.noise import noise_factors
 from pymc_ship.trial.noise import noise_sd as noise_size
-from pymc_ship.trial.record import SENSORS
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 CRITERIA = ("information", "forecast")
 """Greatest log determinant of the posterior precision (D-optimal), or least variance of forecast manoeuvres."""
 
-_SCORED = ("u", "v", "r", "phi", "psi")
 _THINNING = 5  # samples of a forecast, for one that is scored
 
 
@@ -66,7 +65,8 @@ class _Sensors:
         run = replace(run, block=max(run.block, round(self.spacing / STEP)))
         sd = self.sd
         if self.level is not None:
-            sd = np.array([self.level * FACTORS[name] * np.abs(ship[name].values).max() for name in self.channels])
+            factors = noise_factors()
+            sd = np.array([self.level * factors[name] * np.abs(ship[name].values).max() for name in self.channels])
         sd = sd * np.sqrt(self.spacing / (run.block * STEP))
         return run, Noise(sd, self.correlation, self.offsets, run.means)
 
@@ -221,8 +221,9 @@ def _sensors(
     """Noise as it is given, white, or as the posterior found it."""
     if level is None and noise_sd is None:
         return _fitted_sensors(posterior)
-    sd = noise_sd if level is None else dict.fromkeys(SENSORS, noise_size(level))
-    channels = tuple(name for name in sd if "roll" in vessel.dofs or name not in ("p", "phi"))
+    sd = noise_sd if level is None else dict.fromkeys(sensors(), noise_size(level))
+    rolling = channel_names(lambda channel: channel.rolling)
+    channels = tuple(name for name in sd if "roll" in vessel.dofs or name not in rolling)
     values = np.array([sd[name] for name in channels])
     given_twice = level is not None and noise_sd is not None
     if given_twice or not channels or not all(0.0 < value < np.inf for value in (interval, *values)):
@@ -277,7 +278,7 @@ def _forecast_root(
         ship, jacobian = closed_loop_sensitivities(vessel, manoeuvre, coefficients, duration=duration)
         if ship["diverged"]:
             return np.full((1, coefficients.size), np.nan)
-        moving = [name for name in _SCORED if np.ptp(ship[name].values) > 0.0]
+        moving = [name for name in channel_names(lambda channel: channel.scored) if np.ptp(ship[name].values) > 0.0]
         scaled = [jacobian[STATE.index(name), ::_THINNING] / np.ptp(ship[name].values) for name in moving]
         rows.append(np.vstack(scaled) / np.sqrt(len(manoeuvres) * len(scaled) * len(scaled[0])))
     return np.linalg.qr(np.vstack(rows), mode="r")

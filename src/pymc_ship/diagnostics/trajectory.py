@@ -14,7 +14,7 @@ from pymc_ship.design.identifiability import UNKNOWN
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT, check_draws
 from pymc_ship.trajectory.fit import whiten
-from pymc_ship.trial.record import UNITS
+from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.vessel.vessel import LETTER
 
 METHODS = ("trajectory", "trajectory_nuts")
@@ -27,7 +27,6 @@ RECORDS = (*RECORDS, "observed_data/response")
 PRIOR = ("constant_data/prior_sd",)
 """Variables of a tree that the posterior is compared with its prior by."""
 
-_DEGREES = {"rad": "deg", "rad/s": "deg/s"}
 _SAMPLE = ("chain", "draw")
 _ATTRS = ("dof", "vessel", "prior", "integrator", "noise_model", "noise_sentence", "starts", "starts_agreeing")
 
@@ -161,24 +160,19 @@ def channel_rows(tree: xr.DataTree) -> list[dict]:
         if np.isnan(mine["white"].values).any():
             continue
         name, white, size = str(mine["channel"].item()), mine["white"].values, np.abs(mine["residual"].values)
-        factor, unit = shown_unit(name)
+        unit = CHANNELS[name].unit
+        factor = unit.shown_factor
         by_run = {key: float(constant[key].isel(run_index=k, channel=c)) for key in ("block_sd", "correlation")}
         shift = np.nan if offset is None else float(offset.isel(run=k).sel(channel=name).mean())
         test = numbers.whiteness(white)
         rows.append(
-            {"run": k + 1, "channel": name, "unit": unit, "blocks": white.size, "offset": factor * shift}
+            {"run": k + 1, "channel": name, "unit": unit.shown, "blocks": white.size, "offset": factor * shift}
             | {"block_sd": factor * by_run["block_sd"], "correlation": by_run["correlation"]}
             | {"chi2": float(np.mean(white**2)), "inside": float(np.mean(np.abs(white) <= SD_LIMIT))}
             | {key: test[key] for key in ("r1", "p_value", "lags")}
             | {"largest": float(size.max()), "at": float(mine["time"].values[size.argmax()])}
         )
     return rows
-
-
-def shown_unit(channel: str) -> tuple[float, str]:
-    """Factor from SI to the unit in which a channel is shown, and that unit: degrees for angles."""
-    unit = UNITS[channel]
-    return (float(np.rad2deg(1.0)), _DEGREES[unit]) if unit in _DEGREES else (1.0, unit)
 
 
 def ships_that_ran(tree: xr.DataTree) -> xr.DataTree:

@@ -14,8 +14,8 @@ from pymc_ship.design.identifiability import UNKNOWN
 from pymc_ship.diagnostics import numbers, trajectory
 from pymc_ship.diagnostics.figures import forest_of
 from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT
-from pymc_ship.diagnostics.trajectory import shown_unit
 from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, STYLE, subplots
+from pymc_ship.trial.channels import CHANNELS
 
 LAGS = 40
 """Lags of the autocorrelation drawn, in blocks."""
@@ -24,7 +24,6 @@ QUANTILES = 400
 """Quantiles drawn of the residuals of a channel."""
 
 _BLUE, _RUST = COLOURS["conjugate"], COLOURS["semiconjugate"]
-_WORDS = {"phi": "roll angle φ", "psi": "heading ψ"}
 _JUDGED = {"determined": _BLUE, "not from zero": "#8fb7d8", "prior": _RUST}
 
 
@@ -38,17 +37,17 @@ def motion(tree: xr.DataTree, run: int) -> Figure:
     with matplotlib.rc_context(STYLE):
         fig, pairs, rudder = _motion_panels(len(names))
         for (ax, below), name in zip(pairs, names, strict=True):
-            factor, unit = shown_unit(name)
+            factor = CHANNELS[name].unit.shown_factor
             measured, residual = tree["observed_data"]["response"].sel(channel=name)[rows], one.sel(channel=name)
             fitted = measured - residual * constant["block_sd"].isel(run_index=run).sel(channel=name)
             ax.plot(time, factor * measured, ".", color=NOISE, ms=2.0, label="measured, block means")
             ax.plot(time, factor * fitted, color=_BLUE, label=f"fitted{shifted}")
-            ax.set_ylabel(f"{_WORDS.get(name, name)} [{unit}]")
+            ax.set_ylabel(CHANNELS[name].short_axis)
             below.plot(time, residual, ".", color=_RUST, ms=1.5)
             below.axhline(0.0, color=REFERENCE, lw=0.7)
             below.set_ylabel("residual [sd]")
         rudder.plot(time, np.rad2deg(constant["motion"].sel(symbol="delta").values[rows]), color=REFERENCE)
-        rudder.set_ylabel("rudder δ [deg]")
+        rudder.set_ylabel(CHANNELS["delta"].axis)
         fig.legend(*pairs[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=2, markerscale=3.0)
     return fig
 
@@ -77,7 +76,7 @@ def _channel_panels(found: xr.Dataset, height: float, label: str) -> tuple[Figur
     for ax in axes[:, 0]:
         ax.set_ylabel(label)
     for ax, name in zip(axes.flat, names, strict=False):
-        ax.set_title(_WORDS.get(name, name))
+        ax.set_title(CHANNELS[name].short_label)
     return fig, list(zip(axes.flat, names, strict=False))
 
 

@@ -12,19 +12,10 @@ from pymc_ship.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.manoeuvre.measured import aligned
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.pages.drawing import COLOURS, REFERENCE, styled, subplots
-from pymc_ship.trial.record import UNITS
+from pymc_ship.trial.channels import CHANNELS, sensors
 from pymc_ship.vessel.vessel import Vessel
 
 _BLUE, _RUST = COLOURS["conjugate"], COLOURS["semiconjugate"]
-_WORDS = {
-    "u": "surge velocity u",
-    "v": "sway velocity v",
-    "r": "yaw rate r",
-    "p": "roll rate p",
-    "phi": "roll angle φ",
-    "psi": "heading ψ",
-    "delta": "rudder δ",
-}
 _FALLEN = 0.5
 """Heading change [deg] after which an overshoot has had its peak."""
 
@@ -66,12 +57,12 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
         _panel(upper, tree, "psi", trial, mark="heading: ")
         _panel(upper, tree, "delta", trial, colour=_RUST, mark="rudder: ")
         _overshoots(upper, tree, trial)
-        upper.set_ylabel("heading ψ and rudder δ [deg]")
+        upper.set_ylabel(f"{CHANNELS['psi'].label} and {CHANNELS['delta'].axis}")
     else:
         _panel(upper, tree, "psi", trial)
         _panel(lower, tree, "delta", trial)
-        upper.set_ylabel(_label("psi"))
-        lower.set_ylabel(_label("delta"))
+        upper.set_ylabel(CHANNELS["psi"].axis)
+        lower.set_ylabel(CHANNELS["delta"].axis)
     lower.set_xlabel("time from the rudder's execution [s]")
     lower.set_xlim(0.0, float(tree["bands"]["time"][-1]))
     handles = dict(zip(*upper.get_legend_handles_labels()[::-1], strict=True))
@@ -136,14 +127,14 @@ def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
     The roll of a ship that does not roll is left out; the rudder stands last.
     """
     bands = tree["bands"].to_dataset()
-    rolls = [name for name in ("p", "phi") if np.nanmax(np.abs(bands[name].values)) > 0.0]
-    names = ["u", "v", "r", *rolls, "delta"]
+    moving = [name for name in sensors() if not CHANNELS[name].rolling or np.nanmax(np.abs(bands[name].values)) > 0.0]
+    names = [*moving, "delta"]
     trial = None if measured is None else aligned(measured, tree.attrs["rudder_deg"])
     rows = len(names) // 2
     fig, axes = subplots(8.0, 1.9 * rows + 0.6, rows, 2, sharex=True)
     for ax, name in zip(axes.flat, names, strict=True):
         _panel(ax, tree, name, trial)
-        ax.set_ylabel(_label(name))
+        ax.set_ylabel(CHANNELS[name].axis)
         ax.set_xlim(0.0, float(bands["time"][-1]))
     for ax in axes[-1]:
         ax.set_xlabel("time from the rudder's execution [s]")
@@ -157,7 +148,7 @@ def _panel(
 ) -> None:
     """Band, median and measured values of a channel against time, angles in degrees."""
     bands = _thinned(tree["bands"].to_dataset()[[name]])
-    factor = np.rad2deg(1.0) if "rad" in UNITS[name] else 1.0
+    factor = CHANNELS[name].unit.shown_factor
     lower, median, upper = (factor * bands[name].sel(band=band).values for band in ("lower", "median", "upper"))
     share = f"{100.0 * tree.attrs['ci_prob']:g} % band"
     ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{mark}{share}")
@@ -170,7 +161,3 @@ def _panel(
 def _thinned(record: xr.Dataset) -> xr.Dataset:
     """Every so many samples of a record, which keeps the page small."""
     return record.isel(time=slice(None, None, max(1, record.sizes["time"] // _POINTS)))
-
-
-def _label(name: str) -> str:
-    return f"{_WORDS[name]} [{UNITS[name].replace('rad', 'deg')}]"

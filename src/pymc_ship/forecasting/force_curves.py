@@ -10,12 +10,13 @@ from matplotlib.figure import Figure
 
 from pymc_ship.forces.terms import SYMBOLS, evaluate
 from pymc_ship.pages.drawing import COLOURS, NOISE, styled, subplots
+from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.vessel.vessel import LETTER, Vessel
 
 _BLUE = COLOURS["conjugate"]
 _FORCES = ("surge", "sway", "yaw")
 _HALF_RANGE = {"v": 0.4, "r": 0.8, "delta": np.deg2rad(40.0)}
-_AXES = {"v": "sway velocity v'", "r": "yaw rate r'", "delta": "rudder δ [deg]"}
+_AXES = {"v": f"{CHANNELS['v'].label}'", "r": f"{CHANNELS['r'].label}'", "delta": CHANNELS["delta"].axis}
 _GRID, _MARGIN = 81, 1.5
 
 

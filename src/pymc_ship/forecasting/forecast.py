@@ -13,7 +13,7 @@ from pymc_ship.forecasting.index_error import with_model_error
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.simulation import simulate
-from pymc_ship.trial.record import CHANNELS
+from pymc_ship.trial.channels import SIMULATED
 from pymc_ship.vessel.vessel import Vessel
 
 BANDS = ("lower", "median", "upper")
@@ -141,7 +141,7 @@ def pooled_forecast(
         ships = xr.concat(runs, "draw", combine_attrs="override")
         ships = ships.assign_coords(draw=np.arange(ships.sizes["draw"]))
     vessel = models[0][0]
-    groups = {"trajectories": ships, "bands": _bands(ships[list(CHANNELS)], ci_prob)}
+    groups = {"trajectories": ships, "bands": _bands(ships[list(SIMULATED)], ci_prob)}
     if noise:
         groups["measured_bands"] = _bands(_measured(ships, noise, rng), ci_prob)
     if manoeuvre.traits.indices:
@@ -173,16 +173,16 @@ def stated_shares(tree: xr.DataTree) -> str:
 
 def _check_noise(noise: Mapping[str, float]) -> None:
     for name, sd in noise.items():
-        if name not in CHANNELS or not 0.0 <= sd < np.inf:
+        if name not in SIMULATED or not 0.0 <= sd < np.inf:
             raise ValueError(
-                f"Sensor noise has a standard deviation from 0 up for any of {', '.join(CHANNELS)}; found {sd} for "
+                f"Sensor noise has a standard deviation from 0 up for any of {', '.join(SIMULATED)}; found {sd} for "
                 f"{name!r}; correct it."
             )
 
 
 def _measured(ships: xr.Dataset, noise: Mapping[str, float], rng: np.random.Generator) -> xr.Dataset:
     """What the sensors of the ships would read: independent normal noise at every instant."""
-    read = ships[[name for name in CHANNELS if name in noise]]
+    read = ships[[name for name in SIMULATED if name in noise]]
     return read.map(lambda channel: channel + noise[channel.name] * rng.standard_normal(channel.shape), keep_attrs=True)
 
 

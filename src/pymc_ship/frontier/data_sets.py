@@ -12,8 +12,8 @@ from pymc_ship.frontier.bound import cramer_rao_bound
 from pymc_ship.machine.seeds import generator
 from pymc_ship.manoeuvre.standard import Manoeuvre, zigzag
 from pymc_ship.motion.simulation import simulate
+from pymc_ship.trial.channels import sensors
 from pymc_ship.trial.noise import RECORD_STEP, noisy_trial
-from pymc_ship.trial.record import SENSORS
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 LEVELS = (0.001, 0.01, 0.05)
@@ -129,5 +129,5 @@ def _manoeuvres(vessel: Vessel, n_designed: int, duration: float, rng: np.random
 
 def _bound(data: DataSet) -> np.ndarray:
     """Cramer-Rao bound at the truth: white noise of the true size, unknown initial states."""
-    noise = [{name: trial.attrs[f"noise_sd_{name}"] for name in SENSORS} for trial in data.trials]
+    noise = [{name: trial.attrs[f"noise_sd_{name}"] for name in sensors()} for trial in data.trials]
     return cramer_rao_bound(data.clean, data.vessel, noise, method=data.cell.method).values

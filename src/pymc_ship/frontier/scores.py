@@ -8,13 +8,11 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.forecast import BANDS
+from pymc_ship.trial.channels import channel_names
 from pymc_ship.vessel.vessel import Vessel
 
 SHARES = (5.0, 20.0, 50.0)
 """Error limits [%] under which shares of the coefficients are counted."""
-
-FORECAST_CHANNELS = ("u", "v", "r", "phi", "psi")
-"""Channels a forecast is scored on."""
 
 
 def relative_error(estimate: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -120,14 +118,13 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
     Returns
     -------
     dict
-        ``error``: RMSE of the median over the range of the channel [%], mean over those of :data:`FORECAST_CHANNELS`
-        that move; ``coverage``: share of instants inside the band [%], mean likewise; ``share_diverged`` and, NaN where
-        unknown, ``share_extrapolated`` [%], with the sentence ``extrapolation``; for each index its reference, median
-        and band.
+        ``error``: RMSE of the median over the range of the channel [%], mean over the scored channels that move;
+        ``coverage``: share of instants inside the band [%], mean likewise; ``share_diverged`` and, NaN where unknown,
+        ``share_extrapolated`` [%], with the sentence ``extrapolation``; for each index its reference, median and band.
     """
     bands = tree["bands"].to_dataset()
     errors, coverages = [], []
-    for name in FORECAST_CHANNELS:
+    for name in channel_names(lambda channel: channel.scored):
         true = reference[name].values
         if np.ptp(true) == 0.0:
             continue

@@ -10,8 +10,10 @@ import xarray as xr
 from pymc_ship.denoising.denoise import MIN_LENGTH, denoise
 from pymc_ship.manoeuvre.helm import base_course
 from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.recognition import base_course
 from pymc_ship.manoeuvre.registry import kind_named
-from pymc_ship.trial.record import CHANNELS, UNITS, is_uniform
+from pymc_ship.trial.channels import CHANNELS, SIMULATED
+from pymc_ship.trial.record import CHANNELS, is_uniform
 
 _STILL = 0.05
 """Share of its travel by which a rudder that has not been put over may differ between neighbouring samples."""
@@ -35,7 +37,7 @@ def aligned(measured: xr.Dataset, rudder_deg: float = 0.0) -> xr.Dataset:
         record without a rudder or with one that is over already. A track without a heading is left out.
     """
     time = measured["time"].values.astype(float)
-    channels = {name: measured[name].values.astype(float) for name in CHANNELS if name in measured}
+    channels = {name: measured[name].values.astype(float) for name in SIMULATED if name in measured}
     known = {name: np.isfinite(values) for name, values in channels.items() if np.isfinite(values).any()}
     if "psi" in known:
         channels["psi"][known["psi"]] = np.unwrap(channels["psi"][known["psi"]])
@@ -56,7 +58,7 @@ def aligned(measured: xr.Dataset, rudder_deg: float = 0.0) -> xr.Dataset:
     else:
         found = {name: values for name, values in found.items() if name not in ("x", "y")}
     kept = np.append(start, time[time > start])
-    variables = {name: ("time", values, {"units": UNITS[name]}) for name, values in found.items()}
+    variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in found.items()}
     return xr.Dataset(variables, {"time": kept - start}, measured.attrs)
 
 

@@ -21,6 +21,7 @@ from pymc_ship.forces.prime_system import (
 )
 from pymc_ship.forces.propeller import PropellerConstants, loading
 from pymc_ship.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_products, plan
+from pymc_ship.trial.channels import channel_names
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
 KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
@@ -29,8 +30,11 @@ KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"co
 INLINED = KERNEL | {"forceinline": True}
 """The same for the parts of a kernel: one that makes its own arrays knows the number of lanes when it is compiled."""
 
-STATE = ("u", "v", "r", "p", "phi", "psi", "x", "y")
-"""Rows of a state array, SI units and rad."""
+STATE = channel_names(lambda channel: channel.part == "motion")
+"""Rows of a state array, SI units and rad: u, v, r, p, phi, psi, x, y."""
+
+VELOCITIES = STATE[:4]
+"""Those whose rates are accelerations, one a row of the inertia matrix."""
 
 
 @njit(**INLINED)

@@ -52,6 +52,6 @@ def motion_record(trial: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:
     TrialError
         For missing channels, NaN, or time that is not uniform.
     """
-    names = ("u", "v", "r", "delta", *(("p", "phi") if "roll" in vessel.dofs else ()))
+    names = (*STATE[:3], "delta", *(STATE[3:5] if "roll" in vessel.dofs else ()))
     check_trial(trial, names)
     return {name: np.ascontiguousarray(trial[name].values, dtype=float) for name in names}

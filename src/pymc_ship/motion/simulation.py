@@ -11,7 +11,7 @@ from numba import njit
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.equations import KERNEL, STATE, scheme, state_derivative, work_rows
-from pymc_ship.trial.record import CHANNELS, UNITS
+from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 METHODS = ("euler", "rk4")
@@ -322,7 +322,7 @@ def simulate(
     if draws.ndim != 2 or draws.shape[1] != reference.size or not draws.size:
         raise SimulationError(f"Coefficients have shape (draws, {reference.size}), found {draws.shape}; reorder them.")
     time = np.arange(0, n_steps, stride) * step
-    out = np.full((len(CHANNELS), len(draws), len(time)), np.nan)
+    out = np.full((len(SIMULATED), len(draws), len(time)), np.nan)
     settings = _settings(vessel, manoeuvre, n_steps, step, method)
     blocks = range(0, len(draws), LANES)
 
@@ -380,7 +380,9 @@ def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, step: float, method: str) -> di
 
 
 def _dataset(out: np.ndarray, time: np.ndarray, diverged_at: np.ndarray, attrs: dict, single: bool) -> xr.Dataset:
-    variables = {name: (("draw", "time"), out[row], {"units": UNITS[name]}) for row, name in enumerate(CHANNELS)}
+    variables = {
+        name: (("draw", "time"), out[row], {"units": CHANNELS[name].unit.name}) for row, name in enumerate(SIMULATED)
+    }
     variables["diverged"] = ("draw", np.isfinite(diverged_at))
     variables["diverged_at"] = ("draw", diverged_at, {"units": "s"})
     coords = {"time": ("time", time, {"units": "s"})}

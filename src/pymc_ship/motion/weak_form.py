@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.terms import evaluate
+from pymc_ship.motion.equations import VELOCITIES
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.trial.record import TrialError, sampling_interval
 from pymc_ship.vessel.vessel import DOFS, Vessel
@@ -39,7 +40,6 @@ METHODS = ("euler", "rk4")
 TAU = (0.05, 20.0)
 """Bounds of the factor by which the evidence stretches the prior scales of a degree of freedom."""
 
-_MOTION = ("u", "v", "r", "p")
 _POWER = 6
 _FEWEST = 4  # samples in a radius
 _ITERATIONS = 200
@@ -248,7 +248,7 @@ def _denoised(trial: xr.Dataset, record: dict[str, np.ndarray]) -> dict[str, np.
 def _momentum(vessel: Vessel, record: dict[str, np.ndarray]) -> np.ndarray:
     """J L nu over the square of the nominal speed, shape (4, n_time)."""
     L, nominal_speed = vessel.particulars.L, vessel.particulars.nominal_speed
-    motion = np.array([record[name] if name in record else np.zeros_like(record["u"]) for name in _MOTION])
+    motion = np.array([record[name] if name in record else np.zeros_like(record["u"]) for name in VELOCITIES])
     motion *= np.array([[L], [L], [L**2], [L**2]]) / nominal_speed**2
     return vessel.inertia_matrix @ motion
 

@@ -11,12 +11,12 @@ import xarray as xr
 
 from pymc_ship.forces.prime_system import to_prime
 from pymc_ship.forces.terms import evaluate
+from pymc_ship.motion.equations import VELOCITIES
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.motion.weak_form import INDEPENDENT, weak_form
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
-_MOTION = ("u", "v", "r", "p")
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
 """Samples at the begin and end of a record that lack a neighbour their difference needs."""
 
@@ -335,7 +335,7 @@ def _difference_rows(
         to_prime(f"{name}dot", differentiate(record[name], step, method=derivative), speed, L)
         if name in record
         else np.zeros_like(speed)
-        for name in _MOTION
+        for name in VELOCITIES
     ]
     index = DOFS.index(dof)
     response = vessel.inertia_matrix[index] @ np.array(acceleration) - known[index]

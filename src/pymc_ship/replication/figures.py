@@ -11,27 +11,19 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from pymc_ship.forecasting.forecast import stated_shares
 from pymc_ship.manoeuvre.registry import kind_named
+from pymc_ship.motion.equations import STATE
 from pymc_ship.pages.drawing import COLOURS, DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, styled, subplots
-from pymc_ship.trial.record import UNITS
-
-_DEGREES = {"rad": "deg", "rad/s": "deg/s"}
-
-
-_LABELS = {"phi": "roll angle φ", "psi": "heading ψ", "delta": "rudder δ", "x": "x", "y": "y"}
+from pymc_ship.trial.channels import CHANNELS, sensors
 
 
 def _shown(name: str, values: np.ndarray) -> np.ndarray:
-    return np.rad2deg(values) if UNITS[name] in _DEGREES else values
-
-
-def _label(name: str) -> str:
-    return f"{_LABELS.get(name, name)} [{_DEGREES.get(UNITS[name], UNITS[name])}]"
+    return CHANNELS[name].unit.shown_factor * values
 
 
 @styled
 def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tuple[float, float]) -> Figure:
     """Fig. 2: clean, polluted and denoised channels, the whole record and a part enlarged."""
-    names = [name for name in ("u", "v", "r", "p", "phi") if name in smooth]
+    names = [name for name in sensors() if name in smooth]
     fig, axes = subplots(8.0, 1.55 * len(names), len(names), 2, width_ratios=(1.7, 1.0), sharex="col")
     views = (slice(None, None, 10), np.flatnonzero((clean["time"] >= zoom[0]) & (clean["time"] <= zoom[1])))
     for row, name in zip(axes, names, strict=True):
@@ -40,7 +32,7 @@ def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tu
             ax.plot(time, _shown(name, noisy[name].values[view]), color=NOISE, lw=0.6, label="polluted")
             ax.plot(time, _shown(name, clean[name].values[view]), color=REFERENCE, lw=1.6, label="clean")
             ax.plot(time, _shown(name, smooth[name].values[view]), color=COLOURS["semiconjugate"], label="denoised")
-        row[0].set_ylabel(_label(name))
+        row[0].set_ylabel(CHANNELS[name].short_axis)
     for ax, title in zip(axes[0], ("whole record", "enlarged"), strict=True):
         ax.set_title(title)
     for ax in axes[-1]:
@@ -96,15 +88,14 @@ def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
 @styled
 def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]) -> Figure:
     """Fig. 5 and 6: motion of the reference ship against medians and bands of each forecast, and their shares."""
-    names = ("u", "v", "r", "p", "phi", "psi")
     turning = kind_named(reference.attrs["manoeuvre"]).circles
     fig, axes = subplots(8.0, 7.4, 4, 2)
-    panels = [*names, "delta"]
+    panels = (*STATE[:6], "delta")
     for ax, name in zip(axes.flat, panels, strict=False):
         for family, tree in forecasts.items():
             _band(ax, tree["bands"].to_dataset(), name, COLOURS[family], family)
         ax.plot(reference["time"], _shown(name, reference[name].values), "--", color=REFERENCE, label="reference")
-        ax.set_ylabel(_label(name))
+        ax.set_ylabel(CHANNELS[name].short_axis)
         ax.set_xlabel("time [s]")
     _track(axes.flat[-1], reference, forecasts, equal=turning)
     handles, labels = axes.flat[0].get_legend_handles_labels()

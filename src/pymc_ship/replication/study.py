@@ -25,8 +25,8 @@ from pymc_ship.replication import measurements as replication
 from pymc_ship.sampling.gibbs import gibbs_posterior
 from pymc_ship.sampling.regression_model import nuts_posterior
 from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior
-from pymc_ship.trial.noise import FACTORS, LITERAL_LEVEL, noise_sd, pollute
-from pymc_ship.trial.record import SENSORS
+from pymc_ship.trial.channels import sensors
+from pymc_ship.trial.noise import LITERAL_LEVEL, noise_factors, noise_sd, pollute
 from pymc_ship.vessel.vessel import Vessel
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
@@ -94,7 +94,7 @@ def run_study(
     level = noise_sd(level)
     progress("reference trial")
     trial = simulate(vessel, zigzag(20, 20), duration=DURATION, step=STEP)
-    unit_sd = {name: FACTORS[name] * float(np.abs(trial[name]).max()) for name in SENSORS}
+    unit_sd = {name: noise_factors()[name] * float(np.abs(trial[name]).max()) for name in sensors()}
     result = StudyResult(vessel, trial, level, seed, cramer_rao_bound(trial, vessel, unit_sd, method="euler"))
     for name, manoeuvre in MANOEUVRES.items():
         result.references[name] = simulate(vessel, manoeuvre, duration=DURATION, step=STEP, record_interval=0.5)

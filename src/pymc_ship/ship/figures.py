@@ -14,19 +14,12 @@ from pymc_ship.pages.drawing import COLOURS, DOF_COLOURS, REFERENCE, styled, sub
 from pymc_ship.ship.model import Candidate, held_together
 from pymc_ship.ship.paths import QUANTILES
 from pymc_ship.trajectory.windows import prepared_windows, restarted, thinned
+from pymc_ship.trial.channels import CHANNELS
 
 BARS = 0.9
 """Probability inside the bars of the term sets."""
 
 _BLUE, _RUST = COLOURS["conjugate"], COLOURS["semiconjugate"]
-_LABELS = {
-    "u": "surge velocity u [m/s]",
-    "v": "sway velocity v [m/s]",
-    "r": "yaw rate r [deg/s]",
-    "p": "roll rate p [deg/s]",
-    "phi": "roll angle φ [deg]",
-}
-_DEGREES = ("r", "p", "phi")
 _BOOTSTRAPS = 2000
 
 
@@ -90,7 +83,7 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
         axes[0, column].set_title(name, parse_math=False)
         axes[-1, column].set_xlabel("time [s]")
         for row, channel in enumerate(channels):
-            ax, factor = axes[row, column], np.rad2deg(1.0) if channel in _DEGREES else 1.0
+            ax, factor = axes[row, column], CHANNELS[channel].unit.shown_factor
             time = np.concatenate([window.time for window in windows])
             record = np.concatenate([window.record[row] for window in windows])
             ax.plot(time, factor * record, color=REFERENCE, lw=0.9, label="measured")
@@ -99,7 +92,7 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
                 ax.plot(window.time, factor * window.forecast[row], color=_RUST, label=labels[0])
                 ax.plot(window.time[0], factor * window.forecast[row, 0], "o", ms=3, color=_RUST, label=labels[1])
             if column == 0:
-                ax.set_ylabel(_LABELS[channel])
+                ax.set_ylabel(CHANNELS[channel].axis)
     fig.align_ylabels(axes[:, 0])
     fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig

@@ -20,9 +20,10 @@ from pymc_ship.manoeuvre.measured import measured_indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.trajectory.windows import Window, WindowFit, restarted
+from pymc_ship.trial.channels import sensors
 from pymc_ship.vessel.vessel import Vessel
 
-JUDGED = ("u", "v", "r")
+JUDGED = sensors(rolling=False)
 """Channels of the score, the same for a model that rolls and one that does not."""
 
 _LOG_2PI = np.log(2.0 * np.pi)

@@ -30,6 +30,7 @@ from pymc_ship.ship.model import Candidate, ShipModel
 from pymc_ship.ship.paths import coverage, held_out_rows, overshoot_errors
 from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.trajectory.windows import LENGTH, thinned
+from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.term_sets import TERM_SETS
 from pymc_ship.vessel.vessel import LETTER, Vessel
@@ -49,8 +50,6 @@ _FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force
 _TABLES = ("runs", "checks", "term_sets", "held_out_indices", "model_error", "paths", "coefficients", "correlations")
 _OF = {"angle": "swing of heading", "time": "L/U", "distance": "L"}
 _LEFT_OUT = " terms were left out: "
-_DEGREES = ("r", "p", "phi")
-_SHOWN = {"u": "m/s", "v": "m/s", "r": "deg/s", "p": "deg/s", "phi": "deg"}
 _WORDS = {"first": "First overshoot angle", "second": "Second overshoot angle"}
 
 
@@ -342,7 +341,7 @@ def _tables(model: ShipModel, rows: Mapping[str, list[dict]]) -> dict[str, Table
 
 
 def _rms_columns(channels: Sequence[str]) -> dict:
-    return {f"rms_{channel}": (f"rms {channel} {_SHOWN[channel]}", _three_digits) for channel in channels}
+    return {f"rms_{channel}": (f"rms {channel} {CHANNELS[channel].unit.shown}", _three_digits) for channel in channels}
 
 
 def _path_columns(channels: Sequence[str]) -> dict:
@@ -366,8 +365,7 @@ def _shown(row: Mapping, channels: Sequence[str]) -> dict:
     """Row of a term set or a path with rates in degrees and shares in percent."""
     found = dict(row)
     for channel in channels:
-        value = row.get(f"rms_{channel}", np.nan)
-        found[f"rms_{channel}"] = float(np.rad2deg(value)) if channel in _DEGREES else value
+        found[f"rms_{channel}"] = CHANNELS[channel].unit.shown_factor * row.get(f"rms_{channel}", np.nan)
     found |= {key: 100.0 * row[key] for key in ("weight", "share_unsound") if key in row}
     return found | ({"events": f"{row['reached']} of {row['measured']}"} if "reached" in row else {})
 

@@ -15,8 +15,9 @@ import xarray as xr
 
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.simulation import METHODS
+from pymc_ship.trial.channels import CHANNELS, channel_names, sensors
 from pymc_ship.trial.noise import second_difference_sd
-from pymc_ship.trial.record import SENSORS, TrialError, check_trial, sampling_interval
+from pymc_ship.trial.record import TrialError, check_trial, sampling_interval
 from pymc_ship.vessel.vessel import Vessel
 
 BLOCK = 0.2
@@ -111,8 +112,8 @@ class Run:
         A measured state starts from a straight line through its first two seconds, with an sd of the channel's range;
         one that is not measured from 0, u from the nominal speed, with an sd of its size in hard manoeuvring.
         """
-        guess, sd = np.zeros(self.n_states), np.array([5.0, 0.5, 0.005, 0.005, 0.05, 1.0, 100.0, 100.0])
-        guess[0], sd = self.nominal_speed, sd[: self.n_states]
+        guess, sd = np.zeros(self.n_states), np.array([CHANNELS[name].size for name in STATE[: self.n_states]])
+        guess[0] = self.nominal_speed
         if not self.rolls:
             sd[3:5] = 1e-9
         count = min(max(round(2.0 / self.interval), 2), self.delta.size)
@@ -155,9 +156,10 @@ def trajectory_run(
         For a channel that is missing, named twice or no state, values that are not finite, fewer than 20 blocks, a
         channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
     """
-    wanted = tuple(channels) if channels is not None else tuple(name for name in SENSORS if name in trial)
+    wanted = tuple(channels) if channels is not None else tuple(name for name in sensors() if name in trial)
     if "roll" not in vessel.dofs:
-        wanted = tuple(name for name in wanted if name not in ("p", "phi"))
+        rolling = channel_names(lambda channel: channel.rolling)
+        wanted = tuple(name for name in wanted if name not in rolling)
     unknown = [name for name in (*wanted, *(noise_sd or {})) if name not in STATE]
     if unknown or not wanted or len(set(wanted)) < len(wanted) or method not in METHODS:
         raise TrialError(

@@ -21,6 +21,7 @@ from pymc_ship.motion.simulation import replay
 from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryFit, fit_trajectory, initial_problem, run_rows
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import Run, trajectory_run
+from pymc_ship.trial.channels import CHANNELS, sensors
 from pymc_ship.trial.record import TrialError, sampling_interval
 from pymc_ship.vessel.vessel import Vessel
 
@@ -33,7 +34,7 @@ SAMPLES = 120
 _BLOCKS = 30  # in L/U, of the comparison
 _STEPS = 60  # in L/U, of the integration at least
 _SMOOTHED = 0.5  # L/U, under which a local cubic gives the state a window restarts from
-_FIRST_SD = {"u": 0.01, "v": 0.01, "r": 0.02, "p": 0.02, "phi": 0.01}  # of the speed or of U/L, or rad
+_FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # by unit: of the speed, of U/L, or rad
 _PASSES = 6
 _SETTLED = 0.01
 
@@ -113,9 +114,10 @@ def window_records(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
 def prepared_windows(trial: xr.Dataset, vessel: Vessel) -> list[Window]:
     """Windows of a thinned record for the fit and the score of a vessel's model."""
     unit, step = vessel.particulars.ship_time, sampling_interval(trial)
-    channels = ("u", "v", "r", *(("p", "phi") if "roll" in vessel.dofs else ()))
-    size = {"u": vessel.particulars.nominal_speed, "v": vessel.particulars.nominal_speed, "phi": 1.0}
-    sd = {name: _FIRST_SD[name] * size.get(name, 1.0 / unit) for name in channels}
+    channels = sensors(rolling="roll" in vessel.dofs)
+    size = {"m/s": vessel.particulars.nominal_speed, "rad/s": 1.0 / unit, "rad": 1.0}
+    units = {name: CHANNELS[name].unit.name for name in channels}
+    sd = {name: _FIRST_SD[of] * size[of] for name, of in units.items()}
     block, substeps = max(round(unit / _BLOCKS / step), 1), int(np.ceil(_STEPS * step / unit))
     smooth = trial.assign({name: ("time", _smoothed(trial[name].values, unit / step)) for name in channels})
     found = []

@@ -1,6 +1,8 @@
 """The record of a trial: read, checked for form, written and polluted.
 
-- `record`: channels, units, the check of a record, and its CSV.
+- `units`: SI units, how files spell them and how they grow with the ship.
+- `channels`: the one table of channels.
+- `record`: the check of a record, and its CSV.
 - `columns`: headings of a file matched with channels and units.
 - `format`: the user's description of a file, in TOML.
 - `time_base`: rounded, repeated and missing time stamps.

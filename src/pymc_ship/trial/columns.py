@@ -2,59 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
-from pymc_ship.trial.record import EXTRA_UNITS, UNITS, TrialError
-
-SI = {"time": "s", **UNITS, **EXTRA_UNITS}
-"""Time and every channel that is read, with its SI unit."""
-
-_DEG, _KNOT, _FOOT = math.pi / 180.0, 1852.0 / 3600.0, 0.3048
-
-FACTORS = {
-    "s": {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "min": 60.0, "minutes": 60.0, "h": 3600.0},
-    "m": {"m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "mm": 1e-3, "km": 1e3, "ft": _FOOT},
-    "m/s": {"m/s": 1.0, "ms-1": 1.0, "km/h": 1 / 3.6, "ft/s": _FOOT}
-    | dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), _KNOT),
-    "rad": {"rad": 1.0, "radian": 1.0, "radians": 1.0} | dict.fromkeys(("deg", "degree", "degrees"), _DEG),
-    "rad/s": {"rad/s": 1.0, "rads-1": 1.0, "rad/sec": 1.0, "deg/min": _DEG / 60.0}
-    | dict.fromkeys(("deg/s", "degs-1", "deg/sec", "degree/s", "degrees/s", "degrees/sec"), _DEG),
-    "rev/s": dict.fromkeys(("rev/s", "rps", "hz", "1/s", "s-1"), 1.0)
-    | dict.fromkeys(("rpm", "rev/min", "1/min", "min-1"), 1 / 60.0),
-    "N": {"n": 1.0, "kn": 1e3, "mn": 1e6},
-    "N m": {"nm": 1.0, "knm": 1e3, "mnm": 1e6},
-}
-"""SI unit -> spellings that are read, in small letters without spaces, and their factors."""
+from pymc_ship.trial.channels import CHANNELS, TIME, Channel, readable
+from pymc_ship.trial.record import TrialError
+from pymc_ship.trial.units import RADIAN, spelling
 
 _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/s2", "deg/s2", "rad/s2", "g", "volt"))
 """Units of quantities that are none of a trial's channels: power P, temperature T, ..."""
-
-_WORDS = {
-    "time": ("elapsed time", "timestamp", "time stamp"),
-    "u": ("surge", "surge velocity", "surge speed", "longitudinal velocity", "longitudinal speed"),
-    "v": ("sway", "sway velocity", "sway speed", "transverse velocity", "transverse speed", "lateral velocity"),
-    "r": ("yaw rate", "yawrate", "yaw velocity", "rate of turn", "rot", "yaw", "heading rate"),
-    "p": ("roll rate", "rollrate", "roll velocity", "roll"),
-    "phi": ("roll", "roll angle", "heel", "heel angle", "φ"),
-    "psi": ("heading", "heading angle", "yaw", "yaw angle", "hdg", "ψ"),
-    "x": ("x position", "x pos", "north", "northing"),
-    "y": ("y position", "y pos", "east", "easting"),
-    "delta": ("rudder", "rudder angle", "δ"),
-    "n": ("rpm", "rps", "propeller", "shaft", "revs", "revolutions", "propeller speed", "shaft speed"),
-    "thrust": ("propeller thrust",),
-    "torque": ("propeller torque", "shaft torque"),
-}
-_SYMBOLS = {name: (name,) for name in SI} | {"t": ("time",)}
-_CHANNELS_OF = _SYMBOLS | {
-    word: tuple(channel for channel, words in _WORDS.items() if word in words)
-    for words in _WORDS.values()
-    for word in words
-}
 
 
 @dataclass(frozen=True)
@@ -74,19 +34,15 @@ class Column:
         return self.factor * (self.sign * cells + self.offset)
 
 
-def unit_factor(unit: str, si_unit: str) -> float | None:
-    """Factor from a unit to its SI unit; None where it is none of its spellings."""
-    return FACTORS[si_unit].get(_spelling(unit))
-
-
 def is_unit(text: str) -> bool:
     """Whether a text is a unit, in brackets or not, of any quantity."""
-    return any(_spelling(text) in spellings for spellings in (*FACTORS.values(), _OTHER_UNITS))
+    known = any(one.unit.factor(text) for one in readable().values())
+    return known or spelling(text) in _OTHER_UNITS
 
 
-def _spelling(unit: str) -> str:
-    plain = unit.strip().strip("[](){}").lower().replace("°", "deg").replace("_per_", "/").replace("_", "/")
-    return re.sub(r"[\s.·^*]", "", plain)
+def _named(heading: str) -> list[Channel]:
+    """Channels that a heading in small letters and without its unit may name."""
+    return [one for one in readable().values() if heading == _plain(one.name) or heading in one.headings]
 
 
 def _name_and_unit(heading: str) -> tuple[str, str | None]:
@@ -94,11 +50,11 @@ def _name_and_unit(heading: str) -> tuple[str, str | None]:
     bracketed = re.fullmatch(r"(.*?)\s*[\[({]([^\])}]*)[\])}]\s*", heading)
     if bracketed:
         return _plain(bracketed[1]), bracketed[2].strip() or None
-    if _plain(heading) in _CHANNELS_OF:
+    if _named(_plain(heading)):
         return _plain(heading), None
     for place in re.finditer(r"[_\s,/]+", heading):
         name, unit = _plain(heading[: place.start()]), heading[place.end() :]
-        if name in _CHANNELS_OF and is_unit(unit):
+        if _named(name) and is_unit(unit):
             return name, unit
     return _plain(heading), None
 
@@ -112,7 +68,7 @@ def matched_columns(
     units: Sequence[str],
     chosen: Mapping[str, Mapping],
     where: str,
-    unstated: Mapping[str, str] = SI,
+    unstated: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[dict[str, Column], list[str]]:
     """Column of every channel that a file has.
 
@@ -127,7 +83,7 @@ def matched_columns(
     where : str
         Name of the file, for errors.
     unstated : mapping of str, optional
-        Unit of a channel where none is stated.
+        Unit of a channel where none is stated and it is not the SI unit.
 
     Returns
     -------
@@ -141,19 +97,18 @@ def matched_columns(
     """
     found = {}
     for channel, choice in chosen.items():
-        choice = {**choice, "unstated": unstated[channel]}
-        found[channel] = _chosen_column(channel, choice, headings, units, where)
+        found[channel] = _chosen_column(readable()[channel], choice, headings, units, unstated.get(channel), where)
     left_out, offers = _offers(headings, units, found, where, unstated)
     for channel, columns in offers.items():
         found[channel] = _one_of(channel, columns, where)
         left_out += [column.heading for column in columns if column is not found[channel]]
     if "time" not in found or len(found) < 2:
-        lacking = "time" if "time" not in found else f"any of {', '.join(list(SI)[1:])}"
+        lacking = "time" if "time" not in found else f"any of {', '.join(CHANNELS)}"
         raise TrialError(
-            f"{where}: columns are time and any of {', '.join(list(SI)[1:])}, found {', '.join(headings)!r} without "
+            f"{where}: columns are time and any of {', '.join(CHANNELS)}, found {', '.join(headings)!r} without "
             f"{lacking}; rename one or name it in a format file."
         )
-    ordered = {channel: found[channel] for channel in SI if channel in found}
+    ordered = {name: found[name] for name in readable() if name in found}
     return ordered, _interpreted(ordered, left_out)
 
 
@@ -179,7 +134,7 @@ def _offers(
         else:
             left_out.append(heading)
     for heading, error in errors.items():
-        if not {*found, *offers}.intersection(_CHANNELS_OF[_name_and_unit(heading)[0]]):
+        if {*found, *offers}.isdisjoint(one.name for one in _named(_name_and_unit(heading)[0])):
             raise error
     return left_out, offers
 
@@ -188,7 +143,7 @@ def _interpreted(columns: Mapping[str, Column], left_out: list[str]) -> list[str
     read = [
         f"{c.channel} from {c.heading!r} in {c.unit}"
         for c in columns.values()
-        if (c.heading, c.unit) != (c.channel, SI[c.channel])
+        if (c.heading, c.unit) != (c.channel, readable()[c.channel].unit.name)
     ]
     notes = [f"Columns read: {', '.join(read)}."] if read else []
     return [*notes, f"Columns left out: {', '.join(left_out)}."] if left_out else notes
@@ -208,43 +163,55 @@ def _one_of(channel: str, columns: list[Column], where: str) -> Column:
 def _recognised(index: int, heading: str, unit_below: str, where: str, unstated: Mapping[str, str]) -> Column | None:
     """Column that a heading names; None for one of another quantity."""
     name, stated = _name_and_unit(heading)
-    channels = _CHANNELS_OF.get(name, ())
-    unit = stated or unit_below or {"rpm": "rpm", "rps": "rps"}.get(name)
+    channels = _named(name)
     if not channels:
         return None
+    unit = stated or unit_below or (name if channels[0].unit.factor(name) else None)
     if not unit:
-        channel = next((channel for channel in channels if unstated[channel] != SI[channel]), None)
-        if channel:
-            return Column(channel, index, heading, unstated[channel], FACTORS[SI[channel]][unstated[channel]])
-        if name not in _SYMBOLS and channels != ("time",):
-            raise TrialError(
-                f"{where}, column {heading!r}: its unit is not stated; call it "
-                f"'{heading} [{'deg' if SI[channels[-1]] == 'rad' else SI[channels[-1]]}]' or as it is."
-            )
-        return Column(channels[0], index, heading, SI[channels[0]], 1.0)
+        return _without_unit(index, heading, channels, where, unstated)
     for channel in channels:
-        if factor := unit_factor(unit, SI[channel]):
-            return Column(channel, index, heading, unit, factor)
+        if factor := channel.unit.factor(unit):
+            return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor)
     if is_unit(unit):
         return None
     raise TrialError(_unknown_unit(where, heading, channels[0], unit))
 
 
-def _unknown_unit(where: str, heading: str, channel: str, unit: str) -> str:
-    known = ", ".join(FACTORS[SI[channel]])
-    return f"{where}, column {heading!r}: the unit of {channel} is one of {known}, found {unit!r}; correct it."
+def _without_unit(
+    index: int, heading: str, channels: Sequence[Channel], where: str, unstated: Mapping[str, str]
+) -> Column:
+    """Column whose unit nothing states: the one the format implies, or the SI unit of a channel called by its name."""
+    channel = next((one for one in channels if one.name in unstated), channels[0])
+    unit = unstated.get(channel.name, channel.unit.name)
+    by_name = channel is TIME or _name_and_unit(heading)[0] == _plain(channel.name)
+    if not by_name and channel.name not in unstated:
+        last = channels[-1].unit
+        raise TrialError(
+            f"{where}, column {heading!r}: its unit is not stated; call it "
+            f"'{heading} [{'deg' if last is RADIAN else last.name}]' or as it is."
+        )
+    return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=channel.unit.factor(unit))
 
 
-def _chosen_column(channel: str, choice: Mapping, headings: Sequence[str], units: Sequence[str], where: str) -> Column:
+def _unknown_unit(where: str, heading: str, channel: Channel, unit: str) -> str:
+    known = ", ".join(channel.unit.spellings)
+    return f"{where}, column {heading!r}: the unit of {channel.name} is one of {known}, found {unit!r}; correct it."
+
+
+def _chosen_column(
+    channel: Channel, choice: Mapping, headings: Sequence[str], units: Sequence[str], unstated: str | None, where: str
+) -> Column:
     wanted = choice["column"].strip()
     found = [index for index, heading in enumerate(headings) if heading == wanted]
     if len(found) != 1:
         raise TrialError(
-            f"{where}: the format reads {channel} from a column {wanted!r} that stands there once, found {len(found)} "
-            f"among {', '.join(headings)}; correct the format."
+            f"{where}: the format reads {channel.name} from a column {wanted!r} that stands there once, found "
+            f"{len(found)} among {', '.join(headings)}; correct the format."
         )
-    unit = choice.get("unit") or _name_and_unit(wanted)[1] or units[found[0]] or choice["unstated"]
-    factor = unit_factor(unit, SI[channel])
+    stated = choice.get("unit") or _name_and_unit(wanted)[1] or units[found[0]]
+    unit = stated or unstated or channel.unit.name
+    factor = channel.unit.factor(unit)
     if factor is None:
         raise TrialError(_unknown_unit(where, wanted, channel, unit))
-    return Column(channel, found[0], wanted, unit, factor, choice.get("sign", 1.0), choice.get("offset", 0.0))
+    signs = {key: choice[key] for key in ("sign", "offset") if key in choice}
+    return Column(channel=channel.name, index=found[0], heading=wanted, unit=unit, factor=factor, **signs)

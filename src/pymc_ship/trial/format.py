@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pymc_ship.machine.toml import toml_table
-from pymc_ship.trial.columns import SI, unit_factor
+from pymc_ship.trial.channels import CHANNELS, readable
 from pymc_ship.trial.record import TrialError
 
 DELIMITERS = (",", ";", "\t", " ")
@@ -21,7 +21,6 @@ _FRAME = {
     "heading": ("clockwise", "counterclockwise", "compass"),
     "rudder_positive": ("port", "starboard"),
 }
-_FROUDE_POWER = {"s": 0.5, "m": 1.0, "m/s": 0.5, "rad": 0.0, "rad/s": -0.5, "rev/s": -0.5, "N": 3.0, "N m": 4.0}
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class TrialFormat:
 
     @property
     def unstated_units(self) -> dict[str, str]:
-        """Unit of each channel where neither heading nor format states one."""
-        return SI | {"psi": "deg"} if self.heading == "compass" else SI
+        """Units of channels where neither heading nor format states one and it is not the SI unit."""
+        return {"psi": "deg"} if self.heading == "compass" else {}
 
 
 def load_format(source: str | Path | Mapping | None) -> TrialFormat:
@@ -113,16 +112,16 @@ def _format(table: Mapping, where: str) -> TrialFormat:
 
 
 def _columns(table: Mapping, where: str) -> dict[str, dict]:
-    _check_keys(table, SI, where, "columns.")
+    _check_keys(table, readable(), where, "columns.")
     columns = {}
     for channel, entry in table.items():
         choice = dict(entry) if isinstance(entry, Mapping) else {"column": entry}
-        key = f"columns.{channel}"
+        key, unit = f"columns.{channel}", readable()[channel].unit
         _check_keys(choice, ("column", "unit", "sign", "offset"), where, f"{key}.")
         if not isinstance(choice.get("column"), str) or not choice["column"].strip():
             raise TrialError(f"{where}: {key} must be the heading of a column, found {choice.get('column')!r}.")
-        if "unit" in choice and (not isinstance(choice["unit"], str) or not unit_factor(choice["unit"], SI[channel])):
-            raise TrialError(f"{where}: {key}.unit must be a unit like {SI[channel]}, found {choice['unit']!r}.")
+        if "unit" in choice and (not isinstance(choice["unit"], str) or not unit.factor(choice["unit"])):
+            raise TrialError(f"{where}: {key}.unit must be a unit like {unit.name}, found {choice['unit']!r}.")
         sign = _number(choice.get("sign", 1), where, f"{key}.sign")
         if abs(sign) != 1.0:
             raise TrialError(f"{where}: {key}.sign must be 1 or -1, found {sign:g}.")
@@ -218,6 +217,6 @@ def full_scale(
     """Time and channels of the ship from those of its model, by Froude's law; sentences on it."""
     if froude == 1.0:
         return time, channels, []
-    scaled = {name: values * froude ** _FROUDE_POWER[SI[name]] for name, values in channels.items()}
+    scaled = {name: values * froude ** CHANNELS[name].unit.froude for name, values in channels.items()}
     note = f"Scaled to the ship by Froude's law: lengths x {froude:g}, speeds and times x {math.sqrt(froude):.4g}."
     return time * math.sqrt(froude), scaled, [note]

@@ -1,20 +1,63 @@
-"""Sensor noise for simulated trials (Xue et al. 2020, Eq. 22)."""
+"""Sensor noise: what simulated records are polluted with (Xue et al. 2020, Eq. 22), and how much a record has."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import xarray as xr
 
-from pymc_ship.trial.record import CHANNELS, SENSORS, TrialError, check_trial
-
-FACTORS = {"u": 0.3, "v": 1.0, "r": 0.3, "p": 0.3, "phi": 0.3, "psi": 0.3}
-"""Factor k of each channel: 1.0 for sway, 0.3 for the others; the rudder and the track carry no noise."""
+from pymc_ship.trial.channels import CHANNELS, SIMULATED, sensors
+from pymc_ship.trial.record import TrialError, check_trial
 
 LITERAL_LEVEL = 0.2**0.5
 """The paper's literal level: xi has variance 0.2, that is a standard deviation of 0.447."""
+
+RECORD_STEP = 0.02
+"""Sampling interval [s] of the simulated records that the time constants of correlated noise are made for."""
+
+_SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
+
+
+def _white(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
+    return values + sd * rng.standard_normal(values.size)
+
+
+def _offset(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
+    """White noise and a constant of either sign, half to all of the peak."""
+    return _white(values, sd, peak, rng) + peak * rng.uniform(0.5, 1.0) * rng.choice((-1.0, 1.0))
+
+
+def _student(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
+    return values + sd * (rng.standard_t(3.0, values.size) / np.sqrt(3.0))
+
+
+def _correlated(time_constant: float) -> Callable[..., np.ndarray]:
+    """First-order autoregression from its stationary state."""
+    correlation = np.exp(-RECORD_STEP / time_constant)
+
+    def noisy(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
+        from scipy.signal import lfilter
+
+        shocks = rng.standard_normal(values.size)
+        shocks[1:] *= np.sqrt(1.0 - correlation**2)
+        return values + sd * lfilter([1.0], [1.0, -correlation], shocks)
+
+    return noisy
+
+
+NOISES = {
+    "white": _white,
+    "correlated 0.2 s": _correlated(0.2),
+    "correlated 1 s": _correlated(1.0),
+    "offsets": _offset,
+    "Student-t3": _student,
+}
+"""Kinds of sensor noise.
+
+Each is a function of the clean values, the standard deviation of the noise, the level times the peak of the channel and
+a generator, and returns the noisy values.
+"""
 
 
 def noise_sd(level: float | str) -> float:
@@ -25,12 +68,17 @@ def noise_sd(level: float | str) -> float:
     return size
 
 
+def noise_factors() -> dict[str, float]:
+    """Factor k of each channel that carries noise: 1.0 for sway, 0.3 for the others; not the rudder and the track."""
+    return {name: one.noise_factor for name, one in CHANNELS.items() if one.noise_factor is not None}
+
+
 def pollute(
     trial: xr.Dataset,
     *,
     level: float | str,
     rng: np.random.Generator,
-    factors: Mapping[str, float] = FACTORS,
+    factors: Mapping[str, float] | None = None,
 ) -> xr.Dataset:
     """Add white Gaussian noise of standard deviation level * k * max|channel| to each channel.
 
@@ -41,7 +89,8 @@ def pollute(
         Standard deviation of xi; ``"literal"`` is sqrt(0.2) = 0.447, as the paper prints it.
     rng : numpy.random.Generator
     factors : mapping of str to float, optional
-        k of each channel that carries noise; channels the trial does not have are left out.
+        k of each channel that carries noise, by default those of :func:`pymc_ship.trial.noise.noise_factors`; channels
+        the trial does not have are left out.
 
     Returns
     -------
@@ -69,23 +118,36 @@ def pollute(
     >>> print(f"{noise.std():.4f} rad; {noisy.attrs['noise_sd_psi']:.4f} rad")
     0.0019 rad; 0.0019 rad
     """
-    size = noise_sd(level)
-    unknown = [name for name in factors if name not in CHANNELS]
+    size, known = noise_sd(level), noise_factors()
+    factors = known if factors is None else factors
+    noisy = dict.fromkeys((*SIMULATED, *known))
+    unknown = [name for name in factors if name not in noisy]
     if unknown:
-        raise TrialError(f"Noise goes on the channels {', '.join(CHANNELS)}; found {', '.join(unknown)}; rename them.")
+        raise TrialError(f"Noise goes on the channels {', '.join(noisy)}; found {', '.join(unknown)}; rename them.")
     names = [name for name in factors if name in trial]
     check_trial(trial, names, uniform=False)
     polluted = trial.copy()
     polluted.attrs["noise_level"] = float(size)
     for name in names:
-        clean = trial[name].values
-        sd = size * factors[name] * np.abs(clean).max()
-        polluted[name] = ("time", clean + sd * rng.standard_normal(clean.size), trial[name].attrs)
-        polluted.attrs[f"noise_sd_{name}"] = float(sd)
+        peak = np.abs(trial[name].values).max()
+        _add_noise(polluted, name, "white", size * factors[name] * peak, size * peak, rng)
     return polluted
 
 
-_SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
+def noisy_trial(clean: xr.Dataset, level: float, noise: str, rng: np.random.Generator) -> xr.Dataset:
+    """Trial with noise of a kind of :data:`NOISES` on its sensors, of the size that :func:`pymc_ship.pollute` gives."""
+    trial, factors = clean.copy(), noise_factors()
+    for name in sensors():
+        peak = level * np.abs(clean[name].values).max()
+        _add_noise(trial, name, noise, factors[name] * peak, peak, rng)
+    return trial
+
+
+def _add_noise(trial: xr.Dataset, name: str, kind: str, sd: float, peak: float, rng: np.random.Generator) -> None:
+    """Put noise of a kind on a channel, and its standard deviation into the attrs."""
+    noisy = NOISES[kind](trial[name].values, sd, peak, rng)
+    trial[name] = ("time", noisy, trial[name].attrs)
+    trial.attrs[f"noise_sd_{name}"] = float(sd)
 
 
 def second_difference_sd(values: np.ndarray) -> np.ndarray:
@@ -95,50 +157,3 @@ def second_difference_sd(values: np.ndarray) -> np.ndarray:
     small for noise that is correlated in time.
     """
     return np.median(np.abs(np.diff(values, 2, axis=-1)), axis=-1) / _SECOND_DIFFERENCE
-
-
-RECORD_STEP = 0.02
-"""Sampling interval [s] of the simulated records that the kinds of noise below are made for."""
-
-
-def _white(size: int, rng: np.random.Generator) -> np.ndarray:
-    return rng.standard_normal(size)
-
-
-def _student(size: int, rng: np.random.Generator) -> np.ndarray:
-    return rng.standard_t(3.0, size) / np.sqrt(3.0)
-
-
-def _correlated(size: int, rng: np.random.Generator, *, time_constant: float) -> np.ndarray:
-    """First-order autoregression of unit variance from its stationary state."""
-    from scipy.signal import lfilter
-
-    correlation = np.exp(-RECORD_STEP / time_constant)
-    shocks = rng.standard_normal(size)
-    shocks[1:] *= np.sqrt(1.0 - correlation**2)
-    return lfilter([1.0], [1.0, -correlation], shocks)
-
-
-NOISES = {
-    "white": _white,
-    "correlated 0.2 s": partial(_correlated, time_constant=0.2),
-    "correlated 1 s": partial(_correlated, time_constant=1.0),
-    "offsets": _white,
-    "Student-t3": _student,
-}
-"""Sensor noise of unit variance: (size, generator) -> (size,). Under ``offsets`` a constant of either sign, half to
-all of the level times the peak of the channel, comes on top of the white noise."""
-
-
-def noisy_trial(clean: xr.Dataset, level: float, noise: str, rng: np.random.Generator) -> xr.Dataset:
-    """Trial with noise of the size that :func:`pymc_ship.pollute` gives, of any kind of :data:`NOISES`."""
-    trial = clean.copy()
-    for name in SENSORS:
-        values = clean[name].values
-        peak = level * np.abs(values).max()
-        seen = values + FACTORS[name] * peak * NOISES[noise](values.size, rng)
-        if noise == "offsets":
-            seen = seen + peak * rng.uniform(0.5, 1.0) * rng.choice((-1.0, 1.0))
-        trial[name] = ("time", seen, clean[name].attrs)
-        trial.attrs[f"noise_sd_{name}"] = float(FACTORS[name] * peak)
-    return trial

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.columns import Column, is_unit, matched_columns
 from pymc_ship.trial.format import TrialFormat, at_origin, full_scale, load_format, with_signs
-from pymc_ship.trial.record import EXTRA_UNITS, UNITS, TrialError
+from pymc_ship.trial.record import TrialError
 from pymc_ship.trial.time_base import regular, rounding
 
 _COMMENTS = ("#", "%")
@@ -73,7 +74,7 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) 
     time, channels, more = regular(time, quantum, channels, str(path))
     channels, moved = at_origin(channels, layout, str(path))
     time, channels, scaled = full_scale(time, channels, layout.froude)
-    variables = {name: ("time", values, {"units": (UNITS | EXTRA_UNITS)[name]}) for name, values in channels.items()}
+    variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in channels.items()}
     reading = "\n".join([*notes, *said, *more, *moved, *scaled])
     return xr.Dataset(variables, {"time": ("time", time, {"units": "s"})}, {"reading": reading})
 

@@ -9,24 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.files import staged
-
-UNITS = {
-    "u": "m/s",
-    "v": "m/s",
-    "r": "rad/s",
-    "p": "rad/s",
-    "phi": "rad",
-    "psi": "rad",
-    "x": "m",
-    "y": "m",
-    "delta": "rad",
-}
-"""Channels of a trial and their units."""
-
-CHANNELS = tuple(UNITS)
-
-EXTRA_UNITS = {"n": "rev/s", "thrust": "N", "torque": "N m"}
-"""Channels of the propeller that a record may have beside them."""
+from pymc_ship.trial.channels import CHANNELS
 
 
 class TrialError(ValueError):
@@ -139,13 +122,9 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     True
     """
     path = Path(path)
-    names = [name for name in (*CHANNELS, *EXTRA_UNITS) if name in trial]
+    names = [name for name in CHANNELS if name in trial]
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
     with staged(path) as partial, partial.open("w", encoding="utf-8") as file:
         file.write(",".join(["time", *names]) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
     return path
-
-
-SENSORS = ("u", "v", "r", "p", "phi")
-"""Channels used where none are named; psi, x and y can be added."""

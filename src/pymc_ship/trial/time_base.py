@@ -11,7 +11,8 @@ from decimal import Decimal
 
 import numpy as np
 
-from pymc_ship.trial.record import EXTRA_UNITS, TrialError, is_uniform
+from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.record import TrialError, is_uniform
 
 FILLED_SAMPLES, FILLED_SECONDS = 5, 2.0
 """Longest run of missing samples that is interpolated: whichever of the two is longer."""
@@ -167,7 +168,7 @@ def _filled(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: st
             continue
         short = _short_runs(missing, time, _longest_fill(time))
         long = missing & ~short
-        if long.sum() > 0.5 * time.size or (name in EXTRA_UNITS and long.any()) or missing.all():
+        if long.sum() > 0.5 * time.size or (name not in SIMULATED and long.any()) or missing.all():
             notes.append(f"{name} left out: {missing.sum()} of {time.size} cells are missing.")
             continue
         filled[name] = values.copy()

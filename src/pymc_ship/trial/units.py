@@ -1,0 +1,85 @@
+"""SI units of the channels: how a file may spell them, how they grow with the ship, and how values are shown."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+_DEG, _KNOT, _FOOT = math.pi / 180.0, 1852.0 / 3600.0, 0.3048
+
+
+@dataclass(frozen=True)
+class Unit:
+    """An SI unit.
+
+    Attributes
+    ----------
+    name : str
+    spellings : mapping of str to float
+        What a file may write in its place, as :func:`spelling` leaves it, and the factor to SI; its own among them.
+    froude : float
+        Power of the scale of lengths by which a value grows from a model to the ship at equal Froude numbers.
+    """
+
+    name: str
+    spellings: Mapping[str, float]
+    froude: float
+
+    def factor(self, stated: str) -> float | None:
+        """Factor from a unit to this one; None where it is none of its spellings."""
+        return self.spellings.get(spelling(stated))
+
+    @property
+    def shown(self) -> str:
+        """Unit in which people are shown values: degrees in the place of radians."""
+        return self.name.replace("rad", "deg")
+
+    @property
+    def shown_factor(self) -> float:
+        """Factor from this unit to the one that is shown."""
+        return math.degrees(1.0) if "rad" in self.name else 1.0
+
+
+def spelling(unit: str) -> str:
+    """Unit in small letters, without brackets, spaces and signs of multiplication."""
+    plain = unit.strip().strip("[](){}").lower().replace("°", "deg").replace("_per_", "/").replace("_", "/")
+    return re.sub(r"[\s.·^*]", "", plain)
+
+
+SECOND = Unit(
+    "s",
+    {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "min": 60.0, "minutes": 60.0, "h": 3600.0},
+    froude=0.5,
+)
+METRE = Unit(
+    "m",
+    {"m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "mm": 1e-3, "km": 1e3, "ft": _FOOT},
+    froude=1.0,
+)
+METRE_PER_SECOND = Unit(
+    "m/s",
+    {"m/s": 1.0, "ms-1": 1.0, "km/h": 1 / 3.6, "ft/s": _FOOT}
+    | dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), _KNOT),
+    froude=0.5,
+)
+RADIAN = Unit(
+    "rad",
+    {"rad": 1.0, "radian": 1.0, "radians": 1.0} | dict.fromkeys(("deg", "degree", "degrees"), _DEG),
+    froude=0.0,
+)
+RADIAN_PER_SECOND = Unit(
+    "rad/s",
+    {"rad/s": 1.0, "rads-1": 1.0, "rad/sec": 1.0, "deg/min": _DEG / 60.0}
+    | dict.fromkeys(("deg/s", "degs-1", "deg/sec", "degree/s", "degrees/s", "degrees/sec"), _DEG),
+    froude=-0.5,
+)
+REVOLUTION_PER_SECOND = Unit(
+    "rev/s",
+    dict.fromkeys(("rev/s", "rps", "hz", "1/s", "s-1"), 1.0)
+    | dict.fromkeys(("rpm", "rev/min", "1/min", "min-1"), 1 / 60.0),
+    froude=-0.5,
+)
+NEWTON = Unit("N", {"n": 1.0, "kn": 1e3, "mn": 1e6}, froude=3.0)
+NEWTON_METRE = Unit("N m", {"nm": 1.0, "knm": 1e3, "mnm": 1e6}, froude=4.0)
