@@ -51,7 +51,7 @@ def test_savgol_window_is_five_seconds():
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"method": "spline"}, "method is one of euler, central, savgol, found 'spline'"),
+        ({"method": "spline"}, "method is one of euler, central, savgol; found 'spline'"),
         ({"step": 0.0}, "must be positive"),
         ({"step": 1.0, "window": -1.0}, "must be positive"),
         ({"order": 0}, "order at least 1"),

@@ -345,9 +345,9 @@ def test_mad_is_about_zero():
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"x": [1.0], "prior": "gauss"}, "prior is one of laplace, cauchy, found 'gauss'"),
-        ({"x": [1.0], "rule": "none"}, "rule is one of median, mean, hard, soft, found 'none'"),
-        ({"x": [1.0], "threshold": "sure"}, "threshold is one of posterior_median, bayes_factor, found 'sure'"),
+        ({"x": [1.0], "prior": "gauss"}, "prior is one of laplace, cauchy; found 'gauss'"),
+        ({"x": [1.0], "rule": "none"}, "rule is one of median, mean, hard, soft; found 'none'"),
+        ({"x": [1.0], "threshold": "sure"}, "threshold is one of posterior_median, bayes_factor; found 'sure'"),
         ({"x": []}, "finite observations, found none"),
         ({"x": [1.0, np.nan, np.inf]}, "finite observations, found 2 that are not"),
         ({"x": [1.0], "sdev": 0.0}, "noise standard deviation must be positive and finite, found 0.0"),

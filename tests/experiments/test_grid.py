@@ -18,7 +18,7 @@ def test_the_shipped_grid_is_five_levels_four_methods_and_a_hundred_seeds():
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("seeds = 4", "sedes = 4", "unknown key sedes; known are title, ships"),
+        ("seeds = 4", "sedes = 4", "unknown key sedes; known here are title, ships"),
         ("seeds = 4", "", "seeds is missing; add it."),
         ("seeds = 4", "seeds = 0", "seeds must be a whole number from 1 up, found 0; correct it."),
         ("seeds = 4", "seeds = true", "seeds must be a whole number from 1 up, found True; correct it."),
@@ -35,7 +35,7 @@ def test_the_shipped_grid_is_five_levels_four_methods_and_a_hundred_seeds():
         ('["small.toml"]', '["small"]', "ships cannot have 'small': A vessel is one of container"),
         ('["small.toml"]', '["none.toml"]', "ships cannot have 'none.toml': The vessel file"),
         ('["small.toml"]', '["small.toml", "./small.toml"]', "different names, found 'small' twice; rename one."),
-        ('"weak form"', '"weak"', "methods must be of paper's pipeline, central difference at 1 s"),
+        ('"weak form"', '"weak"', "methods is one of paper's pipeline, central difference at 1 s"),
         ('"weak form"', '"paper\'s pipeline"', 'methods must name everything once, found "paper\'s pipeline" twice'),
         ('"zigzag 20/20"', '"zigzag 20"', "a manoeuvre is 'zigzag 20/20', 'turning circle 35' or one of them with"),
         ('"zigzag 20/20"', '"zig 20/20"', "found 'zig 20/20'; write it so."),
@@ -44,7 +44,7 @@ def test_the_shipped_grid_is_five_levels_four_methods_and_a_hundred_seeds():
         ('"zigzag 20/20"', '"zigzag 20/20", "zigzag 20/20 port"', "manoeuvres must name everything once"),
         ("[noise]", "[[noise]]", "noise must be a table such as white = [0.01]"),
         ("white = [0.01, 0.05]", "", "noise must be a table such as white = [0.01], found {}; correct it."),
-        ("white =", "pink =", "the kinds of noise must be of white, correlated 0.2 s"),
+        ("white =", "pink =", "a kind of noise is one of white, correlated 0.2 s"),
         ("[0.01, 0.05]", "0.01", "noise.white must be a list of levels, found 0.01; write [0.01]."),
         ("[0.01, 0.05]", "[-0.01]", "noise.white must be a number from 0 up, found -0.01; correct it."),
         ("[0.01, 0.05]", '["0.01"]', "noise.white must be a number from 0 up, found '0.01'; correct it."),

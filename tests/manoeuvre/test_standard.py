@@ -117,9 +117,9 @@ def test_angles_are_magnitudes_below_a_right_angle(angle):
 
 
 def test_sides_are_port_and_starboard():
-    with pytest.raises(ps.ManoeuvreError, match=r"'starboard' or 'port', found 'left'"):
+    with pytest.raises(ps.ManoeuvreError, match=r"one of starboard, port; found 'left'"):
         ps.zigzag(20.0, 20.0, side="left")
-    with pytest.raises(ps.ManoeuvreError, match=r"'starboard' or 'port', found 'left'"):
+    with pytest.raises(ps.ManoeuvreError, match=r"one of starboard, port; found 'left'"):
         ps.turning_circle(20.0, side="left")
 
 

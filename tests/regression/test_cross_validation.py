@@ -143,7 +143,7 @@ class TestErrors:
             cross_validation(simulated(13, 3, seed=1), folds)
 
     def test_the_kind_of_split(self):
-        with pytest.raises(CrossValidationError, match="A split is 'blocks' or 'random', found 'odd'; choose"):
+        with pytest.raises(CrossValidationError, match="A split is one of blocks, random; found 'odd'; choose"):
             fold_rows(13, split="odd")
 
     def test_a_random_split_needs_a_generator(self):

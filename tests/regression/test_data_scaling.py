@@ -104,7 +104,7 @@ class TestDataErrors:
             ({"design_matrix": np.ones((0, 2))}, r"A design matrix has shape \(rows, terms\), found \(0, 2\)"),
             ({"coefficients": ["a", "b"]}, "Each of the 4 columns has one name, found 2 names"),
             ({"coefficients": ["a", "b", "a", "c"]}, "Coefficient names must differ, found a more than once"),
-            ({"scaling": "minmax"}, "The scaling is 'none' or 'zscore', found 'minmax'; choose one of them"),
+            ({"scaling": "minmax"}, "The scaling is one of none, zscore; found 'minmax'; choose one of them"),
             ({"time": np.ones(3)}, r"The time has one value for each of 40 rows, found shape \(3,\)"),
             ({"response": np.r_[np.nan, np.ones(39)]}, "must be finite, found NaN or infinity in the response"),
             ({"response": np.full(40, 1e6 / 7.0)}, "The response must vary over the rows; it is constant"),

@@ -182,7 +182,7 @@ class TestTests:
 class TestErrors:
     def test_noise_that_is_not_known(self, ship, zigzag):
         problem = problem_of(ship, [rough(zigzag, 0)])
-        with pytest.raises(TrajectoryError, match="auto, white, ar1, student_t, found 'pink'; choose one of these"):
+        with pytest.raises(TrajectoryError, match="auto, white, ar1, student_t; found 'pink'; choose one of them"):
             fit_with_noise(problem.runs, ship, problem.prior, truth(ship, [zigzag])[:53], noise="pink")
 
     def test_a_start_that_diverges(self, ship, zigzag):

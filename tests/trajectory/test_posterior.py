@@ -227,7 +227,7 @@ class TestErrors:
     @pytest.mark.parametrize(
         ("settings", "error", "message"),
         [
-            ({"noise": "pink"}, TrajectoryError, "found 'pink'; choose one of these"),
+            ({"noise": "pink"}, TrajectoryError, "found 'pink'; choose one of them"),
             ({"prior": "vague"}, ps.PriorError, "found 'vague'"),
             ({"channels": ["u", "psi", "w"]}, ps.TrialError, "found w with rk4"),
             ({"noise_sd": {"u": -1.0}}, ps.TrialError, "channel u needs a positive standard deviation, found -1"),

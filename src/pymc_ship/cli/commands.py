@@ -27,6 +27,7 @@ from pymc_ship.cli.files import (
     write_trial_file,
 )
 from pymc_ship.cli.texts import (
+    CoefficientRow,
     check_text,
     coefficient_rows,
     coefficient_table,
@@ -51,7 +52,6 @@ from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.vessel import Vessel
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
-_COEFFICIENT_HEADER = ("dof", "family", "coefficient", "reference", "mean", "sd", "quantile_5", "quantile_95")
 OFFSETS = {"auto": None, "yes": True, "no": False}
 """Whether sensors may have constant offsets, by the words of the command line."""
 
@@ -134,7 +134,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
                 tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}
                 write_posterior(tree, folder / f"{dof}-{family}.nc")
             rows += coefficient_rows(vessel, family, found.exact[family])
-        write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
+        write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
     return coefficient_table(rows, families), out
 
 
@@ -152,7 +152,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     rows = trajectory_rows(vessel, tree)
     with staged_files(out) as folder:
         write_posterior(tree, folder / "trajectory.nc")
-        write_csv(folder / "coefficients.csv", _COEFFICIENT_HEADER, rows, args)
+        write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
     return "\n\n".join([trajectory_text(tree), coefficient_table(rows, ("trajectory",))]), out
 
 

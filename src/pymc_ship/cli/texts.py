@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -18,29 +18,47 @@ if TYPE_CHECKING:
     from pymc_ship.ship.model import ShipModel
 
 
-def coefficient_rows(vessel: Vessel, family: str, exact: Mapping[str, object]) -> list[tuple]:
-    """Rows (dof, family, coefficient, reference, mean, sd, 5 %, 95 %) of exact posteriors by DOF."""
+class CoefficientRow(NamedTuple):
+    """Estimate of a coefficient beside the value of the vessel file; prime values."""
+
+    dof: str
+    family: str
+    coefficient: str
+    reference: float
+    mean: float
+    sd: float
+    quantile_5: float
+    quantile_95: float
+
+
+def coefficient_rows(vessel: Vessel, family: str, exact: Mapping[str, object]) -> list[CoefficientRow]:
+    """Rows of exact posteriors by DOF."""
     rows = []
     for dof, posterior in exact.items():
-        reference = vessel.coefficients(dof)
-        columns = (reference.values, posterior.mean, posterior.sd, *posterior.quantiles([0.05, 0.95]))
-        names = reference["coefficient"].values.tolist()
-        rows += [(dof, family, name, *values) for name, *values in zip(names, *np.array(columns).tolist(), strict=True)]
+        low, high = posterior.quantiles([0.05, 0.95])
+        columns = {"mean": posterior.mean, "sd": posterior.sd, "quantile_5": low, "quantile_95": high}
+        rows += _rows(vessel, dof, family, columns)
     return rows
 
 
-def trajectory_rows(vessel: Vessel, tree: xr.DataTree) -> list[tuple]:
-    """Rows as :func:`coefficient_rows` from the draws of a trajectory posterior."""
+def trajectory_rows(vessel: Vessel, tree: xr.DataTree) -> list[CoefficientRow]:
+    """Rows of the draws of a trajectory posterior."""
     sample = tree["posterior"]["coefficients"].stack(sample=("chain", "draw"))
     rows = []
     for dof in vessel.dofs:
-        reference = vessel.coefficients(dof)
-        draws = sample.sel(coefficient=reference["coefficient"].values).transpose("sample", "coefficient").values
-        columns = (reference.values, draws.mean(axis=0), draws.std(axis=0), *np.quantile(draws, [0.05, 0.95], axis=0))
-        names = reference["coefficient"].values.tolist()
-        lines = zip(names, *np.array(columns).tolist(), strict=True)
-        rows += [(dof, "trajectory", name, *values) for name, *values in lines]
+        names = vessel.coefficients(dof)["coefficient"].values
+        draws = sample.sel(coefficient=names).transpose("sample", "coefficient").values
+        low, high = np.quantile(draws, [0.05, 0.95], axis=0)
+        columns = {"mean": draws.mean(axis=0), "sd": draws.std(axis=0), "quantile_5": low, "quantile_95": high}
+        rows += _rows(vessel, dof, "trajectory", columns)
     return rows
+
+
+def _rows(vessel: Vessel, dof: str, family: str, columns: Mapping[str, np.ndarray]) -> list[CoefficientRow]:
+    reference = vessel.coefficients(dof)
+    columns = {"coefficient": reference["coefficient"].values, "reference": reference.values, **columns}
+    lines = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [CoefficientRow(dof=dof, family=family, **dict(zip(columns, line, strict=True))) for line in lines]
 
 
 def trajectory_text(tree: xr.DataTree) -> str:
@@ -70,11 +88,12 @@ def tuning_text(tuned: TunedPrior) -> str:
     )
 
 
-def coefficient_table(rows: list[tuple], families: Sequence[str]) -> str:
+def coefficient_table(rows: Sequence[CoefficientRow], families: Sequence[str]) -> str:
     """One line for each coefficient, the families side by side."""
     lines: dict[tuple, list] = {}
-    for dof, _, name, reference, *values in rows:
-        lines.setdefault((name, dof), [1e5 * reference]).extend(1e5 * value for value in values)
+    for row in rows:
+        line = lines.setdefault((row.coefficient, row.dof), [1e5 * row.reference])
+        line += [1e5 * value for value in (row.mean, row.sd, row.quantile_5, row.quantile_95)]
     columns = [column for family in families for column in (f"{family} mean", "sd", "5 %", "95 %")]
     return table(("times 1e5", "dof", "reference", *columns), [(*key, *line) for key, line in lines.items()])
 

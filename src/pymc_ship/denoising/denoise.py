@@ -10,7 +10,8 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymc_ship.denoising import wavelets
-from pymc_ship.denoising.ebayes import PRIORS, RULES, check_choice, fit_prior, mad, shrink
+from pymc_ship.denoising.ebayes import PRIORS, RULES, fit_prior, mad, shrink
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.trial.channels import channel_names
 from pymc_ship.trial.record import check_trial
@@ -170,7 +171,7 @@ def _denoise(
         ("rule", rule, RULES),
         ("boundary", boundary, wavelets.BOUNDARIES),
     ):
-        check_choice(kind, choice, choices)
+        check_choice(f"The {kind}", choice, choices)
     filters = wavelets.orthogonal_wavelet(wavelet)
     _check_signal(signal, what)
     levels = wavelets.whole_levels(signal.size, levels, what)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pymc_ship.denoising.ebayes import check_choice
+from pymc_ship.machine.arguments import check_choice
 
 DERIVATIVES = ("euler", "central", "savgol")
 """Methods of :func:`derivative`."""
@@ -56,7 +56,7 @@ def derivative(
     [0. 1. 2. 3. 4. 5.]
     """
     signal = np.asarray(values, dtype=float)
-    check_choice("method", method, DERIVATIVES)
+    check_choice("The method", method, DERIVATIVES)
     if not (0.0 < step < math.inf and 0.0 < window < math.inf and order >= 1):
         found = f"{step:g} s, {window:g} s and {order}"
         raise ValueError(f"Step and window must be positive and the order at least 1, found {found}; mend them.")

@@ -32,6 +32,7 @@ from pymc_ship.denoising.spike_and_slab import (
     weight_at_threshold,
     weight_value,
 )
+from pymc_ship.machine.arguments import check_choice
 
 PRIORS = ("laplace", "cauchy")
 """Densities of the means that are not zero."""
@@ -126,9 +127,9 @@ def ebayes_threshold(
     [ 0.   0.   4.5  0.   0.   0.  -6.5  0.   0.   0. ]
     """
     values = _observations(x)
-    check_choice("prior", prior, PRIORS)
-    check_choice("rule", rule, RULES)
-    check_choice("threshold", threshold, THRESHOLDS)
+    check_choice("The prior", prior, PRIORS)
+    check_choice("The rule", rule, RULES)
+    check_choice("The threshold", threshold, THRESHOLDS)
     if sdev is None:
         sdev = mad(values)
         if sdev == 0.0:
@@ -168,7 +169,7 @@ def fit_prior(
     ValueError
         For an unknown prior, a scale that is not positive, and data that are empty or not finite.
     """
-    check_choice("prior", prior, PRIORS)
+    check_choice("The prior", prior, PRIORS)
     size = np.abs(_observations(x)).ravel()
     bound = math.sqrt(2.0 * math.log(size.size)) if universal_bound else math.inf
     if prior == "cauchy":
@@ -194,7 +195,7 @@ def shrink(
     Parameters are those of :func:`ebayes_threshold`; weight and scale are broadcast against x by the rules "median" and
     "mean" and are single numbers for "hard" and "soft".
     """
-    check_choice("rule", rule, RULES)
+    check_choice("The rule", rule, RULES)
     if rule == "median":
         return posterior_median(x, weight, prior, scale)
     if rule == "mean":
@@ -256,15 +257,9 @@ def threshold_from_weight(
     ValueError
         For an unknown prior or threshold, a scale that is not positive, a weight outside [0, 1].
     """
-    check_choice("threshold", threshold, THRESHOLDS)
+    check_choice("The threshold", threshold, THRESHOLDS)
     code = _code(prior, scale)
     return threshold_value(float(_probability(weight)), float(code), threshold == "bayes_factor")
-
-
-def check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
-    """Raise a ValueError unless the value is one of the choices."""
-    if value not in choices:
-        raise ValueError(f"The {what} is one of {', '.join(choices)}, found {value!r}; choose one of them.")
 
 
 def _observations(x: ArrayLike) -> np.ndarray:
@@ -290,7 +285,7 @@ def _probability(weight: ArrayLike) -> ArrayLike:
 
 def _code(prior: str, scale: ArrayLike) -> ArrayLike:
     """Scale as the kernels want it: nan stands for the quasi-Cauchy density."""
-    check_choice("prior", prior, PRIORS)
+    check_choice("The prior", prior, PRIORS)
     if prior == "cauchy":
         return math.nan
     _check_positive("scale", scale)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from urllib.parse import quote
 
 from pymc_ship import __version__
 from pymc_ship.experiments.task import METHODS, Task
-from pymc_ship.machine.toml import toml_table
+from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.machine.workers import MonteCarloError
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.registry import KINDS
@@ -163,105 +163,83 @@ def read_grid(source: str | Path | Mapping) -> Grid:
         key.
     """
     if isinstance(source, Mapping):
-        return _grid(source, "The study", Path())
-    path = Path(source)
-    return _grid(toml_table(path, "The study", MonteCarloError), str(path), path.parent)
+        return _grid(Entry(source, "The study", MonteCarloError), Path())
+    return _grid(toml_file(source, "The study", MonteCarloError), Path(source).parent)
 
 
-def _grid(table: Mapping, where: str, folder: Path) -> Grid:
-    for key in table:
-        if key not in _KEYS:
-            raise MonteCarloError(f"{where}: unknown key {key}; known are {', '.join(_KEYS)}.")
-    for key in _KEYS:
-        if key not in table and key not in _OPTIONAL:
-            raise MonteCarloError(f"{where}: {key} is missing; add it.")
-    if not isinstance(title := table.get("title", "Monte-Carlo study"), str):
-        raise MonteCarloError(f"{where}: title must be a text, found {title!r}; put it in quotes.")
-    names = {key: _names(table[key], where, key) for key in _LISTS}
-    for name in names["methods"]:
-        _known(name, METHODS, where, "methods")
+def _grid(file: Entry, folder: Path) -> Grid:
+    file.check_keys(_KEYS, [key for key in _KEYS if key not in _OPTIONAL])
+    ships, manoeuvres, methods = (file.at(key) for key in _LISTS)
     return Grid(
-        title=title,
-        ships=_ships(names["ships"], where, folder),
-        manoeuvres=_manoeuvres(names["manoeuvres"], where),
-        noise=_noise(table["noise"], where),
-        methods=tuple(names["methods"]),
-        seeds=_whole(table["seeds"], 1, where, "seeds"),
-        root_seed=_whole(table["root_seed"], 0, where, "root_seed"),
-        duration=_number(table.get("duration", 400.0), RECORD_STEP, where, "duration"),
+        title=file.at("title", "Monte-Carlo study").text(),
+        ships=_ships(ships, folder),
+        manoeuvres=_manoeuvres(manoeuvres),
+        noise=_noise(file.at("noise")),
+        methods=_methods(methods),
+        seeds=file.at("seeds").whole(least=1),
+        root_seed=file.at("root_seed").whole(least=0),
+        duration=file.at("duration", 400.0).number(least=RECORD_STEP),
     )
 
 
-def _names(values: object, where: str, key: str) -> list[str]:
+def _texts(entry: Entry) -> list[str]:
     """List of at least one text, none of them twice."""
+    values = entry.value
     if not isinstance(values, list | tuple) or not values or not all(isinstance(value, str) for value in values):
-        raise MonteCarloError(f"{where}: {key} must be a list of at least one text, found {values!r}; correct it.")
-    _once(values, where, key)
+        entry.fail(f"must be a list of at least one text, found {values!r}; correct it.")
+    _check_once(entry, values)
     return list(values)
 
 
-def _once(values: Sequence, where: str, key: str) -> None:
+def _check_once(entry: Entry, values: Sequence) -> None:
     for value in values:
         if list(values).count(value) > 1:
-            raise MonteCarloError(f"{where}: {key} must name everything once, found {value!r} twice; leave one out.")
+            entry.fail(f"must name everything once, found {value!r} twice; leave one out.")
 
 
-def _known(name: str, known: Mapping, where: str, key: str) -> None:
-    if name not in known:
-        raise MonteCarloError(f"{where}: {key} must be of {', '.join(known)}; found {name!r}; choose one of them.")
+def _methods(entry: Entry) -> tuple[str, ...]:
+    return tuple(replace(entry, value=name).choice(METHODS) for name in _texts(entry))
 
 
-def _whole(value: object, least: int, where: str, key: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise MonteCarloError(f"{where}: {key} must be a whole number from {least} up, found {value!r}; correct it.")
-    return value
-
-
-def _number(value: object, least: float, where: str, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
-        raise MonteCarloError(f"{where}: {key} must be a number from {least:g} up, found {value!r}; correct it.")
-    return float(value)
-
-
-def _noise(table: object, where: str) -> dict[str, tuple[float, ...]]:
-    if not isinstance(table, Mapping) or not table:
-        raise MonteCarloError(f"{where}: noise must be a table such as white = [0.01], found {table!r}; correct it.")
+def _noise(table: Entry) -> dict[str, tuple[float, ...]]:
+    if not isinstance(table.value, Mapping) or not table.value:
+        table.fail(f"must be a table such as white = [0.01], found {table.value!r}; correct it.")
     found = {}
-    for kind, levels in table.items():
-        _known(kind, NOISES, where, "the kinds of noise")
-        key = f"noise.{kind}"
-        if not isinstance(levels, list | tuple) or not levels:
-            raise MonteCarloError(f"{where}: {key} must be a list of levels, found {levels!r}; write [0.01].")
-        found[kind] = tuple(_number(level, 0.0, where, key) for level in levels)
-        _once(found[kind], where, key)
+    for kind in table:
+        levels = table.at(kind)
+        check_choice(f"{table.file}: a kind of noise", kind, NOISES, MonteCarloError)
+        if not isinstance(levels.value, list | tuple) or not levels.value:
+            levels.fail(f"must be a list of levels, found {levels.value!r}; write [0.01].")
+        found[kind] = tuple(replace(levels, value=level).number(least=0.0) for level in levels.value)
+        _check_once(levels, found[kind])
     return found
 
 
-def _ships(sources: Sequence[str], where: str, folder: Path) -> dict[str, Vessel]:
+def _ships(entry: Entry, folder: Path) -> dict[str, Vessel]:
     ships = {}
-    for source in sources:
+    for source in _texts(entry):
         try:
             ship = load_vessel(folder / source if source.endswith(".toml") else source)
         except VesselError as error:
-            raise MonteCarloError(f"{where}: ships cannot have {source!r}: {error}") from None
+            raise MonteCarloError(f"{entry.file}: ships cannot have {source!r}: {error}") from None
         if ship.name in ships:
-            raise MonteCarloError(f"{where}: ships must have different names, found {ship.name!r} twice; rename one.")
+            entry.fail(f"must have different names, found {ship.name!r} twice; rename one.")
         ships[ship.name] = ship
     return ships
 
 
-def _manoeuvres(texts: Sequence[str], where: str) -> dict[str, Manoeuvre]:
+def _manoeuvres(entry: Entry) -> dict[str, Manoeuvre]:
     found = {}
-    for text in texts:
+    for text in _texts(entry):
         try:
             manoeuvre = written_manoeuvre(text)
         except ManoeuvreError as error:
-            raise MonteCarloError(f"{where}: manoeuvres cannot have {text!r}: {error}") from None
+            raise MonteCarloError(f"{entry.file}: manoeuvres cannot have {text!r}: {error}") from None
         if manoeuvre is None:
             examples = ", ".join(f"'{kind.words} {kind.example}'" for kind in KINDS.values() if kind.angles)
             raise MonteCarloError(
-                f"{where}: a manoeuvre is {examples} or one of them with its side, found {text!r}; write it so."
+                f"{entry.file}: a manoeuvre is {examples} or one of them with its side, found {text!r}; write it so."
             )
-        _once([*found, manoeuvre.label], where, "manoeuvres")
+        _check_once(entry, [*found, manoeuvre.label])
         found[manoeuvre.label] = manoeuvre
     return found

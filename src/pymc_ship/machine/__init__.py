@@ -1,7 +1,8 @@
 """What every wing asks of the computer. Imports no other wing.
 
 - `files`: results that appear under their name only when they are complete; rows as CSV.
-- `toml`: tables of TOML files, with errors of one sentence.
+- `arguments`: checks of choices and numbers, with errors of one sentence.
+- `toml`: TOML files, checked key by key.
 - `threads`: one pool of threads for the package, one thread inside a worker process.
 - `workers`: processes on the local cores or on a Dask cluster that do tasks one by one.
 - `seeds`: a random generator for each purpose, from one root seed.

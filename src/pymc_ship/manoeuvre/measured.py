@@ -10,10 +10,9 @@ import xarray as xr
 from pymc_ship.denoising.denoise import MIN_LENGTH, denoise
 from pymc_ship.manoeuvre.helm import base_course
 from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.recognition import base_course
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
-from pymc_ship.trial.record import CHANNELS, is_uniform
+from pymc_ship.trial.record import is_uniform
 
 _STILL = 0.05
 """Share of its travel by which a rudder that has not been put over may differ between neighbouring samples."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.manoeuvre.kinds import SIDES, ManoeuvreError, ManoeuvreKind
 from pymc_ship.manoeuvre.registry import KINDS, kind_named
 
@@ -229,8 +230,7 @@ def rudder_programme(
 
 
 def _check(side: str, approach_speed: float | None, **angles: float) -> None:
-    if side not in SIDES:
-        raise ManoeuvreError(f"The side is 'starboard' or 'port', found {side!r}; choose one of them.")
+    check_choice("The side", side, SIDES, ManoeuvreError)
     if approach_speed is not None and not 0.0 < approach_speed < np.inf:
         raise ManoeuvreError(f"The approach speed must be positive and finite, found {approach_speed} m/s; correct it.")
     for name, angle in angles.items():

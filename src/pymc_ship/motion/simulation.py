@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.equations import KERNEL, STATE, scheme, state_derivative, work_rows
@@ -337,8 +338,7 @@ def simulate(
 
 
 def _grid(duration: float, step: float, record_interval: float | None, method: str) -> tuple[int, int]:
-    if method not in METHODS:
-        raise SimulationError(f"The method is one of {', '.join(METHODS)}; found {method!r}; choose one of these.")
+    check_choice("The method", method, METHODS, SimulationError)
     for name, value in (("duration", duration), ("step", step)):
         if not 0.0 < value < np.inf:
             raise SimulationError(f"The {name} must be positive, found {value} s; raise it.")

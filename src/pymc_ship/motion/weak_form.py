@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.terms import evaluate
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.motion.equations import VELOCITIES
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.trial.record import TrialError, sampling_interval
@@ -88,8 +89,7 @@ def bump(step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:
     TrialError
         For a step that is too long.
     """
-    if method not in METHODS:
-        raise ValueError(f"A record was made by {' or '.join(METHODS)}, found {method!r}; choose one of them.")
+    check_choice("The method of a record", method, METHODS)
     n_radius = round(RADIUS / step)
     if n_radius < _FEWEST:
         raise TrialError(

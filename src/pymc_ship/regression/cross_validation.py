@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.regression.conjugate import conjugate
 from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
@@ -104,10 +105,9 @@ def fold_rows(
     """
     if not 2 <= folds <= n_rows:
         raise CrossValidationError(f"The {n_rows} rows make 2 to {n_rows} folds, found {folds}; change the number.")
+    check_choice("A split", split, ("blocks", "random"), CrossValidationError)
     if split == "blocks":
         return np.array_split(np.arange(n_rows), folds)
-    if split != "random":
-        raise CrossValidationError(f"A split is 'blocks' or 'random', found {split!r}; choose one of these.")
     if rng is None:
         raise CrossValidationError("A random split needs a generator, found none; give rng.")
     return [np.sort(rows) for rows in np.array_split(rng.permutation(n_rows), folds)]

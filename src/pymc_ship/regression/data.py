@@ -11,6 +11,7 @@ import xarray as xr
 
 from pymc_ship.forces.prime_system import to_prime
 from pymc_ship.forces.terms import evaluate
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.motion.equations import VELOCITIES
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.motion.weak_form import INDEPENDENT, weak_form
@@ -184,11 +185,8 @@ class RegressionData(ScaledRegression):
         if rows.shape != y.shape:
             raise RegressionDataError(f"The time has one value for each of {len(y)} rows, found shape {rows.shape}.")
         data = cls(X, y, names, np.zeros(len(names)), np.ones(len(names)), 0.0, 1.0, constant, rows, **labels)
-        if scaling == "none":
-            return data
-        if scaling != "zscore":
-            raise RegressionDataError(f"The scaling is 'none' or 'zscore', found {scaling!r}; choose one of them.")
-        return data._zscored(varies)
+        check_choice("The scaling", scaling, ("none", "zscore"), RegressionDataError)
+        return data if scaling == "none" else data._zscored(varies)
 
     def _zscored(self, varies: np.ndarray) -> RegressionData:
         idle = [name for j, name in enumerate(self.coefficients) if not varies[j] and j != self.constant]
@@ -296,9 +294,8 @@ def regression_data(
     ((119, 10), ('N0', 'Nv', 'Nr'))
     """
     from pymc_ship.denoising.derivative import DERIVATIVES
-    from pymc_ship.denoising.ebayes import check_choice
 
-    check_choice("derivative", derivative, (*DERIVATIVES, *WEAK))
+    check_choice("The derivative", derivative, (*DERIVATIVES, *WEAK))
     terms, record = vessel.terms(dof), motion_record(trial, vessel)
     if np.ptp(record["delta"]) == 0.0:
         raise RegressionDataError("The rudder of a trial must move, found a constant angle; use one that steers.")

@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.terms import UnknownTerm, order
+from pymc_ship.machine.arguments import finite_number
 from pymc_ship.regression.data import RegressionData, RegressionDataError
 from pymc_ship.regression.priors import ConjugatePrior, PriorError, SemiConjugatePrior
 from pymc_ship.vessel.vessel import Vessel
@@ -122,7 +123,7 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
     ('Nv', 'Ngv', 'Ngr', 'Nvvv', 'Nvvr', 'Nvrr', 'Nrrr', 'Ngdelta')
     """
     _check_names(values, data.coefficients, RegressionDataError)
-    held = {name: _number(value, name, RegressionDataError) for name, value in values.items()}
+    held = {name: _given(name, value, RegressionDataError) for name, value in values.items()}
     free = np.array([name not in held for name in data.coefficients])
     if not free.any():
         raise RegressionDataError("At least one coefficient must stay free, found all of them held fixed; free one.")
@@ -185,7 +186,7 @@ def restore_fixed(
     """
     posterior = tree["posterior"].to_dataset()
     free = [str(name) for name in posterior["coefficient"].values]
-    held = {name: _number(value, name, RegressionDataError) for name, value in values.items()}
+    held = {name: _given(name, value, RegressionDataError) for name, value in values.items()}
     twice = [name for name in held if name in free]
     if twice:
         raise RegressionDataError(f"A fixed coefficient is not drawn, found draws of {', '.join(twice)}; leave it out.")
@@ -244,7 +245,7 @@ def order_damped_prior(
     Nr: 100.00
     Nvvr: 0.81
     """
-    factor = _number(damping, "damping", PriorError)
+    factor = _given("damping", damping, PriorError)
     if not 0.0 < factor <= 1.0:
         raise PriorError(f"The damping lies in (0, 1], found {damping}; 1 leaves the prior as it is.")
     try:
@@ -300,8 +301,8 @@ def sister_ship_table(
     """
     reference = vessel.coefficients(dof)
     values = reference.values
-    relative = _number(relative_sd, "relative_sd", PriorError)
-    least = relative * float(np.median(np.abs(values))) if floor is None else _number(floor, "floor", PriorError)
+    relative = _given("relative_sd", relative_sd, PriorError)
+    least = relative * float(np.median(np.abs(values))) if floor is None else _given("floor", floor, PriorError)
     if relative < 0.0 or least < 0.0:
         raise PriorError(f"relative_sd and floor must not be negative, found {relative_sd} and {floor}; raise them.")
     sd = np.hypot(relative * values, least)
@@ -326,17 +327,11 @@ def _mean_and_sd(name: str, entry: object) -> tuple[float, float]:
         mean, sd = entry
     except (TypeError, ValueError):
         raise PriorError(f"A table gives (mean, sd) for each coefficient, found {entry!r} for {name}.") from None
-    mean, sd = (_number(value, name, PriorError) for value in (mean, sd))
+    mean, sd = (_given(name, value, PriorError) for value in (mean, sd))
     if sd <= 0.0:
         raise PriorError(f"The sd of {name} must be positive, found {sd}; use hold_fixed for a known value.")
     return mean, sd
 
 
-def _number(value: object, name: str, error: type[ValueError]) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = np.nan
-    if isinstance(value, str | bytes) or not np.isfinite(number):
-        raise error(f"The value given for {name} must be a finite number, found {value!r}; correct it.")
-    return number
+def _given(name: str, value: object, error: type[ValueError]) -> float:
+    return finite_number(f"The value given for {name}", value, error)

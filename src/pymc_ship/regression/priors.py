@@ -13,6 +13,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from pymc_ship.machine.arguments import check_choice
+
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -155,6 +157,5 @@ FAMILIES = {"conjugate": ConjugatePrior, "semiconjugate": SemiConjugatePrior}
 
 def prior_family(family: str) -> type[_Prior]:
     """Class of a prior family; a PriorError names the families when there is none of that name."""
-    if family not in FAMILIES:
-        raise PriorError(f"A prior family is one of {', '.join(FAMILIES)}; found {family!r}; choose one of these.")
+    check_choice("A prior family", family, FAMILIES, PriorError)
     return FAMILIES[family]

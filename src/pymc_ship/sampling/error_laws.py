@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.regression.data import RegressionData, RegressionDataError
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -161,8 +162,7 @@ def error_law(errors: str, data: RegressionData | None = None) -> ErrorLaw:
     RegressionDataError
         For AR(1) errors on rows that are not uniformly spaced in time.
     """
-    if errors not in ERRORS:
-        raise ValueError(f"The errors are one of {', '.join(ERRORS)}; found {errors!r}; choose one of these.")
+    check_choice("The law of the errors", errors, ERRORS)
     if errors == "ar1" and data is not None:
         steps = np.diff(data.time)
         if steps.size and not (steps[0] > 0.0 and np.allclose(steps, steps[0], rtol=1e-4, atol=0.0)):

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import index_sd, model_error
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
@@ -249,8 +250,7 @@ def chosen_prior(vessel: Vessel, kind: str | None) -> str:
     """
     if kind is None:
         return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
-    if kind not in PRIORS:
-        raise PriorError(f"The prior of a ship is one of {', '.join(PRIORS)}; found {kind!r}; choose one of them.")
+    check_choice("The prior of a ship", kind, PRIORS, PriorError)
     return kind
 
 

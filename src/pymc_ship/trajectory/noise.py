@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.motion.simulation import replay
 from pymc_ship.trajectory.fit import (
     Noise,
@@ -117,8 +118,7 @@ def fit_with_noise(
     ----------
     Ljung & Box (1978), doi:10.1093/biomet/65.2.297; Lange, Little & Taylor (1989), doi:10.1080/01621459.1989.10478852.
     """
-    if noise not in NOISE_MODELS:
-        raise TrajectoryError(f"The noise is one of {', '.join(NOISE_MODELS)}, found {noise!r}; choose one of these.")
+    check_choice("The noise", noise, NOISE_MODELS, TrajectoryError)
     problem = initial_problem(runs, vessel, prior)
     white = _white_fit(problem, np.concatenate([start, *(run.initial_state[0] for run in runs)]))
     tests = residual_tests(white)

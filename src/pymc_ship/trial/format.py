@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from pymc_ship.machine.toml import toml_table
+from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.trial.channels import CHANNELS, readable
 from pymc_ship.trial.record import TrialError
 
@@ -82,76 +82,44 @@ def load_format(source: str | Path | Mapping | None) -> TrialFormat:
     if source is None:
         return TrialFormat()
     if isinstance(source, Mapping):
-        return _format(source, "The format")
-    return _format(toml_table(source, "The format file", TrialError), str(source))
+        return _format(Entry(source, "The format", TrialError))
+    return _format(toml_file(source, "The format file", TrialError))
 
 
-def _format(table: Mapping, where: str) -> TrialFormat:
-    _check_keys(table, ("columns", "frame", "scale", "delimiter", "skip_rows"), where, "")
-    frame, scale = _table(table, "frame", where), _table(table, "scale", where)
-    _check_keys(frame, (*_FRAME, "reference"), where, "frame.")
-    _check_keys(scale, ("froude",), where, "scale.")
-    for key, known in _FRAME.items():
-        _check_choice(frame.get(key, known[0]), known, where, f"frame.{key}")
-    _check_choice(table.get("delimiter", ","), DELIMITERS, where, "delimiter")
-    skip_rows, froude = table.get("skip_rows", 0), _number(scale.get("froude", 1.0), where, "scale.froude")
-    if isinstance(skip_rows, bool) or not isinstance(skip_rows, int) or skip_rows < 0:
-        raise TrialError(f"{where}: skip_rows must be a whole number from 0 up, found {skip_rows!r}.")
-    if froude <= 0.0:
-        raise TrialError(f"{where}: scale.froude must be positive, found {froude:g}.")
-    reference = frame.get("reference", 0.0)
-    reference = 0.0 if reference in ("origin", "midship") else _number(reference, where, "frame.reference")
+def _format(file: Entry) -> TrialFormat:
+    file.check_keys(("columns", "frame", "scale", "delimiter", "skip_rows"))
+    frame, scale, columns = (file.at(key, {}) for key in ("frame", "scale", "columns"))
+    frame.check_keys((*_FRAME, "reference"))
+    scale.check_keys(("froude",))
+    columns.check_keys(readable())
+    froude, reference = scale.at("froude", 1.0), frame.at("reference", 0.0)
+    if froude.number() <= 0.0:
+        froude.fail(f"must be positive, found {froude.value:g}; correct it.")
     return TrialFormat(
-        columns=_columns(_table(table, "columns", where), where),
-        **{key: frame[key] for key in _FRAME if key in frame},
-        reference=reference,
-        froude=froude,
-        delimiter=table.get("delimiter"),
-        skip_rows=skip_rows,
+        columns={channel: _column(columns.at(channel), channel) for channel in columns},
+        **{key: frame.at(key).choice(known) for key, known in _FRAME.items() if key in frame},
+        reference=0.0 if reference.value in ("origin", "midship") else reference.number(),
+        froude=froude.number(),
+        delimiter=file.at("delimiter").choice(DELIMITERS) if "delimiter" in file else None,
+        skip_rows=file.at("skip_rows", 0).whole(least=0),
     )
 
 
-def _columns(table: Mapping, where: str) -> dict[str, dict]:
-    _check_keys(table, readable(), where, "columns.")
-    columns = {}
-    for channel, entry in table.items():
-        choice = dict(entry) if isinstance(entry, Mapping) else {"column": entry}
-        key, unit = f"columns.{channel}", readable()[channel].unit
-        _check_keys(choice, ("column", "unit", "sign", "offset"), where, f"{key}.")
-        if not isinstance(choice.get("column"), str) or not choice["column"].strip():
-            raise TrialError(f"{where}: {key} must be the heading of a column, found {choice.get('column')!r}.")
-        if "unit" in choice and (not isinstance(choice["unit"], str) or not unit.factor(choice["unit"])):
-            raise TrialError(f"{where}: {key}.unit must be a unit like {unit.name}, found {choice['unit']!r}.")
-        sign = _number(choice.get("sign", 1), where, f"{key}.sign")
-        if abs(sign) != 1.0:
-            raise TrialError(f"{where}: {key}.sign must be 1 or -1, found {sign:g}.")
-        offset = _number(choice.get("offset", 0.0), where, f"{key}.offset")
-        columns[channel] = {**choice, "sign": sign, "offset": offset}
-    return columns
-
-
-def _table(table: Mapping, key: str, where: str) -> Mapping:
-    found = table.get(key, {})
-    if not isinstance(found, Mapping):
-        raise TrialError(f"{where}: {key} must be a table, found {found!r}.")
-    return found
-
-
-def _check_keys(table: Mapping, known: Iterable[str], where: str, prefix: str) -> None:
-    for key in table:
-        if key not in known:
-            raise TrialError(f"{where}: unknown key {prefix}{key}; known here are {', '.join(known)}.")
-
-
-def _check_choice(value: object, known: tuple[str, ...], where: str, key: str) -> None:
-    if value not in known:
-        raise TrialError(f"{where}: {key} must be one of {', '.join(map(repr, known))}; found {value!r}.")
-
-
-def _number(value: object, where: str, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise TrialError(f"{where}: {key} must be a finite number, found {value!r}.")
-    return float(value)
+def _column(entry: Entry, channel: str) -> dict:
+    """How a channel is read: ``column``, ``sign``, ``offset`` and perhaps ``unit``."""
+    if not isinstance(entry.value, Mapping):
+        entry = replace(entry, value={"column": entry.value})
+    entry.check_keys(("column", "unit", "sign", "offset"))
+    column, unit = entry.value.get("column"), readable()[channel].unit
+    if not isinstance(column, str) or not column.strip():
+        entry.fail(f"must be the heading of a column, found {column!r}; correct it.")
+    stated = entry.at("unit", unit.name)
+    if not isinstance(stated.value, str) or not unit.factor(stated.value):
+        stated.fail(f"must be a unit like {unit.name}, found {stated.value!r}; correct it.")
+    sign = entry.at("sign", 1).number()
+    if abs(sign) != 1.0:
+        entry.at("sign").fail(f"must be 1 or -1, found {sign:g}; correct it.")
+    return {**entry.value, "sign": sign, "offset": entry.at("offset", 0.0).number()}
 
 
 def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.vessel.vessel import LETTER, Coefficient, Vessel, VesselError
 
 OWN = "own terms"
@@ -131,8 +132,7 @@ def with_terms(vessel: Vessel, name: str) -> Vessel:
     """
     if name == OWN:
         return vessel
-    if name not in TERM_SETS:
-        raise VesselError(f"A term set is one of {', '.join((OWN, *TERM_SETS))}; found {name!r}; choose one of them.")
+    check_choice("A term set", name, (OWN, *TERM_SETS), VesselError)
     chosen = TERM_SETS[name]
     if chosen.propeller and vessel.propeller is None:
         raise VesselError(f"The terms {name!r} need the propeller of {vessel.name!r}; add the table [propeller].")

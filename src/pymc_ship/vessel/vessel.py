@@ -6,7 +6,7 @@ Every value comes from one TOML file; the format is described in README.md and c
 from __future__ import annotations
 
 import math
-import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ import xarray as xr
 
 from pymc_ship.forces.propeller import Propeller, PropellerConstants
 from pymc_ship.forces.terms import UnknownTerm, factors, loaded
-from pymc_ship.machine.toml import toml_table
+from pymc_ship.machine.toml import Entry, toml_file
 
 DOFS = ("surge", "sway", "yaw", "roll")
 """Degrees of freedom, in the order of the equations of motion."""
@@ -27,9 +27,11 @@ LETTER = {"surge": "X", "sway": "Y", "yaw": "N", "roll": "K"}
 ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Ypdot", "Nvdot", "Nrdot", "Npdot", "Kvdot", "Krdot", "Kpdot")
 """Acceleration derivatives; those a vessel without roll does not have are zero."""
 
+_POSITIVE = ("L", "B", "volume", "nominal_speed", "rudder_rate_deg")
+_INERTIA = ("m", "I_zz", "I_xx")
 _PUBLISHED = ("published", "published_error")
-_DETAILS = {"value", "source", "sign_source", "note"}
-_OF_COEFFICIENTS = {"sd", *_PUBLISHED}
+_DETAILS = ("value", "source", "sign_source", "note")
+_OF_COEFFICIENTS = ("sd", *_PUBLISHED)
 _PACKAGE = Path(__file__).parents[1]
 SHIPPED = _PACKAGE / "models" if (_PACKAGE / "models").is_dir() else _PACKAGE.parents[1] / "models"
 
@@ -255,145 +257,114 @@ def load_vessel(source: str | Path) -> Vessel:
                 f"A vessel is one of {', '.join(shipped_vessels())} or the path of a .toml file; found {str(source)!r}."
             )
         path = SHIPPED / f"{source}.toml"
-    return _vessel(toml_table(path, "The vessel file", VesselError), path)
+    return _vessel(toml_file(path, "The vessel file", VesselError))
 
 
-def _vessel(table: dict, path: Path) -> Vessel:
-    known = {"name", "title", "sources", "particulars", "inertia", "added_mass", "propeller", "coefficients"}
-    _check_keys(table, known, {"name", "particulars", "inertia", "coefficients"}, path, "")
-    _check_texts(table, path)
-    forces = table["coefficients"]
-    _check_keys(forces, set(DOFS), set(DOFS[:3]), path, "coefficients")
-    has_roll = "roll" in forces
-    particulars = _particulars(table["particulars"], has_roll, path)
-    inertia = _numbers(table["inertia"], path, "inertia", ["m", "I_zz", "I_xx"])
-    _check_keys(inertia, {"m", "I_zz", "I_xx"}, {"m", "I_zz"} | ({"I_xx"} if has_roll else set()), path, "inertia")
-    added = _numbers(table.get("added_mass", {}), path, "added_mass", ADDED_MASS)
+def _vessel(file: Entry) -> Vessel:
+    known = ("name", "title", "sources", "particulars", "inertia", "added_mass", "propeller", "coefficients")
+    file.check_keys(known, ("name", "particulars", "inertia", "coefficients"))
+    name, forces = file.at("name").text(), file.at("coefficients")
+    forces.check_keys(DOFS, DOFS[:3])
+    particulars = _particulars(file.at("particulars"), has_roll="roll" in forces)
+    inertia = _numbers(file.at("inertia"), _INERTIA, _INERTIA if "roll" in forces else _INERTIA[:2])
     vessel = Vessel(
-        name=str(table["name"]),
-        title=str(table.get("title", table["name"])),
-        sources=tuple(table.get("sources", ())),
+        name=name,
+        title=file.at("title", name).text(),
+        sources=_sources(file.at("sources", [])),
         particulars=particulars,
         m=inertia["m"],
         I_zz=inertia["I_zz"],
         I_xx=inertia.get("I_xx", 0.0),
-        added_mass=dict.fromkeys(ADDED_MASS, 0.0) | added,
-        forces={dof: _force(forces[dof], dof, path) for dof in DOFS if dof in forces},
-        propeller=_propeller(table["propeller"], particulars.nominal_speed, path) if "propeller" in table else None,
+        added_mass=dict.fromkeys(ADDED_MASS, 0.0) | _numbers(file.at("added_mass", {}), ADDED_MASS),
+        forces={dof: _force(forces.at(dof), dof) for dof in DOFS if dof in forces},
+        propeller=_propeller(file.at("propeller"), particulars.nominal_speed) if "propeller" in file else None,
     )
     idle = [c.name for force in vessel.forces.values() for c in force if loaded(c.term)] if not vessel.propeller else []
     if idle:
-        raise VesselError(f"{path}: {', '.join(idle)} need the propeller's loading; add the table [propeller].")
+        raise VesselError(f"{file.file}: {', '.join(idle)} need the propeller's loading; add the table [propeller].")
     if np.linalg.cond(vessel.inertia_matrix) > 1e12:
-        raise VesselError(f"{path}: the inertia matrix must be invertible; check [inertia] and [added_mass].")
+        raise VesselError(f"{file.file}: the inertia matrix must be invertible; check [inertia] and [added_mass].")
     return vessel
 
 
-def _particulars(table: dict, has_roll: bool, path: Path) -> Particulars:
-    values = _numbers(table, path, "particulars", [f.name for f in fields(Particulars)])
-    roll_keys = {"z_G", "GM", "BM"} if has_roll else set()
-    required = {"L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G"} | roll_keys
-    _check_keys(values, required | {"z_G", "GM", "BM", "rudder_delay", "d"}, required, path, "particulars")
-    for key in ("L", "B", "volume", "nominal_speed", "rudder_rate_deg"):
+def _sources(entry: Entry) -> tuple[str, ...]:
+    if not isinstance(entry.value, list) or not all(isinstance(text, str) for text in entry.value):
+        entry.fail(f"must be a list of texts, found {entry.value!r}; correct it.")
+    return tuple(entry.value)
+
+
+def _particulars(table: Entry, *, has_roll: bool) -> Particulars:
+    required = (*_POSITIVE, "x_G", *(("z_G", "GM", "BM") if has_roll else ()))
+    values = _numbers(table, [f.name for f in fields(Particulars)], required)
+    for key in _POSITIVE:
         if values[key] <= 0.0:
-            raise VesselError(f"{path}: particulars.{key} must be positive, found {values[key]}.")
+            table.at(key).fail(f"must be positive, found {values[key]}; correct it.")
     box = values["L"] * values["B"] * values.get("d", 0.0)
     if box < 0.0 or 0.0 < box < values["volume"]:
-        raise VesselError(
-            f"{path}: particulars.d is a draught at which L B d holds the volume, found d = {values['d']} with a "
-            f"block coefficient of {values['volume'] / box:.3g}; correct it."
+        table.at("d").fail(
+            f"is a draught at which L B d holds the volume, found d = {values['d']} with a block coefficient of "
+            f"{values['volume'] / box:.3g}; correct it."
         )
     return Particulars(**values)
 
 
-def _propeller(table: dict, nominal_speed: float, path: Path) -> Propeller:
+def _propeller(table: Entry, nominal_speed: float) -> Propeller:
     names = [field.name for field in fields(Propeller)]
-    values = _numbers(table, path, "propeller", names)
-    _check_keys(values, set(names), set(names), path, "propeller")
+    values = _numbers(table, names, names)
     propeller = Propeller(**values)
     c = propeller.constants(nominal_speed) if values["n"] * values["D"] else PropellerConstants()
     thrust = c.k_0 + c.k_1 * c.J + c.k_2 * c.J**2
     if not (c.J > 0.0 and thrust > 0.0 and 0.0 < c.eta <= 1.0 and c.kappa >= 0.0):
         raise VesselError(
-            f"{path}: a propeller has positive D, n, advance ratio and thrust at the nominal speed, eta in (0, 1] and "
-            f"kappa from 0 up, found J = {c.J:.3g}; correct [propeller]."
+            f"{table.file}: a propeller has positive D, n, advance ratio and thrust at the nominal speed, eta in "
+            f"(0, 1] and kappa from 0 up, found J = {c.J:.3g}; correct [propeller]."
         )
     return propeller
 
 
-def _check_keys(table: dict, known: set[str], required: set[str], path: Path, where: str) -> None:
-    _check_table(table, path, where)
-    prefix = f"{where}." if where else ""
-    for key in table:
-        if key not in known:
-            raise VesselError(f"{path}: unknown key {prefix}{key}; known here are {', '.join(sorted(known))}.")
-    for key in sorted(required):
-        if key not in table:
-            raise VesselError(f"{path}: {prefix}{key} is missing; add it.")
+def _numbers(table: Entry, known: Sequence[str], required: Sequence[str] = ()) -> dict[str, float]:
+    """Numbers of a table by key, each of which may state its details; the table may state a source."""
+    table.check_keys((*known, "source"), required)
+    return {key: _value(table.at(key)) for key in table if key != "source"}
 
 
-def _check_table(table: object, path: Path, where: str) -> None:
-    if not isinstance(table, dict):
-        raise VesselError(f"{path}: {where} must be a table, found {table!r}.")
+def _value(entry: Entry, details: Sequence[str] = _DETAILS) -> float:
+    """Number that stands alone or in a table with its details."""
+    if not isinstance(entry.value, dict):
+        return entry.number()
+    entry.check_keys(details, ("value",))
+    return entry.at("value").number()
 
 
-def _check_texts(table: dict, path: Path) -> None:
-    for key in ("name", "title"):
-        if not isinstance(table.get(key, ""), str):
-            raise VesselError(f"{path}: {key} must be a text, found {table[key]!r}.")
-    sources = table.get("sources", [])
-    if not isinstance(sources, list) or not all(isinstance(text, str) for text in sources):
-        raise VesselError(f"{path}: sources must be a list of texts, found {sources!r}.")
-
-
-def _estimates(table: dict, path: Path, where: str) -> dict[str, float]:
-    _check_table(table, path, where)
-    return {key: _number(entry, path, f"{where}.{key}") for key, entry in table.items()}
-
-
-def _numbers(table: dict, path: Path, where: str, known: list[str] | tuple[str, ...]) -> dict[str, float]:
-    _check_keys(table, {*known, "source"}, set(), path, where)
-    return {key: _value(entry, path, f"{where}.{key}") for key, entry in table.items() if key != "source"}
-
-
-def _value(entry: object, path: Path, where: str, details: set[str] = _DETAILS) -> float:
-    if not isinstance(entry, dict):
-        return _number(entry, path, where)
-    _check_keys(entry, details, {"value"}, path, where)
-    return _number(entry["value"], path, f"{where}.value")
-
-
-def _number(value: object, path: Path, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-        raise VesselError(f"{path}: {where} must be a finite number, found {value!r}.")
-    return float(value)
-
-
-def _force(table: dict, dof: str, path: Path) -> tuple[Coefficient, ...]:
-    _check_table(table, path, f"coefficients.{dof}")
-    source = str(table.get("source", ""))
-    force = []
-    for name, entry in table.items():
-        if name == "source":
-            continue
-        where = f"coefficients.{dof}.{name}"
-        if not name.startswith(LETTER[dof]):
-            raise VesselError(f"{path}: {where} must begin with {LETTER[dof]}, the letter of {dof}.")
-        try:
-            factors(name[1:])
-        except UnknownTerm as error:
-            raise VesselError(f"{path}: {where} is no coefficient. {error}") from None
-        value = _value(entry, path, where, _DETAILS | _OF_COEFFICIENTS)
-        more = entry if isinstance(entry, dict) else {}
-        sd = _number(more["sd"], path, f"{where}.sd") if "sd" in more else math.nan
-        if sd <= 0.0:
-            raise VesselError(f"{path}: {where}.sd must be positive, found {sd:g}; leave out what is not known.")
-        published = {key: _estimates(more.get(key, {}), path, f"{where}.{key}") for key in _PUBLISHED}
-        texts = {key: str(more.get(key, "")) for key in ("sign_source", "note")}
-        force.append(Coefficient(name, value, str(more.get("source", source)), **texts, **published, sd=sd))
+def _force(table: Entry, dof: str) -> tuple[Coefficient, ...]:
+    table.check_table()
+    source = str(table.value.get("source", ""))
+    force = tuple(_coefficient(name, table.at(name), dof, source) for name in table if name != "source")
     if not force:
-        raise VesselError(f"{path}: coefficients.{dof} is empty; add at least one coefficient such as {LETTER[dof]}v.")
-    return tuple(force)
+        table.fail(f"is empty; add at least one coefficient such as {LETTER[dof]}v.")
+    return force
+
+
+def _coefficient(name: str, entry: Entry, dof: str, source: str) -> Coefficient:
+    if not name.startswith(LETTER[dof]):
+        entry.fail(f"must begin with {LETTER[dof]}, the letter of {dof}.")
+    try:
+        factors(name[1:])
+    except UnknownTerm as error:
+        entry.fail(f"is no coefficient. {error}")
+    value = _value(entry, (*_DETAILS, *_OF_COEFFICIENTS))
+    more = entry if isinstance(entry.value, dict) else replace(entry, value={})
+    sd = more.at("sd").number() if "sd" in more else math.nan
+    if sd <= 0.0:
+        more.at("sd").fail(f"must be positive, found {sd:g}; leave out what is not known.")
+    published = {key: _estimates(more.at(key, {})) for key in _PUBLISHED}
+    texts = {key: str(more.value.get(key, "")) for key in ("sign_source", "note")}
+    return Coefficient(name, value, str(more.value.get("source", source)), **texts, **published, sd=sd)
+
+
+def _estimates(table: Entry) -> dict[str, float]:
+    table.check_table()
+    return {key: table.at(key).number() for key in table}
 
 
 def reference_coefficients(vessel: Vessel) -> np.ndarray:

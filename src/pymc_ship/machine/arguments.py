@@ -1,0 +1,60 @@
+"""Checks of single values that a caller or a file gives; each error is a sentence with rule, finding and remedy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from contextlib import suppress
+
+
+def check_choice(what: str, value: object, choices: Iterable[str], error: type[ValueError] = ValueError) -> None:
+    """Raise an error unless a value is one of some choices.
+
+    Parameters
+    ----------
+    what : str
+        Begin of the sentence: what the value is, such as ``"A prior family"``.
+    value : object
+    choices : iterable of str
+        Signs among them are shown in quotes.
+    error : type of ValueError, optional
+
+    Raises
+    ------
+    ValueError
+        Of the type ``error``.
+    """
+    known = tuple(choices)
+    if value not in known:
+        shown = ", ".join(choice if choice[:1].isalnum() else repr(choice) for choice in known)
+        raise error(f"{what} is one of {shown}; found {value!r}; choose one of them.")
+
+
+def finite_number(what: str, value: object, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:
+    """Value as a float.
+
+    Parameters
+    ----------
+    what : str
+        Begin of the sentence: what the value is.
+    value : object
+    error : type of ValueError, optional
+    least : float, optional
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        Of the type ``error``, for a truth value, a text, what is no number, is not finite or is below ``least``.
+    """
+    number = math.nan
+    if not isinstance(value, bool | str | bytes):
+        with suppress(TypeError, ValueError, OverflowError):
+            number = float(value)
+    if not (math.isfinite(number) and number >= least):
+        rule = "a finite number" if least == -math.inf else f"a number from {least:g} up"
+        raise error(f"{what} must be {rule}, found {value!r}; correct it.")
+    return number
