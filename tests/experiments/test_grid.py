@@ -35,7 +35,7 @@ def test_the_shipped_grid_is_five_levels_four_methods_and_a_hundred_seeds():
         ('["small.toml"]', '["small"]', "ships cannot have 'small': A vessel is one of container"),
         ('["small.toml"]', '["none.toml"]', "ships cannot have 'none.toml': The vessel file"),
         ('["small.toml"]', '["small.toml", "./small.toml"]', "different names, found 'small' twice; rename one."),
-        ('"weak form"', '"weak"', "methods is one of paper's pipeline, central difference at 1 s"),
+        ('"weak form"', '"weak"', "a method is one of paper's pipeline, central difference at 1 s"),
         ('"weak form"', '"paper\'s pipeline"', 'methods must name everything once, found "paper\'s pipeline" twice'),
         ('"zigzag 20/20"', '"zigzag 20"', "a manoeuvre is 'zigzag 20/20', 'turning circle 35' or one of them with"),
         ('"zigzag 20/20"', '"zig 20/20"', "found 'zig 20/20'; write it so."),

@@ -198,7 +198,10 @@ def _check_once(entry: Entry, values: Sequence) -> None:
 
 
 def _methods(entry: Entry) -> tuple[str, ...]:
-    return tuple(replace(entry, value=name).choice(METHODS) for name in _texts(entry))
+    names = _texts(entry)
+    for name in names:
+        check_choice(f"{entry.file}: a method", name, METHODS, MonteCarloError)
+    return tuple(names)
 
 
 def _noise(table: Entry) -> dict[str, tuple[float, ...]]:
