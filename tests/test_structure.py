@@ -17,7 +17,7 @@ FACES = sorted(PACKAGE.glob("*/__init__.py"))
 
 WINGS = {
     "machine": "",
-    "pages": "",
+    "pages": "machine",
     "forces": "",
     "vessel": "machine forces",
     "trial": "machine",

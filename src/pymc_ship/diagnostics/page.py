@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +15,18 @@ from pymc_ship.diagnostics.parts import Subject
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory import METHODS
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
-from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
-from pymc_ship.pages.page import rendered
+from pymc_ship.pages.page import Content, Page, write_page
+from pymc_ship.pages.tables import percent
 from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
 
-PAGE = "diagnostics.html"
-"""Name of the page in its folder."""
+PAGE = Page(
+    "diagnostics.html",
+    Path(__file__).with_name("page.html.j2"),
+    packages=("pymc-ship", "arviz", "numpy", "scipy", "xarray"),
+)
+"""The diagnostic page, which has no files beside it."""
 
 SOURCES = (
     "Vehtari, Gelman, Simpson, Carpenter & Buerkner (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221",
@@ -30,6 +34,13 @@ SOURCES = (
     "Vehtari, Gelman & Gabry (2017), Statistics and Computing 27:1413, doi:10.1007/s11222-016-9696-4",
     "Kallioinen, Paananen, Buerkner & Vehtari (2024), Statistics and Computing 34:57, doi:10.1007/s11222-023-10366-5",
     "Ljung & Box (1978), Biometrika 65(2):297, doi:10.1093/biomet/65.2.297",
+)
+
+_DEFAULTS = (
+    f"Intervals are equal-tailed (ci_kind eti) of {percent(CI_PROB)} (ci_prob {CI_PROB:g}). Gates: R-hat < "
+    f"{numbers.R_HAT_LIMIT:g}, bulk and tail ESS > {numbers.ESS_LIMIT:g}, no divergence, E-BFMI > "
+    f"{numbers.E_BFMI_LIMIT:g}. Agreement: |z| within the two-sided normal quantile at {LEVEL:g} over the "
+    f"number of comparisons. Whiteness at the {percent(WHITENESS_LEVEL)} level, sensitivity above {PSENSE_LIMIT:g}."
 )
 
 SUBJECTS = dict.fromkeys(METHODS, TRAJECTORIES)
@@ -85,28 +96,32 @@ def write_diagnostics(
     compared: Sequence[Comparison], out: Path, ship: Vessel | None, *, seed: int, progress: Callable[[str], None]
 ) -> Path:
     """Write the report of compared posteriors to a folder; parameters and errors as :func:`diagnostic_report`."""
-    page = diagnostic_page(compared, ship, seed=seed, progress=progress)
-    with staged(out / PAGE) as partial:
-        partial.write_text(page, encoding="utf-8")
-    return out / PAGE
+    return write_page(PAGE, out, diagnostic_content(compared, ship, seed=seed, progress=progress))
 
 
-def diagnostic_page(
+def diagnostic_content(
     compared: Sequence[Comparison],
     ship: Vessel | None,
     *,
     seed: int,
     progress: Callable[[str], None],
     back: str = "",
-) -> str:
-    """The page as text, one section a comparison; ``back`` is the page that it belongs to."""
+) -> Content:
+    """What the page shows, one section a comparison; ``back`` is the page that it belongs to."""
     images: dict[str, str] = {}
     sections = []
     for k, one in enumerate(compared):
         progress(f"diagnosing {one.name}")
         sections.append(_section(f"posterior-{k + 1}", one, ship, np.random.default_rng(seed), images))
     subjects = list(dict.fromkeys(subject_of(one.posterior) for one in compared))
-    return _render(sections, images, back, subjects)
+    values = {
+        "title": f"Diagnostics of {len(sections)} posterior{'s' * (len(sections) > 1)}",
+        "defaults": " ".join(filter(None, (_DEFAULTS, *(subject.defaults for subject in subjects)))),
+        "back": back,
+        "sections": sections,
+    }
+    sources = (*SOURCES, *(source for subject in subjects for source in subject.sources))
+    return Content(values, images, sources=sources)
 
 
 def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None:
@@ -153,23 +168,3 @@ def _section(
         "origin": subject.origin(one),
         "parts": shown,
     }
-
-
-def _render(sections: list[dict], images: Mapping[str, str], back: str, subjects: Sequence[Subject]) -> str:
-    more = " ".join(subject.defaults for subject in subjects if subject.defaults)
-    return rendered(
-        "diagnostics/page.html.j2",
-        title=f"Diagnostics of {len(sections)} posterior{'s' * (len(sections) > 1)}",
-        defaults=(
-            f"Intervals are equal-tailed (ci_kind eti) of {100 * CI_PROB:g} % (ci_prob {CI_PROB:g}). Gates: R-hat < "
-            f"{numbers.R_HAT_LIMIT:g}, bulk and tail ESS > {numbers.ESS_LIMIT:g}, no divergence, E-BFMI > "
-            f"{numbers.E_BFMI_LIMIT:g}. Agreement: |z| within the two-sided normal quantile at {LEVEL:g} over the "
-            f"number of comparisons. Whiteness at the {100 * WHITENESS_LEVEL:g} % level, "
-            f"sensitivity above {PSENSE_LIMIT:g}.{f' {more}' if more else ''}"
-        ),
-        back=back,
-        sections=sections,
-        figures=images,
-        versions=", ".join(f"{name} {version(name)}" for name in ("pymc-ship", "arviz", "numpy", "scipy", "xarray")),
-        sources=(*SOURCES, *(source for subject in subjects for source in subject.sources)),
-    )

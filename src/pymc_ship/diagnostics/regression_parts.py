@@ -34,12 +34,12 @@ from pymc_ship.diagnostics.tables import (
     sensitivity_table,
 )
 from pymc_ship.pages import drawing
-from pymc_ship.pages.tables import fixed, number, table
+from pymc_ship.pages.tables import fixed, number, percent, table
 from pymc_ship.regression.identify import EXACT
 from pymc_ship.vessel.vessel import Vessel
 
 _n = number(3)
-_CI = f"{100 * CI_PROB:g} %"
+_CI = percent(CI_PROB)
 _PRIME = "Prime values times 1e5 (σ² times 1e10)"
 
 

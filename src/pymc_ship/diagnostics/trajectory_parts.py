@@ -25,7 +25,7 @@ from pymc_ship.diagnostics.parts import (
 from pymc_ship.diagnostics.tables import prior_posterior_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
 from pymc_ship.pages.drawing import COLOURS
-from pymc_ship.pages.tables import fixed, number, table
+from pymc_ship.pages.tables import fixed, number, percent, table
 from pymc_ship.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.trajectory.posterior import verdict as khat_verdict
 from pymc_ship.trajectory.prior import coefficient_names
@@ -34,7 +34,7 @@ from pymc_ship.vessel.vessel import Vessel
 _DEFAULTS = (
     f"Posteriors of whole trajectories: Pareto k-hat ≤ {KHAT_LIMIT:g} for draws of the normal approximation, the gates "
     "of chains for a sampler; a direction is unknown where it keeps more than "
-    f"{UNKNOWN:g} of its prior variance; whiteness at {100 * WHITENESS_LEVEL:g} % for all channels together."
+    f"{UNKNOWN:g} of its prior variance; whiteness at {percent(WHITENESS_LEVEL)} for all channels together."
 )
 
 _SOURCES = (
@@ -46,7 +46,7 @@ _SOURCES = (
     "doi:10.1080/00949655.2020.1783262",
 )
 
-_CI = f"{100 * CI_PROB:g} %"
+_CI = percent(CI_PROB)
 _HEAT_MAP = "Posterior correlation of all coefficients, degrees of freedom parted."
 _WEAKEST = 8
 _LISTED = 12

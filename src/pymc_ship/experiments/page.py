@@ -29,13 +29,12 @@ from pymc_ship.experiments.tables import (
     session_rows,
 )
 from pymc_ship.experiments.task import PARTS, STATUSES
-from pymc_ship.machine.files import staged, write_rows
 from pymc_ship.pages import drawing
-from pymc_ship.pages.page import rendered
+from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
 
-DIGITS = 6
-"""Significant digits of the numbers in ``cells.csv``."""
+PAGE = Page("index.html", Path(__file__).with_name("page.html.j2"), digits=6, tables=".")
+"""The page of a study, with ``cells.csv`` beside it."""
 
 MOST_FIGURES, MOST_ROWS = 12, 400
 """Figures and rows of cells that the page shows; ``cells.csv`` has all."""
@@ -68,11 +67,8 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
         table_writer(store.out / "results.parquet", RESULTS) as add_results,
     ):
         rows = list(_cells(store, costs, add_results, add_timings))
-    write_rows(rows, store.out / "cells.csv", digits=DIGITS)
-    page = _page(store, rows, costs, _sizes(store, perf_counter() - start))
-    with staged(store.out / "index.html") as partial:
-        partial.write_text(page, encoding="utf-8")
-    return rows, store.out / "index.html"
+    sizes = _sizes(store, perf_counter() - start)
+    return rows, write_page(PAGE, store.out, _content(store, rows, costs, sizes))
 
 
 def _cells(store: Store, costs: Costs, *writers) -> Iterator[dict]:
@@ -112,7 +108,7 @@ def cell_table(rows: Sequence[Mapping]) -> Table:
     return table(lines, columns | {name: (name, fixed(0)) for name in STATUSES})
 
 
-def _page(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> str:
+def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> Content:
     n, grid = number(3), store.grid
     sessions = session_rows(costs)
     by_session = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed(0))}
@@ -122,23 +118,23 @@ def _page(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> 
     by_method |= {name: (f"{name} s", n) for name in PARTS} | {"sum": ("sum s", n), "cpu": ("processor s", n)}
     plan = {"quantity": ("", str), "value": ("value", n), "unit": ("", str), "measured": ("from", str)}
     groups = [list(group) for _, group in groupby(rows, key=lambda row: [row[name] for name in _SHARED])]
-    shown = groups[:MOST_FIGURES]
-    return rendered(
-        "experiments/page.html.j2",
-        title=grid.title,
-        grid=asdict(grid) | {"n_cells": len(rows), "n_tasks": grid.n_tasks},
-        ended={status: sum(row[status] for row in rows) for status in STATUSES},
-        captions={f"scores_{k}": ", ".join(str(group[0][name]) for name in _SHARED) for k, group in enumerate(shown)},
-        figures={f"scores_{k}": drawing.svg(scores(group), f"scores_{k}") for k, group in enumerate(shown)},
-        left_out=len(groups) - len(shown),
-        rows_left_out=max(0, len(rows) - MOST_ROWS),
-        tables={
+    shown = {f"scores_{k}": group for k, group in enumerate(groups[:MOST_FIGURES])}
+    values = {
+        "title": grid.title,
+        "grid": asdict(grid) | {"n_cells": len(rows), "n_tasks": grid.n_tasks},
+        "ended": {status: sum(row[status] for row in rows) for status in STATUSES},
+        "captions": {name: ", ".join(str(group[0][key]) for key in _SHARED) for name, group in shown.items()},
+        "left_out": len(groups) - len(shown),
+        "rows_left_out": max(0, len(rows) - MOST_ROWS),
+        "tables": {
             "cells": cell_table(rows[:MOST_ROWS]),
             "sessions": table(sessions, by_session),
             "methods": table(method_rows(costs), by_method),
             "plan": table(plan_rows(costs, sizes), plan),
         },
-        wall=n(sum(row["wall"] for row in sessions)),
-        beyond=f"{BEYOND:.0e}".replace("e+0", "e"),
-        bottleneck=bottleneck(costs),
-    )
+        "wall": n(sum(row["wall"] for row in sessions)),
+        "beyond": f"{BEYOND:.0e}".replace("e+0", "e"),
+        "bottleneck": bottleneck(costs),
+    }
+    figures = {name: drawing.svg(scores(group), name) for name, group in shown.items()}
+    return Content(values, figures, {"cells": rows})

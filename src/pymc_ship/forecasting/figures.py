@@ -12,6 +12,7 @@ from pymc_ship.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.manoeuvre.measured import aligned
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.pages.drawing import COLOURS, REFERENCE, styled, subplots
+from pymc_ship.pages.tables import percent
 from pymc_ship.trial.channels import CHANNELS, sensors
 from pymc_ship.vessel.vessel import Vessel
 
@@ -150,7 +151,7 @@ def _panel(
     bands = _thinned(tree["bands"].to_dataset()[[name]])
     factor = CHANNELS[name].unit.shown_factor
     lower, median, upper = (factor * bands[name].sel(band=band).values for band in ("lower", "median", "upper"))
-    share = f"{100.0 * tree.attrs['ci_prob']:g} % band"
+    share = f"{percent(tree.attrs['ci_prob'])} band"
     ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{mark}{share}")
     ax.plot(bands["time"], median, color=colour, label=f"{mark}median")
     if trial is not None and name in trial:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.forces.terms import SYMBOLS, evaluate
 from pymc_ship.pages.drawing import COLOURS, NOISE, styled, subplots
+from pymc_ship.pages.tables import percent
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.vessel.vessel import LETTER, Vessel
 
@@ -64,7 +65,7 @@ def force_curves(
                 ends = [factor * end for end in trained]
                 ax.axvspan(*ends, color=NOISE, alpha=0.3, lw=0, zorder=0, label="range of the training record")
             ax.fill_between(
-                factor * values, lower, upper, color=_BLUE, alpha=0.25, lw=0, label=f"{100.0 * ci_prob:g} % band"
+                factor * values, lower, upper, color=_BLUE, alpha=0.25, lw=0, label=f"{percent(ci_prob)} band"
             )
             ax.plot(factor * values, median, color=_BLUE, label="median")
             ax.set_xlim(-factor * half, factor * half)

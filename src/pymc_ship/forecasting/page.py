@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
 
 from pymc_ship.forecasting.figures import manoeuvre_figures
 from pymc_ship.forecasting.force_curves import force_curves
-from pymc_ship.machine.files import staged, writable_folder, write_rows
+from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
 from pymc_ship.manoeuvre.measured import measured_indices
 from pymc_ship.manoeuvre.registry import kind_named
-from pymc_ship.pages import drawing
-from pymc_ship.pages.page import rendered
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.pages.page import Content, Page, write_page
+from pymc_ship.pages.tables import Table, fixed, number, percent, table
 from pymc_ship.vessel.vessel import Vessel
 
-PAGE = "forecast.html"
-"""Name of the page in its folder."""
-
-DIGITS = 6
-"""Significant digits of the numbers in the CSV files."""
+PAGE = Page(
+    "forecast.html",
+    Path(__file__).with_name("page.html.j2"),
+    own=("figures/forecast_*.png", "tables/forecast_*.csv"),
+    packages=("pymc-ship", "numpy", "xarray", "numba", "matplotlib"),
+    digits=6,
+)
+"""The page of forecasts, which may share its folder with the page of the ship."""
 
 SOURCES = ("IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76)",)
 
@@ -104,8 +104,7 @@ def write_forecast_page(
     for slug, (name, tree) in zip(_slugs(forecasts), forecasts.items(), strict=True):
         progress(f"drawing {name}")
         trial = measured.get(name)
-        one = {f"{slug}_{kind}": figure for kind, figure in manoeuvre_figures(tree, vessel, trial).items()}
-        drawn |= one
+        drawn |= {f"{slug}_{kind}": figure for kind, figure in manoeuvre_figures(tree, vessel, trial).items()}
         lines = index_rows(tree, vessel, trial)
         rows |= {slug: lines} if lines else {}
         mine = [row["verdict"] for row in verdicts if row["manoeuvre"] == name]
@@ -114,9 +113,26 @@ def write_forecast_page(
         progress("drawing the force curves")
         drawn["forecast_forces"] = force_curves(models, motion)
     progress("writing the page")
-    page = _page(vessel, forecasts, verdicts, sections, drawn, remarks=remarks, command=command)
-    _write(out, page, drawn, rows)
-    return out / PAGE
+    values = _head(forecasts, vessel) | {
+        "verdicts": verdict_table(verdicts) if verdicts else None,
+        "sections": sections,
+        "forces": _FORCES if models else "",
+        "remarks": list(remarks),
+        "command": command,
+    }
+    return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
+
+
+def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
+    """What heads the page: the ship, and what intervals and verdicts are."""
+    return {
+        "title": f"{vessel.name}: forecast of its manoeuvres",
+        "vessel_title": vessel.title or vessel.name,
+        "particulars": vessel.particulars,
+        "bands": " and ".join(dict.fromkeys(percent(tree.attrs["ci_prob"]) for tree in forecasts.values())),
+        "sure": f"{SURE:g}",
+        "unsure": f"{1.0 - SURE:.2g}",
+    }
 
 
 def verdict_rows(name: str, tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:
@@ -221,10 +237,6 @@ def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _percent(ci_prob: float) -> str:
-    return f"{100.0 * ci_prob:g} %"
-
-
 def index_table(rows: Sequence[Mapping], ci_prob: float) -> Table:
     """Table of :func:`index_rows`."""
     lines = []
@@ -233,7 +245,7 @@ def index_table(rows: Sequence[Mapping], ci_prob: float) -> Table:
         shown = {key: n(row[key]) for key in ("median", "measured") if key in row}
         lines.append(dict(row) | shown | {"interval": _interval(row, n), "reached": 100.0 * row["reached"]})
     columns = {"index": ("index", str), "units": ("", str), "median": ("median", _formatted)}
-    columns |= {"interval": (f"interval of {_percent(ci_prob)}", str)}
+    columns |= {"interval": (f"interval of {percent(ci_prob)}", str)}
     if "measured" in rows[0]:
         for line in lines:
             shown = fixed(2 if line["error_units"] == "deg" else 1)(line["error"])
@@ -267,54 +279,3 @@ def verdict_table(rows: Sequence[Mapping]) -> Table:
     if any(np.isfinite(row["measured"]) for row in rows):
         columns["measured"] = ("measured", str)
     return table(lines, columns)
-
-
-def _page(
-    vessel: Vessel,
-    forecasts: Mapping[str, xr.DataTree],
-    verdicts: list[dict],
-    sections: list[dict],
-    drawn: Mapping[str, Figure],
-    *,
-    remarks: Sequence[str],
-    command: str,
-) -> str:
-    return rendered(
-        "forecasting/page.html.j2",
-        title=f"{vessel.name}: forecast of its manoeuvres",
-        vessel_title=vessel.title or vessel.name,
-        particulars=vessel.particulars,
-        bands=" and ".join(dict.fromkeys(_percent(tree.attrs["ci_prob"]) for tree in forecasts.values())),
-        sure=f"{SURE:g}",
-        unsure=f"{1.0 - SURE:.2g}",
-        verdicts=verdict_table(verdicts) if verdicts else None,
-        sections=sections,
-        forces=_FORCES if "forecast_forces" in drawn else "",
-        figures={name: drawing.svg(figure, name) for name, figure in drawn.items()},
-        remarks=list(remarks),
-        command=command,
-        versions=", ".join(
-            f"{name} {version(name)}" for name in ("pymc-ship", "numpy", "xarray", "numba", "matplotlib")
-        ),
-        sources=(*vessel.sources, *SOURCES),
-    )
-
-
-def _write(out: Path, page: str, drawn: Mapping[str, Figure], rows: Mapping[str, Sequence[Mapping]]) -> None:
-    """Write figures, tables and, last, the page; files of an earlier page that this one does not replace go."""
-    folders = {"figures": (".png", drawn), "tables": (".csv", rows)}
-    for folder, (ending, made) in folders.items():
-        place = writable_folder(out / folder)
-        for name, content in made.items():
-            path = place / f"{name}{ending}"
-            if isinstance(content, Figure):
-                with staged(path) as partial:
-                    partial.write_bytes(drawing.png(content, dpi=110))
-            else:
-                write_rows(content, path, digits=DIGITS)
-    with staged(out / PAGE) as partial:
-        partial.write_text(page, encoding="utf-8")
-    for folder, (ending, made) in folders.items():
-        for path in (out / folder).glob(f"forecast_*{ending}"):
-            if path.stem not in made:
-                path.unlink()

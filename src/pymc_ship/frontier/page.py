@@ -10,16 +10,13 @@ import numpy as np
 from pymc_ship.frontier.figures import from_the_bound_down
 from pymc_ship.frontier.measure import Measurement, frontier
 from pymc_ship.frontier.tables import aim_rows, bound_down_rows, coefficient_rows, measurement_rows, noise_rows
-from pymc_ship.machine.files import staged, writable_folder, write_rows
-from pymc_ship.pages import drawing
-from pymc_ship.pages.page import rendered
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.machine.files import writable_folder
+from pymc_ship.pages.page import Content, Page, write_page
+from pymc_ship.pages.tables import Table, fixed, number, percent, table
 from pymc_ship.vessel.vessel import Vessel, load_vessel
 
-DIGITS = 6
-"""Significant digits of the numbers in the CSV files."""
-
-_FIGURE = "from_the_bound_down"
+PAGE = Page("index.html", Path(__file__).with_name("page.html.j2"), own=("figures/*.png", "tables/*.csv"), digits=6)
+"""The page of the frontier, alone in its folder."""
 
 
 def reported_frontier(
@@ -56,7 +53,7 @@ def reported_frontier(
 
 
 def write_frontier(found: Sequence[Measurement], vessel: Vessel, out: Path, *, seeds: int, seed: int) -> Path:
-    """Write tables, figure and page to a folder; each appears under its name when complete.
+    """Write tables, figure and page to a folder when all are complete.
 
     Parameters
     ----------
@@ -84,18 +81,8 @@ def write_frontier(found: Sequence[Measurement], vessel: Vessel, out: Path, *, s
         "coefficients": coefficient_rows(found, vessel),
         "measurements": measurement_rows(found),
     }
-    drawn = from_the_bound_down(rows["from_the_bound_down"])
-    page = _page(rows, drawing.svg(drawn, _FIGURE), seeds=seeds, seed=seed)
-    with staged(out / "figures") as folder:
-        folder.mkdir()
-        (folder / f"{_FIGURE}.png").write_bytes(drawing.png(drawn, dpi=110))
-    with staged(out / "tables") as folder:
-        folder.mkdir()
-        for name, lines in rows.items():
-            write_rows(lines, folder / f"{name}.csv", digits=DIGITS)
-    with staged(out / "index.html") as partial:
-        partial.write_text(page, encoding="utf-8")
-    return out / "index.html"
+    figures = {"from_the_bound_down": from_the_bound_down(rows["from_the_bound_down"])}
+    return write_page(PAGE, out, Content(_values(rows) | {"seeds": seeds, "seed": seed}, figures, rows))
 
 
 def aim_table(rows: Sequence[Mapping]) -> Table:
@@ -108,7 +95,7 @@ def aim_table(rows: Sequence[Mapping]) -> Table:
         line[f"aim {row['level']}"] = f"{_limits(row)} {_VERDICTS[row['met']]}".strip()
     columns = {"measure": ("20/20 zigzag, white noise at level", str), "unit": ("", str)}
     for level in levels:
-        columns |= {level: (f"{100.0 * level:g} %", str), f"aim {level}": ("aim", str)}
+        columns |= {level: (percent(level), str), f"aim {level}": ("aim", str)}
     return table([dict.fromkeys(columns, "") | line for line in lines.values()], columns)
 
 
@@ -133,7 +120,8 @@ def markdown(shown: Table) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
-def _page(rows: Mapping[str, Sequence[Mapping]], figure: str, *, seeds: int, seed: int) -> str:
+def _values(rows: Mapping[str, Sequence[Mapping]]) -> dict:
+    """What the template shows of the rows: aims met and missed, and tables."""
     judged = [row for row in rows["aims"] if row["met"]]
     missed = [row for row in judged if row["met"] == "no"]
     n, level = number(3), ("noise level", number(3))
@@ -151,16 +139,12 @@ def _page(rows: Mapping[str, Sequence[Mapping]], figure: str, *, seeds: int, see
             "failed": "failed %",
         }.items()
     }
-    return rendered(
-        "frontier/page.html.j2",
-        seeds=seeds,
-        seed=seed,
-        judged=len(judged),
-        missed=[f"{r['measure']}, level {r['level']:g}: {n(r['value'])} {r['unit']} ({_limits(r)})" for r in missed],
-        tables={
+    return {
+        "judged": len(judged),
+        "missed": [f"{r['measure']}, level {r['level']:g}: {n(r['value'])} {r['unit']} ({_limits(r)})" for r in missed],
+        "tables": {
             "aims": aim_table(rows["aims"]),
             "down": table(rows["from_the_bound_down"], down),
             "fits": table(rows["fits"], fits),
         },
-        figures={_FIGURE: figure},
-    )
+    }

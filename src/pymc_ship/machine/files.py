@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,16 +33,40 @@ def staged(path: str | Path) -> Iterator[Path]:
         When the folder cannot be written.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
-    try:
-        _remove(partial)
+    with _partial(path) as partial:
         yield partial
         _replace(partial, path)
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}; choose another place.") from None
-    finally:
-        if partial.parent.is_dir():
-            _remove(partial)
+
+
+@contextmanager
+def staged_files(folder: str | Path, *, last: str) -> Iterator[Path]:
+    """Temporary folder whose files are moved into a folder when the block ends without an exception.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where the files go, to the same places as in the temporary folder; other files of it stay.
+    last : str
+        Name of the file that is moved last.
+
+    Yields
+    ------
+    Path
+        Folder inside the final one to write to.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+    """
+    folder = Path(folder)
+    with _partial(folder / last) as partial:
+        partial.mkdir()
+        yield partial
+        made = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
+        for path in sorted(made, key=lambda path: path == Path(last)):
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            os.replace(partial / path, folder / path)
 
 
 def writable_folder(path: str | Path) -> Path:
@@ -56,13 +79,33 @@ def writable_folder(path: str | Path) -> Path:
     """
     path = Path(path)
     probe = path / ".writable"
-    try:
+    with _told(path):
         path.mkdir(parents=True, exist_ok=True)
         probe.touch()
         probe.unlink()
+    return path
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Say where nothing can be written."""
+    try:
+        yield
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror or error}; choose another place.") from None
-    return path
+
+
+@contextmanager
+def _partial(path: Path) -> Iterator[Path]:
+    """Temporary name beside a final one, with nothing under it before and after the block."""
+    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    with _told(path):
+        try:
+            _remove(partial)
+            yield partial
+        finally:
+            if partial.parent.is_dir():
+                _remove(partial)
 
 
 def _replace(partial: Path, path: Path) -> None:
@@ -86,19 +129,3 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
-
-
-def write_rows(rows: Sequence[Mapping], path: Path, *, digits: int | None = None) -> Path:
-    """Write rows of equal keys as CSV, numbers to so many significant digits, moved into place when complete."""
-    keys = list(dict.fromkeys(key for row in rows for key in row))
-    if digits is not None:
-        rows = [{key: _rounded(value, digits) for key, value in row.items()} for row in rows]
-    with staged(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, keys, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    return path
-
-
-def _rounded(value: object, digits: int) -> object:
-    return float(f"{value:.{digits}g}") if isinstance(value, float) else value

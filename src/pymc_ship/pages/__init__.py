@@ -2,5 +2,5 @@
 
 - `drawing`: style, colours, and figures as SVG or PNG.
 - `tables`: numbers formatted into the cells of a table.
-- `page`: a page from its template.
+- `page`: a page written from its template, with figures and tables beside it.
 """

@@ -30,6 +30,10 @@ REFERENCE, NOISE = "#1b1b1b", "#b9c0c8"
 COLOURS = {"conjugate": "#1f6fb2", "semiconjugate": "#c8551b"}
 
 
+BESIDE_DPI, EMBEDDED_DPI = 110, 150
+"""Resolution of the PNG files beside a page and of the PNG images inside it [dots per inch]."""
+
+
 def styled(draw):
     """Draw in the house style."""
 
@@ -65,8 +69,8 @@ def svg(fig: Figure, name: str) -> str:
 
 
 @styled
-def png(fig: Figure, dpi: int = 150) -> bytes:
-    """Figure as PNG bytes."""
+def png(fig: Figure, dpi: int) -> bytes:
+    """Figure as PNG bytes of so many dots per inch."""
     _lay_out(fig)
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
@@ -75,7 +79,8 @@ def png(fig: Figure, dpi: int = 150) -> bytes:
 
 def embedded(fig: Figure, alternative: str) -> str:
     """Figure as an HTML image with its PNG inside, for figures with too many points for SVG."""
-    return f'<img alt="{escape(alternative)}" src="data:image/png;base64,{base64.b64encode(png(fig)).decode()}">'
+    data = base64.b64encode(png(fig, EMBEDDED_DPI)).decode()
+    return f'<img alt="{escape(alternative)}" src="data:image/png;base64,{data}">'
 
 
 DOF_COLOURS = {"surge": "#1f6fb2", "sway": "#c8551b", "yaw": "#3a8f4d", "roll": "#7d4fa3"}

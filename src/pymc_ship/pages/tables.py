@@ -1,4 +1,4 @@
-"""Formatted tables of a page, and the page itself from its template."""
+"""Numbers formatted as text and as the cells of tables."""
 
 from __future__ import annotations
 
@@ -44,6 +44,11 @@ def fixed(decimals: int) -> Callable[[object], str]:
         return f"{rounded:.{decimals}f}".replace("-", "−")
 
     return formatted
+
+
+def percent(share: float) -> str:
+    """A share of 1 in percent, in as few digits as it has."""
+    return f"{100.0 * share:g} %"
 
 
 def table(rows: Sequence[Mapping], columns: Mapping[str, tuple[str, Callable]]) -> Table:

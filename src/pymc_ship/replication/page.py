@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from importlib.metadata import version
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.diagnostics.page import PAGE, diagnostic_page
-from pymc_ship.machine.files import staged, writable_folder, write_rows
+from pymc_ship.diagnostics.page import PAGE as DIAGNOSTICS
+from pymc_ship.diagnostics.page import diagnostic_content
+from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
-from pymc_ship.pages.page import rendered
+from pymc_ship.pages.page import Content, Page, rendered, write_page
 from pymc_ship.regression.priors import FAMILIES
 from pymc_ship.regression.tree import CITATIONS, write_posterior
 from pymc_ship.replication import bound_chapter, figures, findings
@@ -20,6 +21,14 @@ from pymc_ship.replication.study import DURATION, STEP, StudyResult, run_study
 from pymc_ship.replication.tables import agreement_blocks, csv_tables, dof_block, page_tables
 from pymc_ship.trial.noise import noise_sd
 from pymc_ship.vessel.vessel import load_vessel
+
+PAGE = Page(
+    "index.html",
+    Path(__file__).with_name("page.html.j2"),
+    own=("figures/*.png", "tables/*.csv", "posteriors/*.nc"),
+    packages=("pymc-ship", "pymc", "arviz", "numpy", "scipy", "xarray", "numba"),
+)
+"""The page of the study, with its posteriors and their diagnostic page in the folder."""
 
 _ARVIZ_PLOTS = {
     "trace": ({}, "trace of the coefficient of each degree of freedom with the largest |z|, one colour a chain."),
@@ -78,7 +87,7 @@ def reported_study(
 
 
 def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], None] = lambda _: None) -> Path:
-    """Write pages, figures, tables and posteriors to a folder; each appears under its name when complete.
+    """Write pages, figures, tables and posteriors to a folder when all are complete.
 
     Parameters
     ----------
@@ -97,69 +106,55 @@ def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], Non
     OutputError
         When the folder cannot be written.
     """
-    diagnosed = diagnostic_page(
-        result.comparisons, result.vessel, seed=result.seed, progress=progress, back="index.html"
-    )
+    settings = {"seed": result.seed, "progress": progress, "back": PAGE.file}
+    diagnosed = rendered(DIAGNOSTICS, diagnostic_content(result.comparisons, result.vessel, **settings))
     progress("report")
-    drawn = _figures(result)
-    page = render(result, drawn)
-    with staged(out / "figures") as folder:
-        folder.mkdir()
-        for name, figure in drawn.items():
-            (folder / f"{name}.png").write_bytes(drawing.png(figure, dpi=110))
-    with staged(out / "posteriors") as folder:
-        folder.mkdir()
-        for family, methods in result.draws.items():
-            for method, trees in methods.items():
-                for dof, tree in trees.items():
-                    write_posterior(tree, folder / f"{dof}-{family}-{method}.nc")
-    with staged(out / "tables") as folder:
-        folder.mkdir()
-        for name, rows in csv_tables(result).items():
-            write_rows(rows, folder / f"{name}.csv")
-    for name, text in ((PAGE, diagnosed), ("index.html", page)):
-        with staged(out / name) as partial:
-            partial.write_text(text, encoding="utf-8")
-    return out / "index.html"
+    return write_page(PAGE, out, study_content(result, diagnosed))
 
 
-def render(result: StudyResult, drawn: Mapping[str, Figure]) -> str:
-    """The page as text: a function of the result and its figures alone, so the same seed gives the same page."""
-    exact = result.found[result.level].exact
-    trace = _trace_figures(result)
-    return rendered(
-        "replication/page.html.j2",
-        title=f"{result.vessel.name.capitalize()} ship: coefficients and forecasts from a noisy 20/20 zigzag",
-        subtitle=(
+def study_content(result: StudyResult, diagnosed: str) -> Content:
+    """What the page shows and, beside it, the diagnostic page as text: a function of the result alone."""
+    exact, trace = result.found[result.level].exact, _trace_figures(result)
+    values = {
+        "title": f"{result.vessel.name.capitalize()} ship: coefficients and forecasts from a noisy 20/20 zigzag",
+        "subtitle": (
             f"Noise level shown {result.level:g}, seed {result.seed}. Bayesian regression of {_n_coefficients(result)} "
             "coefficients, exact and by Markov chains, after Xue, Liu, Ji & Xue (2020)."
         ),
-        short=findings.short(result),
-        vessel_title=result.vessel.title,
-        duration=f"{DURATION:g}",
-        step=f"{STEP:g}",
-        side=result.trial.attrs["side"],
-        signs=_signs(result),
-        level=f"{result.level:g}",
-        rows=next(iter(result.found[result.level].data.values())).n_rows,
-        gained=findings.gained(result),
-        bound_text=bound_chapter.beside_errors(result),
-        dofs=[dof_block(result, dof, exact) for dof in result.vessel.dofs],
-        tables=page_tables(result),
-        figures={name: drawing.svg(figure, name) for name, figure in drawn.items()}
-        | {name: image for name, image, _ in trace},
-        trace_figures=[(name, caption) for name, _, caption in trace],
-        diagnostics=PAGE,
-        agreement_text=findings.agreement(result),
-        agreement_blocks=agreement_blocks(result),
-        findings=findings.all_findings(result),
-        bound=bound_chapter.chapter(result),
-        command=f"pymc-ship study --vessel {result.vessel.name} --level {result.level:g} --seed {result.seed}",
-        versions=", ".join(
-            f"{p} {version(p)}" for p in ("pymc-ship", "pymc", "arviz", "numpy", "scipy", "xarray", "numba")
-        ),
-        sources=[*result.vessel.sources, *CITATIONS.values(), *findings.SOURCES],
-    )
+        "short": findings.short(result),
+        "vessel_title": result.vessel.title,
+        "duration": f"{DURATION:g}",
+        "step": f"{STEP:g}",
+        "side": result.trial.attrs["side"],
+        "signs": _signs(result),
+        "level": f"{result.level:g}",
+        "rows": next(iter(result.found[result.level].data.values())).n_rows,
+        "gained": findings.gained(result),
+        "bound_text": bound_chapter.beside_errors(result),
+        "dofs": [dof_block(result, dof, exact) for dof in result.vessel.dofs],
+        "tables": page_tables(result),
+        "trace_figures": [(name, caption) for name, _, caption in trace],
+        "diagnostics": DIAGNOSTICS.file,
+        "agreement_text": findings.agreement(result),
+        "agreement_blocks": agreement_blocks(result),
+        "findings": findings.all_findings(result),
+        "bound": bound_chapter.chapter(result),
+        "command": f"pymc-ship study --vessel {result.vessel.name} --level {result.level:g} --seed {result.seed}",
+    }
+    figures = _figures(result) | {name: image for name, image, _ in trace}
+    sources = [*result.vessel.sources, *CITATIONS.values(), *findings.SOURCES]
+    return Content(values, figures, csv_tables(result), _files(result, diagnosed), sources)
+
+
+def _files(result: StudyResult, diagnosed: str) -> dict[str, Callable[[Path], object]]:
+    """Functions that write the posteriors of the level shown and the diagnostic page, by their places."""
+    posteriors = {
+        f"posteriors/{dof}-{family}-{method}.nc": partial(write_posterior, tree)
+        for family, methods in result.draws.items()
+        for method, trees in methods.items()
+        for dof, tree in trees.items()
+    }
+    return posteriors | {DIAGNOSTICS.file: lambda path: path.write_text(diagnosed, encoding="utf-8")}
 
 
 def _n_coefficients(result: StudyResult) -> int:

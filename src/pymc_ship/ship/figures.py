@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pymc_ship.pages.drawing import COLOURS, DOF_COLOURS, REFERENCE, styled, subplots
+from pymc_ship.pages.tables import percent
 from pymc_ship.ship.model import Candidate, held_together
 from pymc_ship.ship.paths import QUANTILES
 from pymc_ship.trajectory.windows import prepared_windows, restarted, thinned
@@ -192,7 +193,7 @@ def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
         ax.set_xlim(-1.0, 0.1)
     ax.set_xlabel(f"score less that of “{best}” [nats per run]; to the left is worse")
     marks = [
-        Line2D([], [], ls="", marker="o", ms=5, color=colour, label=f"mean over the runs, bar of {100.0 * BARS:g} %"),
+        Line2D([], [], ls="", marker="o", ms=5, color=colour, label=f"mean over the runs, bar of {percent(BARS)}"),
         Line2D([], [], ls="", marker="|", ms=9, color=_RUST, label="single runs"),
     ]
     fig.legend(handles=marks, loc="outside upper center", ncols=2)

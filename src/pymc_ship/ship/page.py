@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +12,11 @@ from matplotlib.figure import Figure
 from pymc_ship.checks.trial_checks import worst_verdict
 from pymc_ship.checks.verdicts import Check
 from pymc_ship.forecasting.force_curves import force_curves
-from pymc_ship.machine.files import staged, writable_folder, write_rows
+from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.helm import approach_speed
 from pymc_ship.manoeuvre.kinds import UNITS
-from pymc_ship.pages import drawing
-from pymc_ship.pages.page import rendered
+from pymc_ship.manoeuvre.recognition import approach_speed
+from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.ship.figures import (
     held_out_overshoots,
@@ -48,6 +47,15 @@ SOURCES = (
 
 _FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves")
 _TABLES = ("runs", "checks", "term_sets", "held_out_indices", "model_error", "paths", "coefficients", "correlations")
+
+PAGE = Page(
+    "index.html",
+    Path(__file__).with_name("page.html.j2"),
+    own=(*(f"figures/{name}.png" for name in _FIGURES), *(f"tables/{name}.csv" for name in _TABLES)),
+    packages=("pymc-ship", "numpy", "scipy", "xarray", "numba", "matplotlib"),
+)
+"""The page of a ship, which may share its folder with the page of her forecasts."""
+
 _OF = {"angle": "swing of heading", "time": "L/U", "distance": "L"}
 _LEFT_OUT = " terms were left out: "
 _WORDS = {"first": "First overshoot angle", "second": "Second overshoot angle"}
@@ -118,9 +126,8 @@ def write_ship_report(
     progress("drawing the figures")
     drawn = _figures(model, list(trials.values()), seed)
     progress("writing the page")
-    page = _page(model, trials, rows, drawn, command=command, seed=seed, given=given)
-    _write(out, page, drawn, {name: lines for name, lines in rows.items() if lines})
-    return out / "index.html"
+    values = _values(model, trials, rows) | {"steering": _steering(model, given), "command": command, "seed": seed}
+    return write_page(PAGE, out, Content(values, drawn, rows, sources=(*model.vessel.sources, *SOURCES)))
 
 
 def run_rows(model: ShipModel, trials: Mapping[str, xr.Dataset], checks: Mapping[str, Sequence[Check]]) -> list[dict]:
@@ -205,44 +212,27 @@ def _figures(model: ShipModel, trials: Sequence[xr.Dataset], seed: int) -> dict[
     return drawn
 
 
-def _page(
-    model: ShipModel,
-    trials: Mapping[str, xr.Dataset],
-    rows: Mapping[str, list[dict]],
-    drawn: Mapping[str, Figure],
-    *,
-    command: str,
-    seed: int,
-    given: Vessel | None,
-) -> str:
+def _values(model: ShipModel, trials: Mapping[str, xr.Dataset], rows: Mapping[str, list[dict]]) -> dict:
+    """What the template shows of the model and its runs."""
     left_out = [remark for remark in model.remarks if _LEFT_OUT in remark]
-    return rendered(
-        "ship/page.html.j2",
-        vessel=model.vessel,
-        n_runs=len(trials),
-        length=f"{LENGTH:g}",
-        correlated=f"{CORRELATED:g}",
-        short=_short(model, rows),
-        steering=_steering(model, given),
-        prior=_PRIORS[model.prior],
-        corrections={name: list(trial.attrs.get("corrections", ())) for name, trial in trials.items()},
-        doubtful=[row for row in rows["checks"] if row["verdict"] in ("doubtful", "bad")],
-        unchecked=_unchecked(rows["checks"]),
-        left_out=left_out,
-        best=model.candidates[0],
-        n_coefficients=len(rows["coefficients"]),
-        summary=_summary(rows["held_out_indices"]),
-        failed_paths=[row for row in rows["paths"] if row["remark"]],
-        tables=_tables(model, rows),
-        figures={name: drawing.svg(figure, name) for name, figure in drawn.items()},
-        remarks=[remark for remark in model.remarks if remark not in left_out],
-        command=command,
-        seed=seed,
-        versions=", ".join(
-            f"{name} {version(name)}" for name in ("pymc-ship", "numpy", "scipy", "xarray", "numba", "matplotlib")
-        ),
-        sources=(*model.vessel.sources, *SOURCES),
-    )
+    return {
+        "vessel": model.vessel,
+        "n_runs": len(trials),
+        "length": f"{LENGTH:g}",
+        "correlated": f"{CORRELATED:g}",
+        "short": _short(model, rows),
+        "prior": _PRIORS[model.prior],
+        "corrections": {name: list(trial.attrs.get("corrections", ())) for name, trial in trials.items()},
+        "doubtful": [row for row in rows["checks"] if row["verdict"] in ("doubtful", "bad")],
+        "unchecked": _unchecked(rows["checks"]),
+        "left_out": left_out,
+        "best": model.candidates[0],
+        "n_coefficients": len(rows["coefficients"]),
+        "summary": _summary(rows["held_out_indices"]),
+        "failed_paths": [row for row in rows["paths"] if row["remark"]],
+        "tables": _tables(model, rows),
+        "remarks": [remark for remark in model.remarks if remark not in left_out],
+    }
 
 
 def _short(model: ShipModel, rows: Mapping[str, list[dict]]) -> list[str]:
@@ -377,22 +367,3 @@ def _named(row: Mapping) -> dict:
 def _prime(row: Mapping) -> dict:
     """Prime values times 1e5."""
     return dict(row) | {key: 1e5 * row[key] for key in ("estimate", "sd", "known_value", "known_sd")}
-
-
-def _write(out: Path, page: str, drawn: Mapping[str, Figure], rows: Mapping[str, Sequence[Mapping]]) -> None:
-    """Write figures, tables and, last, the page; files of an earlier page that this one does not replace go."""
-    for name in _FIGURES:
-        path = writable_folder(out / "figures") / f"{name}.png"
-        if name in drawn:
-            with staged(path) as partial:
-                partial.write_bytes(drawing.png(drawn[name], dpi=110))
-        else:
-            path.unlink(missing_ok=True)
-    for name in _TABLES:
-        path = writable_folder(out / "tables") / f"{name}.csv"
-        if name in rows:
-            write_rows(rows[name], path)
-        else:
-            path.unlink(missing_ok=True)
-    with staged(out / "index.html") as partial:
-        partial.write_text(page, encoding="utf-8")
