@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from pymc_ship.machine.files import OutputError, staged, writable_folder
+from pymc_ship.machine.files import OutputError, staged, staged_files, writable_folder
 
 
 def names(folder):
@@ -97,6 +97,46 @@ def test_leftovers_of_a_killed_run_are_cleared(tmp_path):
         assert not partial.exists()
         partial.mkdir()
     assert names(tmp_path / "tables") == []
+
+
+def test_files_are_moved_together_and_one_of_them_last(tmp_path, monkeypatch):
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables" / "kept.csv").write_text("kept")
+    replace, moved = os.replace, []
+
+    def noted(source, target):
+        moved.append(str(target.relative_to(tmp_path)))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", noted)
+    with staged_files(tmp_path, last="index.html") as partial:
+        (partial / "index.html").write_text("page")
+        for name in ("tables", "zeros"):
+            (partial / name).mkdir()
+            (partial / name / "new.csv").write_text(name)
+        assert names(tmp_path) == [".index.partial.html", "tables"]
+    assert moved == ["tables/new.csv", "zeros/new.csv", "index.html"]
+    assert names(tmp_path) == ["index.html", "tables", "zeros"]
+    assert names(tmp_path / "tables") == ["kept.csv", "new.csv"]
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError, OSError])
+def test_an_interrupted_block_moves_none_of_its_files(tmp_path, stop):
+    (tmp_path / "index.html").write_text("earlier")
+    with (
+        pytest.raises(OutputError if stop is OSError else stop),
+        staged_files(tmp_path, last="index.html") as partial,
+    ):
+        write_half(partial / "index.html", stop)
+    assert (tmp_path / "index.html").read_text() == "earlier"
+    assert names(tmp_path) == ["index.html"]
+
+
+def test_staged_files_never_take_the_place_of_a_folder(tmp_path):
+    (tmp_path / "index.html").mkdir()
+    with pytest.raises(OutputError, match="cannot be written"), staged_files(tmp_path, last="index.html") as partial:
+        (partial / "index.html").write_text("page")
+    assert names(tmp_path) == ["index.html"]
 
 
 @pytest.mark.parametrize("place", ["file.txt/table.csv", "missing/table.csv"])

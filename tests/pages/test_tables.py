@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pymc_ship.pages.tables import fixed, number, table
+from pymc_ship.pages.tables import fixed, number, percent, table
 
 MINUS, DASH = "−", "–"
 
@@ -101,6 +101,11 @@ def test_fixed_of_what_is_not_finite_is_a_dash(value):
 
 def test_fixed_passes_words_on():
     assert fixed(2)("not reached") == "not reached"
+
+
+@pytest.mark.parametrize(("share", "text"), [(0.95, "95 %"), (0.9, "90 %"), (0.005, "0.5 %"), (1.0, "100 %")])
+def test_a_share_is_written_in_percent(share, text):
+    assert percent(share) == text
 
 
 COLUMNS = {"dof": ("DOF", str), "median": ("median %", number(2)), "rows": ("rows", str), "share": ("< 5 %", fixed(0))}
