@@ -102,7 +102,8 @@ class Grid:
     def task(self, cell: Cell, seed: int, block: str = "") -> Task:
         """Task of one seed of a cell."""
         ship, manoeuvre = self.ships[cell.ship], self.manoeuvres[cell.manoeuvre]
-        return Task(ship, manoeuvre, cell.noise, cell.level, cell.method, seed, self.root_seed, self.duration, block)
+        kind = {"noise": cell.noise, "level": cell.level, "method": cell.method}
+        return Task(ship, manoeuvre, **kind, seed=seed, root=self.root_seed, duration=self.duration, block=block)
 
     def record(self) -> dict:
         """What the results depend on, as it is kept beside them."""

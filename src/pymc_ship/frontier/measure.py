@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
@@ -257,25 +257,30 @@ def frontier(
     """
     if seeds < 2:
         raise ValueError(f"Medians and coverages need two seeds or more, found {seeds}; take 25 for a verdict.")
-    tasks = [(vessel, cell, level, k, seed, duration) for k in range(seeds) for cell in cells for level in cell.levels]
+    tasks = {
+        (cell.name, level, k): (vessel, cell, level, k, seed, duration)
+        for k in range(seeds)
+        for cell in cells
+        for level in cell.levels
+    }
     found: dict[tuple, list[Measurement]] = {}
-    for (_, cell, level, k, *_), measurements in _measured(tasks, workers):
-        found[cell.name, level, k] = measurements
+    for key, measurements in _measured(tasks, workers):
+        found[key] = measurements
         progress(_bar(len(found), len(tasks)))
     order = [(cell.name, level, k) for cell in cells for level in cell.levels for k in range(seeds)]
     return [measurement for key in order for measurement in found[key]]
 
 
-def _measured(tasks: Sequence[tuple], workers: int) -> Iterator[tuple[tuple, list[Measurement]]]:
-    """Tasks with their measurements as they are completed."""
+def _measured(tasks: Mapping[tuple, tuple], workers: int) -> Iterator[tuple[tuple, list[Measurement]]]:
+    """Keys of tasks with their measurements as they are completed."""
     if workers == 1:
-        for task in tasks:
-            yield task, measure(*task)
+        for key, task in tasks.items():
+            yield key, measure(*task)
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, _ignore_interrupts) as pool:
         try:
-            futures = {pool.submit(measure, *task): task for task in tasks}
+            futures = {pool.submit(measure, *task): key for key, task in tasks.items()}
             for future in as_completed(futures):
                 yield futures[future], future.result()
         except BaseException:

@@ -15,7 +15,6 @@ from pymc_ship.forecasting.force_curves import force_curves
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.helm import approach_speed
 from pymc_ship.manoeuvre.kinds import UNITS
-from pymc_ship.manoeuvre.recognition import approach_speed
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.ship.figures import (
