@@ -348,7 +348,7 @@ def test_an_embedded_figure_carries_its_png_and_its_words():
     text = drawing.embedded(tuning(), "gain by evaluation")
     before, after = text.split("base64,")
     assert before == '<img alt="gain by evaluation" src="data:image/png;'
-    assert base64.b64decode(after.removesuffix('">'), validate=True) == drawing.png(tuning())
+    assert base64.b64decode(after.removesuffix('">'), validate=True) == drawing.png(tuning(), dpi=150)
 
 
 @pytest.mark.parametrize("name", EVERY)

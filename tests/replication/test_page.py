@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +11,8 @@ import pytest
 
 from pymc_ship.machine import files
 from pymc_ship.machine.files import OutputError
+from pymc_ship.pages.drawing import subplots
+from pymc_ship.pages.page import Content
 from pymc_ship.replication import page as report
 from tests.replication.cases import SEED, Page, names
 
@@ -23,42 +26,67 @@ def test_the_checks_of_a_page_can_fail():
     assert re.search(r"\bnan\b", bad.text)
 
 
+DRAWS = {"conjugate": {"exact": {"sway": None}}}
+QUICK = SimpleNamespace(draws=DRAWS, comparisons=[], vessel=None, seed=SEED)
+ROWS = [{"dof": "surge", "median": 1.0}]
+FILES = ["diagnostics.html", "sweep.png", "sway-conjugate-exact.nc", "errors.csv", "index.html"]
+"""Files of the quick report in the order in which they are moved into place."""
+
+
+def quick_content(result, diagnosed):
+    """One figure, one table and the files of a study."""
+    figures, tables = {"sweep": subplots(1.0, 1.0)[0]}, {"errors": ROWS}
+    return Content({"text": "new"}, figures, tables, report._files(result, diagnosed))
+
+
 @pytest.fixture
 def earlier(tmp_path, monkeypatch):
     """Folder with an earlier report, and a report that takes no time."""
-    monkeypatch.setattr(report, "_figures", lambda result: {})
-    monkeypatch.setattr(report, "render", lambda result, drawn: "new")
-    monkeypatch.setattr(report, "diagnostic_page", lambda *arguments, **settings: "diagnosed")
-    monkeypatch.setattr(report, "csv_tables", lambda result: {"errors": [{"dof": "surge", "median": 1.0}]})
-    (tmp_path / "index.html").write_text("earlier")
-    return tmp_path
-
-
-NOTHING = SimpleNamespace(draws={}, comparisons=[], vessel=None, seed=SEED)
+    template = tmp_path / "page.html.j2"
+    template.write_text("{{ text }}")
+    for name in ("PAGE", "DIAGNOSTICS"):
+        monkeypatch.setattr(report, name, replace(getattr(report, name), template=template))
+    monkeypatch.setattr(report, "diagnostic_content", lambda *_, **__: Content({"text": "diagnosed"}))
+    monkeypatch.setattr(report, "study_content", quick_content)
+    monkeypatch.setattr(report, "write_posterior", lambda tree, path: path.write_text("posterior"))
+    folder = tmp_path / "report"
+    folder.mkdir()
+    (folder / "index.html").write_text("earlier")
+    return folder
 
 
 def test_a_complete_write_replaces_the_earlier_page(earlier):
-    report.write_study(NOTHING, earlier)
+    report.write_study(QUICK, earlier)
     assert (earlier / "index.html").read_text() == "new"
     assert (earlier / "tables" / "errors.csv").read_text() == "dof,median\nsurge,1.0\n"
     assert (earlier / "diagnostics.html").read_text() == "diagnosed"
+    assert (earlier / "posteriors" / "sway-conjugate-exact.nc").read_text() == "posterior"
     assert names(earlier) == ["diagnostics.html", "figures", "index.html", "posteriors", "tables"]
 
 
+def test_posteriors_and_figures_of_an_earlier_study_go(earlier):
+    for name in ("posteriors/roll-conjugate-exact.nc", "figures/old.png", "tables/old.csv"):
+        (earlier / name).parent.mkdir()
+        (earlier / name).write_text("old")
+    report.write_study(QUICK, earlier)
+    kept = {folder: names(earlier / folder) for folder in ("figures", "posteriors", "tables")}
+    assert kept == {"figures": ["sweep.png"], "posteriors": ["sway-conjugate-exact.nc"], "tables": ["errors.csv"]}
+
+
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, RuntimeError])
-@pytest.mark.parametrize("page", ["render", "diagnostic_page"])
+@pytest.mark.parametrize("page", ["study_content", "diagnostic_content", "rendered"])
 def test_a_page_that_cannot_be_rendered_leaves_everything_as_it_was(earlier, monkeypatch, page, stop):
     def fail(*arguments, **settings):
         raise stop("stopped")
 
     monkeypatch.setattr(report, page, fail)
     with pytest.raises(stop, match="stopped"):
-        report.write_study(NOTHING, earlier)
+        report.write_study(QUICK, earlier)
     assert names(earlier) == ["index.html"]
     assert (earlier / "index.html").read_text() == "earlier"
 
 
-@pytest.mark.parametrize("step", ["figures", "posteriors", "tables", "diagnostics.html", "index.html"])
+@pytest.mark.parametrize("step", FILES)
 @pytest.mark.parametrize(("stop", "raised"), [(KeyboardInterrupt, KeyboardInterrupt), (OSError, OutputError)])
 def test_an_interrupted_write_keeps_the_earlier_page_and_no_partial(earlier, monkeypatch, step, stop, raised):
     moved = []
@@ -71,7 +99,7 @@ def test_an_interrupted_write_keeps_the_earlier_page_and_no_partial(earlier, mon
 
     monkeypatch.setattr(files.os, "replace", move)
     with pytest.raises(raised):
-        report.write_study(NOTHING, earlier)
+        report.write_study(QUICK, earlier)
     assert moved[-1] == step
     assert (earlier / "index.html").read_text() == "earlier"
     assert [name for name in names(earlier) if name.startswith(".")] == []
@@ -85,5 +113,5 @@ def test_the_page_is_moved_into_place_last(earlier, monkeypatch):
         replace(source, target)
 
     monkeypatch.setattr(files.os, "replace", move)
-    report.write_study(NOTHING, earlier)
-    assert moved[-2:] == ["diagnostics.html", "index.html"]
+    report.write_study(QUICK, earlier)
+    assert moved == FILES

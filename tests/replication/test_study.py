@@ -17,6 +17,7 @@ from pymc_ship.diagnostics import page as diagnostic_report
 from pymc_ship.diagnostics.agreement import failure
 from pymc_ship.frontier.bound import cramer_rao_bound
 from pymc_ship.machine.seeds import generator
+from pymc_ship.pages.page import rendered
 from pymc_ship.regression.priors import FAMILIES
 from pymc_ship.replication import findings
 from pymc_ship.replication import page as report
@@ -307,7 +308,7 @@ def test_the_page_goes_from_the_bound_down(page, result):
 
 
 def test_rendering_twice_gives_the_same_page(result, text):
-    same = report.render(result, report._figures(result)) == text
+    same = rendered(report.PAGE, report.study_content(result, "")) == text
     assert same
     assert plt.get_fignums() == []
 
@@ -315,7 +316,7 @@ def test_rendering_twice_gives_the_same_page(result, text):
 def test_the_page_follows_its_result(result, text, monkeypatch):
     """The broken twin of the last: another seed, and the images of the chains left out to save time."""
     monkeypatch.setattr(report, "_trace_figures", lambda result: [])
-    other = Page(report.render(replace(result, seed=SEED + 1), report._figures(result)))
+    other = Page(rendered(report.PAGE, report.study_content(replace(result, seed=SEED + 1), "")))
     assert f"seed {SEED + 1}." in other.text
     assert f"seed {SEED}." not in other.text
 
