@@ -299,13 +299,7 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
     if not good[0] or good.mean() < _FEWEST_SOUND:
         return None, f"The {name} terms were left out: fitted to these trials, they run away in a standard manoeuvre."
     return Candidate(
-        name=name,
-        fit=whole,
-        held_out=judged,
-        inflation=inflation,
-        weight=0.0,
-        draws=tried[:0],
-        share_unsound=0.0,
+        name=name, fit=whole, held_out=judged, inflation=inflation, weight=0.0, draws=tried[:0], share_unsound=0.0
     ), ""
 
 
