@@ -35,6 +35,7 @@ from pymc_ship.motion.simulation import SimulationError as SimulationError
 from pymc_ship.motion.simulation import simulate as simulate
 from pymc_ship.motion.weak_form import coefficient_scales as coefficient_scales
 from pymc_ship.motion.weak_form import weak_form_start as weak_form_start
+from pymc_ship.regression.conjugate import ConjugatePrior as ConjugatePrior
 from pymc_ship.regression.conjugate import conjugate as conjugate
 from pymc_ship.regression.conjugate import conjugate_posterior as conjugate_posterior
 from pymc_ship.regression.data import RegressionData as RegressionData
@@ -47,9 +48,8 @@ from pymc_ship.regression.prior_table import informed_prior as informed_prior
 from pymc_ship.regression.prior_table import order_damped_prior as order_damped_prior
 from pymc_ship.regression.prior_table import restore_fixed as restore_fixed
 from pymc_ship.regression.prior_table import sister_ship_table as sister_ship_table
-from pymc_ship.regression.priors import ConjugatePrior as ConjugatePrior
 from pymc_ship.regression.priors import PriorError as PriorError
-from pymc_ship.regression.priors import SemiConjugatePrior as SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior as SemiConjugatePrior
 from pymc_ship.regression.semiconjugate import semiconjugate as semiconjugate
 from pymc_ship.regression.semiconjugate import semiconjugate_posterior as semiconjugate_posterior
 from pymc_ship.regression.streamed import StreamedRegression as StreamedRegression

@@ -17,7 +17,7 @@ from pymc_ship.motion.simulation import METHODS
 from pymc_ship.regression import cross_validation
 from pymc_ship.regression import identify as identification
 from pymc_ship.regression.data import WEAK
-from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.ship import model as ship_model
 from pymc_ship.trajectory.prior import KINDS
 from pymc_ship.vessel.vessel import DOFS

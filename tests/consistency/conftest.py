@@ -11,7 +11,6 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.machine.seeds import generator
-from pymc_ship.regression.identify import EXACT
 from pymc_ship.replication.study import INTERVAL
 
 FOLDER = Path(__file__).parent
@@ -77,6 +76,6 @@ def study(container, zigzag_trial):
         chosen, _ = ps.maximise_evidence(data, family)
         if prior == "moderate":
             chosen = replace(chosen, shape=5.0, scale=4.0 * chosen.scale / (chosen.shape - 1.0))
-        return SimpleNamespace(data=data, prior=chosen, exact=EXACT[family](data, chosen))
+        return SimpleNamespace(data=data, prior=chosen, exact=chosen.exact(data))
 
     return prepared

@@ -11,8 +11,7 @@ from scipy.stats import binom
 
 from pymc_ship.diagnostics.calibration import coverage, exact_draws, geweke, rank_p_value, simulation_based_calibration
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.identify import EXACT
-from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.sampling.gibbs import gibbs
 from pymc_ship.sampling.regression_model import nuts_posterior
 from tests.regression.peers import simulated
@@ -166,7 +165,7 @@ class TestCoverage:
     @families
     def test_those_of_a_wrong_posterior_do_not(self, compared, family):
         def quantiles(data, prior, probabilities):
-            exact = EXACT[family](data, replace(prior, shape=prior.shape + 10.0))
+            exact = replace(prior, shape=prior.shape + 10.0).exact(data)
             return np.column_stack([exact.quantiles(probabilities), exact.noise_variance_quantiles(probabilities)])
 
         table = coverage(*case(family), quantiles, simulations=200, rng=np.random.default_rng(37))

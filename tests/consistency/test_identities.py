@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pymc_ship.regression.conjugate import conjugate
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.regression.semiconjugate import semiconjugate
+from pymc_ship.regression.conjugate import ConjugatePrior, conjugate
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate
 from tests.regression.peers import oracle, simulated
 
 CHIB = {"ds1": -735.118649021482, "ds2": -547.715057153241}

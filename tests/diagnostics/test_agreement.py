@@ -7,9 +7,8 @@ import xarray as xr
 from scipy import stats
 
 from pymc_ship.diagnostics.agreement import LEVEL, agreement
-from pymc_ship.regression.conjugate import conjugate, conjugate_posterior
+from pymc_ship.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior
 from pymc_ship.regression.tree import posterior_tree
 
 N_COMPARISONS = 5 * 4

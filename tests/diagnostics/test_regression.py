@@ -10,6 +10,7 @@ from scipy import stats
 import pymc_ship as ps
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics import regression as d
+from pymc_ship.sampling.error_laws import with_errors
 
 TRUTH = np.array([1.0, -2.0, 0.0])
 
@@ -222,7 +223,7 @@ def test_leave_one_out_of_a_right_model(good):
     loo = numbers.cross_validation(good[0])
     assert float(loo.p) == pytest.approx(4.0, abs=1.5)
     assert (loo.pareto_k.values < loo.good_k).all()
-    half, most = d.loo_pit_coverage(d.predictive(good[0], np.random.default_rng(0)))
+    half, most = d.loo_pit_coverage(d.with_posterior_predictive(good[0], np.random.default_rng(0)))
     assert half == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / 300))
     assert most == pytest.approx(0.95, abs=4 * np.sqrt(0.0475 / 300))
 
@@ -245,13 +246,33 @@ def test_a_strong_prior_is_felt_and_a_weak_one_is_not():
 
 def test_predictive_draws_have_the_spread_of_the_response(good):
     tree = good[0]
-    drawn = d.predictive(tree, np.random.default_rng(0))
+    drawn = d.with_posterior_predictive(tree, np.random.default_rng(0))
     response = drawn["posterior_predictive"]["response"]
     assert response.dims == ("chain", "draw", "row")
     spread = response.var(("chain", "draw")).mean()
     assert float(spread) == pytest.approx(float(tree["posterior"]["noise_variance"].mean()), rel=0.05)
     assert "posterior_predictive" not in tree.children
-    assert d.predictive(drawn, np.random.default_rng(1)) is drawn
+    assert d.with_posterior_predictive(drawn, np.random.default_rng(1)) is drawn
+
+
+@pytest.mark.parametrize(("errors", "correlation"), [("ar1", 0.9), ("normal", 0.0)])
+def test_predictive_draws_obey_the_law_of_the_errors(good, errors, correlation):
+    tree, data, _ = good
+    if errors == "ar1":
+        tree = with_errors(tree, data, "ar1", np.full((4, 600), 0.9))
+    drawn = d.with_posterior_predictive(tree, np.random.default_rng(0))["posterior_predictive"]["response"].values
+    error = drawn - tree["posterior"]["coefficients"].values @ data.design_matrix.T
+    found = np.sum(error[..., 1:] * error[..., :-1]) / np.sum(error**2)
+    assert found == pytest.approx(correlation, abs=0.01)
+
+
+def test_the_prior_predicts_with_the_law_of_the_errors():
+    """Where errors are all that the response has, those of Student's t spread more."""
+    tree, data, _ = made(white(), kappa=1e-4)
+    heavy = with_errors(tree, data, "student_t", np.full((4, 600), 5.0))
+    normal, t = (d.prior_predictive_ratio(given, np.random.default_rng(0)) for given in (tree, heavy))
+    assert (t > normal).all()
+    assert t[2] > 1.2 * normal[2]
 
 
 def test_prior_draws_of_the_noise_variance_have_its_prior(good):

@@ -7,7 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.regression import identify as identification
-from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.regression.families import FAMILIES
 from tests.journeys.cases import run
 from tests.vessel.cases import toml
 

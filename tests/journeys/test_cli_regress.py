@@ -6,8 +6,8 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.regression import identify as identification
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.identify import identify
-from pymc_ship.regression.priors import FAMILIES
 from tests.journeys.cases import column, files, rows, run
 from tests.vessel.cases import TERMS
 

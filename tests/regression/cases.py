@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from tests.regression.peers import simulated
 
 

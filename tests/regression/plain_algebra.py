@@ -8,13 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 from scipy import stats
 
-from pymc_ship.regression.conjugate import conjugate
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import FAMILIES
-from pymc_ship.regression.semiconjugate import semiconjugate
+from pymc_ship.regression.families import FAMILIES
 
 NAMES = ("Y0", "Yv", "Yr", "Yv|v|", "Ydelta")
-EXACT = {"conjugate": conjugate, "semiconjugate": semiconjugate}
 HELD = {"Yv|v|": 0.7}
 
 

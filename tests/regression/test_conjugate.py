@@ -10,9 +10,10 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-from pymc_ship.regression.conjugate import conjugate, conjugate_posterior
+from pymc_ship.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
 from pymc_ship.regression.data import RegressionData, RegressionDataError
-from pymc_ship.regression.priors import ConjugatePrior, PriorError, SemiConjugatePrior
+from pymc_ship.regression.priors import PriorError
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.regression.tree import rng_state
 from tests.regression.peers import largest_z, oracle, simulated, z_limit
 

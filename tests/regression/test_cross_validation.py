@@ -5,11 +5,10 @@ import pytest
 from scipy import stats
 from scipy.special import logsumexp
 
-from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.conjugate import ConjugatePrior, conjugate
 from pymc_ship.regression.cross_validation import CrossValidationError, cross_validation, fold_rows
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.regression.semiconjugate import semiconjugate
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate
 from tests.regression.peers import oracle, simulated
 
 PRIORS = [

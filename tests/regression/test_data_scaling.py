@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from pymc_ship.regression.conjugate import ConjugatePrior
 from pymc_ship.regression.data import RegressionData, RegressionDataError
-from pymc_ship.regression.priors import FAMILIES, ConjugatePrior, PriorError, SemiConjugatePrior, prior_family
+from pymc_ship.regression.families import FAMILIES, prior_family
+from pymc_ship.regression.priors import PriorError
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from tests.regression.peers import simulated
 
 

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.conjugate import ConjugatePrior, conjugate
 from pymc_ship.regression.data import regression_data
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.prior_table import hold_fixed, informed_prior, order_damped_prior, sister_ship_table
-from pymc_ship.regression.priors import FAMILIES, ConjugatePrior, PriorError, SemiConjugatePrior
+from pymc_ship.regression.priors import PriorError
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.sampling.gibbs import gibbs, gibbs_posterior
 from pymc_ship.sampling.regression_model import nuts_posterior
 from tests.regression.peers import largest_z, simulated, z_limit
-from tests.regression.plain_algebra import EXACT, HELD, NAMES, agree, base, plain, ship, summary
+from tests.regression.plain_algebra import HELD, NAMES, agree, base, plain, ship, summary
 
 TABLE = {"Yr": (2.5, 0.4), "Yv": (-1.0, 0.05)}
 
@@ -92,7 +94,7 @@ class TestInformed:
         prior = informed_prior(data, FAMILIES[family](shape=4.0, scale=0.6), table)
         mean, sd = np.array(list(table.values())).T
         noise = (4.0, 0.6 * np.mean(data.response**2))
-        agree(EXACT[family](data, prior), plain(data.design_matrix, data.response, mean, sd**2, noise, family))
+        agree(prior.exact(data), plain(data.design_matrix, data.response, mean, sd**2, noise, family))
 
     def test_a_constant_has_a_prior_of_its_own_where_columns_are_not_centred(self, family):
         data = ship("none")
@@ -111,7 +113,7 @@ class TestInformed:
         """The sd given the noise variance of the data is that of the table times the root of its ratio to the mean."""
         data = ship()
         prior = informed_prior(data, base(family), TABLE)
-        sigma2 = EXACT[family](data, prior).noise_variance_mean / data.response_scale**2
+        sigma2 = prior.exact(data).noise_variance_mean / data.response_scale**2
         given = np.sqrt(prior.kappa[1] * (sigma2 if family == "conjugate" else 1.0)) * data.transformation[1][1, 1]
         ratio = sigma2 / (prior.scale / (prior.shape - 1.0))
         assert given == pytest.approx(0.05 * (np.sqrt(ratio) if family == "conjugate" else 1.0))
@@ -153,11 +155,11 @@ class TestPaths:
 
     def test_exact(self, family):
         data, prior, known = practice(family)
-        agree(EXACT[family](data, prior), known)
+        agree(prior.exact(data), known)
 
     def test_the_base_prior_is_told_apart(self, family):
         data, _, known = practice(family)
-        twin = EXACT[family](data, base(family, 4))
+        twin = base(family, 4).exact(data)
         assert np.abs((twin.mean - known.mean) / known.sd).max() > 1.0
 
     def test_gibbs(self, family):

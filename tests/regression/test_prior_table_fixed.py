@@ -9,12 +9,12 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.regression.data import RegressionData, RegressionDataError, regression_data
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.prior_table import hold_fixed, informed_prior, restore_fixed, sister_ship_table
-from pymc_ship.regression.priors import FAMILIES, SemiConjugatePrior
-from pymc_ship.regression.semiconjugate import semiconjugate_posterior
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate_posterior
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.sampling.gibbs import gibbs_posterior
-from tests.regression.plain_algebra import EXACT, HELD, NAMES, agree, base, plain, ship
+from tests.regression.plain_algebra import HELD, NAMES, agree, base, plain, ship
 
 
 class TestFixed:
@@ -26,7 +26,7 @@ class TestFixed:
         held, prior = hold_fixed(data, HELD), base(family, 4)
         assert held.coefficients == known.coefficients
         assert held.constant == known.constant
-        agree(EXACT[family](held, prior), EXACT[family](known, prior), rtol=1e-12)
+        agree(prior.exact(held), prior.exact(known), rtol=1e-12)
 
     @pytest.mark.parametrize("scaling", ["none", "zscore"])
     @pytest.mark.parametrize("constant", [True, False])
@@ -49,10 +49,10 @@ class TestFixed:
         data, free = ship(scaling), [0, 1, 2, 4]
         prior = base(family)
         rest = replace(prior, mean=prior.mean[free], kappa=prior.kappa[free])
-        limit = EXACT[family](hold_fixed(data, HELD), rest)
+        limit = rest.exact(hold_fixed(data, HELD))
         distance = []
         for sd in (1e-3, 1e-4, 1e-7):
-            narrow = EXACT[family](data, informed_prior(data, prior, {"Yv|v|": (0.7, sd)}))
+            narrow = informed_prior(data, prior, {"Yv|v|": (0.7, sd)}).exact(data)
             distance.append(np.abs((narrow.mean[free] - limit.mean) / limit.sd).max())
         assert distance[0] / distance[1] == pytest.approx(100.0, rel=0.2), "the distance falls with the variance"
         np.testing.assert_allclose(narrow.mean[free], limit.mean, rtol=1e-6)
@@ -70,7 +70,7 @@ class TestFixed:
         X = whole.design_matrix[:, 1:]
         known = plain(X, whole.response - 4.0, slope * prior.mean, variance, noise, family)
         assert data.constant == -1
-        agree(EXACT[family](data, prior), known, rtol=1e-7)
+        agree(prior.exact(data), known, rtol=1e-7)
 
     def test_the_constant_is_found_wherever_it_stands(self):
         turned, names = [1, 2, 0, 3, 4], [NAMES[j] for j in (1, 2, 0, 3, 4)]

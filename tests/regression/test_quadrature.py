@@ -5,8 +5,7 @@ import pytest
 from scipy.special import logsumexp
 
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import SemiConjugatePrior
-from pymc_ship.regression.semiconjugate import semiconjugate
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate
 from tests.regression.cases import case, dense, two_modes, vector_prior
 from tests.regression.peers import oracle, simulated
 

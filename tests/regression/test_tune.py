@@ -6,17 +6,14 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from pymc_ship.regression.conjugate import conjugate
 from pymc_ship.regression.cross_validation import CrossValidationError, cross_validation
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import FAMILIES, PriorError
-from pymc_ship.regression.semiconjugate import semiconjugate
-from pymc_ship.regression.tune import BOXES, TuningError, maximise_evidence, tune_prior
+from pymc_ship.regression.families import FAMILIES
+from pymc_ship.regression.priors import PriorError
+from pymc_ship.regression.tune import TuningError, maximise_evidence, tune_prior
 from tests.regression.peers import oracle, simulated
 
 module = importlib.import_module("pymc_ship.regression.tune")
-
-EXACT = {"conjugate": conjugate, "semiconjugate": semiconjugate}
 
 
 def scaled(seed=1):
@@ -56,7 +53,7 @@ class TestResult:
         chosen = [[prior.shape, prior.scale, prior.kappa] for prior in (result.surrogate_prior, result.evidence_prior)]
         shape, scale, kappa = np.vstack([result.points, chosen]).T
         for name, values in (("shape", shape), ("noise_variance", scale / shape), ("kappa", kappa)):
-            low, high = BOXES[family][name]
+            low, high = FAMILIES[family].box[name]
             assert (values > low * (1.0 - 1e-9)).all()
             assert (values < high * (1.0 + 1e-9)).all()
 
@@ -116,13 +113,13 @@ class TestEvidence:
     def test_no_point_of_the_box_has_more(self, family):
         data, rng = scaled(), np.random.default_rng(2)
         prior, log_evidence = maximise_evidence(data, family)
-        assert log_evidence == EXACT[family](data, prior).log_evidence
-        low, high = np.log([BOXES[family][name] for name in ("shape", "noise_variance", "kappa")]).T
+        assert log_evidence == prior.exact(data).log_evidence
+        low, high = np.log([FAMILIES[family].box[name] for name in ("shape", "noise_variance", "kappa")]).T
         at = np.log([prior.shape, prior.scale / prior.shape, prior.kappa])
         far, near = rng.uniform(low, high, (500, 3)), at + 0.05 * rng.standard_normal((500, 3))
         points = np.exp(np.clip(np.vstack([far, near]), low, high))
         priors = [FAMILIES[family](shape=a, scale=a * v, kappa=k) for a, v, k in points]
-        others = [EXACT[family](data, other).log_evidence for other in priors]
+        others = [other.exact(data).log_evidence for other in priors]
         assert max(others) <= log_evidence + 1e-6
         assert np.mean(np.array(others) < log_evidence - 1e-3) > 0.9
 
@@ -159,4 +156,4 @@ class TestErrors:
     @pytest.mark.parametrize("pair", [(2.0, 1.0), (0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (1.0, 1.0)])
     def test_bounds_rise_and_are_positive(self, pair):
         with pytest.raises(TuningError, match="Bounds are pairs that rise and lie above 0, found"):
-            maximise_evidence(scaled(), box=BOXES["conjugate"] | {"kappa": pair})
+            maximise_evidence(scaled(), box=FAMILIES["conjugate"].box | {"kappa": pair})

@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.frontier.scores import published_rows
-from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.replication import measurements
 from pymc_ship.trial.noise import LITERAL_LEVEL
 

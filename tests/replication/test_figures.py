@@ -15,8 +15,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.pages import drawing
-from pymc_ship.regression.identify import EXACT
-from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.replication import figures
 
 pytestmark = pytest.mark.slow
@@ -47,7 +46,7 @@ def denoising():
 def noise_variance():
     X = np.random.default_rng(2).normal(size=(40, 3))
     data = ps.RegressionData.from_arrays(X, X @ np.ones(3) + np.sin(np.arange(40.0)))
-    return figures.noise_variance({name: EXACT[name](data, prior()) for name, prior in FAMILIES.items()}, "surge")
+    return figures.noise_variance({name: prior().exact(data) for name, prior in FAMILIES.items()}, "surge")
 
 
 def sample_paths():

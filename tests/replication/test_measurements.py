@@ -11,8 +11,7 @@ from scipy.stats import invgamma
 import pymc_ship as ps
 from pymc_ship.regression.conjugate import conjugate
 from pymc_ship.regression.cross_validation import cross_validation
-from pymc_ship.regression.identify import EXACT
-from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.replication.measurements import (
     PUBLISHED_PRIORS,
     differencing_rows,
@@ -262,7 +261,7 @@ def test_prior_rows_score_and_weigh_the_prior_they_show(priors, tuned):
         prior = FAMILIES[row["family"]](**{name: row[name] for name in ("shape", "scale", "kappa")})
         score = cross_validation(data).score(prior)
         assert (row["score"], row["score_se"]) == pytest.approx((score.mean, score.se))
-        assert row["log_evidence"] == pytest.approx(EXACT[row["family"]](data, prior).log_evidence)
+        assert row["log_evidence"] == pytest.approx(prior.exact(data).log_evidence)
 
 
 def test_no_choice_has_more_evidence_than_the_evidence_maximum(priors):

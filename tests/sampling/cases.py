@@ -6,7 +6,13 @@ from functools import cache
 
 import numpy as np
 
+from pymc_ship.regression.conjugate import ConjugatePrior
 from pymc_ship.regression.data import RegressionData
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior
+from tests.regression.own_priors import RootPrior
+
+POWER = {ConjugatePrior: 1.0, SemiConjugatePrior: 0.0, RootPrior: 0.5}
+"""Power of the noise variance in the prior variance of the coefficients, by family; the last is a user's."""
 
 N_TERMS = 5
 """One number of terms throughout: the whitened model is compiled once."""

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pymc_ship.regression.conjugate import conjugate, conjugate_posterior
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.regression.semiconjugate import semiconjugate, semiconjugate_posterior
+from pymc_ship.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate, semiconjugate_posterior
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.sampling.error_laws import ERRORS
 from pymc_ship.sampling.gibbs import gibbs_posterior

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
-from pymc_ship.regression.conjugate import conjugate
+from pymc_ship.regression.conjugate import ConjugatePrior, conjugate
 from pymc_ship.regression.data import RegressionData, RegressionDataError
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
+from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.sampling.error_laws import ERRORS
 from pymc_ship.sampling.regression_model import nuts_posterior, pymc_model
 from pymc_ship.sampling.rows_model import row_statistics
-from tests.sampling.cases import N_TERMS, hyperparameters, log_volume, regression, scaled_parameters
+from tests.sampling.cases import N_TERMS, POWER, hyperparameters, log_volume, regression, scaled_parameters
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +30,7 @@ def log_rows(errors, residual, noise_variance, parameter):
 
 
 def log_prior(prior, scaled, variance, errors, parameter):
-    spread = np.sqrt(prior.kappa * (variance if isinstance(prior, ConjugatePrior) else 1.0))
+    spread = np.sqrt(prior.kappa * variance ** POWER[type(prior)])
     density = stats.invgamma.logpdf(variance, prior.shape, scale=prior.scale)
     density += stats.norm.logpdf(scaled, prior.mean, spread).sum()
     law = stats.gamma(2.0, scale=10.0) if errors == "student_t" else stats.uniform(-1.0, 2.0)
@@ -74,7 +74,7 @@ def density_error(model, data, prior, errors, twist=lambda parameter: parameter)
 
 
 @pytest.mark.parametrize("parametrisation", ["whitened", "direct"])
-@pytest.mark.parametrize("family", [ConjugatePrior, SemiConjugatePrior])
+@pytest.mark.parametrize("family", POWER)
 @pytest.mark.parametrize("case", ["tall", "zscored", "wide"])
 @pytest.mark.parametrize("errors", PARAMETER)
 def test_log_density_is_prior_times_likelihood_with_constants(errors, case, family, parametrisation):

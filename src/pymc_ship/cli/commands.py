@@ -26,6 +26,7 @@ from pymc_ship.cli.files import (
     write_csv,
     write_trial_file,
 )
+from pymc_ship.cli.parser import FAMILIES
 from pymc_ship.cli.texts import (
     CoefficientRow,
     check_text,
@@ -116,13 +117,12 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
-    from pymc_ship.regression.identify import EXACT
     from pymc_ship.regression.identify import identify as identified
 
     vessel, trial = ps.load_vessel(args.vessel), trial_argument(args.trial, args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
-    families = tuple(EXACT) if args.family == "both" else (args.family,)
+    families = FAMILIES if args.family == "both" else (args.family,)
     settings = {"interval": args.interval, "derivative": args.derivative, "selection": args.select}
     trial = _smooth(trial, args, progress)
     found = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)

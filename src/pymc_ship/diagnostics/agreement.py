@@ -6,14 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
-from typing import Protocol
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics.numbers import R_HAT_LIMIT, gates, missing, quantities, summary
 from pymc_ship.diagnostics.regression import DESIGN, data_of, prior_of
-from pymc_ship.regression.identify import EXACT
+from pymc_ship.regression.families import FAMILIES
+from pymc_ship.regression.priors import ExactPosterior
+from pymc_ship.sampling.error_laws import errors_of
 
 PROBABILITIES = (0.05, 0.5, 0.95)
 """Probabilities of the quantiles compared."""
@@ -22,15 +23,6 @@ LEVEL = 1e-3
 """Chance that one of all the comparisons of a table exceeds its limit when every chain is right."""
 
 _SAMPLE = ("chain", "draw")
-
-
-class ExactPosterior(Protocol):
-    """What an exact posterior offers on the original scale; quantiles where it has them."""
-
-    mean: np.ndarray
-    sd: np.ndarray
-    noise_variance_mean: float
-    noise_variance_sd: float
 
 
 def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> xr.Dataset:
@@ -110,11 +102,6 @@ def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTr
                 f"{', '.join(given)} in {method!r}; compare posteriors of the same data."
             )
     return names
-
-
-def errors_of(tree: xr.DataTree) -> str:
-    """Law of the errors that a posterior records."""
-    return tree.attrs.get("errors", "normal")
 
 
 def _exact_values(exact: ExactPosterior, quantities: list[str]) -> xr.Dataset:
@@ -237,7 +224,7 @@ def comparisons(trees: Mapping[str, xr.DataTree]) -> list[Comparison]:
 
     The exact posterior behind an agreement is computed from the data and the prior that its draws record.
     """
-    exact = [name for name, tree in trees.items() if tree.attrs["method"] in EXACT]
+    exact = [name for name, tree in trees.items() if tree.attrs["method"] in FAMILIES]
     groups: dict[str, list[str]] = {}
     for name, tree in trees.items():
         same = (other for other in exact if name not in exact and _same_posterior(trees[other], tree))
@@ -263,11 +250,10 @@ def _compared(trees: Mapping[str, xr.DataTree]) -> Comparison:
     methods = ["exact", *(tree.attrs["method"] for tree in rest)]
     labels = methods if len(set(methods)) == len(methods) else list(trees)
     prior = prior_of(first)
-    exact = EXACT[prior.family](data_of(first), prior)
     return Comparison(
         name,
         dict(zip(labels, trees.values(), strict=True)),
-        agreement(exact, dict(zip(labels[1:], rest, strict=True))),
+        agreement(prior.exact(data_of(first)), dict(zip(labels[1:], rest, strict=True))),
     )
 
 

@@ -17,10 +17,8 @@ from scipy import special, stats
 
 from pymc_ship.diagnostics.agreement import LEVEL
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.identify import EXACT
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
+from pymc_ship.regression.priors import Prior
 
-Prior = ConjugatePrior | SemiConjugatePrior
 Draws = tuple[np.ndarray, np.ndarray]
 """Coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
 
@@ -29,7 +27,7 @@ _CUTS, _TINY = 50, 1e-15
 
 def exact_draws(data: RegressionData, prior: Prior, draws: int, rng: np.random.Generator) -> Draws:
     """Independent draws from the exact posterior."""
-    return EXACT[prior.family](data, prior).draw(draws, rng)
+    return prior.exact(data).draw(draws, rng)
 
 
 def simulation_based_calibration(
@@ -50,7 +48,7 @@ def simulation_based_calibration(
     ----------
     data : RegressionData
         Gives design and scaling; its response is replaced.
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
     sample : callable, optional
         ``sample(data, prior, draws, rng)`` returns independent draws: coefficients, shape (draws, n_terms), and noise
         variance, shape (draws,). :func:`exact_draws` by default.
@@ -202,10 +200,8 @@ def rank_p_value(ranks: np.ndarray, draws: int) -> float:
 
 def _simulate(data: RegressionData, prior: Prior, rng: np.random.Generator) -> tuple[np.ndarray, RegressionData]:
     """One truth from the prior (coefficients, noise variance, log likelihood) and data that follow it."""
-    variance = prior.scale / rng.standard_gamma(prior.shape)
-    spread = np.sqrt(prior.kappas(data.n_terms) * (variance if isinstance(prior, ConjugatePrior) else 1.0))
-    coefficients = data.to_original(prior.means(data.n_terms) + spread * rng.standard_normal(data.n_terms))
-    noise_variance = data.response_scale**2 * variance
+    scaled, variance = prior.draw(data.n_terms, rng)
+    coefficients, noise_variance = data.to_original(scaled), data.response_scale**2 * variance
     simulated = _respond(data, coefficients, noise_variance, rng)
     return _quantities(simulated, (coefficients[None], np.array([noise_variance])))[0], simulated
 
@@ -229,7 +225,7 @@ def _moments(data: RegressionData, prior: Prior, truth: np.ndarray) -> np.ndarra
 
 
 def _exact_quantiles(data: RegressionData, prior: Prior, probabilities: np.ndarray) -> np.ndarray:
-    exact = EXACT[prior.family](data, prior)
+    exact = prior.exact(data)
     return np.column_stack([exact.quantiles(probabilities), exact.noise_variance_quantiles(probabilities)])
 
 

@@ -13,7 +13,7 @@ from matplotlib.ticker import FixedLocator
 
 from pymc_ship.diagnostics import numbers, regression
 from pymc_ship.diagnostics.numbers import CI_PROB
-from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, STYLE, subplots
+from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplots
 
 ESS_POINTS = 12
 """Points of the curves of effective sample size."""
@@ -25,7 +25,6 @@ PAIR_DRAWS = 2000
 """Draws shown in a pair plot."""
 
 _FOREST_TICKS = np.concatenate([[0.0], *np.outer((-1, 1), (1, 2, 3, 10, 100, 1000, 1e4, 1e5, 1e6))])
-_INK, _BLUE, _RUST = REFERENCE, COLOURS["conjugate"], COLOURS["semiconjugate"]
 
 
 def chosen_draws(tree: xr.DataTree, names: Sequence[str]) -> xr.DataTree:
@@ -112,8 +111,8 @@ def forest(tree: xr.DataTree, reference: np.ndarray | None, published: Mapping[s
     fig, ax, heights = forest_of(draws.isel(coefficient=kept) / unit[kept])
     ax.axvline(0.0, color=NOISE, lw=0.8, zorder=0)
     if reference is not None:
-        ax.axvline(1.0, color=_INK, ls="--", lw=0.9, label="reference")
-        for (family, values), colour, marker in zip(published.items(), (_RUST, _INK), "dx", strict=False):
+        ax.axvline(1.0, color=REFERENCE, ls="--", lw=0.9, label="reference")
+        for (family, values), colour, marker in zip(published.items(), (RUST, REFERENCE), "dx", strict=False):
             ratio = np.asarray(values, dtype=float)[kept] / unit[kept]
             ax.plot(ratio, heights, marker, color=colour, ms=4.5, ls="none", label=f"published, {family}")
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
@@ -204,8 +203,8 @@ def pareto_k(loo: object) -> Figure:
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(8.0, 2.8)
         k = np.ravel(loo.pareto_k.values)
-        axes[0, 0].plot(np.arange(k.size), k, ".", color=_BLUE, ms=4)
-        axes[0, 0].axhline(loo.good_k, color=_INK, ls="--", lw=0.9, label=f"limit {loo.good_k:.2f}")
+        axes[0, 0].plot(np.arange(k.size), k, ".", color=BLUE, ms=4)
+        axes[0, 0].axhline(loo.good_k, color=REFERENCE, ls="--", lw=0.9, label=f"limit {loo.good_k:.2f}")
         axes[0, 0].set_xlabel("row")
         axes[0, 0].set_ylabel("Pareto k")
         axes[0, 0].legend()
@@ -226,12 +225,12 @@ def residuals(values: xr.DataArray, band: float) -> Figure:
     r = numbers.autocorrelation(values.values, lags)
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(8.0, 2.9, 1, 2, width_ratios=(1.5, 1.0))
-        axes[0, 0].plot(values["time"], 1e5 * values, color=_BLUE, lw=0.8)
+        axes[0, 0].plot(values["time"], 1e5 * values, color=BLUE, lw=0.8)
         axes[0, 0].set_xlabel("time [s]")
         axes[0, 0].set_ylabel("residual · 10⁵ (prime)")
         axes[0, 1].axhspan(-band, band, color=NOISE, alpha=0.5, lw=0, label="white noise, 95 %")
-        axes[0, 1].vlines(np.arange(1, lags + 1), 0.0, r, color=_RUST, lw=1.4)
-        axes[0, 1].axhline(0.0, color=_INK, lw=0.7)
+        axes[0, 1].vlines(np.arange(1, lags + 1), 0.0, r, color=RUST, lw=1.4)
+        axes[0, 1].axhline(0.0, color=REFERENCE, lw=0.7)
         axes[0, 1].set_xlabel("lag [rows]")
         axes[0, 1].set_ylabel("autocorrelation")
         axes[0, 1].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))

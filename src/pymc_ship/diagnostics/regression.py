@@ -15,7 +15,10 @@ import xarray as xr
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, SD_LIMIT, check_draws, has
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior, prior_family
+from pymc_ship.regression.families import prior_family
+from pymc_ship.regression.priors import Prior
+from pymc_ship.sampling.error_laws import errors_of
+from pymc_ship.sampling.predictive import predictive, prior_draws
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient"), "noise_variance": ("chain", "draw")}
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
@@ -35,7 +38,7 @@ DESIGN = ("constant_data/design_matrix", "observed_data/response")
 """Variables of a tree that its regression data are made from."""
 
 
-def prior_of(tree: xr.DataTree) -> ConjugatePrior | SemiConjugatePrior:
+def prior_of(tree: xr.DataTree) -> Prior:
     """Prior that a posterior records."""
     hyperparameters = json.loads(tree.attrs["prior"])
     return prior_family(hyperparameters.pop("family"))(**hyperparameters)
@@ -60,10 +63,10 @@ def data_of(tree: xr.DataTree) -> RegressionData:
 def contraction(tree: xr.DataTree) -> xr.Dataset:
     """How far the data have narrowed each coefficient, and which coefficients they determine.
 
-    The contraction is 1 - (posterior variance)/(prior variance), both on the original scale; the conjugate family,
-    whose prior variance is sigma2 kappa, takes it at the posterior mean of sigma2, since the marginal one may be
-    infinite. A coefficient is determined when its contraction exceeds 0.9 and its mean lies more than 1.96 posterior
-    standard deviations from zero.
+    The contraction is 1 - (posterior variance)/(prior variance), both on the original scale; a family whose prior
+    variance depends on sigma2, such as the conjugate one, takes it at the posterior mean of sigma2, since the marginal
+    one may be infinite. A coefficient is determined when its contraction exceeds 0.9 and its mean lies more than 1.96
+    posterior standard deviations from zero.
 
     Returns
     -------
@@ -88,9 +91,7 @@ def _scaled_noise_variance(tree: xr.DataTree, data: RegressionData) -> float:
 
 def _prior_variance(tree: xr.DataTree, data: RegressionData) -> np.ndarray:
     """Prior variance of the scaled coefficients at the posterior mean of sigma2, shape (n_terms,)."""
-    prior = prior_of(tree)
-    factor = _scaled_noise_variance(tree, data) if isinstance(prior, ConjugatePrior) else 1.0
-    return factor * prior.kappas(data.n_terms)
+    return prior_of(tree).coefficient_variance(_scaled_noise_variance(tree, data), data.n_terms)
 
 
 def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
@@ -135,27 +136,18 @@ def loo_pit_coverage(tree: xr.DataTree, probabilities: tuple[float, ...] = (0.5,
     return [float(np.mean(distance <= 0.5 * probability)) for probability in probabilities]
 
 
-def predictive(tree: xr.DataTree, rng: np.random.Generator) -> xr.DataTree:
+def with_posterior_predictive(tree: xr.DataTree, rng: np.random.Generator) -> xr.DataTree:
     """Copy of a posterior that has posterior_predictive, drawn from its own draws and design where it had none."""
     if has(tree, "posterior_predictive/response"):
         return tree
-    data, posterior = data_of(tree), tree["posterior"].dataset
-    sample = {name: posterior[name].values for name in ("chain", "draw")}
-    sd = np.sqrt(posterior["noise_variance"].values)[..., None]
-    response = posterior["coefficients"].values @ data.design_matrix.T
-    response += sd * rng.standard_normal(response.shape)
-    drawn = xr.Dataset(
-        {"response": (("chain", "draw", "row"), response)}, sample | {"row": tree["observed_data"]["row"]}
-    )
+    drawn = predictive(data_of(tree), tree["posterior"].to_dataset(), rng=rng, errors=errors_of(tree))
     groups = {name: node.to_dataset() for name, node in tree.children.items()}
     return xr.DataTree.from_dict({"/": tree.to_dataset(), **groups, "posterior_predictive": drawn})
 
 
 def prior_noise_variance(tree: xr.DataTree, draws: int, rng: np.random.Generator) -> np.ndarray:
     """Draws of sigma2 from the prior, on the scale of the original response, shape (draws,)."""
-    prior, scale = prior_of(tree), json.loads(tree.attrs["scaling"])["response_scale"]
-    with np.errstate(divide="ignore"):
-        return prior.scale * scale**2 / rng.gamma(prior.shape, size=draws)
+    return json.loads(tree.attrs["scaling"])["response_scale"] ** 2 * prior_of(tree).draw_noise_variance(rng, (draws,))
 
 
 def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: int = 20000) -> tuple[float, float]:
@@ -167,13 +159,9 @@ def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: in
 
 def prior_predictive_ratio(tree: xr.DataTree, rng: np.random.Generator, draws: int = 400) -> np.ndarray:
     """Root mean square of the response under prior draws over that of the record, 5, 50 and 95 %, shape (3,)."""
-    data, prior = data_of(tree), prior_of(tree)
-    sigma2 = prior_noise_variance(tree, draws, rng) / data.response_scale**2
-    factor = sigma2 if isinstance(prior, ConjugatePrior) else np.ones(draws)
-    spread = np.sqrt(factor[:, None] * prior.kappas(data.n_terms))
-    scaled = prior.means(data.n_terms) + spread * rng.standard_normal((draws, data.n_terms))
-    response = scaled @ data.scaled_design_matrix.T + np.sqrt(sigma2)[:, None] * rng.standard_normal(
-        (draws, data.n_rows)
-    )
+    data, errors = data_of(tree), errors_of(tree)
+    parameters = prior_draws(data, prior_of(tree), draws, rng=rng, errors=errors)
+    response = predictive(data, parameters, rng=rng, errors=errors)["response"].values[0]
+    scaled = (response - data.response_center) / data.response_scale
     observed = np.sqrt(np.mean(data.scaled_response**2))
-    return np.quantile(np.sqrt(np.mean(response**2, axis=1)) / observed, [0.05, 0.5, 0.95])
+    return np.quantile(np.sqrt(np.mean(scaled**2, axis=1)) / observed, [0.05, 0.5, 0.95])

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics import figures, numbers, regression
-from pymc_ship.diagnostics.agreement import LEVEL, Comparison, errors_of
+from pymc_ship.diagnostics.agreement import LEVEL, Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.parts import (
     Part,
@@ -33,9 +33,9 @@ from pymc_ship.diagnostics.tables import (
     coefficient_table,
     sensitivity_table,
 )
-from pymc_ship.pages import drawing
 from pymc_ship.pages.tables import fixed, number, percent, table
-from pymc_ship.regression.identify import EXACT
+from pymc_ship.regression.families import FAMILIES
+from pymc_ship.sampling.error_laws import errors_of
 from pymc_ship.vessel.vessel import Vessel
 
 _n = number(3)
@@ -87,7 +87,7 @@ def _origin(one: Comparison) -> str:
     """What was estimated, how the draws were made, and under which prior."""
     tree = one.posterior
     prior, sizes = json.loads(tree.attrs["prior"]), tree["posterior"].sizes
-    hyperparameters = ", ".join(f"{key} {_plain(prior[key])}" for key in ("mean", "kappa", "shape", "scale"))
+    hyperparameters = ", ".join(f"{key} {_plain(value)}" for key, value in prior.items() if key != "family")
     drawn = "; ".join(
         f"{name if len(one.trees) > 1 else f'method {given.attrs["method"]}'}, "
         f"{given['posterior'].sizes['chain']} chains of {given['posterior'].sizes['draw']} draws"
@@ -136,7 +136,7 @@ def _agreement(one: Comparison) -> Part:
         lacking = "no exact posterior of the same data and prior is given"
         if errors_of(tree) != "normal":
             lacking = f"the exact posterior is of normal errors, these are {errors_of(tree)}"
-        elif tree.attrs["method"] in EXACT:
+        elif tree.attrs["method"] in FAMILIES:
             lacking = "no draws of the same data and prior by another method are given"
         return Part(title, f"Not shown: {lacking}.")
     worst = (
@@ -151,7 +151,7 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     dof, found = tree.attrs["dof"], numbers.summary(tree)
     narrowing = None if numbers.missing(tree, *DESIGN) else regression.contraction(tree)
     reference = ship.coefficients(dof).values if ship else None
-    published = {family: ship.published(dof, family) for family in drawing.COLOURS} if ship else {}
+    published = {family: ship.published(dof, family) for family in FAMILIES} if ship else {}
     published = {family: values for family, values in published.items() if np.isfinite(values).any()}
     rows = coefficient_table(found, narrowing, reference, published)
     relative = (
@@ -234,7 +234,8 @@ def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
         f"(5 to 95 % of 400 draws: {_n(low)} to {_n(high)}). Posterior predictive responses, {made}:"
     )
     caption = f"Kernel density of the response (black) and of {figures.PREDICTIVE_SAMPLES} predictive data sets."
-    return Part(title, text, [], [("predictive", figures.predictive(regression.predictive(tree, rng)), caption)])
+    figure = figures.predictive(regression.with_posterior_predictive(tree, rng))
+    return Part(title, text, [], [("predictive", figure, caption)])
 
 
 def _directions(tree: xr.DataTree) -> Part:
@@ -282,7 +283,7 @@ def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     if lacking := missing_sentence(tree, "log_likelihood/response", *DESIGN):
         return Part(title, f"Not shown: {lacking}")
     loo = numbers.cross_validation(tree)
-    full = regression.predictive(tree, rng)
+    full = regression.with_posterior_predictive(tree, rng)
     half, most = regression.loo_pit_coverage(full)
     text = (
         f"elpd {_n(float(loo.elpd))} ± {_n(float(loo.se))}, p_loo {_n(float(loo.p))}. {pareto_sentence(loo, 'row')} "

@@ -14,7 +14,7 @@ from pymc_ship.design.identifiability import UNKNOWN
 from pymc_ship.diagnostics import numbers, trajectory
 from pymc_ship.diagnostics.figures import forest_of
 from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT
-from pymc_ship.pages.drawing import COLOURS, NOISE, REFERENCE, STYLE, subplots
+from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplots
 from pymc_ship.trial.channels import CHANNELS
 
 LAGS = 40
@@ -23,8 +23,7 @@ LAGS = 40
 QUANTILES = 400
 """Quantiles drawn of the residuals of a channel."""
 
-_BLUE, _RUST = COLOURS["conjugate"], COLOURS["semiconjugate"]
-_JUDGED = {"determined": _BLUE, "not from zero": "#8fb7d8", "prior": _RUST}
+_JUDGED = {"determined": BLUE, "not from zero": "#8fb7d8", "prior": RUST}
 
 
 def motion(tree: xr.DataTree, run: int) -> Figure:
@@ -41,9 +40,9 @@ def motion(tree: xr.DataTree, run: int) -> Figure:
             measured, residual = tree["observed_data"]["response"].sel(channel=name)[rows], one.sel(channel=name)
             fitted = measured - residual * constant["block_sd"].isel(run_index=run).sel(channel=name)
             ax.plot(time, factor * measured, ".", color=NOISE, ms=2.0, label="measured, block means")
-            ax.plot(time, factor * fitted, color=_BLUE, label=f"fitted{shifted}")
+            ax.plot(time, factor * fitted, color=BLUE, label=f"fitted{shifted}")
             ax.set_ylabel(CHANNELS[name].short_axis)
-            below.plot(time, residual, ".", color=_RUST, ms=1.5)
+            below.plot(time, residual, ".", color=RUST, ms=1.5)
             below.axhline(0.0, color=REFERENCE, lw=0.7)
             below.set_ylabel("residual [sd]")
         rudder.plot(time, np.rad2deg(constant["motion"].sel(symbol="delta").values[rows]), color=REFERENCE)
@@ -139,7 +138,7 @@ def forest(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figu
     if not flat.all():
         ax.axvspan(-SD_LIMIT, SD_LIMIT, color=NOISE, alpha=0.25, lw=0, zorder=0, label="prior, 95 %")
     ax.axvline(0.0, color=NOISE, lw=0.8, zorder=0)
-    styles = (("|", REFERENCE, 9.0), ("d", _RUST, 4.0), ("x", REFERENCE, 4.0))
+    styles = (("|", REFERENCE, 9.0), ("d", RUST, 4.0), ("x", REFERENCE, 4.0))
     for (name, values), (marker, colour, size) in zip(marks.items(), styles, strict=False):
         relative = (np.asarray(values, dtype=float) - one["prior_mean"].values) / unit
         ax.plot(relative, heights, marker, color=colour, ms=size, ls="none", label=name)
@@ -183,8 +182,8 @@ def directions(found: xr.Dataset) -> Figure:
         fig, axes = subplots(8.0, 2.6)
         ax, place = axes[0, 0], np.arange(1, share.size + 1)
         for which, colour, label in (
-            (share > UNKNOWN, _RUST, "stays unknown"),
-            (share <= UNKNOWN, _BLUE, "told by the records"),
+            (share > UNKNOWN, RUST, "stays unknown"),
+            (share <= UNKNOWN, BLUE, "told by the records"),
         ):
             ax.semilogy(place[which], share[which], ".", color=colour, ms=5, label=label)
         ax.axhline(UNKNOWN, color=REFERENCE, ls="--", lw=0.9)

@@ -24,8 +24,8 @@ from pymc_ship.diagnostics.parts import (
 )
 from pymc_ship.diagnostics.tables import prior_posterior_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
-from pymc_ship.pages.drawing import COLOURS
 from pymc_ship.pages.tables import fixed, number, percent, table
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.trajectory.posterior import verdict as khat_verdict
 from pymc_ship.trajectory.prior import coefficient_names
@@ -260,7 +260,7 @@ def _marks(ship: Vessel | None, dof: str) -> dict[str, np.ndarray]:
     """Reference and published values of a DOF by what they are called."""
     if ship is None:
         return {}
-    published = {f"publ. {family.removesuffix('ugate')}.": ship.published(dof, family) for family in COLOURS}
+    published = {f"publ. {family.removesuffix('ugate')}.": ship.published(dof, family) for family in FAMILIES}
     return {"reference": ship.coefficients(dof).values} | {
         name: values for name, values in published.items() if np.isfinite(values).any()
     }

@@ -11,12 +11,11 @@ from pymc_ship.forecasting.track import median_ship, track
 from pymc_ship.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.manoeuvre.measured import aligned
 from pymc_ship.manoeuvre.registry import kind_named
-from pymc_ship.pages.drawing import COLOURS, REFERENCE, styled, subplots
+from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.trial.channels import CHANNELS, sensors
 from pymc_ship.vessel.vessel import Vessel
 
-_BLUE, _RUST = COLOURS["conjugate"], COLOURS["semiconjugate"]
 _FALLEN = 0.5
 """Heading change [deg] after which an overshoot has had its peak."""
 
@@ -56,7 +55,7 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
     upper, lower = axes[0, 0], axes[-1, 0]
     if swings:
         _panel(upper, tree, "psi", trial, mark="heading: ")
-        _panel(upper, tree, "delta", trial, colour=_RUST, mark="rudder: ")
+        _panel(upper, tree, "delta", trial, colour=RUST, mark="rudder: ")
         _overshoots(upper, tree, trial)
         upper.set_ylabel(f"{CHANNELS['psi'].label} and {CHANNELS['delta'].axis}")
     else:
@@ -106,10 +105,10 @@ def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
         lower, median, upper = (heading + float(values.sel(band=band)) for band in ("lower", "median", "upper"))
         error = np.array([[median - lower], [upper - median]])[:: int(sign)]
         label = "overshoot with its interval" if k == 0 else None
-        style = {"fmt": "o", "ms": 5, "color": _BLUE, "mec": "white", "capsize": 3, "zorder": 4}
+        style = {"fmt": "o", "ms": 5, "color": BLUE, "mec": "white", "capsize": 3, "zorder": 4}
         ax.errorbar(when, sign * median, error, label=label, **style)
         text, away = f"{float(values.sel(band='median')):.1f}°", 8 if sign > 0.0 else -8
-        settings = {"ha": "center", "va": "bottom" if sign > 0.0 else "top", "fontsize": 8.0, "color": _BLUE}
+        settings = {"ha": "center", "va": "bottom" if sign > 0.0 else "top", "fontsize": 8.0, "color": BLUE}
         ax.annotate(text, (when, sign * upper), (0, away), textcoords="offset points", **settings)
         sign = -sign
     if trial is not None and "psi" in trial:
@@ -145,7 +144,7 @@ def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
 
 
 def _panel(
-    ax: Axes, tree: xr.DataTree, name: str, trial: xr.Dataset | None, *, colour: str = _BLUE, mark: str = ""
+    ax: Axes, tree: xr.DataTree, name: str, trial: xr.Dataset | None, *, colour: str = BLUE, mark: str = ""
 ) -> None:
     """Band, median and measured values of a channel against time, angles in degrees."""
     bands = _thinned(tree["bands"].to_dataset()[[name]])

@@ -9,12 +9,11 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.forces.terms import SYMBOLS, evaluate
-from pymc_ship.pages.drawing import COLOURS, NOISE, styled, subplots
+from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.vessel.vessel import LETTER, Vessel
 
-_BLUE = COLOURS["conjugate"]
 _FORCES = ("surge", "sway", "yaw")
 _HALF_RANGE = {"v": 0.4, "r": 0.8, "delta": np.deg2rad(40.0)}
 _AXES = {"v": f"{CHANNELS['v'].label}'", "r": f"{CHANNELS['r'].label}'", "delta": CHANNELS["delta"].axis}
@@ -65,9 +64,9 @@ def force_curves(
                 ends = [factor * end for end in trained]
                 ax.axvspan(*ends, color=NOISE, alpha=0.3, lw=0, zorder=0, label="range of the training record")
             ax.fill_between(
-                factor * values, lower, upper, color=_BLUE, alpha=0.25, lw=0, label=f"{percent(ci_prob)} band"
+                factor * values, lower, upper, color=BLUE, alpha=0.25, lw=0, label=f"{percent(ci_prob)} band"
             )
-            ax.plot(factor * values, median, color=_BLUE, label="median")
+            ax.plot(factor * values, median, color=BLUE, label="median")
             ax.set_xlim(-factor * half, factor * half)
             if column == 0:
                 ax.set_ylabel(f"{LETTER[dof]}' · 10³")

@@ -14,7 +14,7 @@ from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.kinds import SIDES
 from pymc_ship.manoeuvre.measured import aligned, measured_indices
 from pymc_ship.manoeuvre.registry import kind_named
-from pymc_ship.pages.drawing import COLOURS, REFERENCE, styled, subplots
+from pymc_ship.pages.drawing import BLUE, REFERENCE, styled, subplots
 from pymc_ship.vessel.vessel import Vessel
 
 BEAM = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0.14)])
@@ -23,7 +23,6 @@ BEAM = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0
 N_TRACKS = 40
 """Ships whose tracks are drawn."""
 
-_BLUE = COLOURS["conjugate"]
 _INTERVALS = (1, 2, 5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600)
 _SPACING, _POINTS, _FIRST_ROUND, _SHOWN_TURN = 1.6, 160, 360.0, 420.0
 _ROOM = 0.11
@@ -137,7 +136,7 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     ships = tree["trajectories"].to_dataset()
     drawn = [_until(ships.isel(draw=k), most) for k in _some(ships, median_ship(tree))]
     trial = _measured(tree, measured, most)
-    named = [(drawn[0], _BLUE, "median ship")] + ([] if trial is None else [(trial, REFERENCE, "measured")])
+    named = [(drawn[0], BLUE, "median ship")] + ([] if trial is None else [(trial, REFERENCE, "measured")])
     advance, transfer = (_extent([*drawn, *([] if trial is None else [trial])], name, vessel) for name in ("x", "y"))
     turned = bool(not turning and np.ptp(advance) > 2.5 * np.ptp(transfer))
     if turning:
@@ -146,7 +145,7 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     fig, axes = subplots(8.0, float(np.clip(7.2 * ratio + 1.2, 2.0, 8.0)))
     plan = _Plan(axes[0, 0], vessel, turned=turned)
     for ship in drawn:
-        plan.line(ship, color=_BLUE, lw=0.4, alpha=0.35, label="forecast ships" if ship is drawn[0] else None)
+        plan.line(ship, color=BLUE, lw=0.4, alpha=0.35, label="forecast ships" if ship is drawn[0] else None)
     interval = _interval(drawn[0], vessel)
     for ship, colour, label in named:
         plan.line(ship, color=colour, lw=1.9 if label == "measured" else 1.3, label=label, zorder=3)
@@ -216,7 +215,7 @@ def _dimensions(
     marks = {(label, angle): _mark(ship, angle) for ship, _, label in named for angle in (90.0, 180.0)}
     for (label, angle), place in marks.items():
         if place is not None:
-            colour = _BLUE if label == "median ship" else REFERENCE
+            colour = BLUE if label == "median ship" else REFERENCE
             shape = {"marker": "o" if angle == 90.0 else "s", "ls": "none", "color": colour, "mec": "white"}
             where = f"{angle:g}° of heading" if label == "median ship" else None
             plan.ax.plot(place[1] / plan.L, place[0] / plan.L, ms=7.0, zorder=4, label=where, **shape)

@@ -27,7 +27,8 @@ STYLE = {
 """Matplotlib settings of every figure; the salt makes the same figure the same file."""
 
 REFERENCE, NOISE = "#1b1b1b", "#b9c0c8"
-COLOURS = {"conjugate": "#1f6fb2", "semiconjugate": "#c8551b"}
+BLUE, RUST = "#1f6fb2", "#c8551b"
+"""The two colours of most figures: what is told first, and what stands against it."""
 
 
 BESIDE_DPI, EMBEDDED_DPI = 110, 150
@@ -83,7 +84,7 @@ def embedded(fig: Figure, alternative: str) -> str:
     return f'<img alt="{escape(alternative)}" src="data:image/png;base64,{data}">'
 
 
-DOF_COLOURS = {"surge": "#1f6fb2", "sway": "#c8551b", "yaw": "#3a8f4d", "roll": "#7d4fa3"}
+DOF_COLOURS = {"surge": BLUE, "sway": RUST, "yaw": "#3a8f4d", "roll": "#7d4fa3"}
 
 
-METHOD_COLOURS = ("#7fb2dd", "#1f6fb2", "#3a8f4d", "#c8551b", "#7d4fa3")
+METHOD_COLOURS = ("#7fb2dd", BLUE, "#3a8f4d", RUST, "#7d4fa3")

@@ -1,4 +1,4 @@
-"""Exact posterior under the conjugate prior: normal inverse gamma in closed form, from one SVD.
+"""The conjugate prior and its exact posterior: normal inverse gamma in closed form, from one SVD.
 
 With W = X diag(kappa)^(1/2) = U S R', the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) are independent
 given sigma2, a priori N(0, sigma2) and a posteriori N(s z / (1 + s^2), sigma2 / (1 + s^2)), where z = U' (y - X mean).
@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import xarray as xr
 from numba import njit
 
 from pymc_ship.regression.data import RegressionData, RegressionDataError
-from pymc_ship.regression.priors import ConjugatePrior, PriorError
-from pymc_ship.regression.rotation import rotate
+from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, rotate
 from pymc_ship.regression.tree import independent_posterior
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -39,8 +39,41 @@ def _draws(rng, noise_variance, rotated, columns, center):
     return coefficients
 
 
-@dataclass(frozen=True)
-class NormalInverseGamma:
+@dataclass(frozen=True, eq=False)
+class ConjugatePrior(Prior):
+    """Normal inverse gamma: beta | sigma2 ~ N(mean, sigma2 V), sigma2 ~ IG(shape, scale); see the base for parameters.
+
+    The box lets the noise variance that the prior expects, scale / shape, run from numerical noise to ten times the
+    response; ``shape`` says how firmly (it is worth 2 shape rows); ``kappa``, in units of the noise variance, allows
+    coefficients from none to those of columns collinear to 1e-4.
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 12; doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    The prior mean of the noise variance, on the scale of the z-scored response:
+
+    >>> import pymc_ship as ps
+    >>> prior = ps.ConjugatePrior(kappa=1e4, shape=3.0, scale=0.1)
+    >>> prior.noise_variance_mean
+    0.05
+    """
+
+    family = "conjugate"
+    noise_power = 1
+    box: ClassVar = {"shape": (0.1, 1e5), "noise_variance": (1e-8, 10.0), "kappa": (1e-4, 1e12)}
+    colour = "#1f6fb2"
+    citation = "Gelman et al. (2013), Bayesian Data Analysis, 3rd ed., ch. 14, doi:10.1201/b16018"
+
+    def exact(self, data: RegressionData) -> NormalInverseGamma:
+        """Exact posterior; see :func:`conjugate`."""
+        return conjugate(data, self)
+
+
+@dataclass(frozen=True, repr=False)
+class NormalInverseGamma(ExactPosterior):
     """Exact posterior under a conjugate prior, everything on the original scale.
 
     coefficients = center + g basis with g | sigma2 ~ N(location, sigma2 diag(spread)) and sigma2 ~ IG(shape, scale).
@@ -88,11 +121,6 @@ class NormalInverseGamma:
     def covariance(self) -> np.ndarray:
         """Posterior covariance of the coefficients, shape (n_terms, n_terms)."""
         return (self.basis.T * self.spread) @ self.basis * self.noise_variance_mean
-
-    @property
-    def sd(self) -> np.ndarray:
-        """Posterior standard deviation of each coefficient, shape (n_terms,)."""
-        return np.sqrt(np.diag(self.covariance))
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -232,8 +260,18 @@ def conjugate(data: RegressionData, prior: ConjugatePrior) -> NormalInverseGamma
     shape, scale = prior.shape + 0.5 * data.n_rows, prior_scale + fit
     log_evidence = math.lgamma(shape) - math.lgamma(prior.shape) - prior.shape * math.log1p(fit / prior_scale)
     log_evidence -= 0.5 * (data.n_rows * (_LOG_2PI + math.log(scale)) + np.sum(np.log1p(s**2)))
-    rotated = (data.coefficients, rotation.center, rotation.basis / unit, s * z * spread, spread)
-    return NormalInverseGamma(*rotated, shape, scale, prior.shape, prior_scale, float(log_evidence))
+    return NormalInverseGamma(
+        coefficients=data.coefficients,
+        center=rotation.center,
+        basis=rotation.basis / unit,
+        location=s * z * spread,
+        spread=spread,
+        shape=shape,
+        scale=scale,
+        prior_shape=prior.shape,
+        prior_scale=prior_scale,
+        log_evidence=float(log_evidence),
+    )
 
 
 def conjugate_posterior(

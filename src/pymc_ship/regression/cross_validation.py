@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.regression.conjugate import conjugate
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.regression.semiconjugate import semiconjugate
+from pymc_ship.regression.priors import Prior
 
 
 class CrossValidationError(ValueError):
@@ -50,7 +48,7 @@ class CrossValidation:
     training: tuple[RegressionData, ...]
     held_out: tuple[RegressionData, ...]
 
-    def score(self, prior: ConjugatePrior | SemiConjugatePrior) -> Score:
+    def score(self, prior: Prior) -> Score:
         """Score of a prior: log p(y_i | training rows) of each held-out row by itself, averaged.
 
         Rows are scored one at a time, as in ArviZ; a joint density would let the first rows of a fold stand in for the
@@ -58,20 +56,20 @@ class CrossValidation:
 
         Parameters
         ----------
-        prior : ConjugatePrior or SemiConjugatePrior
+        prior : Prior
 
         Returns
         -------
         Score
-            Exact given the folds: closed form for the conjugate prior, quadrature for the semi-conjugate.
+            Exact given the folds, as far as the prior's exact posterior is: closed form for the conjugate prior,
+            quadrature for the semi-conjugate.
 
         References
         ----------
         Vehtari, Gelman & Gabry (2017), Statistics and Computing 27:1413, doi:10.1007/s11222-016-9696-4.
         """
-        exact = conjugate if isinstance(prior, ConjugatePrior) else semiconjugate
         densities = [
-            exact(training, prior).log_predictive_density(rows.design_matrix, rows.response, pointwise=True)
+            prior.exact(training).log_predictive_density(rows.design_matrix, rows.response, pointwise=True)
             for training, rows in zip(self.training, self.held_out, strict=True)
         ]
         folds = np.array([density.mean() for density in densities])

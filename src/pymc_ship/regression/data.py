@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from textwrap import shorten
 
 import numpy as np
 import xarray as xr
@@ -36,6 +37,17 @@ class ScaledRegression:
     ``constant``, ``constant_level``, ``n_rows``, ``scaled_design_matrix`` and ``scaled_response``, documented in
     :class:`RegressionData`.
     """
+
+    def __repr__(self) -> str:
+        """Size, origin, names and scaling; no array is written out."""
+        labels = ", ".join(filter(None, [self.dof, self.vessel, self.derivative]))
+        centred = f"centred on {self.coefficients[self.constant]}" if self.column_center.any() else "not centred"
+        return (
+            f"{type(self).__name__} of {self.n_rows} rows and {self.n_terms} terms{f' ({labels})' * bool(labels)}\n"
+            f"  terms     {shorten(', '.join(self.coefficients), 100, placeholder=' ...')}\n"
+            f"  columns   {centred}, scales {self.column_scale.min():.4g} to {self.column_scale.max():.4g}\n"
+            f"  response  centre {self.response_center:.4g}, scale {self.response_scale:.4g}"
+        )
 
     @property
     def n_terms(self) -> int:
@@ -99,7 +111,7 @@ class ScaledRegression:
         return np.linalg.solve(T, shifted.reshape(-1, self.n_terms).T).T.reshape(shifted.shape)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RegressionData(ScaledRegression):
     """Regression data of one response, in original units, with the scaling that priors live on.
 
@@ -184,7 +196,9 @@ class RegressionData(ScaledRegression):
         rows = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
         if rows.shape != y.shape:
             raise RegressionDataError(f"The time has one value for each of {len(y)} rows, found shape {rows.shape}.")
-        data = cls(X, y, names, np.zeros(len(names)), np.ones(len(names)), 0.0, 1.0, constant, rows, **labels)
+        unscaled = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names))}
+        unscaled |= {"response_center": 0.0, "response_scale": 1.0}
+        data = cls(design_matrix=X, response=y, coefficients=names, constant=constant, time=rows, **unscaled, **labels)
         check_choice("The scaling", scaling, ("none", "zscore"), RegressionDataError)
         return data if scaling == "none" else data._zscored(varies)
 

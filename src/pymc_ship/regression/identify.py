@@ -1,4 +1,4 @@
-"""From a trial to the exact posterior of every degree of freedom under both prior families."""
+"""From a trial to the exact posterior of every degree of freedom under several prior families."""
 
 from __future__ import annotations
 
@@ -8,24 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.regression.conjugate import NormalInverseGamma, conjugate, conjugate_posterior
 from pymc_ship.regression.data import RegressionData, regression_data
-from pymc_ship.regression.priors import FAMILIES, prior_family
-from pymc_ship.regression.semiconjugate import NormalMixture, semiconjugate, semiconjugate_posterior
+from pymc_ship.regression.families import prior_family
+from pymc_ship.regression.priors import ExactPosterior, Prior
+from pymc_ship.regression.tree import independent_posterior
 from pymc_ship.regression.tune import TunedPrior, maximise_evidence, tune_prior
 from pymc_ship.vessel.vessel import Vessel
-
-EXACT = {"conjugate": conjugate, "semiconjugate": semiconjugate}
-"""Exact posterior of each prior family."""
-
-DRAWS = {"conjugate": conjugate_posterior, "semiconjugate": semiconjugate_posterior}
-"""Independent draws from it, as a DataTree."""
 
 SELECTIONS = ("evidence", "bayesian_optimisation")
 """Ways to choose the hyperparameters."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identification:
     """Regression data of each DOF, and by family and DOF: the prior, how it was tuned and the exact posterior.
 
@@ -33,14 +27,27 @@ class Identification:
     """
 
     data: dict[str, RegressionData]
-    priors: dict[str, dict[str, object]]
+    priors: dict[str, dict[str, Prior]]
     tuned: dict[str, dict[str, TunedPrior]]
-    exact: dict[str, dict[str, NormalInverseGamma | NormalMixture]]
+    exact: dict[str, dict[str, ExactPosterior]]
+
+    def __repr__(self) -> str:
+        """Rows and terms of each DOF, and the log evidence of each family."""
+        vessels = {data.vessel for data in self.data.values()}
+        head = f"Identification of {' and '.join(map(repr, sorted(vessels)))}, log evidence by family"
+        lines = [
+            f"  {dof:6}{data.n_rows:6} rows {data.n_terms:3} terms  "
+            + "  ".join(f"{family} {exact[dof].log_evidence:.6g}" for family, exact in self.exact.items())
+            for dof, data in self.data.items()
+        ]
+        return "\n".join([head, *lines])
 
     def posteriors(self, family: str, *, draws: int, rng: np.random.Generator) -> dict[str, xr.DataTree]:
         """Independent draws of every DOF under a family, by DOF."""
+        priors, exact = self.priors[family], self.exact[family]
         return {
-            dof: DRAWS[family](data, self.priors[family][dof], draws=draws, rng=rng) for dof, data in self.data.items()
+            dof: independent_posterior(data, priors[dof], exact[dof].draw, draws=draws, rng=rng)
+            for dof, data in self.data.items()
         }
 
     def coefficients(self, family: str) -> dict[str, np.ndarray]:
@@ -52,7 +59,7 @@ def identify(
     trial: xr.Dataset,
     vessel: Vessel,
     *,
-    families: Sequence[str] = tuple(FAMILIES),
+    families: Sequence[str] = ("conjugate", "semiconjugate"),
     selection: str = "evidence",
     interval: float | None = 1.0,
     derivative: str = "euler",
@@ -68,7 +75,7 @@ def identify(
     vessel : Vessel
         Gives particulars, inertia and terms.
     families : sequence of str, optional
-        Prior families.
+        Names of prior families; see :func:`~pymc_ship.regression.families.register_family` for one of your own.
     selection : {"evidence", "bayesian_optimisation"}, optional
         Hyperparameters from the maximum of the evidence or from Bayesian optimisation of the cross-validated log
         predictive density (which needs ``rng``).
@@ -126,5 +133,5 @@ def identify(
             else:
                 tuned[family][dof] = tune_prior(rows, family=family, rng=rng)
                 priors[family][dof] = tuned[family][dof].prior
-            exact[family][dof] = EXACT[family](rows, priors[family][dof])
+            exact[family][dof] = priors[family][dof].exact(rows)
     return Identification(data, priors, tuned, exact)

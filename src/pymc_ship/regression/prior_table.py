@@ -19,13 +19,11 @@ import xarray as xr
 from pymc_ship.forces.terms import UnknownTerm, order
 from pymc_ship.machine.arguments import finite_number
 from pymc_ship.regression.data import RegressionData, RegressionDataError
-from pymc_ship.regression.priors import ConjugatePrior, PriorError, SemiConjugatePrior
+from pymc_ship.regression.priors import Prior, PriorError
 from pymc_ship.vessel.vessel import Vessel
 
 
-def informed_prior(
-    data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior, table: Mapping[str, tuple[float, float]]
-) -> ConjugatePrior | SemiConjugatePrior:
+def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple[float, float]]) -> Prior:
     """Prior with the given means and standard deviations of some coefficients, in the units of the original columns.
 
     Under a conjugate prior the noise variance scales the coefficients: the sd of the table is the marginal one,
@@ -37,14 +35,14 @@ def informed_prior(
     ----------
     data : RegressionData
         Gives the scaling; its rows and response are not looked at.
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
         Keeps its noise variance, and its mean and kappa of the coefficients that are not in the table.
     table : mapping of str to (float, float)
         Mean and standard deviation by name of coefficient.
 
     Returns
     -------
-    ConjugatePrior or SemiConjugatePrior
+    Prior
         Of the family given, with vectors of mean and kappa for these data.
 
     Raises
@@ -67,14 +65,12 @@ def informed_prior(
     """
     _check_names(table, data.coefficients, PriorError)
     mean, kappa = prior.means(data.n_terms).copy(), prior.kappas(data.n_terms).copy()
-    unit = 1.0
-    if table and isinstance(prior, ConjugatePrior):
-        if prior.shape <= 1.0:
-            raise PriorError(
-                "Under a conjugate prior an sd is met at the mean of the noise variance, which needs a shape above 1, "
-                f"found {prior.shape}; raise the shape or use a SemiConjugatePrior."
-            )
-        unit = prior.scale / (prior.shape - 1.0)
+    unit = prior.variance_factor(prior.noise_variance_mean)
+    if table and not np.isfinite(unit):
+        raise PriorError(
+            f"Under a {prior.family} prior an sd is met at the mean of the noise variance, which needs a shape above "
+            f"1, found {prior.shape}; raise the shape or use a SemiConjugatePrior."
+        )
     for name, entry in table.items():
         j = data.coefficients.index(name)
         center, sd = _mean_and_sd(name, entry)
@@ -207,23 +203,21 @@ def restore_fixed(
     return restored
 
 
-def order_damped_prior(
-    data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior, *, damping: float = 0.3
-) -> ConjugatePrior | SemiConjugatePrior:
+def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0.3) -> Prior:
     """Prior whose scale falls with the order of the term: kappa_j = kappa damping^(2 (order_j - 1)).
 
     Parameters
     ----------
     data : RegressionData
         With names of a letter and a term, such as ``Yv|v|``, which is of order 2.
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
         Its kappa, where a vector one by one, is that of the terms of order 0 and 1.
     damping : float, optional
         Factor of the prior sd (on the scaled columns) for each order; in (0, 1].
 
     Returns
     -------
-    ConjugatePrior or SemiConjugatePrior
+    Prior
         Of the family given, with a vector kappa for these data; damp first and inform from a table after.
 
     Raises

@@ -1,4 +1,4 @@
-"""Exact posterior under the semi-conjugate prior: a mixture of normals over the noise variance, by quadrature.
+"""The semi-conjugate prior and its exact posterior: a mixture of normals over the noise variance, by quadrature.
 
 With W = X diag(kappa)^(1/2) = U S R', the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) are independent
 given sigma2, a priori N(0, 1) and a posteriori N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)), where
@@ -11,15 +11,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import xarray as xr
 from numba import njit
 
 from pymc_ship.regression.data import RegressionData, RegressionDataError
-from pymc_ship.regression.priors import PriorError, SemiConjugatePrior
+from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, rotate
 from pymc_ship.regression.quadrature import log_kernels, quadrature
-from pymc_ship.regression.rotation import rotate
 from pymc_ship.regression.tree import independent_posterior
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -42,8 +42,36 @@ def _draws(rng, noise_variance, rotated, columns, center):
     return coefficients
 
 
-@dataclass(frozen=True)
-class NormalMixture:
+@dataclass(frozen=True, eq=False)
+class SemiConjugatePrior(Prior):
+    """Independent: beta ~ N(mean, V), sigma2 ~ IG(shape, scale); see the base for parameters.
+
+    The box is that of :class:`~pymc_ship.regression.conjugate.ConjugatePrior`, but for ``kappa``, which is in units of
+    the response.
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 18; doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> ps.SemiConjugatePrior(kappa=1e4, shape=3.0, scale=0.1)
+    SemiConjugatePrior(mean=0.0, kappa=10000.0, shape=3.0, scale=0.1)
+    """
+
+    family = "semiconjugate"
+    noise_power = 0
+    box: ClassVar = {"shape": (0.1, 1e5), "noise_variance": (1e-8, 10.0), "kappa": (1e-6, 1e8)}
+    colour = "#c8551b"
+
+    def exact(self, data: RegressionData) -> NormalMixture:
+        """Exact posterior; see :func:`semiconjugate`."""
+        return semiconjugate(data, self)
+
+
+@dataclass(frozen=True, repr=False)
+class NormalMixture(ExactPosterior):
     """Exact posterior under a semi-conjugate prior, everything on the original scale.
 
     coefficients = center + g basis, where g given sigma2 is normal with independent components.
@@ -104,11 +132,6 @@ class NormalMixture:
         locations, variances = self._components
         deviation = (locations - self.weights @ locations) @ self.basis
         return (self.basis.T * (self.weights @ variances)) @ self.basis + (deviation.T * self.weights) @ deviation
-
-    @property
-    def sd(self) -> np.ndarray:
-        """Posterior standard deviation of each coefficient, shape (n_terms,)."""
-        return np.sqrt(np.diag(self.covariance))
 
     @property
     def noise_variance_mean(self) -> float:
@@ -255,12 +278,23 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
             "the conjugate posterior."
         )
     rotation, unit = rotate(data, prior), data.response_scale
-    s, z, residual_square = unit * rotation.singular_values, unit * rotation.projection, rotation.residual_square
-    likelihood = (s, z, unit**2 * residual_square, data.n_rows)
-    scale = prior.scale * unit**2
-    marginal = _integrate(*likelihood, (prior.shape, scale))
-    fixed = (data.coefficients, rotation.center, rotation.basis, *likelihood, prior.shape, scale)
-    return NormalMixture(*fixed, *marginal)
+    s, z = unit * rotation.singular_values, unit * rotation.projection
+    residual_square, scale = unit**2 * rotation.residual_square, prior.scale * unit**2
+    log_noise_variance, weights, log_evidence = _integrate(s, z, residual_square, data.n_rows, (prior.shape, scale))
+    return NormalMixture(
+        coefficients=data.coefficients,
+        center=rotation.center,
+        basis=rotation.basis,
+        singular_values=s,
+        projections=z,
+        residual_square=residual_square,
+        n_rows=data.n_rows,
+        prior_shape=prior.shape,
+        prior_scale=scale,
+        log_noise_variance=log_noise_variance,
+        weights=weights,
+        log_evidence=log_evidence,
+    )
 
 
 def semiconjugate_posterior(

@@ -22,7 +22,7 @@ _BLOCK = 2048
 _ROUND_OFF = 1e-14
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StreamedRegression(ScaledRegression):
     """Regression data reduced to as many rows as there are terms, and two more; posteriors take it as RegressionData.
 
@@ -206,5 +206,15 @@ def _scaled(reduction: _Reduction, scaling: str) -> StreamedRegression:
         if scale[-1] <= _ROUND_OFF * largest[-1]:
             raise RegressionDataError("The response must vary over the rows; it is constant: check the data.")
         rows /= scale
-    scales = center[:-1], scale[:-1], float(center[-1]), float(scale[-1])
-    return StreamedRegression(names, reduction.n_rows, rows[:, :-1], rows[:, -1], *scales, constant, level)
+    return StreamedRegression(
+        coefficients=names,
+        n_rows=reduction.n_rows,
+        scaled_design_matrix=rows[:, :-1],
+        scaled_response=rows[:, -1],
+        column_center=center[:-1],
+        column_scale=scale[:-1],
+        response_center=float(center[-1]),
+        response_scale=float(scale[-1]),
+        constant=constant,
+        constant_level=level,
+    )

@@ -13,11 +13,10 @@ import xarray as xr
 
 from pymc_ship.machine.files import staged
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
+from pymc_ship.regression.priors import Prior
 
 CITATIONS = {
     "method": "Xue, Liu, Ji & Xue (2020), Ocean Engineering 195:106612, doi:10.1016/j.oceaneng.2019.106612",
-    "conjugate": "Gelman et al. (2013), Bayesian Data Analysis, 3rd ed., ch. 14, doi:10.1201/b16018",
     "gibbs": "Gelfand & Smith (1990), JASA 85(410):398, doi:10.1080/01621459.1990.10476213",
     "nuts": "Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516",
     "trajectory": "Maine & Iliff (1986), Application of parameter estimation to aircraft, NASA RP-1168",
@@ -29,7 +28,7 @@ CITATIONS = {
     ),
     "arviz": "Vehtari et al. (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221",
 }
-"""Works a posterior rests on, kept in its attrs."""
+"""Works a posterior rests on, kept in its attrs: by what made the draws, and those that every posterior rests on."""
 
 _PACKAGES = ("pymc-ship", "numpy", "scipy", "xarray", "arviz", "pymc")
 
@@ -41,7 +40,7 @@ def rng_state(rng: np.random.Generator) -> str:
 
 def posterior_tree(
     data: RegressionData,
-    prior: ConjugatePrior | SemiConjugatePrior,
+    prior: Prior,
     coefficients: np.ndarray,
     noise_variance: np.ndarray,
     *,
@@ -54,7 +53,7 @@ def posterior_tree(
     Parameters
     ----------
     data : RegressionData
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
     coefficients : ndarray, shape (n_chains, n_draws, n_terms)
         Draws on the original scale.
     noise_variance : ndarray, shape (n_chains, n_draws)
@@ -102,11 +101,11 @@ def posterior_tree(
 
 def independent_posterior(
     data: RegressionData,
-    prior: ConjugatePrior | SemiConjugatePrior,
+    prior: Prior,
     draw: Callable[[int, np.random.Generator], tuple[np.ndarray, np.ndarray]],
     *,
-    draws: int,
-    chains: int,
+    draws: int = 4000,
+    chains: int = 4,
     rng: np.random.Generator,
 ) -> xr.DataTree:
     """Lay out independent draws of an exact posterior, dealt to chains, as :func:`posterior_tree` does.
@@ -122,11 +121,11 @@ def independent_posterior(
         raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
     state = rng_state(rng)
     coefficients, noise_variance = draw(draws, rng)
-    laid_out = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
-    return posterior_tree(data, prior, *laid_out, method=prior.family, rng_state=state)
+    coefficients, noise_variance = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
+    return posterior_tree(data, prior, coefficients, noise_variance, method=prior.family, rng_state=state)
 
 
-def _log_prior(data: RegressionData, prior, coefficients: np.ndarray, noise_variance: np.ndarray) -> dict:
+def _log_prior(data: RegressionData, prior: Prior, coefficients: np.ndarray, noise_variance: np.ndarray) -> dict:
     scaled_variance = noise_variance / data.response_scale**2
     log_volume = np.linalg.slogdet(data.transformation[1])[1]
     return {
@@ -144,7 +143,7 @@ def _log_likelihood(data: RegressionData, coefficients: np.ndarray, noise_varian
     return log_density
 
 
-def _attrs(data: RegressionData, prior, method: str, state: str) -> dict[str, str]:
+def _attrs(data: RegressionData, prior: Prior, method: str, state: str) -> dict[str, str]:
     return {
         "method": method,
         "vessel": data.vessel,
@@ -160,15 +159,16 @@ def _attrs(data: RegressionData, prior, method: str, state: str) -> dict[str, st
             }
         ),
         "rng_state": state,
-        **provenance(method),
+        **provenance(prior.citation if method == prior.family else CITATIONS.get(method, "")),
     }
 
 
-def provenance(method: str) -> dict[str, str]:
-    """Attrs that tell the versions and the works a posterior of this method rests on."""
+def provenance(work: str) -> dict[str, str]:
+    """Attrs that tell the versions and the works a posterior rests on, its own among them where there is one."""
+    works = [CITATIONS["method"], *([work] if work else []), CITATIONS["arviz"]]
     return {
         "versions": json.dumps({package: version(package) for package in _PACKAGES}),
-        "citations": json.dumps([CITATIONS[key] for key in ("method", method, "arviz") if key in CITATIONS]),
+        "citations": json.dumps(works),
     }
 
 

@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from pymc_ship.regression.conjugate import conjugate
 from pymc_ship.regression.cross_validation import cross_validation
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior, prior_family
-from pymc_ship.regression.semiconjugate import semiconjugate
-
-BOXES = {
-    "conjugate": {"shape": (0.1, 1e5), "noise_variance": (1e-8, 10.0), "kappa": (1e-4, 1e12)},
-    "semiconjugate": {"shape": (0.1, 1e5), "noise_variance": (1e-8, 10.0), "kappa": (1e-6, 1e8)},
-}
-"""Where hyperparameters are sought, for z-scored data: response and columns of unit mean square.
-
-``noise_variance`` is scale / shape, the noise variance that the prior expects, from numerical noise to ten times the
-response; ``shape`` says how firmly (it is worth 2 shape rows); ``kappa`` allows coefficients from none to those of
-columns collinear to 1e-4, for the conjugate family in units of the noise variance.
-"""
+from pymc_ship.regression.families import prior_family
+from pymc_ship.regression.priors import Prior
 
 _STARTS = 12
 _RESOLUTION = 0.1
@@ -32,7 +22,7 @@ class TuningError(ValueError):
     """A search that cannot be made."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TunedPrior:
     """The prior that predicts held-out rows best, and how it was found.
 
@@ -40,7 +30,7 @@ class TunedPrior:
 
     Attributes
     ----------
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
         The better of ``seen_prior`` and ``surrogate_prior`` by score: the score of a prior is exact given the folds, so
         nothing is gained by trusting the surrogate over it.
     score, score_se : float
@@ -52,7 +42,7 @@ class TunedPrior:
     points : ndarray, shape (evaluations, 3)
         Shape, scale and kappa of the points evaluated, in order.
     scores : ndarray, shape (evaluations,)
-    evidence_prior : ConjugatePrior or SemiConjugatePrior
+    evidence_prior : Prior
         Prior of the same box with the largest evidence.
     log_evidence : float
         Log evidence of ``evidence_prior``.
@@ -60,18 +50,30 @@ class TunedPrior:
         Score of ``evidence_prior``.
     """
 
-    prior: ConjugatePrior | SemiConjugatePrior
+    prior: Prior
     score: float
     score_se: float
-    seen_prior: ConjugatePrior | SemiConjugatePrior
+    seen_prior: Prior
     seen_score: float
-    surrogate_prior: ConjugatePrior | SemiConjugatePrior
+    surrogate_prior: Prior
     surrogate_score: float
     points: np.ndarray
     scores: np.ndarray
-    evidence_prior: ConjugatePrior | SemiConjugatePrior
+    evidence_prior: Prior
     log_evidence: float
     evidence_score: float
+
+    def __repr__(self) -> str:
+        """The prior with its score, and what the search and the evidence maximum found beside it."""
+        found = {
+            "best point": (self.seen_prior, self.seen_score),
+            "surrogate": (self.surrogate_prior, self.surrogate_score),
+            "evidence": (self.evidence_prior, self.evidence_score),
+        }
+        head = f"TunedPrior of the {self.prior.family} family, {len(self.scores)} evaluations"
+        lines = [f"  {'prior':12}{_numbers(self.prior)}, score {self.score:.5g} ± {self.score_se:.2g}"]
+        lines += [f"  {name:12}{_numbers(prior)}, score {score:.5g}" for name, (prior, score) in found.items()]
+        return "\n".join([head, *lines])
 
 
 def tune_prior(
@@ -94,13 +96,15 @@ def tune_prior(
     Parameters
     ----------
     data : RegressionData
-    family : {"conjugate", "semiconjugate"}, optional
+    family : str, optional
+        ``"conjugate"``, ``"semiconjugate"`` or a registered family.
     evaluations : int, optional
         Points evaluated, at least 6.
     folds, split : optional
         As :func:`~pymc_ship.regression.cross_validation.fold_rows`.
     box : dict of str to (float, float), optional
-        Bounds of ``shape``, ``noise_variance`` (scale / shape) and ``kappa``; those of ``BOXES`` by default.
+        Bounds of the names that the ``box`` of the family has, which for both families of the paper are ``shape``,
+        ``noise_variance`` (scale / shape) and ``kappa``; that box by default.
     rng : numpy.random.Generator
 
     Returns
@@ -121,7 +125,8 @@ def tune_prior(
     Xue et al. (2020), Algorithm 2, doi:10.1016/j.oceaneng.2019.106612; Jones, Schonlau & Welch (1998),
     doi:10.1023/A:1008306431147.
     """
-    prior_type, bounds = prior_family(family), _log_bounds(family, box)
+    prior_type = prior_family(family)
+    bounds = _log_bounds(prior_type, box)
     if evaluations < 6:
         raise TuningError(f"The search evaluates at least 6 points, found {evaluations}; raise evaluations.")
     validation = cross_validation(data, folds, split=split, rng=rng)
@@ -154,20 +159,21 @@ def tune_prior(
 
 def maximise_evidence(
     data: RegressionData, family: str = "conjugate", *, box: dict[str, tuple[float, float]] | None = None
-) -> tuple[ConjugatePrior | SemiConjugatePrior, float]:
-    """Prior of a box with the largest evidence (empirical Bayes), by L-BFGS-B from five starts.
+) -> tuple[Prior, float]:
+    """Prior of a box with the largest evidence (empirical Bayes), by L-BFGS-B from the middle and half of the corners.
 
     Parameters
     ----------
     data : RegressionData
-    family : {"conjugate", "semiconjugate"}, optional
+    family : str, optional
+        ``"conjugate"``, ``"semiconjugate"`` or a registered family.
     box : dict of str to (float, float), optional
         As :func:`tune_prior`. The evidence often rises towards a known noise variance, so that ``shape`` ends on its
         upper bound.
 
     Returns
     -------
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
         With mean zero.
     log_evidence : float
 
@@ -194,19 +200,20 @@ def maximise_evidence(
     """
     from scipy.optimize import minimize
 
-    prior_type, bounds = prior_family(family), _log_bounds(family, box)
-    exact = conjugate if prior_type is ConjugatePrior else semiconjugate
+    prior_type = prior_family(family)
+    bounds = _log_bounds(prior_type, box)
     low, width = bounds[:, 0], np.ptp(bounds, axis=1)
 
     def loss(fraction):
-        return -exact(data, _prior(prior_type, low + width * np.clip(fraction, 0.0, 1.0))).log_evidence
+        return -_prior(prior_type, low + width * np.clip(fraction, 0.0, 1.0)).exact(data).log_evidence
 
-    starts = 0.5 + 0.25 * np.array([[0, 0, 0], [-1, -1, -1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]])
+    corners = [corner for corner in product((-1, 1), repeat=len(low)) if corner.count(1) % 2 == 0]
+    starts = 0.5 + 0.25 * np.array([[0] * len(low), *corners])
     options = {"eps": 1e-6, "ftol": 1e-13, "maxiter": 200}
-    results = [minimize(loss, x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * 3, options=options) for x in starts]
+    results = [minimize(loss, x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(low), options=options) for x in starts]
     best = min(results, key=lambda result: result.fun)
     prior = _prior(prior_type, low + width * np.clip(best.x, 0.0, 1.0))
-    return prior, exact(data, prior).log_evidence
+    return prior, prior.exact(data).log_evidence
 
 
 def _search(loss, bounds: np.ndarray, evaluations: int, rng: np.random.Generator):
@@ -225,7 +232,7 @@ def _search(loss, bounds: np.ndarray, evaluations: int, rng: np.random.Generator
         initial_point_generator="lhs",
         random_state=seed,
     )
-    points, losses = np.empty((evaluations, 3)), np.empty(evaluations)
+    points, losses = np.empty((evaluations, len(bounds))), np.empty(evaluations)
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "The objective has been evaluated at point", UserWarning)
         warnings.filterwarnings("ignore", category=_convergence_warning())
@@ -242,10 +249,10 @@ def _surrogate_optimum(surrogate, seen: np.ndarray, rng: np.random.Generator) ->
     """Where the mean of the surrogate is least in the unit cube."""
     from scipy.optimize import minimize
 
-    candidates = np.vstack([rng.random((4096, 3)), np.clip(seen, 0.0, 1.0)])
+    candidates = np.vstack([rng.random((4096, seen.shape[1])), np.clip(seen, 0.0, 1.0)])
     best = candidates[np.argsort(surrogate.predict(candidates))[:5]]
     results = [
-        minimize(lambda x: float(surrogate.predict(x[None])[0]), x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * 3)
+        minimize(lambda x: float(surrogate.predict(x[None])[0]), x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * x.size)
         for x in best
     ]
     return np.clip(min(results, key=lambda result: result.fun).x, 0.0, 1.0)
@@ -257,17 +264,20 @@ def _convergence_warning() -> type[Warning]:
     return ConvergenceWarning
 
 
-def _log_bounds(family: str, box: dict[str, tuple[float, float]] | None) -> np.ndarray:
-    names = tuple(BOXES["conjugate"])
-    box = BOXES[family] if box is None else box
+def _log_bounds(prior_type: type[Prior], box: Mapping[str, tuple[float, float]] | None) -> np.ndarray:
+    names = tuple(prior_type.box)
+    box = prior_type.box if box is None else box
     if set(box) != set(names):
         raise TuningError(f"A box bounds {', '.join(names)}, found {', '.join(box) or 'nothing'}; name these.")
     bounds = np.array([box[name] for name in names], dtype=float)
-    if bounds.shape != (3, 2) or not (bounds[:, 0] > 0.0).all() or not (bounds[:, 0] < bounds[:, 1]).all():
+    if bounds.shape != (len(names), 2) or not (bounds[:, 0] > 0.0).all() or not (bounds[:, 0] < bounds[:, 1]).all():
         raise TuningError(f"Bounds are pairs that rise and lie above 0, found {bounds.tolist()}; mend them.")
     return np.log(bounds)
 
 
-def _prior(prior_type: type, point: np.ndarray) -> ConjugatePrior | SemiConjugatePrior:
-    shape, noise_variance, kappa = np.exp(point).tolist()
-    return prior_type(shape=shape, scale=shape * noise_variance, kappa=kappa)
+def _numbers(prior: Prior) -> str:
+    return f"shape {prior.shape:.4g}, scale {prior.scale:.4g}, kappa {prior.kappa:.4g}"
+
+
+def _prior(prior_type: type[Prior], point: np.ndarray) -> Prior:
+    return prior_type.from_box(**dict(zip(prior_type.box, np.exp(point).tolist(), strict=True)))

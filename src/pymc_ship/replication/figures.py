@@ -12,7 +12,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from pymc_ship.forecasting.forecast import stated_shares
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.motion.equations import STATE
-from pymc_ship.pages.drawing import COLOURS, DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, styled, subplots
+from pymc_ship.pages.drawing import DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, RUST, styled, subplots
+from pymc_ship.regression.families import prior_family
 from pymc_ship.trial.channels import CHANNELS, sensors
 
 
@@ -31,7 +32,7 @@ def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tu
             time = clean["time"].values[view]
             ax.plot(time, _shown(name, noisy[name].values[view]), color=NOISE, lw=0.6, label="polluted")
             ax.plot(time, _shown(name, clean[name].values[view]), color=REFERENCE, lw=1.6, label="clean")
-            ax.plot(time, _shown(name, smooth[name].values[view]), color=COLOURS["semiconjugate"], label="denoised")
+            ax.plot(time, _shown(name, smooth[name].values[view]), color=RUST, label="denoised")
         row[0].set_ylabel(CHANNELS[name].short_axis)
     for ax, title in zip(axes[0], ("whole record", "enlarged"), strict=True):
         ax.set_title(title)
@@ -54,7 +55,7 @@ def noise_variance(exact: Mapping[str, object], dof: str) -> Figure:
             (posterior.prior_noise_variance_density, "prior", "--"),
             (posterior.noise_variance_density, "posterior", "-"),
         ):
-            ax.plot(values, values * density(values), style, color=COLOURS[family], label=label)
+            ax.plot(values, values * density(values), style, color=prior_family(family).colour, label=label)
         if seen[-1] > 10.0 * seen[0]:
             ax.set_xscale("log")
             ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
@@ -77,7 +78,7 @@ def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
         draws = tree["posterior"]["coefficients"].sel(coefficient=name)
         for chain in draws["chain"].values:
             ax.plot(draws["draw"], 1e5 * draws.sel(chain=chain), lw=0.4, alpha=0.7)
-        ax.axhline(1e5 * float(draws.mean()), color=COLOURS["semiconjugate"], label="posterior mean")
+        ax.axhline(1e5 * float(draws.mean()), color=RUST, label="posterior mean")
         ax.axhline(1e5 * reference, color=REFERENCE, ls="--", label="reference")
         ax.set_xlabel("draw")
         ax.set_ylabel(f"{name}' · 10⁵")
@@ -93,7 +94,7 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
     panels = (*STATE[:6], "delta")
     for ax, name in zip(axes.flat, panels, strict=False):
         for family, tree in forecasts.items():
-            _band(ax, tree["bands"].to_dataset(), name, COLOURS[family], family)
+            _band(ax, tree["bands"].to_dataset(), name, prior_family(family).colour, family)
         ax.plot(reference["time"], _shown(name, reference[name].values), "--", color=REFERENCE, label="reference")
         ax.set_ylabel(CHANNELS[name].short_axis)
         ax.set_xlabel("time [s]")
@@ -114,7 +115,7 @@ def _track(ax, reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree], *, e
     for family, tree in forecasts.items():
         ships = tree["trajectories"].to_dataset()
         for draw in range(min(40, ships.sizes["draw"])):
-            ax.plot(ships["y"][draw], ships["x"][draw], color=COLOURS[family], lw=0.4, alpha=0.25)
+            ax.plot(ships["y"][draw], ships["x"][draw], color=prior_family(family).colour, lw=0.4, alpha=0.25)
     ax.plot(reference["y"], reference["x"], "--", color=REFERENCE)
     ax.set_xlabel("y, to starboard [m]")
     ax.set_ylabel("x, ahead [m]")

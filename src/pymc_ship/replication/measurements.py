@@ -19,8 +19,8 @@ from pymc_ship.frontier.estimates import (
 from pymc_ship.frontier.scores import relative_error, summary_rows
 from pymc_ship.regression.cross_validation import cross_validation
 from pymc_ship.regression.data import regression_data
-from pymc_ship.regression.identify import EXACT, Identification, identify
-from pymc_ship.regression.priors import prior_family
+from pymc_ship.regression.families import prior_family
+from pymc_ship.regression.identify import Identification, identify
 from pymc_ship.trajectory.posterior import TrajectoryMode
 from pymc_ship.trial.noise import LITERAL_LEVEL, pollute
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
@@ -40,6 +40,9 @@ PUBLISHED_PRIORS = {
     },
 }
 """A, B and kappa of Xue et al. (2020), Table 4, for the container ship; the scale of the inverse gamma is 1 / B."""
+
+PAPER_FAMILIES = tuple(PUBLISHED_PRIORS)
+"""Prior families that the paper compares, and the study with it."""
 
 BOUND = "Cramer-Rao bound"
 """Name of the bound among the methods."""
@@ -75,7 +78,7 @@ def prior_rows(vessel: Vessel, found: Identification) -> list[dict]:
             for choice, prior in choices.items():
                 score = validation.score(prior)
                 values = {name: getattr(prior, name) for name in ("shape", "scale", "kappa")}
-                evidence = EXACT[family](found.data[dof], prior).log_evidence
+                evidence = prior.exact(found.data[dof]).log_evidence
                 more = {"score": score.mean, "score_se": score.se, "log_evidence": evidence}
                 rows.append({"family": family, "dof": dof, "choice": choice, **values, **more})
     return rows

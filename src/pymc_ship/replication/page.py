@@ -14,9 +14,10 @@ from pymc_ship.diagnostics.page import diagnostic_content
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, rendered, write_page
-from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.tree import CITATIONS, write_posterior
 from pymc_ship.replication import bound_chapter, figures, findings
+from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.study import DURATION, STEP, StudyResult, run_study
 from pymc_ship.replication.tables import agreement_blocks, csv_tables, dof_block, page_tables
 from pymc_ship.trial.noise import noise_sd
@@ -142,7 +143,7 @@ def study_content(result: StudyResult, diagnosed: str) -> Content:
         "command": f"pymc-ship study --vessel {result.vessel.name} --level {result.level:g} --seed {result.seed}",
     }
     figures = _figures(result) | {name: image for name, image, _ in trace}
-    sources = [*result.vessel.sources, *CITATIONS.values(), *findings.SOURCES]
+    sources = [*result.vessel.sources, *_works(), *findings.SOURCES]
     return Content(values, figures, csv_tables(result), _files(result, diagnosed), sources)
 
 
@@ -155,6 +156,13 @@ def _files(result: StudyResult, diagnosed: str) -> dict[str, Callable[[Path], ob
         for dof, tree in trees.items()
     }
     return posteriors | {DIAGNOSTICS.file: lambda path: path.write_text(diagnosed, encoding="utf-8")}
+
+
+def _works() -> list[str]:
+    """Works that the posteriors rest on: the paper, those of its prior families, those of the methods."""
+    paper, *methods = CITATIONS.values()
+    families = (prior_family(family).citation for family in PAPER_FAMILIES)
+    return [paper, *filter(None, families), *methods]
 
 
 def _n_coefficients(result: StudyResult) -> int:
@@ -172,7 +180,7 @@ def _figures(result: StudyResult) -> dict[str, Figure]:
     return {
         "denoising": figures.denoising(result.trial, result.noisy[level], result.smooth[level], (100.0, 130.0)),
         "noise_variance": figures.noise_variance(
-            {family: found.exact[family]["surge"] for family in FAMILIES}, "surge"
+            {family: found.exact[family]["surge"] for family in PAPER_FAMILIES}, "surge"
         ),
         "tuning": figures.tuning(found.tuned["conjugate"]),
         "sample_paths": _sample_paths(result),

@@ -20,8 +20,8 @@ from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.regression.identify import Identification, identify
-from pymc_ship.regression.priors import FAMILIES
 from pymc_ship.replication import measurements as replication
+from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.sampling.gibbs import gibbs_posterior
 from pymc_ship.sampling.regression_model import nuts_posterior
 from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior
@@ -125,7 +125,7 @@ def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -
     result.tables.setdefault("errors", []).extend(summary)
     for name, manoeuvre in MANOEUVRES.items():
         progress(f"noise level {level:.3g}: forecast of the {manoeuvre.label}")
-        trees = {family: _forecast(result, found, family, manoeuvre, level) for family in FAMILIES}
+        trees = {family: _forecast(result, found, family, manoeuvre, level) for family in PAPER_FAMILIES}
         truth = indices(result.references[name])
         rows = [
             forecast_row(result.references[name], truth, tree, level=level, family=family)
@@ -146,7 +146,7 @@ def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
     """Exact, Gibbs and NUTS draws of every DOF and family at the level shown, side by side."""
     found = result.found[result.level]
     samplers = {"gibbs": gibbs_posterior, "nuts": nuts_posterior}
-    for family in FAMILIES:
+    for family in PAPER_FAMILIES:
         exact = found.posteriors(family, draws=4000, rng=generator(result.seed, "exact", family))
         result.draws[family] = {"exact": exact, **{name: {} for name in samplers}}
         result.agreement[family] = {}
@@ -174,15 +174,15 @@ def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable
         result.trial, vessel, sweep, rng=generator(result.seed, "sweep"), progress=progress
     )
     result.tables["priors"] = replication.prior_rows(vessel, found)
-    result.tables["published"] = published_rows(vessel, FAMILIES)
-    result.tables["printed_errors"] = replication.printed_error_rows(vessel, tuple(FAMILIES))
+    result.tables["published"] = published_rows(vessel, PAPER_FAMILIES)
+    result.tables["printed_errors"] = replication.printed_error_rows(vessel, PAPER_FAMILIES)
     result.tables["full_conditional"] = replication.full_conditional_rows(found, result.draws["conjugate"]["nuts"])
 
 
 def _from_the_bound(result: StudyResult, progress: Callable[[str], None]) -> None:
     """Every method on the noisy trials beside the Cramer-Rao bound, and forecasts of the trajectory fit."""
     vessel, bound, tables = result.vessel, result.bound.values, result.tables
-    tables["published_bound"] = replication.published_bound_rows(vessel, bound, tuple(FAMILIES))
+    tables["published_bound"] = replication.published_bound_rows(vessel, bound, PAPER_FAMILIES)
     tables["methods"] = []
     for level in [level for level in result.noisy if level > 0.0]:
         progress(f"noise level {level:.3g}: trajectory fit and weak form")

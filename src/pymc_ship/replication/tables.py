@@ -11,7 +11,7 @@ from pymc_ship.frontier.scores import coefficient_rows, relative_error
 from pymc_ship.manoeuvre.criteria import imo_criteria
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.pages.tables import Table, fixed, number, table
-from pymc_ship.regression.priors import FAMILIES
+from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.study import MANOEUVRES, StudyResult
 from pymc_ship.trial.noise import LITERAL_LEVEL
 from pymc_ship.vessel.vessel import LETTER
@@ -52,7 +52,7 @@ def csv_tables(result: StudyResult) -> dict[str, list[dict]]:
 
 def _coefficient_rows(result: StudyResult, dof: str, exact: Mapping) -> list[dict]:
     """Rows of Tables 2 and 3 with the bound [% of the reference] at the literal noise level and at the one shown."""
-    rows = coefficient_rows(result.vessel, dof, {family: exact[family][dof] for family in FAMILIES})
+    rows = coefficient_rows(result.vessel, dof, {family: exact[family][dof] for family in PAPER_FAMILIES})
     reference = result.vessel.coefficients(dof)
     bound = result.bound.sel(coefficient=reference["coefficient"].values).values
     unit = relative_error(reference.values + bound, reference.values)

@@ -116,31 +116,31 @@ def _whiten_ar1(residual, _):
 
 ERRORS = {
     "normal": ErrorLaw(
-        "",
-        "",
-        lambda rng, size: np.zeros(size),
-        np.zeros_like,
-        lambda rng, sd, _, n_rows: sd[..., None] * rng.standard_normal((*np.shape(sd), n_rows)),
-        _normal_log_likelihood,
-        lambda residual, noise_variance: lambda rows: rows,
+        parameter="",
+        prior="",
+        draw_parameter=lambda rng, size: np.zeros(size),
+        log_parameter=np.zeros_like,
+        draw_errors=lambda rng, sd, _, n_rows: sd[..., None] * rng.standard_normal((*np.shape(sd), n_rows)),
+        log_likelihood=_normal_log_likelihood,
+        whiten=lambda residual, noise_variance: lambda rows: rows,
     ),
     "student_t": ErrorLaw(
-        "degrees_of_freedom",
-        "Gamma(shape 2, rate 0.1)",
-        lambda rng, size: rng.gamma(NU_SHAPE, 1.0 / NU_RATE, size),
-        lambda nu: 2.0 * math.log(NU_RATE) + np.log(nu) - NU_RATE * nu,
-        lambda rng, sd, nu, n_rows: sd[..., None] * rng.standard_t(nu[..., None], (*np.shape(sd), n_rows)),
-        _student_t_log_likelihood,
-        _whiten_student_t,
+        parameter="degrees_of_freedom",
+        prior="Gamma(shape 2, rate 0.1)",
+        draw_parameter=lambda rng, size: rng.gamma(NU_SHAPE, 1.0 / NU_RATE, size),
+        log_parameter=lambda nu: 2.0 * math.log(NU_RATE) + np.log(nu) - NU_RATE * nu,
+        draw_errors=lambda rng, sd, nu, n_rows: sd[..., None] * rng.standard_t(nu[..., None], (*np.shape(sd), n_rows)),
+        log_likelihood=_student_t_log_likelihood,
+        whiten=_whiten_student_t,
     ),
     "ar1": ErrorLaw(
-        "autocorrelation",
-        "Uniform(-1, 1)",
-        lambda rng, size: rng.uniform(-1.0, 1.0, size),
-        lambda rho: np.full_like(rho, -math.log(2.0)),
-        _draw_ar1,
-        _ar1_log_likelihood,
-        _whiten_ar1,
+        parameter="autocorrelation",
+        prior="Uniform(-1, 1)",
+        draw_parameter=lambda rng, size: rng.uniform(-1.0, 1.0, size),
+        log_parameter=lambda rho: np.full_like(rho, -math.log(2.0)),
+        draw_errors=_draw_ar1,
+        log_likelihood=_ar1_log_likelihood,
+        whiten=_whiten_ar1,
     ),
 }
 """Error laws by name."""
@@ -171,6 +171,11 @@ def error_law(errors: str, data: RegressionData | None = None) -> ErrorLaw:
                 f"{steps.max():g} s; use every row of one trial."
             )
     return ERRORS[errors]
+
+
+def errors_of(tree: xr.DataTree) -> str:
+    """Law of the errors that a posterior records."""
+    return tree.attrs.get("errors", "normal")
 
 
 def with_errors(tree: xr.DataTree, data: RegressionData, errors: str, parameter: np.ndarray) -> xr.DataTree:

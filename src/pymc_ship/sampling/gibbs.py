@@ -1,9 +1,10 @@
-"""Gibbs sampler under both priors, in rotated coordinates, where a step costs O(n_terms).
+"""Gibbs sampler in rotated coordinates, where a step costs O(n_terms).
 
-The coordinates are those of :mod:`pymc_ship.regression.rotation`.
+The coordinates are those of :mod:`pymc_ship.regression.priors`.
 Given sigma2 the rotated coefficients g are independent, and the sum of squared residuals is |e|^2 + |z - s g|^2:
-neither conditional needs the rows, a matrix, or a factorisation. Under the conjugate prior g'g counts as residuals
-too, which gives sigma2 the shape A + (n + c)/2 of Eq. 15 in Xue et al. (2020).
+neither conditional needs the rows, a matrix, or a factorisation. Where the prior variance of g is proportional to
+sigma2, as under the conjugate prior, g'g counts as residuals too, which gives sigma2 the shape A + (n + c)/2 of Eq. 15
+in Xue et al. (2020). Where it is proportional to a power other than 0 or 1, the conditional is no inverse gamma.
 """
 
 from __future__ import annotations
@@ -15,8 +16,7 @@ import xarray as xr
 from numba import njit
 
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.regression.rotation import rotate
+from pymc_ship.regression.priors import Prior, PriorError, rotate
 from pymc_ship.regression.tree import posterior_tree, rng_state
 
 
@@ -57,7 +57,7 @@ def _map_back(rotated, columns, center):
 
 def gibbs(
     data: RegressionData,
-    prior: ConjugatePrior | SemiConjugatePrior,
+    prior: Prior,
     *,
     draws: int = 1000,
     chains: int = 4,
@@ -69,7 +69,7 @@ def gibbs(
     Parameters
     ----------
     data : RegressionData
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
         On the scaled columns; mean and kappa may be vectors.
     draws : int, optional
         Draws of each chain that are kept.
@@ -90,7 +90,7 @@ def gibbs(
     Raises
     ------
     PriorError
-        For vectors of the wrong length.
+        For vectors of the wrong length, or a family whose ``noise_power`` is neither 0 nor 1.
     ValueError
         When draws or chains are not positive, or tune is negative.
 
@@ -104,6 +104,12 @@ def gibbs(
             f"The sampler makes at least one draw in one chain, found draws {draws}, chains {chains}, tune {tune}; "
             "raise them."
         )
+    if prior.noise_power not in (0, 1):
+        raise PriorError(
+            "The Gibbs sampler needs coefficients whose prior variance is proportional to the noise variance or "
+            f"independent of it, found its power {prior.noise_power:g} in the {prior.family} family; use "
+            "nuts_posterior."
+        )
     rotation, unit = rotate(data, prior), data.response_scale
     s, z = unit * rotation.singular_values, unit * rotation.projection
     residual_square, scale = unit**2 * rotation.residual_square, unit**2 * prior.scale
@@ -112,9 +118,8 @@ def gibbs(
     high = (rate + 0.5 * np.sum(z**2)) / (prior.shape + 0.5 * max(data.n_rows - data.n_terms, 0))
     start = np.geomspace(low / 3.0, 3.0 * high, chains)
     rotated, noise_variance = np.empty((chains, draws, data.n_terms)), np.empty((chains, draws))
-    conjugate = isinstance(prior, ConjugatePrior)
-    shape = prior.shape + 0.5 * (data.n_rows + (data.n_terms if conjugate else 0))
-    full_conditional = (shape, scale, unit**2 if conjugate else 0.0)
+    shape = prior.shape + 0.5 * (data.n_rows + data.n_terms * prior.noise_power)
+    full_conditional = (shape, scale, unit**2 * float(prior.noise_power))
     _sweep(rng, start, (s, z, residual_square, tune), full_conditional, rotated, noise_variance)
     _map_back(rotated.reshape(-1, data.n_terms), np.ascontiguousarray(rotation.basis.T), rotation.center)
     return rotated, noise_variance
@@ -122,7 +127,7 @@ def gibbs(
 
 def gibbs_posterior(
     data: RegressionData,
-    prior: ConjugatePrior | SemiConjugatePrior,
+    prior: Prior,
     *,
     draws: int = 1000,
     chains: int = 4,
@@ -134,7 +139,7 @@ def gibbs_posterior(
     Parameters
     ----------
     data : RegressionData
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
     draws, chains, tune : int, optional
         Draws kept of each chain, chains, and draws of each chain thrown away first; as :func:`gibbs`.
     rng : numpy.random.Generator
@@ -148,7 +153,7 @@ def gibbs_posterior(
     Raises
     ------
     PriorError
-        For vectors of the wrong length.
+        For vectors of the wrong length, or a family whose ``noise_power`` is neither 0 nor 1.
     ValueError
         When draws or chains are not positive, or tune is negative.
 

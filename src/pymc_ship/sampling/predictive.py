@@ -6,18 +6,16 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.sampling.error_laws import error_law
+from pymc_ship.regression.priors import Prior
+from pymc_ship.sampling.error_laws import error_law, errors_of
 
 PREDICTIVE_DRAWS = 500
 """Draws of each predictive group: enough for the curves of a check, and a small part of the tree."""
 
-_SMALLEST_GAMMA = 1e-200  # keeps the noise variance of a prior that is all but improper a finite number
-
 
 def prior_draws(
     data: RegressionData,
-    prior: ConjugatePrior | SemiConjugatePrior,
+    prior: Prior,
     draws: int,
     *,
     rng: np.random.Generator,
@@ -29,7 +27,7 @@ def prior_draws(
     ----------
     data : RegressionData
         Gives the scaling that the prior lives on, and the names.
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
     draws : int
     rng : numpy.random.Generator
     errors : {"normal", "student_t", "ar1"}, optional
@@ -47,11 +45,8 @@ def prior_draws(
     ValueError
         For errors of another name.
     """
-    law, n_terms = error_law(errors), data.n_terms
-    mean, kappa = prior.means(n_terms), prior.kappas(n_terms)
-    scaled_variance = prior.scale / np.maximum(rng.standard_gamma(prior.shape, (1, draws)), _SMALLEST_GAMMA)
-    factor = scaled_variance[..., None] if prior.family == "conjugate" else 1.0
-    scaled = mean + np.sqrt(kappa * factor) * rng.standard_normal((1, draws, n_terms))
+    law = error_law(errors)
+    scaled, scaled_variance = prior.draw(data.n_terms, rng, (1, draws))
     sample = ("chain", "draw")
     values = {
         "coefficients": ((*sample, "coefficient"), data.to_original(scaled)),
@@ -98,7 +93,7 @@ def predictive(
 def with_predictive(
     tree: xr.DataTree,
     data: RegressionData,
-    prior: ConjugatePrior | SemiConjugatePrior,
+    prior: Prior,
     *,
     rng: np.random.Generator,
     draws: int = PREDICTIVE_DRAWS,
@@ -111,7 +106,7 @@ def with_predictive(
         A posterior by any path, laid out by :func:`~pymc_ship.regression.tree.posterior_tree`; it is not changed.
     data : RegressionData
         What it was fitted to.
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
         What it was fitted with.
     rng : numpy.random.Generator
     draws : int, optional
@@ -149,7 +144,7 @@ def with_predictive(
             f"Predictions need the data of the posterior, {posterior.sizes['coefficient']} terms and "
             f"{fitted.sizes['row']} rows, found {data.n_terms} and {data.n_rows}; give the data it was fitted to."
         )
-    errors = tree.attrs.get("errors", "normal")
+    errors = errors_of(tree)
     n_chains, n_draws = posterior.sizes["chain"], posterior.sizes["draw"]
     kept = np.linspace(0.0, n_draws - 1.0, min(n_draws, -(-draws // n_chains))).round().astype(int)
     from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)

@@ -15,14 +15,14 @@ import math
 from functools import lru_cache
 from importlib.metadata import version
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.regression.conjugate import ConjugatePrior
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
-from pymc_ship.regression.rotation import rotate
+from pymc_ship.regression.priors import Prior, Rotation, rotate
 from pymc_ship.regression.tree import posterior_tree, rng_state
 from pymc_ship.sampling import rows_model as error_models
 from pymc_ship.sampling.error_laws import error_law, with_errors
@@ -31,7 +31,23 @@ from pymc_ship.sampling.predictive import with_predictive
 if TYPE_CHECKING:
     import pymc as pm
 
-_SUMMARY = ("shape", "scale", "power", "level", "width", "n_rows", "residual_square", "response_scale")
+
+class Summary(NamedTuple):
+    """Scalars that the whitened model knows of data and prior.
+
+    The noise variance is a priori inverse gamma of ``shape`` and ``scale``, and its power ``power`` is the prior
+    variance of the rotated coefficients; ``level`` and ``width`` standardise its logarithm.
+    """
+
+    shape: float
+    scale: float
+    power: float
+    level: float
+    width: float
+    n_rows: float
+    residual_square: float
+    response_scale: float
+
 
 _SAMPLE_STATS = dict.fromkeys(("lp", "energy", "energy_error", "step_size", "step_size_bar", "acceptance_rate"), float)
 _SAMPLE_STATS |= {"tree_depth": np.int64, "n_steps": np.int64, "reached_max_treedepth": bool, "diverging": bool}
@@ -43,7 +59,7 @@ _NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
 
 def pymc_model(
     data: RegressionData,
-    prior: ConjugatePrior | SemiConjugatePrior,
+    prior: Prior,
     parametrisation: str = "whitened",
     errors: str = "normal",
 ) -> pm.Model:
@@ -52,7 +68,7 @@ def pymc_model(
     Parameters
     ----------
     data : RegressionData
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
         On the scaled columns; mean and kappa may be vectors.
     parametrisation : {"whitened", "direct"}, optional
         ``direct``: free variables ``scaled_coefficients`` and ``scaled_noise_variance``, observed ``response`` (dims
@@ -102,25 +118,23 @@ def pymc_model(
     return _whitened_model(data, prior) if errors == "normal" else error_models.whitened_rows_model(data, prior, errors)
 
 
-def _whitened_model(data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior) -> pm.Model:
+def _whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
     import pymc as pm
     import pytensor.tensor as pt
 
     n_terms = data.n_terms
-    with pm.Model(coords=_coords(data) | {"direction": np.arange(n_terms), "quantity": list(_SUMMARY)}) as model:
+    with pm.Model(coords=_coords(data) | {"direction": np.arange(n_terms), "quantity": list(Summary._fields)}) as model:
         statistics = _whitened_statistics(data, prior)
         summary = pm.Data("summary", statistics["summary"], dims="quantity")
-        quantities = (summary[k] for k in range(len(_SUMMARY)))
-        shape, scale, power, level, width, n_rows, residual_square, response_scale = quantities
+        known = Summary._make(summary[k] for k in range(len(Summary._fields)))
         singular_values = pm.Data("singular_values", statistics["singular_values"], dims="direction")
         projection = pm.Data("projection", statistics["projection"], dims="direction")
         basis = pm.Data("basis", statistics["basis"], dims=("coefficient", "basis_column"))
 
-        noise_coordinate = pm.CustomDist(
-            "noise_coordinate", shape, scale, level, width, dist=error_models.noise_coordinate, initval=0.0
-        )
-        variance = pt.exp(level + width * noise_coordinate)
-        prior_variance = variance**power
+        noise = (known.shape, known.scale, known.level, known.width)
+        coordinate = pm.CustomDist("noise_coordinate", *noise, dist=error_models.noise_coordinate, initval=0.0)
+        variance = pt.exp(known.level + known.width * coordinate)
+        prior_variance = variance**known.power
         spread = 1.0 / pt.sqrt(1.0 / prior_variance + singular_values**2 / variance)
         center = spread**2 * singular_values * projection / variance
         direction_coordinate = pm.Normal(
@@ -134,39 +148,54 @@ def _whitened_model(data: RegressionData, prior: ConjugatePrior | SemiConjugateP
         # Directions that no row sees have singular value and projection 0; they are taken off again by the rest, whose
         # count of rows may be negative. So one model serves more rows than terms and fewer.
         pm.Normal("projection_density", mu=singular_values * rotated, sigma=pt.sqrt(variance), observed=projection)
-        rest = (n_rows - n_terms) * pt.log(2.0 * math.pi * variance) + residual_square / variance
-        pm.Potential("rest_density", -0.5 * rest - n_rows * pt.log(response_scale))
+        rest = (known.n_rows - n_terms) * pt.log(2.0 * math.pi * variance) + known.residual_square / variance
+        pm.Potential("rest_density", -0.5 * rest - known.n_rows * pt.log(known.response_scale))
         # a product summed by row: the same as a matrix product here, and 2 s faster to compile
         pm.Deterministic("coefficients", basis[:, -1] + (basis[:, :-1] * rotated).sum(axis=1), dims="coefficient")
-        pm.Deterministic("noise_variance", response_scale**2 * variance)
+        pm.Deterministic("noise_variance", known.response_scale**2 * variance)
     return model
 
 
-def _whitened_statistics(data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior) -> dict[str, np.ndarray]:
+def _whitened_statistics(data: RegressionData, prior: Prior) -> dict[str, np.ndarray]:
     """All that the whitened model knows of data and prior, by the names of its pm.Data.
 
-    The prior variance of g is the noise variance to the ``power`` 1 or 0; ``basis`` ends with the prior mean of b.
+    ``basis`` ends with the prior mean of b.
     """
     rotation = rotate(data, prior)
-    s, z, residual_square = rotation.singular_values, rotation.projection, rotation.residual_square
-    level, width = _noise_level(prior, s, z, residual_square, data.n_rows)
-    power = 1.0 if prior.family == "conjugate" else 0.0
-    summary = (prior.shape, prior.scale, power, level, width, data.n_rows, residual_square, data.response_scale)
+    level, width = _noise_level(prior, rotation, data.n_rows)
+    summary = Summary(
+        shape=prior.shape,
+        scale=prior.scale,
+        power=prior.noise_power,
+        level=level,
+        width=width,
+        n_rows=data.n_rows,
+        residual_square=rotation.residual_square,
+        response_scale=data.response_scale,
+    )
     basis = np.column_stack([rotation.basis.T, rotation.center])
-    return {"summary": np.array(summary, dtype=float), "singular_values": s, "projection": z, "basis": basis}
+    return {
+        "summary": np.array(summary, dtype=float),
+        "singular_values": rotation.singular_values,
+        "projection": rotation.projection,
+        "basis": basis,
+    }
 
 
-def _noise_level(prior, s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int) -> tuple[float, float]:
+def _noise_level(prior: Prior, rotation: Rotation, n_rows: int) -> tuple[float, float]:
     """Mode of the log noise variance, coefficients integrated out, and about its standard deviation."""
     from scipy.optimize import brentq
 
-    rate, excess = prior.scale + 0.5 * residual_square, 0.5 * (n_rows - len(s))
-    conjugate = prior.family == "conjugate"
+    s, z = rotation.singular_values, rotation.projection
+    rate, excess = prior.scale + 0.5 * rotation.residual_square, 0.5 * (n_rows - len(s))
+    power = prior.noise_power
 
     def slope(level: float) -> float:
         variance = math.exp(level)
-        marginal = variance * (1.0 + s**2) if conjugate else variance + s**2
-        share = 1.0 if conjugate else variance / marginal
+        factor = prior.variance_factor(variance)
+        ratio = variance / factor
+        marginal = factor * (ratio + s**2)
+        share = power + (1.0 - power) * ratio / (ratio + s**2)
         return prior.shape + excess - rate / variance + 0.5 * np.sum(share * (1.0 - z**2 / marginal))
 
     low = math.log(rate / (prior.shape + 0.5 * n_rows)) - 1.0
@@ -180,7 +209,7 @@ def _coords(data: RegressionData) -> dict:
 
 def nuts_posterior(
     data: RegressionData,
-    prior: ConjugatePrior | SemiConjugatePrior,
+    prior: Prior,
     *,
     draws: int = 1000,
     chains: int = 4,
@@ -196,7 +225,7 @@ def nuts_posterior(
     Parameters
     ----------
     data : RegressionData
-    prior : ConjugatePrior or SemiConjugatePrior
+    prior : Prior
     draws : int, optional
         Draws of each chain that are kept.
     chains : int, optional

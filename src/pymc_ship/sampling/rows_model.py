@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from pymc_ship.regression.conjugate import ConjugatePrior
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ConjugatePrior, SemiConjugatePrior
+from pymc_ship.regression.priors import Prior
 from pymc_ship.sampling.error_laws import ERRORS, NU_RATE, NU_SHAPE, plug_in_autocorrelation
 
 if TYPE_CHECKING:
@@ -18,17 +19,34 @@ if TYPE_CHECKING:
 _PLUG_IN_STEPS = 10
 
 
-def direct_model(data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior, errors: str) -> pm.Model:
+class RowSummary(NamedTuple):
+    """Scalars that the whitened model of the rows knows of data and prior.
+
+    The noise variance is a priori inverse gamma of ``shape`` and ``scale``, and its power ``power`` is the prior
+    variance of the rotated coefficients; ``level`` and ``width`` standardise its logarithm, ``middle`` and ``reach``
+    the artanh of the autocorrelation.
+    """
+
+    shape: float
+    scale: float
+    power: float
+    level: float
+    width: float
+    response_scale: float
+    middle: float
+    reach: float
+
+
+def direct_model(data: RegressionData, prior: Prior, errors: str) -> pm.Model:
     """Model as the paper writes it: coefficients with their prior, and one density for each row."""
     import pymc as pm
     import pytensor.tensor as pt
 
-    kappa = prior.kappas(data.n_terms)
     offset, transformation = data.transformation
     with pm.Model(coords={"coefficient": list(data.coefficients), "row": np.arange(data.n_rows)}) as model:
         design = pm.Data("scaled_design_matrix", data.scaled_design_matrix, dims=("row", "coefficient"))
         variance = pm.InverseGamma("scaled_noise_variance", alpha=prior.shape, beta=prior.scale)
-        prior_variance = kappa * variance if prior.family == "conjugate" else kappa
+        prior_variance = prior.coefficient_variance(variance, data.n_terms)
         scaled = pm.Normal(
             "scaled_coefficients", mu=prior.means(data.n_terms), sigma=pt.sqrt(prior_variance), dims="coefficient"
         )
@@ -72,7 +90,7 @@ def noise_coordinate(shape, scale, level, width, size):
     return (pt.log(pm.InverseGamma.dist(shape, scale, size=size)) - level) / width
 
 
-def whitened_rows_model(data: RegressionData, prior: ConjugatePrior | SemiConjugatePrior, errors: str) -> pm.Model:
+def whitened_rows_model(data: RegressionData, prior: Prior, errors: str) -> pm.Model:
     """Model of the rows whose coefficients are whitened at plug-in values: location + spread times the coordinate."""
     import pymc as pm
     import pytensor.tensor as pt
@@ -81,28 +99,30 @@ def whitened_rows_model(data: RegressionData, prior: ConjugatePrior | SemiConjug
     coords = {"coefficient": list(data.coefficients), "row": np.arange(data.n_rows), "direction": np.arange(n_terms)}
     with pm.Model(coords=coords) as model:
         values = {name: pm.Data(name, value) for name, value in row_statistics(data, prior, errors).items()}
-        shape, scale, power, level, width, response_scale, middle, reach = (values["summary"][k] for k in range(8))
-        location, spread = values["location"], values["spread"]
+        known = RowSummary._make(values["summary"][k] for k in range(len(RowSummary._fields)))
+        location, spread, level = values["location"], values["spread"], known.level
         if errors == "ar1":
             # artanh of a uniform variable is logistic; the rows fix the variance of the innovations, whatever rho
+            middle, reach = known.middle, known.reach
             turn = pm.Logistic("autocorrelation_coordinate", mu=-middle / reach, s=0.5 / reach, initval=0.0)
             parameter = pm.Deterministic("autocorrelation", pt.tanh(middle + reach * turn))
             level = level - pt.log1p(-(parameter**2))
         else:
             parameter = _parameter(errors)
-        coordinate = pm.CustomDist("noise_coordinate", shape, scale, level, width, dist=noise_coordinate, initval=0.0)
-        variance = pt.exp(level + width * coordinate)
+        noise = (known.shape, known.scale, level, known.width)
+        coordinate = pm.CustomDist("noise_coordinate", *noise, dist=noise_coordinate, initval=0.0)
+        variance = pt.exp(level + known.width * coordinate)
         direction_coordinate = pm.Normal(
             "direction_coordinate",
             mu=-location / spread,
-            sigma=pt.sqrt(variance**power) / spread,
+            sigma=pt.sqrt(variance**known.power) / spread,
             dims="direction",
             initval=np.zeros(n_terms),
         )
         rotated = location + spread * direction_coordinate
         basis = values["basis"]
         pm.Deterministic("coefficients", basis[:, -1] + (basis[:, :-1] * rotated).sum(axis=1), dims="coefficient")
-        noise_variance = pm.Deterministic("noise_variance", response_scale**2 * variance)
+        noise_variance = pm.Deterministic("noise_variance", known.response_scale**2 * variance)
         fit = pt.dot(values["rotated_design"], rotated)
         _rows("row_density", errors, parameter, (fit, noise_variance), observed=values["rotated_response"])
     return model
@@ -117,7 +137,7 @@ def compiled_rows(n_terms: int, errors: str):
     return nutpie.compile_pymc_model(whitened_rows_model(placeholder, ConjugatePrior(), errors))
 
 
-def row_statistics(data: RegressionData, prior, errors: str) -> dict[str, np.ndarray]:
+def row_statistics(data: RegressionData, prior: Prior, errors: str) -> dict[str, np.ndarray]:
     """All that the whitened model of the rows knows of data and prior, by the names of its pm.Data.
 
     The rows are made nearly normal and independent at a plug-in estimate (weights of a t with 4 degrees of freedom;
@@ -125,7 +145,7 @@ def row_statistics(data: RegressionData, prior, errors: str) -> dict[str, np.nda
     coefficients, level and width of the log noise variance, and middle and reach of the artanh of the autocorrelation.
     They are coordinates only: were they poor, NUTS would be slower, not biased.
     """
-    whiten_at, conjugate = ERRORS[errors].whiten, prior.family == "conjugate"
+    whiten_at = ERRORS[errors].whiten
     root, mean = np.sqrt(prior.kappas(data.n_terms)), prior.means(data.n_terms)
     design = data.scaled_design_matrix * root
     target = data.scaled_response - data.scaled_design_matrix @ mean
@@ -138,7 +158,7 @@ def row_statistics(data: RegressionData, prior, errors: str) -> dict[str, np.nda
     for _ in range(_PLUG_IN_STEPS):
         left, s, right = np.linalg.svd(whiten(design), full_matrices=wide)
         z, s = np.pad(left.T @ whiten(target), (0, unseen)), np.pad(s, (0, unseen))
-        ratio = 1.0 if conjugate else variance
+        ratio = variance / prior.variance_factor(variance)
         location = s * z / (ratio + s**2)
         residual = target - design @ (location @ right)
         error = whiten(residual)
@@ -150,7 +170,16 @@ def row_statistics(data: RegressionData, prior, errors: str) -> dict[str, np.nda
     level += math.log1p(-(rho**2))
     reach = 1.0 / math.sqrt(1.0 + data.n_rows * (1.0 - rho**2))
     unit = data.response_scale
-    summary = np.array([prior.shape, prior.scale, float(conjugate), level, width, unit, math.atanh(rho), reach])
+    summary = RowSummary(
+        shape=prior.shape,
+        scale=prior.scale,
+        power=prior.noise_power,
+        level=level,
+        width=width,
+        response_scale=unit,
+        middle=math.atanh(rho),
+        reach=reach,
+    )
     basis = np.column_stack([((right * root) @ data.transformation[1].T).T, data.to_original(mean)])
     rows = {"rotated_design": unit * design @ right.T, "rotated_response": unit * target}
-    return {"summary": summary, "location": location, "spread": spread, "basis": basis, **rows}
+    return {"summary": np.array(summary, dtype=float), "location": location, "spread": spread, "basis": basis, **rows}

@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pymc_ship.pages.drawing import COLOURS, DOF_COLOURS, REFERENCE, styled, subplots
+from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.ship.model import Candidate, held_together
 from pymc_ship.ship.paths import QUANTILES
@@ -20,7 +20,6 @@ from pymc_ship.trial.channels import CHANNELS
 BARS = 0.9
 """Probability inside the bars of the term sets."""
 
-_BLUE, _RUST = COLOURS["conjugate"], COLOURS["semiconjugate"]
 _BOOTSTRAPS = 2000
 
 
@@ -90,8 +89,8 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
             ax.plot(time, factor * record, color=REFERENCE, lw=0.9, label="measured")
             for k, window in enumerate(windows):
                 labels = ("forecast by the fit to the other runs", "restart") if k == 0 else (None, None)
-                ax.plot(window.time, factor * window.forecast[row], color=_RUST, label=labels[0])
-                ax.plot(window.time[0], factor * window.forecast[row, 0], "o", ms=3, color=_RUST, label=labels[1])
+                ax.plot(window.time, factor * window.forecast[row], color=RUST, label=labels[0])
+                ax.plot(window.time[0], factor * window.forecast[row, 0], "o", ms=3, color=RUST, label=labels[1])
             if column == 0:
                 ax.set_ylabel(CHANNELS[channel].axis)
     fig.align_ylabels(axes[:, 0])
@@ -117,7 +116,7 @@ def held_out_overshoots(rows: Sequence[Mapping]) -> Figure:
     panels = (("angle", "overshoot angle", "deg"), ("time", "time to overshoot", "s"))
     for ax, (kind, title, unit) in zip(axes[0], panels, strict=True):
         ends = []
-        for name, colour, marker in (("first", _BLUE, "o"), ("second", _RUST, "s")):
+        for name, colour, marker in (("first", BLUE, "o"), ("second", RUST, "s")):
             mine = [row for row in rows if row["index"] == f"{name}_overshoot_{kind}"]
             measured, forecast, sd = (np.array([row[key] for row in mine]) for key in ("measured", "forecast", "sd"))
             style = {"fmt": marker, "ms": 4.5, "color": colour, "capsize": 2.5, "elinewidth": 0.9}
@@ -181,10 +180,10 @@ def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
     ax.axvline(0.0, color=REFERENCE, ls="--", lw=0.9)
     for place, row in enumerate(rows):
         if not np.isfinite(row["mean"]):
-            settings = {"xycoords": ("axes fraction", "data"), "va": "center", "color": _RUST}
+            settings = {"xycoords": ("axes fraction", "data"), "va": "center", "color": RUST}
             ax.annotate("a window ran away", (0.02, place), **settings)
             continue
-        ax.plot(row["differences"], np.full(len(row["differences"]), place - 0.16), "|", ms=9, color=_RUST)
+        ax.plot(row["differences"], np.full(len(row["differences"]), place - 0.16), "|", ms=9, color=RUST)
         bar = [[row["mean"] - row["lower"]], [row["upper"] - row["mean"]]]
         ax.errorbar(row["mean"], place + 0.12, xerr=bar, fmt="o", ms=5, color=colour, capsize=3)
     ax.set_yticks(range(len(rows)), [row["name"] for row in rows])
@@ -194,7 +193,7 @@ def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
     ax.set_xlabel(f"score less that of “{best}” [nats per run]; to the left is worse")
     marks = [
         Line2D([], [], ls="", marker="o", ms=5, color=colour, label=f"mean over the runs, bar of {percent(BARS)}"),
-        Line2D([], [], ls="", marker="|", ms=9, color=_RUST, label="single runs"),
+        Line2D([], [], ls="", marker="|", ms=9, color=RUST, label="single runs"),
     ]
     fig.legend(handles=marks, loc="outside upper center", ncols=2)
     return fig

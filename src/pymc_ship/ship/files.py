@@ -13,7 +13,7 @@ import xarray as xr
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.machine.files import staged
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.regression.tree import provenance, read_posterior, write_posterior
+from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.ship.held_out import simulation_settings
 from pymc_ship.ship.model import Candidate, ShipModel
 from pymc_ship.ship.soundness import sound
@@ -201,7 +201,7 @@ def _tree(candidate: Candidate, model: ShipModel, made_by: str) -> xr.DataTree:
         "dispersion": candidate.fit.dispersion,
         "prior": model.prior,
         "made_by": made_by,
-        **provenance("windows"),
+        **provenance(CITATIONS["windows"]),
     }
     return xr.DataTree.from_dict(
         {

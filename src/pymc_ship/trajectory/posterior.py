@@ -12,7 +12,7 @@ from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.motion.simulation import replay
-from pymc_ship.regression.tree import provenance, rng_state
+from pymc_ship.regression.tree import CITATIONS, provenance, rng_state
 from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit, whiten
 from pymc_ship.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.trajectory.noise import sample_residuals
@@ -316,5 +316,5 @@ def _attrs(mode: TrajectoryMode, method: str) -> dict[str, object]:
         "log_evidence": choice.fit.log_evidence,
         "starts": mode.n_starts,
         "starts_agreeing": mode.n_agreeing,
-        **provenance(method),
+        **provenance(CITATIONS[method]),
     }
