@@ -6,6 +6,7 @@ import pytest
 from pymc_ship.cli.main import main
 from pymc_ship.replication import page
 from tests.journeys.cases import run
+from tests.replication.cases import quick_report
 
 
 def test_study_passes_its_options_on(tmp_path, monkeypatch, capsys):
@@ -28,15 +29,13 @@ def test_study_passes_its_options_on(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("failed", [[], ["nuts: largest R-hat 1.02 (Yv), to be < 1.01"]])
 def test_a_study_whose_check_fails_writes_its_pages_and_ends_with_status_3(tmp_path, monkeypatch, capsys, failed):
-    report = page
     good, poor = (
         SimpleNamespace(name=name, failed_gates=said, disagreements=[])
         for name, said in zip("ab", ([], failed), strict=True)
     )
     result = SimpleNamespace(comparisons=[good, poor], vessel=None, seed=3, draws={})
-    for name, value in {"run_study": result, "_figures": {}, "render": "new", "csv_tables": {}}.items():
-        monkeypatch.setattr(report, name, lambda *args, value=value, **settings: value)
-    monkeypatch.setattr(report, "diagnostic_page", lambda *args, **settings: "diagnosed")
+    monkeypatch.setattr(page, "run_study", lambda *args, **settings: result)
+    quick_report(monkeypatch, tmp_path / "page.html.j2")
     assert main(["study", "--quiet", "--out", str(tmp_path)]) == (3 if failed else 0)
     printed = capsys.readouterr()
     sentence = (

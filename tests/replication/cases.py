@@ -7,8 +7,11 @@ from html.parser import HTMLParser
 
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.frontier.scores import published_rows
+from pymc_ship.pages.drawing import subplots
+from pymc_ship.pages.page import Content
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.replication import measurements
+from pymc_ship.replication import page as report
 from pymc_ship.trial.noise import LITERAL_LEVEL
 
 DOFS = ("surge", "sway", "yaw", "roll")
@@ -168,3 +171,18 @@ class Page(HTMLParser):
 
 def names(folder):
     return sorted(path.name for path in folder.iterdir())
+
+
+def quick_report(monkeypatch, template):
+    """Make the report of a study take no time: one figure, one table, and pages of one word from a template."""
+    template.write_text("{{ text }}")
+
+    def study_content(result, diagnosed):
+        figures, tables = {"sweep": subplots(1.0, 1.0)[0]}, {"errors": [{"dof": "surge", "median": 1.0}]}
+        return Content({"text": "new"}, figures, tables, report._files(result, diagnosed))
+
+    for name in ("PAGE", "DIAGNOSTICS"):
+        monkeypatch.setattr(report, name, replace(getattr(report, name), template=template))
+    monkeypatch.setattr(report, "study_content", study_content)
+    monkeypatch.setattr(report, "diagnostic_content", lambda *_, **__: Content({"text": "diagnosed"}))
+    monkeypatch.setattr(report, "write_posterior", lambda tree, path: path.write_text("posterior"))

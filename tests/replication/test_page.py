@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,10 +10,8 @@ import pytest
 
 from pymc_ship.machine import files
 from pymc_ship.machine.files import OutputError
-from pymc_ship.pages.drawing import subplots
-from pymc_ship.pages.page import Content
 from pymc_ship.replication import page as report
-from tests.replication.cases import SEED, Page, names
+from tests.replication.cases import SEED, Page, names, quick_report
 
 
 def test_the_checks_of_a_page_can_fail():
@@ -28,27 +25,14 @@ def test_the_checks_of_a_page_can_fail():
 
 DRAWS = {"conjugate": {"exact": {"sway": None}}}
 QUICK = SimpleNamespace(draws=DRAWS, comparisons=[], vessel=None, seed=SEED)
-ROWS = [{"dof": "surge", "median": 1.0}]
 FILES = ["diagnostics.html", "sweep.png", "sway-conjugate-exact.nc", "errors.csv", "index.html"]
 """Files of the quick report in the order in which they are moved into place."""
-
-
-def quick_content(result, diagnosed):
-    """One figure, one table and the files of a study."""
-    figures, tables = {"sweep": subplots(1.0, 1.0)[0]}, {"errors": ROWS}
-    return Content({"text": "new"}, figures, tables, report._files(result, diagnosed))
 
 
 @pytest.fixture
 def earlier(tmp_path, monkeypatch):
     """Folder with an earlier report, and a report that takes no time."""
-    template = tmp_path / "page.html.j2"
-    template.write_text("{{ text }}")
-    for name in ("PAGE", "DIAGNOSTICS"):
-        monkeypatch.setattr(report, name, replace(getattr(report, name), template=template))
-    monkeypatch.setattr(report, "diagnostic_content", lambda *_, **__: Content({"text": "diagnosed"}))
-    monkeypatch.setattr(report, "study_content", quick_content)
-    monkeypatch.setattr(report, "write_posterior", lambda tree, path: path.write_text("posterior"))
+    quick_report(monkeypatch, tmp_path / "page.html.j2")
     folder = tmp_path / "report"
     folder.mkdir()
     (folder / "index.html").write_text("earlier")
