@@ -298,9 +298,8 @@ def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
     good = sound(vessel, tried)
     if not good[0] or good.mean() < _FEWEST_SOUND:
         return None, f"The {name} terms were left out: fitted to these trials, they run away in a standard manoeuvre."
-    return Candidate(
-        name=name, fit=whole, held_out=judged, inflation=inflation, weight=0.0, draws=tried[:0], share_unsound=0.0
-    ), ""
+    not_drawn = {"weight": 0.0, "draws": tried[:0], "share_unsound": 0.0}
+    return Candidate(name, whole, judged, inflation, **not_drawn), ""
 
 
 def _first_fit(

@@ -107,14 +107,10 @@ class Vessel:
     def __repr__(self) -> str:
         s, words = self.particulars, "" if self.title in ("", self.name) else f": {self.title}"
         draught = f"d = {s.d:.4g} m" if s.d > 0.0 else "draught not stated"
-        return "\n".join(
-            [
-                f"<Vessel {self.name!r}{words}",
-                f"  L = {s.L:.4g} m, B = {s.B:.4g} m, {draught}, nominal speed {s.nominal_speed:.4g} m/s",
-                *(f"  {dof}: {len(force)} terms" for dof, force in self.forces.items()),
-                f"  propeller: {'none' if self.propeller is None else 'yes'}>",
-            ]
-        )
+        size = f"  L = {s.L:.4g} m, B = {s.B:.4g} m, {draught}, nominal speed {s.nominal_speed:.4g} m/s"
+        terms = [f"  {dof}: {len(force)} terms" for dof, force in self.forces.items()]
+        propeller = f"  propeller: {'none' if self.propeller is None else 'yes'}>"
+        return "\n".join([f"<Vessel {self.name!r}{words}", size, *terms, propeller])
 
     @property
     def dofs(self) -> tuple[str, ...]:
