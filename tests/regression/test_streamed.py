@@ -158,7 +158,7 @@ class TestRefusals:
     def test_of_scalings_that_do_not_exist_or_cannot_be_had(self):
         rng = np.random.default_rng(0)
         X, y = rng.standard_normal((9, 3)), rng.standard_normal(9)
-        with pytest.raises(ps.RegressionDataError, match="'none' or 'zscore', found 'unit'"):
+        with pytest.raises(ps.RegressionDataError, match="one of none, zscore; found 'unit'"):
             ps.stream_regression([(X, y)], scaling="unit")
         with pytest.raises(ps.RegressionDataError, match="response must vary"):
             ps.stream_regression([(X, np.zeros(9))], scaling="zscore")

@@ -19,6 +19,9 @@ from pymc_ship.motion.weak_form import INDEPENDENT, weak_form
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
+SCALINGS = ("none", "zscore")
+"""How columns and response are scaled: not at all, or to zero mean and unit standard deviation."""
+
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
 """Samples at the begin and end of a record that lack a neighbour their difference needs."""
 
@@ -199,7 +202,7 @@ class RegressionData(ScaledRegression):
         unscaled = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names))}
         unscaled |= {"response_center": 0.0, "response_scale": 1.0}
         data = cls(design_matrix=X, response=y, coefficients=names, constant=constant, time=rows, **unscaled, **labels)
-        check_choice("The scaling", scaling, ("none", "zscore"), RegressionDataError)
+        check_choice("The scaling", scaling, SCALINGS, RegressionDataError)
         return data if scaling == "none" else data._zscored(varies)
 
     def _zscored(self, varies: np.ndarray) -> RegressionData:

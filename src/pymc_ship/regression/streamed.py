@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.regression.data import RegressionDataError, ScaledRegression
+from pymc_ship.machine.arguments import check_choice
+from pymc_ship.regression.data import SCALINGS, RegressionDataError, ScaledRegression
 
 _BLOCK = 2048
 """Rows triangularised at a time: they stay in a core's cache."""
@@ -147,8 +148,7 @@ def stream_regression(
     >>> print(ps.conjugate(data, ps.ConjugatePrior()).mean.round(2))
     [ 2. -1.]
     """
-    if scaling not in ("none", "zscore"):
-        raise RegressionDataError(f"The scaling is 'none' or 'zscore', found {scaling!r}; choose one of them.")
+    check_choice("The scaling", scaling, SCALINGS, RegressionDataError)
     reduction = None
     for number, (design_matrix, response) in enumerate(chunks, start=1):
         X, y = np.asarray(design_matrix, dtype=float), np.asarray(response, dtype=float)
