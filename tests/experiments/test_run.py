@@ -23,7 +23,6 @@ from joblib.externals.loky import process_executor
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.experiments import run as engine
 from pymc_ship.experiments import task as task_module
 from pymc_ship.experiments.task import METHODS, Task
 from pymc_ship.machine import workers as workers_module
@@ -142,7 +141,7 @@ def test_a_worker_that_joblib_renews_is_no_remark(study, tmp_path, text):
 
 
 def test_workers_that_die_again_and_again_end_the_study_in_a_sentence(study, plain, tmp_path, monkeypatch):
-    monkeypatch.setattr(engine, "RESTARTS", 1)
+    monkeypatch.setattr(workers_module, "RESTARTS", 1)
     with pytest.raises(MonteCarloError, match="Workers died 2 times without a result in between"):
         run(study, tmp_path, always_deadly, workers=2)
     run(study, tmp_path)

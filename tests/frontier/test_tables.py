@@ -23,7 +23,7 @@ def made_up(estimator, values, cell="white", level=0.01):
     ("value", "verdict"), [(1.0, "yes"), (2.0, "yes"), (2.1, "no"), (np.inf, "no"), (np.nan, "no")]
 )
 def test_an_aim_is_met_within_its_limits_alone(monkeypatch, value, verdict):
-    aim = Aim("x", "%", "white", ("fit",), "x", "median", {0.01: (1.0, 2.0)})
+    aim = Aim("x", "%", "white", ("fit",), "x", "median", limits={0.01: (1.0, 2.0)})
     monkeypatch.setattr(tables, "AIMS", (aim,))
     (row,) = aim_rows(made_up("fit", [value] * 3))
     assert row["met"] == verdict

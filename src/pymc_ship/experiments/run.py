@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +12,7 @@ from pymc_ship.experiments.grid import read_grid
 from pymc_ship.experiments.page import write_report
 from pymc_ship.experiments.store import Store, opened
 from pymc_ship.experiments.task import Task, measure, nothing
-from pymc_ship.machine.workers import Cluster, LocalCores, MonteCarloError, WorkersLostError
-
-RESTARTS = 5
-"""How often workers may be lost without a result in between."""
+from pymc_ship.machine.workers import Cluster, LocalCores, MonteCarloError, WorkersLostError, completed
 
 REHEARSED = 200
 """Tasks that do nothing, by which a run begins."""
@@ -84,9 +80,7 @@ def reported_montecarlo(
     executor = Cluster(scheduler) if scheduler else LocalCores(workers)
     with opened(out, grid) as store:
         if store.missing():
-            with executor, warnings.catch_warnings():
-                # joblib renews a worker that has grown; no task is lost
-                warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+            with executor:
                 _run(store, executor, work, progress)
         progress("tables and page")
         return write_report(store)
@@ -96,25 +90,25 @@ def _run(
     store: Store, executor: LocalCores | Cluster, work: Callable[[Task], dict], progress: Callable[[str], None]
 ) -> None:
     """Do all tasks that are missing; start again with new workers where some were lost."""
-    session, lost = {"session": time.time_ns(), "executor": executor.label}, 0
-    start, shown = time.perf_counter(), _Progress(store.grid.n_tasks, progress)
-    while missing := store.missing():
+    session, start = {"session": time.time_ns(), "executor": executor.label}, time.perf_counter()
+    shown = _Progress(store.grid.n_tasks, progress)
+
+    def remaining() -> Iterator[Task] | None:
+        missing = store.missing()
         shown.begin(store.grid.n_tasks - sum(len(seeds) for *_, seeds in missing))
-        try:
-            if "parent" not in session:
-                session["parent"] = _rehearsed(store, executor)
-            for result in executor.run(work, _tasks(store, missing)):
-                clock = {"wall": time.perf_counter() - start, "workers": executor.workers}
-                store.add(result | session | clock)
-                lost = 0
-                shown.one_more()
-        except WorkersLostError:
-            lost += 1
-            if lost > RESTARTS:
-                raise MonteCarloError(
-                    f"Workers died {lost} times without a result in between, of too little memory perhaps; what was "
-                    "measured so far is kept: run again with fewer workers."
-                ) from None
+        return _tasks(store, missing) if missing else None
+
+    try:
+        session["parent"] = _rehearsed(store, executor)
+        for result in completed(executor, work, remaining):
+            clock = {"wall": time.perf_counter() - start, "workers": executor.workers}
+            store.add(result | session | clock)
+            shown.one_more()
+    except WorkersLostError as error:
+        raise MonteCarloError(
+            f"Workers died {error.times} times without a result in between, of too little memory perhaps; what was "
+            "measured so far is kept: run again with fewer workers."
+        ) from None
 
 
 def _rehearsed(store: Store, executor: LocalCores | Cluster) -> float:
@@ -123,8 +117,14 @@ def _rehearsed(store: Store, executor: LocalCores | Cluster) -> float:
     folder, kept = store.out / ".rehearsal", []
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
     stage = Store(folder, replace(store.grid, seeds=REHEARSED))
+    first = stage.missing()[0]
+
+    def remaining() -> Iterator[Task] | None:
+        missing = [one for one in stage.missing() if one[:2] == first[:2]]
+        return _tasks(stage, missing) if missing else None
+
     try:
-        for result in executor.run(nothing, _tasks(stage, stage.missing()[:1])):
+        for result in completed(executor, nothing, remaining):
             stage.add(result | none)
             kept.append(time.perf_counter())
     finally:

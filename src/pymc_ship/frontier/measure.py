@@ -6,14 +6,10 @@ the order of the work and the number of processes.
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from pymc_ship.denoising.denoise import denoise
 from pymc_ship.forecasting.forecast import forecast
@@ -21,6 +17,8 @@ from pymc_ship.frontier.bound import errors_on_bound
 from pymc_ship.frontier.data_sets import CELLS, Cell, DataSet, data_set
 from pymc_ship.frontier.estimates import DIFFERENCES
 from pymc_ship.frontier.scores import forecast_row, relative_error
+from pymc_ship.machine.threads import one_thread
+from pymc_ship.machine.workers import LocalCores, WorkersLostError, completed
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import turning_circle, zigzag
 from pymc_ship.motion.simulation import simulate
@@ -213,7 +211,7 @@ def measure(vessel: Vessel, cell: Cell, level: float, seed: int, root: int, dura
     -------
     list of Measurement
     """
-    with threadpool_limits(1):
+    with one_thread():
         data = data_set(vessel, cell, level, seed, root=root, duration=duration)
         return [found for name in cell.estimators for found in ESTIMATORS[name](data)]
 
@@ -264,35 +262,29 @@ def frontier(
         for level in cell.levels
     }
     found: dict[tuple, list[Measurement]] = {}
-    for key, measurements in _measured(tasks, workers):
-        found[key] = measurements
-        progress(_bar(len(found), len(tasks)))
+
+    def remaining() -> Iterator[tuple[tuple, tuple]] | None:
+        left = tasks.keys() - found.keys()
+        return ((key, task) for key, task in tasks.items() if key in left) if left else None
+
+    try:
+        with LocalCores(workers) as executor:
+            for key, measurements in completed(executor, _measured, remaining):
+                found[key] = measurements
+                progress(_bar(len(found), len(tasks)))
+    except WorkersLostError as error:
+        raise ValueError(
+            f"Workers died {error.times} times without a result in between, of too little memory perhaps; free some "
+            "and run again."
+        ) from None
     order = [(cell.name, level, k) for cell in cells for level in cell.levels for k in range(seeds)]
     return [measurement for key in order for measurement in found[key]]
 
 
-def _measured(tasks: Mapping[tuple, tuple], workers: int) -> Iterator[tuple[tuple, list[Measurement]]]:
-    """Keys of tasks with their measurements as they are completed."""
-    if workers == 1:
-        for key, task in tasks.items():
-            yield key, measure(*task)
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _ignore_interrupts) as pool:
-        try:
-            futures = {pool.submit(measure, *task): key for key, task in tasks.items()}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            raise
-
-
-def _ignore_interrupts() -> None:
-    """Leave an interrupt to the parent process, which ends its workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _measured(named: tuple[tuple, tuple]) -> tuple[tuple, list[Measurement]]:
+    """Key of a task with its measurements."""
+    key, task = named
+    return key, measure(*task)
 
 
 def _bar(done: int, total: int, width: int = 30) -> str:

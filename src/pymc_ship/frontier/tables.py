@@ -74,16 +74,20 @@ _FLAT, _DEFAULT = ("flat prior",), ("default prior",)
 _ALL = _between(*3 * [(100.0, 100.0)])
 
 AIMS = (
-    Aim("RMSE / Cramér-Rao bound, flat prior", "", "white", _FLAT, "deviation", "rmse", _at_most(1.1, 1.1, 1.15)),
-    Aim("90 % intervals cover, flat prior", "%", "white", _FLAT, "coverage", "mean", _COVERAGE),
-    Aim("90 % intervals cover, default prior", "%", "white", _DEFAULT, "coverage", "mean", _COVERAGE),
-    Aim("90 % bands cover, 10/10 zigzag", "%", "white", _ZIGZAG, "band_coverage", "mean", _BANDS),
-    Aim("90 % bands cover, 35 deg turn", "%", "white", _TURN, "band_coverage", "mean", _BANDS),
-    Aim("90 % bands cover, 35 deg turn, 600 s", "%", "white", _LONG_TURN, "band_coverage", "mean", _BANDS),
-    Aim("RMSE / range, 10/10 zigzag", "%", "white", _ZIGZAG, "error", "median", _at_most(0.15, 0.7, 2.5)),
-    Aim("RMSE / range, 35 deg turn", "%", "white", _TURN, "error", "median", _at_most(0.3, 1.0, 3.5)),
-    Aim("RMSE / range, 35 deg turn, 600 s", "%", "white", _LONG_TURN, "error", "median", _at_most(0.3, 1.0, 3.5)),
-    Aim("tactical diameter error", "%", "white", _TURN, "tactical_diameter", "median", _at_most(0.1, 0.4, 3.0)),
+    Aim(
+        "RMSE / Cramér-Rao bound, flat prior", "", "white", _FLAT, "deviation", "rmse", limits=_at_most(1.1, 1.1, 1.15)
+    ),
+    Aim("90 % intervals cover, flat prior", "%", "white", _FLAT, "coverage", "mean", limits=_COVERAGE),
+    Aim("90 % intervals cover, default prior", "%", "white", _DEFAULT, "coverage", "mean", limits=_COVERAGE),
+    Aim("90 % bands cover, 10/10 zigzag", "%", "white", _ZIGZAG, "band_coverage", "mean", limits=_BANDS),
+    Aim("90 % bands cover, 35 deg turn", "%", "white", _TURN, "band_coverage", "mean", limits=_BANDS),
+    Aim("90 % bands cover, 35 deg turn, 600 s", "%", "white", _LONG_TURN, "band_coverage", "mean", limits=_BANDS),
+    Aim("RMSE / range, 10/10 zigzag", "%", "white", _ZIGZAG, "error", "median", limits=_at_most(0.15, 0.7, 2.5)),
+    Aim("RMSE / range, 35 deg turn", "%", "white", _TURN, "error", "median", limits=_at_most(0.3, 1.0, 3.5)),
+    Aim(
+        "RMSE / range, 35 deg turn, 600 s", "%", "white", _LONG_TURN, "error", "median", limits=_at_most(0.3, 1.0, 3.5)
+    ),
+    Aim("tactical diameter error", "%", "white", _TURN, "tactical_diameter", "median", limits=_at_most(0.1, 0.4, 3.0)),
     Aim(
         "first overshoot error",
         "deg",
@@ -91,7 +95,7 @@ AIMS = (
         _ZIGZAG,
         "first_overshoot_angle",
         "median",
-        _at_most(0.01, 0.03, 0.1),
+        limits=_at_most(0.01, 0.03, 0.1),
     ),
     Aim(
         "second overshoot error",
@@ -100,12 +104,12 @@ AIMS = (
         _ZIGZAG,
         "second_overshoot_angle",
         "median",
-        _at_most(0.01, 0.03, 0.1),
+        limits=_at_most(0.01, 0.03, 0.1),
     ),
-    Aim("draws diverged, 10/10 zigzag", "%", "white", _ZIGZAG, "share_diverged", "mean", {}),
-    Aim("draws diverged, 35 deg turn", "%", "white", _TURN, "share_diverged", "mean", {}),
-    Aim("draws diverged, 35 deg turn, 600 s", "%", "white", _LONG_TURN, "share_diverged", "mean", {}),
-    Aim("median coefficient error, 20/20 zigzag alone", "%", "white", _DEFAULT, "median_error", "median", {}),
+    Aim("draws diverged, 10/10 zigzag", "%", "white", _ZIGZAG, "share_diverged", "mean", limits={}),
+    Aim("draws diverged, 35 deg turn", "%", "white", _TURN, "share_diverged", "mean", limits={}),
+    Aim("draws diverged, 35 deg turn, 600 s", "%", "white", _LONG_TURN, "share_diverged", "mean", limits={}),
+    Aim("median coefficient error, 20/20 zigzag alone", "%", "white", _DEFAULT, "median_error", "median", limits={}),
     Aim(
         "the same and one designed run",
         "%",
@@ -113,7 +117,7 @@ AIMS = (
         _DEFAULT,
         "median_error",
         "median",
-        _at_most(0.25, 2.0, 9.0),
+        limits=_at_most(0.25, 2.0, 9.0),
     ),
     Aim(
         "the same and two designed runs",
@@ -122,11 +126,11 @@ AIMS = (
         _DEFAULT,
         "median_error",
         "median",
-        _at_most(0.15, 1.0, 5.0),
+        limits=_at_most(0.15, 1.0, 5.0),
     ),
-    Aim("starts that reach the optimum, 20/20 zigzag", "%", "white", _DEFAULT, "reaching", "mean", _ALL),
-    Aim("starts that reach it, one designed run", "%", "one designed run", _DEFAULT, "reaching", "mean", _ALL),
-    Aim("starts that reach it, two designed runs", "%", "two designed runs", _DEFAULT, "reaching", "mean", _ALL),
+    Aim("starts that reach the optimum, 20/20 zigzag", "%", "white", _DEFAULT, "reaching", "mean", limits=_ALL),
+    Aim("starts that reach it, one designed run", "%", "one designed run", _DEFAULT, "reaching", "mean", limits=_ALL),
+    Aim("starts that reach it, two designed runs", "%", "two designed runs", _DEFAULT, "reaching", "mean", limits=_ALL),
     Aim(
         "error of the paper's pipeline / trajectory fit",
         "",
@@ -134,16 +138,32 @@ AIMS = (
         ("paper's pipeline", "default prior"),
         "median_error",
         "ratio",
-        _between(*3 * [(5.0, np.inf)]),
+        limits=_between(*3 * [(5.0, np.inf)]),
     ),
-    Aim("small-step truth: median coefficient error", "%", "small-step truth", _DEFAULT, "median_error", "median", {}),
-    Aim("small-step truth: 90 % intervals cover", "%", "small-step truth", _DEFAULT, "coverage", "mean", _COVERAGE),
+    Aim(
+        "small-step truth: median coefficient error",
+        "%",
+        "small-step truth",
+        _DEFAULT,
+        "median_error",
+        "median",
+        limits={},
+    ),
+    Aim(
+        "small-step truth: 90 % intervals cover",
+        "%",
+        "small-step truth",
+        _DEFAULT,
+        "coverage",
+        "mean",
+        limits=_COVERAGE,
+    ),
     *(
-        Aim(f"{cell}: 90 % intervals cover", "%", cell, _DEFAULT, "coverage", "mean", _CORRECTED)
+        Aim(f"{cell}: 90 % intervals cover", "%", cell, _DEFAULT, "coverage", "mean", limits=_CORRECTED)
         for cell in ("correlated 0.2 s", "correlated 1 s", "offsets", "Student-t3")
     ),
     *(
-        Aim(f"{cell}, white noise assumed: cover", "%", cell, ("white assumed",), "coverage", "mean", {})
+        Aim(f"{cell}, white noise assumed: cover", "%", cell, ("white assumed",), "coverage", "mean", limits={})
         for cell in ("correlated 0.2 s", "correlated 1 s", "offsets", "Student-t3")
     ),
 )

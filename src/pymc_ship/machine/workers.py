@@ -1,7 +1,7 @@
-"""Who does the tasks of a Monte-Carlo study: processes on the local cores (joblib) or a cluster (dask.distributed).
+"""Workers that do many tasks: processes on the local cores (joblib) or on a cluster (dask.distributed).
 
-Both take tasks one by one from an iterator, so that memory does not grow with their number, and yield results in the
-order in which they are done.
+Both kinds take tasks one by one from an iterator, so that memory does not grow with the number of tasks, and yield
+results in the order in which the tasks are done.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
@@ -21,8 +22,46 @@ AHEAD = 4
 _CONNECT, _LOOK, _WATCH = 10.0, 2.0, 0.5
 
 
+RESTARTS = 5
+"""Number of times that workers may be lost without a result in between."""
+
+
 class WorkersLostError(Exception):
-    """Workers died with tasks in their hands, which are to be handed out again."""
+    """Some workers died before they returned their tasks; ``times`` without a result in between."""
+
+    def __init__(self, times: int = 1):
+        super().__init__(f"workers died {times} times without a result in between")
+        self.times = times
+
+
+def completed(executor: LocalCores | Cluster, work: Callable, remaining: Callable[[], Iterable | None]) -> Iterator:
+    """Yield the result of every task; tasks of workers that died are handed out again.
+
+    Parameters
+    ----------
+    executor : LocalCores or Cluster
+        Entered, as the context manager that it is.
+    work : callable
+        Takes a task and returns its result.
+    remaining : callable
+        Gives the tasks that have no result yet, None where every task has one. It is called again after workers were
+        lost, so that the caller must note each result before it takes the next.
+
+    Raises
+    ------
+    WorkersLostError
+        When workers are lost more than :data:`RESTARTS` times without a result in between.
+    """
+    lost = 0
+    while (tasks := remaining()) is not None:
+        try:
+            for result in executor.run(work, tasks):
+                lost = 0
+                yield result
+        except WorkersLostError:
+            lost += 1
+            if lost > RESTARTS:
+                raise WorkersLostError(lost) from None
 
 
 class LocalCores:
@@ -63,9 +102,14 @@ class LocalCores:
             raise WorkersLostError from None
 
     def __enter__(self) -> LocalCores:
+        self._warnings = warnings.catch_warnings()
+        self._warnings.__enter__()
+        # joblib renews a worker that has grown; no task is lost
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._warnings.__exit__(*error)
         if self.workers > 1:
             from joblib.externals.loky import get_reusable_executor
 

@@ -351,7 +351,13 @@ def _approximation(mode: _Mode) -> TrajectoryFit:
     log_evidence = mode.point.log_likelihood + log_prior + 0.5 * unit.size * _LOG_2PI - np.sum(np.log(s))
     root, point = unit[:, None] * right.T / s, mode.point
     return TrajectoryFit(
-        problem, unknowns, root, point.residuals, point.log_likelihood, float(log_evidence), mode.n_steps
+        problem=problem,
+        unknowns=unknowns,
+        square_root=root,
+        residuals=point.residuals,
+        log_likelihood=point.log_likelihood,
+        log_evidence=float(log_evidence),
+        n_steps=mode.n_steps,
     )
 
 
