@@ -13,7 +13,7 @@ from pymc_ship.cli.parser import parser
 from pymc_ship.denoising.derivative import DERIVATIVES
 from pymc_ship.denoising.ebayes import PRIORS
 from pymc_ship.manoeuvre.kinds import SIDES
-from pymc_ship.motion.simulation import METHODS
+from pymc_ship.motion.stepping import METHODS
 from pymc_ship.regression import cross_validation
 from pymc_ship.regression import identify as identification
 from pymc_ship.regression.data import WEAK

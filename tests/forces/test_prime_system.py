@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.forces.prime_system import QUANTITIES, relative_speed, righting_moment, scale, to_prime, to_si
+from pymc_ship.forces.prime_system import (
+    QUANTITIES,
+    relative_speed,
+    righting_arm,
+    righting_moment,
+    scale,
+    to_prime,
+    to_si,
+)
 
 LENGTH, TIME, MASS = np.eye(3)
 UNIT = {"m": LENGTH, "s": TIME, "kg": MASS}
@@ -79,7 +87,7 @@ def test_righting_moment_is_the_weight_times_the_arm():
     """2 g V GZ / (U^2 L^3) is rho g V GZ over 1/2 rho U^2 L^3."""
     phi, volume, GM, BM = 0.2, 46070.0, 0.83, 9.0
     arm = (GM + 0.5 * BM * np.tan(phi) ** 2) * np.sin(phi)
-    prime = righting_moment(np.sin(phi), np.tan(phi), 9.0, L, volume, GM, BM)
+    prime = righting_moment(righting_arm(np.sin(phi), np.tan(phi), GM, BM), 9.0, L, volume)
     np.testing.assert_allclose(to_si("K", prime, 9.0, L, RHO), RHO * 9.81 * volume * arm, rtol=1e-14)
 
 

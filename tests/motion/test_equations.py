@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from pymc_ship.motion.equations import STATE, scheme, sin_cos, state_derivative, work_rows
+from pymc_ship.motion.equations import STATE, Work, scheme, sin_cos, state_derivative
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.motion import plain_hull
@@ -17,9 +17,9 @@ def rate(vessel, state, delta):
     state = np.ascontiguousarray(state, dtype=float)
     n = state.shape[1]
     coefficients = np.repeat(reference_coefficients(vessel)[:, None], n, axis=1)
-    buffers = np.empty((work_rows(vessel), n)), np.empty(n), np.empty((4, n))
-    out = np.empty_like(state)
-    state_derivative(state, np.asarray(delta, dtype=float), coefficients, scheme(vessel), vessel.hull, buffers, out)
+    equations, out = scheme(vessel), np.empty_like(state)
+    work = Work(np.empty((equations.n_rows, n)), np.empty(n), np.empty((4, n)))
+    state_derivative(state, np.asarray(delta, dtype=float), coefficients, equations, work, out)
     return out
 
 

@@ -42,9 +42,14 @@ def relative_speed(U, nominal_speed):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def righting_moment(sin_phi, tan_phi, U, L, volume, GM, BM):
-    """Prime restoring moment 2 g V GZ / (U^2 L^3) with GZ = (GM + 1/2 BM tan^2 phi) sin phi."""
-    GZ = (GM + 0.5 * BM * tan_phi * tan_phi) * sin_phi
+def righting_arm(sin_phi, tan_phi, GM, BM):
+    """GZ = (GM + 1/2 BM tan^2 phi) sin phi [m]."""
+    return (GM + 0.5 * BM * tan_phi * tan_phi) * sin_phi
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def righting_moment(GZ, U, L, volume):
+    """Prime restoring moment 2 g V GZ / (U^2 L^3) of a righting arm GZ [m]."""
     return 2.0 * GRAVITY * volume * GZ / (U * U * L * L * L)
 
 

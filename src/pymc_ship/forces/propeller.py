@@ -19,11 +19,13 @@ from typing import NamedTuple
 
 from numba import njit
 
+_SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy"}
+
 
 class PropellerConstants(NamedTuple):
-    """What :func:`loading` knows of a propeller: advance ratio at the nominal speed, K_T polynomial, eta and kappa.
+    """Constants of :func:`loading`; zeros stand for a ship without a propeller.
 
-    All zero where a ship has no propeller.
+    ``J`` advance ratio at the nominal speed; ``k_0``, ``k_1``, ``k_2``, ``eta`` and ``kappa`` as in :class:`Propeller`.
     """
 
     J: float = 0.0
@@ -32,9 +34,6 @@ class PropellerConstants(NamedTuple):
     k_2: float = 0.0
     eta: float = 0.0
     kappa: float = 0.0
-
-
-_SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class Propeller:
     kappa: float
 
     def constants(self, nominal_speed: float) -> PropellerConstants:
-        """Constants of :func:`loading`."""
+        """Constants of :func:`loading` for a nominal speed [m/s]."""
         J = (1.0 - self.wake_fraction) * nominal_speed / (self.n * self.D)
         return PropellerConstants(J, self.k_0, self.k_1, self.k_2, self.eta, self.kappa)
 
@@ -71,10 +70,7 @@ def _inflow(load, eta, kappa):
 
 @njit(**_SETTINGS)
 def loading(u_a, constants):
-    """Propeller loading at a relative speed: g, T and their derivatives by u_a.
-
-    ``constants`` are those of :meth:`Propeller.constants`.
-    """
+    """Propeller loading at a relative speed: g, T and their derivatives by u_a; see :class:`PropellerConstants`."""
     J_nom, k_0, k_1, k_2 = constants.J, constants.k_0, constants.k_1, constants.k_2
     a = 1.0 - u_a
     thrust = k_0 * a * a / (J_nom * J_nom) + k_1 * a / J_nom + k_2

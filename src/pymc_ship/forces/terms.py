@@ -133,7 +133,7 @@ def plan(terms: tuple[str, ...]) -> TermPlan:
     return TermPlan(terms, *(np.array(values, dtype=np.int64) for values in (left, right, rows)))
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True, forceinline=True, _nrt=False)
 def fill_products(work, left, right):
     """Fill the absolute values and products of a workspace whose symbol and loading rows are set.
 
@@ -151,7 +151,7 @@ def fill_products(work, left, right):
             work[target, lane] = work[a, lane] * work[b, lane]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def fill_product_tangents(work, left, right, tangent):
     """Fill the tangents of absolute values and products, those of symbols and loading being set: the product rule."""
     n_lanes = work.shape[1]

@@ -8,6 +8,7 @@ side by side and the regression evaluates all instants of a trial at once, with 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,7 @@ from pymc_ship.forces.prime_system import (
     angular_acceleration_scale,
     rate_scale,
     relative_speed,
+    righting_arm,
     righting_moment,
 )
 from pymc_ship.forces.propeller import PropellerConstants, loading
@@ -27,14 +29,62 @@ from pymc_ship.vessel.vessel import DOFS, Vessel
 KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
 """Compiler settings of the kernels; without numpy's error model no loop with a division vectorises."""
 
-INLINED = KERNEL | {"forceinline": True}
-"""The same for the parts of a kernel: one that makes its own arrays knows the number of lanes when it is compiled."""
+PART = KERNEL | {"_nrt": False}
+"""The same for a function that makes no array: counting references to its arguments would double the time of a step."""
+
+INLINED = PART | {"forceinline": True}
+"""The same for a part of a kernel that must know the number of lanes when it is compiled, where the kernel knows it."""
 
 STATE = channel_names(lambda channel: channel.part == "motion")
 """Rows of a state array, SI units and rad: u, v, r, p, phi, psi, x, y."""
 
 VELOCITIES = STATE[:4]
 """Those whose rates are accelerations, one a row of the inertia matrix."""
+
+HULL = np.dtype(
+    (
+        np.record,
+        [
+            (name, float)
+            for name in ("L", "nominal_speed", "m", "x_G", "z_G", "volume", "GM", "BM", *PropellerConstants._fields)
+        ],
+    )
+)
+"""Constants of a vessel: L, U_nom, volume, GM and BM in SI units, m, x_G and z_G prime, then those of the propeller.
+
+GM and BM are 0 without roll, the constants of the propeller without a propeller. The kernels read them from memory: as
+a NamedTuple they would be constants of the loops, and the compiler would multiply by 1/(L L) where it divides by L L,
+which moves the last digit of the motion of a single ship.
+"""
+
+
+class Scheme(NamedTuple):
+    """What :func:`state_derivative` needs of a vessel besides her coefficients.
+
+    ``hull`` is a record of :data:`HULL`; ``left`` and ``right`` (n_products,) are the multiplication plan of the terms,
+    ``rows`` and ``dof`` (n_coefficients,) the workspace row and the DOF of each coefficient, ``n_rows`` the rows of the
+    workspace; ``J_inverse`` (4, 4) is the inverse of the inertia matrix.
+    """
+
+    hull: np.record
+    left: np.ndarray
+    right: np.ndarray
+    rows: np.ndarray
+    dof: np.ndarray
+    n_rows: int
+    J_inverse: np.ndarray
+
+
+class Work(NamedTuple):
+    """Arrays that the equations of motion fill.
+
+    ``terms`` (n_rows, n_lanes) is the workspace of :func:`pymc_ship.forces.terms.fill_products`, ``speed`` (n_lanes,)
+    is U [m/s], ``force`` (4, n_lanes) are the prime forces and moments of surge, sway, yaw and roll.
+    """
+
+    terms: np.ndarray
+    speed: np.ndarray
+    force: np.ndarray
 
 
 @njit(**INLINED)
@@ -57,52 +107,57 @@ def sin_cos(angle):
 
 
 @njit(**INLINED)
-def prime_motion(state, delta, hull, work, speed):
-    """Fill the symbol and loading rows of ``work`` and the speed U (n_lanes,)."""
-    L, nominal_speed = hull[0], hull[1]
+def prime_motion(state, delta, scheme, work):
+    """Fill the speed and the symbol and loading rows of the terms."""
+    hull, terms, speed = scheme.hull, work.terms, work.speed
+    L, nominal_speed, propeller = hull.L, hull.nominal_speed, propeller_constants(hull)
     for lane in range(state.shape[1]):
         u, v = state[0, lane], state[1, lane]
         U = math.sqrt(u * u + v * v)
         speed[lane] = U
-        work[ROW_SYMBOL, lane] = relative_speed(U, nominal_speed)
-        work[ROW_SYMBOL + 1, lane] = v / U
-        work[ROW_SYMBOL + 2, lane] = state[2, lane] / rate_scale(U, L)
-        work[ROW_SYMBOL + 3, lane] = state[3, lane] / rate_scale(U, L)
+        terms[ROW_SYMBOL, lane] = relative_speed(U, nominal_speed)
+        terms[ROW_SYMBOL + 1, lane] = v / U
+        terms[ROW_SYMBOL + 2, lane] = state[2, lane] / rate_scale(U, L)
+        terms[ROW_SYMBOL + 3, lane] = state[3, lane] / rate_scale(U, L)
     for lane in range(state.shape[1]):
-        work[ROW_SYMBOL + 4, lane] = state[4, lane]
-        work[ROW_SYMBOL + 5, lane] = delta[lane]
-    propelled, constants = hull[8] > 0.0, propeller_constants(hull)
+        terms[ROW_SYMBOL + 4, lane] = state[4, lane]
+        terms[ROW_SYMBOL + 5, lane] = delta[lane]
+    propelled = propeller.J > 0.0
     for lane in range(state.shape[1]):
-        g, T, _, _ = loading(work[ROW_SYMBOL, lane], constants) if propelled else (0.0, 0.0, 0.0, 0.0)
-        work[ROW_LOADING, lane], work[ROW_LOADING + 1, lane] = g, T
+        g, T, _, _ = loading(terms[ROW_SYMBOL, lane], propeller) if propelled else (0.0, 0.0, 0.0, 0.0)
+        terms[ROW_LOADING, lane], terms[ROW_LOADING + 1, lane] = g, T
 
 
 @njit(**INLINED)
 def propeller_constants(hull):
-    """Constants of the propeller among those of the hull."""
-    return PropellerConstants(hull[8], hull[9], hull[10], hull[11], hull[12], hull[13])
+    """Constants of the propeller among those of the vessel."""
+    return PropellerConstants(hull.J, hull.k_0, hull.k_1, hull.k_2, hull.eta, hull.kappa)
 
 
 @njit(**INLINED)
-def known_forces(state, hull, work, speed, force):
-    """Prime forces that hold no hydrodynamic coefficient: F1, F2, M1, M2, written to ``force`` (4, n_lanes)."""
-    L, m, x_G, z_G, volume, GM, BM = hull[0], hull[2], hull[3], hull[4], hull[5], hull[6], hull[7]
+def known_forces(state, scheme, work):
+    """Write the prime forces that hold no hydrodynamic coefficient, F1, F2, M1, M2, to the force."""
+    hull, terms, speed, force = scheme.hull, work.terms, work.speed, work.force
+    m, x_G, z_G = hull.m, hull.x_G, hull.z_G
+    L, volume, GM, BM = hull.L, hull.volume, hull.GM, hull.BM
     for lane in range(state.shape[1]):
-        v, r, p = work[ROW_SYMBOL + 1, lane], work[ROW_SYMBOL + 2, lane], work[ROW_SYMBOL + 3, lane]
+        v, r, p = terms[ROW_SYMBOL + 1, lane], terms[ROW_SYMBOL + 2, lane], terms[ROW_SYMBOL + 3, lane]
         force[0, lane] = m * (v * r + x_G * r * r - z_G * r * p)
     for lane in range(state.shape[1]):
-        centripetal = m * (state[0, lane] / speed[lane]) * work[ROW_SYMBOL + 2, lane]
+        centripetal = m * (state[0, lane] / speed[lane]) * terms[ROW_SYMBOL + 2, lane]
         force[1, lane] = -centripetal
         force[2, lane] = -x_G * centripetal
         force[3, lane] = z_G * centripetal
     for lane in range(state.shape[1]):
         sin_phi, cos_phi = sin_cos(state[4, lane])
-        force[3, lane] -= righting_moment(sin_phi, sin_phi / cos_phi, speed[lane], L, volume, GM, BM)
+        GZ = righting_arm(sin_phi, sin_phi / cos_phi, GM, BM)
+        force[3, lane] -= righting_moment(GZ, speed[lane], L, volume)
 
 
 @njit(**INLINED)
-def add_hydrodynamic_forces(coefficients, rows, dof, work, force):
-    """Add coefficient times term to ``force`` (4, n_lanes), four terms of one DOF at a time where there are four."""
+def add_hydrodynamic_forces(coefficients, scheme, work):
+    """Add coefficient times term to the force, four terms of one DOF at a time where there are four."""
+    rows, dof, terms, force = scheme.rows, scheme.dof, work.terms, work.force
     n_lanes = force.shape[1]
     k = 0
     while k < rows.size:
@@ -111,37 +166,35 @@ def add_hydrodynamic_forces(coefficients, rows, dof, work, force):
             a, b, c, d = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
             for lane in range(n_lanes):
                 force[target, lane] += (
-                    coefficients[k, lane] * work[a, lane]
-                    + coefficients[k + 1, lane] * work[b, lane]
-                    + coefficients[k + 2, lane] * work[c, lane]
-                    + coefficients[k + 3, lane] * work[d, lane]
+                    coefficients[k, lane] * terms[a, lane]
+                    + coefficients[k + 1, lane] * terms[b, lane]
+                    + coefficients[k + 2, lane] * terms[c, lane]
+                    + coefficients[k + 3, lane] * terms[d, lane]
                 )
             k += 4
         else:
             row = rows[k]
             for lane in range(n_lanes):
-                force[target, lane] += coefficients[k, lane] * work[row, lane]
+                force[target, lane] += coefficients[k, lane] * terms[row, lane]
             k += 1
 
 
 @njit(**INLINED)
-def state_derivative(state, delta, coefficients, scheme, hull, buffers, rate):
+def state_derivative(state, delta, coefficients, scheme, work, rate):
     """Time derivative of the states, written to ``rate`` (8, n_lanes).
 
-    ``scheme`` is (left, right, rows, dof, J_inverse): multiplication plan, workspace row and DOF of each coefficient,
-    inverse inertia matrix; ``buffers`` is (work, speed, force); ``coefficients`` has a row for each coefficient.
+    ``state`` is (8, n_lanes), ``delta`` (n_lanes,) [rad], ``coefficients`` (n_coefficients, n_lanes).
     """
-    left, right, rows, dof, J_inverse = scheme
-    work, speed, force = buffers
-    prime_motion(state, delta, hull, work, speed)
-    known_forces(state, hull, work, speed, force)
-    fill_products(work, left, right)
-    add_hydrodynamic_forces(coefficients, rows, dof, work, force)
+    hull, J_inverse, speed, force = scheme.hull, scheme.J_inverse, work.speed, work.force
+    prime_motion(state, delta, scheme, work)
+    known_forces(state, scheme, work)
+    fill_products(work.terms, scheme.left, scheme.right)
+    add_hydrodynamic_forces(coefficients, scheme, work)
     for row in range(4):
         a, b, c, d = J_inverse[row, 0], J_inverse[row, 1], J_inverse[row, 2], J_inverse[row, 3]
         for lane in range(state.shape[1]):
             acceleration = a * force[0, lane] + b * force[1, lane] + c * force[2, lane] + d * force[3, lane]
-            linear, angular = acceleration_scale(speed[lane], hull[0]), angular_acceleration_scale(speed[lane], hull[0])
+            linear, angular = acceleration_scale(speed[lane], hull.L), angular_acceleration_scale(speed[lane], hull.L)
             rate[row, lane] = acceleration * (linear if row < 2 else angular)
     for lane in range(state.shape[1]):
         _, cos_phi = sin_cos(state[4, lane])
@@ -154,17 +207,29 @@ def state_derivative(state, delta, coefficients, scheme, hull, buffers, rate):
         rate[7, lane] = state[0, lane] * sin_psi + speed[lane] * cos_psi
 
 
-def scheme(vessel: Vessel) -> tuple[np.ndarray, ...]:
-    """What :func:`state_derivative` needs of a vessel besides its coefficients: (left, right, rows, dof, J_inverse)."""
+def scheme(vessel: Vessel) -> Scheme:
+    """Scheme of a vessel for :func:`state_derivative`."""
     terms = tuple(term for dof in vessel.dofs for term in vessel.terms(dof))
     dof = np.concatenate([np.full(len(vessel.terms(name)), DOFS.index(name)) for name in vessel.dofs])
     products = plan(terms)
     J_inverse = np.linalg.inv(vessel.inertia_matrix)
     if "roll" not in vessel.dofs:
         J_inverse[3] = 0.0
-    return products.left, products.right, products.rows, dof.astype(np.int64), np.ascontiguousarray(J_inverse)
+    return Scheme(
+        hull=hull(vessel),
+        left=products.left,
+        right=products.right,
+        rows=products.rows,
+        dof=dof.astype(np.int64),
+        n_rows=products.n_rows,
+        J_inverse=np.ascontiguousarray(J_inverse),
+    )
 
 
-def work_rows(vessel: Vessel) -> int:
-    """Rows of the workspace that :func:`state_derivative` needs."""
-    return plan(tuple(term for dof in vessel.dofs for term in vessel.terms(dof))).n_rows
+def hull(vessel: Vessel) -> np.record:
+    """Record of :data:`HULL` of a vessel."""
+    s = vessel.particulars
+    GM, BM = (s.GM, s.BM) if "roll" in vessel.dofs else (0.0, 0.0)
+    propeller = PropellerConstants() if vessel.propeller is None else vessel.propeller.constants(s.nominal_speed)
+    values = (s.L, s.nominal_speed, vessel.m, vessel.x_G, vessel.z_G, s.volume, GM, BM, *propeller)
+    return np.rec.array(values, dtype=HULL)[()]

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.terms import LOADING, N_BASE, ROW_ABSOLUTE, ROW_LOADING, ROW_SYMBOL, SYMBOLS
-from pymc_ship.motion.equations import STATE, known_forces, prime_motion
+from pymc_ship.motion.equations import STATE, Work, known_forces, prime_motion, scheme
 from pymc_ship.trial.record import check_trial
 from pymc_ship.vessel.vessel import Vessel
 
@@ -35,13 +35,13 @@ def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict, n
     for row, name in enumerate(STATE[:5]):
         if name in record:
             state[row] = record[name]
-    work, speed, known = np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time))
-    prime_motion(state, record["delta"], vessel.hull, work, speed)
-    known_forces(state, vessel.hull, work, speed, known)
-    motion = dict(zip(SYMBOLS, work[ROW_SYMBOL:ROW_ABSOLUTE], strict=True))
+    work, constants = Work(np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time))), scheme(vessel)
+    prime_motion(state, record["delta"], constants, work)
+    known_forces(state, constants, work)
+    motion = dict(zip(SYMBOLS, work.terms[ROW_SYMBOL:ROW_ABSOLUTE], strict=True))
     if vessel.propeller is not None:
-        motion |= dict(zip(LOADING, work[ROW_LOADING:N_BASE], strict=True))
-    return motion, speed, known
+        motion |= dict(zip(LOADING, work.terms[ROW_LOADING:N_BASE], strict=True))
+    return motion, work.speed, work.force
 
 
 def motion_record(trial: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:

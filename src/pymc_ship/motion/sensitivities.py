@@ -9,14 +9,16 @@ evaluated at all its instants side by side, then S follows.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from pymc_ship.forces.prime_system import (
-    GRAVITY,
     acceleration_scale,
     angular_acceleration_scale,
     rate_scale,
+    righting_arm,
     righting_moment,
 )
 from pymc_ship.forces.propeller import loading
@@ -24,89 +26,151 @@ from pymc_ship.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_product_tangent
 from pymc_ship.motion.equations import (
     INLINED,
     KERNEL,
+    PART,
+    Work,
     add_hydrodynamic_forces,
     propeller_constants,
     scheme,
     sin_cos,
     state_derivative,
-    work_rows,
 )
-from pymc_ship.motion.simulation import check_replay, runge_kutta_stages
+from pymc_ship.motion.simulation import check_replay
+from pymc_ship.motion.stepping import (
+    STATE_ROWS,
+    Integration,
+    add,
+    advance,
+    copy,
+    in_range,
+    increase,
+    integration,
+    lanes_at_rest,
+)
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 INSTANTS = 32
 """Evaluations of the equations of motion that are linearised side by side."""
 
 
-@njit(**KERNEL)
-def _symbol_tangents(unit, state, work, speed, hull, speed_tangent, tangent):
-    """Derivatives of the speed and of symbol and loading rows along a change ``unit`` of u, v, r, p, phi."""
-    L, nominal_speed = hull[0], hull[1]
-    du, dv, dr, dp, dphi = unit
-    for lane in range(state.shape[1]):
-        U = speed[lane]
-        dU = (state[0, lane] * du + state[1, lane] * dv) / U
-        speed_tangent[lane] = dU
-        tangent[ROW_SYMBOL, lane] = nominal_speed * dU / (U * U)
-        tangent[ROW_SYMBOL + 1, lane] = (dv - work[ROW_SYMBOL + 1, lane] * dU) / U
-        tangent[ROW_SYMBOL + 2, lane] = dr / rate_scale(U, L) - work[ROW_SYMBOL + 2, lane] * dU / U
-        tangent[ROW_SYMBOL + 3, lane] = dp / rate_scale(U, L) - work[ROW_SYMBOL + 3, lane] * dU / U
-    tangent[ROW_SYMBOL + 4] = dphi
-    tangent[ROW_SYMBOL + 5] = 0.0
-    propelled, constants = hull[8] > 0.0, propeller_constants(hull)
-    for lane in range(state.shape[1]):
-        _, _, dg, dT = loading(work[ROW_SYMBOL, lane], constants) if propelled else (0.0, 0.0, 0.0, 0.0)
-        tangent[ROW_LOADING, lane] = dg * tangent[ROW_SYMBOL, lane]
-        tangent[ROW_LOADING + 1, lane] = dT * tangent[ROW_SYMBOL, lane]
+class Record(NamedTuple):
+    """Rudder record: ``delta`` (n_time,) [rad], how it is integrated, and ``block``, the samples averaged into one."""
+
+    delta: np.ndarray
+    integration: Integration
+    block: int
 
 
-@njit(**KERNEL)
-def _known_force_tangents(unit, state, work, speed, hull, speed_tangent, tangent, force_tangent):
-    """Derivatives of the known forces along the same change, written to ``force_tangent`` (4, n_lanes)."""
-    L, m, x_G, z_G, volume, GM, BM = hull[0], hull[2], hull[3], hull[4], hull[5], hull[6], hull[7]
+class Change(NamedTuple):
+    """Change of one of the states on which the forces depend: 1 for that state, 0 for the others."""
+
+    u: float
+    v: float
+    r: float
+    p: float
+    phi: float
+
+
+class Instants(NamedTuple):
+    """Evaluations of the equations of motion in the order of the integration, and the linearisation at each of them.
+
+    ``state`` and ``rate`` (8, n_instants), ``delta`` (n_instants,) [rad]; ``f_x`` (n_states, n_states, n_instants) are
+    the derivatives of the rates by the states, ``features`` (n_instants, n_columns) the products U^2 term of the
+    coefficients; ``gain`` (4, n_columns) holds the accelerations by a feature of 1.
+    """
+
+    state: np.ndarray
+    delta: np.ndarray
+    rate: np.ndarray
+    f_x: np.ndarray
+    features: np.ndarray
+    gain: np.ndarray
+
+
+class Tangents(NamedTuple):
+    """Sensitivities ``S`` (n_states, n_columns) and what one step of them needs; ``block`` sums them over a block."""
+
+    S: np.ndarray
+    begin: np.ndarray
+    inner: np.ndarray
+    rate: np.ndarray
+    block: np.ndarray
+
+
+@njit(**PART)
+def _symbol_tangents(change, state, scheme, work, tangent):
+    """Derivatives of the speed and of symbol and loading rows along a change of one state."""
+    hull = scheme.hull
+    L, nominal_speed, propeller = hull.L, hull.nominal_speed, propeller_constants(hull)
     for lane in range(state.shape[1]):
-        v, r, p = work[ROW_SYMBOL + 1, lane], work[ROW_SYMBOL + 2, lane], work[ROW_SYMBOL + 3, lane]
-        dv, dr, dp = tangent[ROW_SYMBOL + 1, lane], tangent[ROW_SYMBOL + 2, lane], tangent[ROW_SYMBOL + 3, lane]
-        force_tangent[0, lane] = m * (dv * r + v * dr + 2.0 * x_G * r * dr - z_G * (dr * p + r * dp))
+        U = work.speed[lane]
+        dU = (state[0, lane] * change.u + state[1, lane] * change.v) / U
+        tangent.speed[lane] = dU
+        tangent.terms[ROW_SYMBOL, lane] = nominal_speed * dU / (U * U)
+        tangent.terms[ROW_SYMBOL + 1, lane] = (change.v - work.terms[ROW_SYMBOL + 1, lane] * dU) / U
+        rate, turning = change.r / rate_scale(U, L), work.terms[ROW_SYMBOL + 2, lane]
+        tangent.terms[ROW_SYMBOL + 2, lane] = rate - turning * dU / U
+        rate, rolling = change.p / rate_scale(U, L), work.terms[ROW_SYMBOL + 3, lane]
+        tangent.terms[ROW_SYMBOL + 3, lane] = rate - rolling * dU / U
+    tangent.terms[ROW_SYMBOL + 4] = change.phi
+    tangent.terms[ROW_SYMBOL + 5] = 0.0
+    propelled = propeller.J > 0.0
     for lane in range(state.shape[1]):
-        U, r, dr = speed[lane], work[ROW_SYMBOL + 2, lane], tangent[ROW_SYMBOL + 2, lane]
+        _, _, dg, dT = loading(work.terms[ROW_SYMBOL, lane], propeller) if propelled else (0.0, 0.0, 0.0, 0.0)
+        tangent.terms[ROW_LOADING, lane] = dg * tangent.terms[ROW_SYMBOL, lane]
+        tangent.terms[ROW_LOADING + 1, lane] = dT * tangent.terms[ROW_SYMBOL, lane]
+
+
+@njit(**PART)
+def _known_force_tangents(change, state, scheme, work, tangent):
+    """Derivatives of the known forces along the same change."""
+    hull, terms, speed, force = scheme.hull, work.terms, work.speed, tangent.force
+    m, x_G, z_G = hull.m, hull.x_G, hull.z_G
+    L, volume, GM, BM = hull.L, hull.volume, hull.GM, hull.BM
+    for lane in range(state.shape[1]):
+        v, r, p = terms[ROW_SYMBOL + 1, lane], terms[ROW_SYMBOL + 2, lane], terms[ROW_SYMBOL + 3, lane]
+        dv, dr = tangent.terms[ROW_SYMBOL + 1, lane], tangent.terms[ROW_SYMBOL + 2, lane]
+        dp = tangent.terms[ROW_SYMBOL + 3, lane]
+        force[0, lane] = m * (dv * r + v * dr + 2.0 * x_G * r * dr - z_G * (dr * p + r * dp))
+    for lane in range(state.shape[1]):
+        U, r, dr = speed[lane], terms[ROW_SYMBOL + 2, lane], tangent.terms[ROW_SYMBOL + 2, lane]
         cosine = state[0, lane] / U
-        centripetal = m * (cosine * dr + (unit[0] - cosine * speed_tangent[lane]) / U * r)
-        force_tangent[1, lane] = -centripetal
-        force_tangent[2, lane] = -x_G * centripetal
-        force_tangent[3, lane] = z_G * centripetal
+        centripetal = m * (cosine * dr + (change.u - cosine * tangent.speed[lane]) / U * r)
+        force[1, lane] = -centripetal
+        force[2, lane] = -x_G * centripetal
+        force[3, lane] = z_G * centripetal
     for lane in range(state.shape[1]):
         U = speed[lane]
         sin_phi, cos_phi = sin_cos(state[4, lane])
         tan2 = (sin_phi / cos_phi) ** 2
         arm_slope = (GM + 0.5 * BM * tan2) * cos_phi + BM * tan2 / cos_phi
-        moment = righting_moment(sin_phi, sin_phi / cos_phi, U, L, volume, GM, BM)
-        by_heel = 2.0 * GRAVITY * volume * arm_slope / (U * U * L * L * L)
-        force_tangent[3, lane] -= by_heel * unit[4] - 2.0 * moment * speed_tangent[lane] / U
+        GZ = righting_arm(sin_phi, sin_phi / cos_phi, GM, BM)
+        moment = righting_moment(GZ, U, L, volume)
+        by_heel = righting_moment(arm_slope, U, L, volume)
+        force[3, lane] -= by_heel * change.phi - 2.0 * moment * tangent.speed[lane] / U
 
 
-@njit(**KERNEL)
-def _force_jacobian(state, coefficients, plan, hull, buffers, rate, f_x):
-    """Derivatives of the rates of u, v, r, p by u, v, r, p, phi: columns of ``f_x`` (n_states, n_states, n_lanes)."""
-    left, right, rows, dof, J_inverse = plan
-    work, speed, force_tangent, tangent, speed_tangent = buffers
+@njit(**PART)
+def _force_jacobian(instants, coefficients, scheme, work, tangent):
+    """Derivatives of the rates of u, v, r, p by u, v, r, p, phi."""
+    hull, J_inverse, force = scheme.hull, scheme.J_inverse, tangent.force
     for i in range(5):
-        unit = (1.0 * (i == 0), 1.0 * (i == 1), 1.0 * (i == 2), 1.0 * (i == 3), 1.0 * (i == 4))
-        _symbol_tangents(unit, state, work, speed, hull, speed_tangent, tangent)
-        _known_force_tangents(unit, state, work, speed, hull, speed_tangent, tangent, force_tangent)
-        fill_product_tangents(work, left, right, tangent)
-        add_hydrodynamic_forces(coefficients, rows, dof, tangent, force_tangent)
+        change = Change(1.0 * (i == 0), 1.0 * (i == 1), 1.0 * (i == 2), 1.0 * (i == 3), 1.0 * (i == 4))
+        _symbol_tangents(change, instants.state, scheme, work, tangent)
+        _known_force_tangents(change, instants.state, scheme, work, tangent)
+        fill_product_tangents(work.terms, scheme.left, scheme.right, tangent.terms)
+        add_hydrodynamic_forces(coefficients, scheme, tangent)
         for k in range(4):
             a, b, c, d = J_inverse[k, 0], J_inverse[k, 1], J_inverse[k, 2], J_inverse[k, 3]
-            for lane in range(state.shape[1]):
-                U = speed[lane]
-                change = a * force_tangent[0, lane] + b * force_tangent[1, lane]
-                change += c * force_tangent[2, lane] + d * force_tangent[3, lane]
-                scale = acceleration_scale(U, hull[0]) if k < 2 else angular_acceleration_scale(U, hull[0])
-                f_x[k, i, lane] = scale * change + 2.0 * rate[k, lane] * speed_tangent[lane] / U
+            for lane in range(instants.delta.size):
+                U = work.speed[lane]
+                acceleration = a * force[0, lane] + b * force[1, lane]
+                acceleration += c * force[2, lane] + d * force[3, lane]
+                scale = acceleration_scale(U, hull.L) if k < 2 else angular_acceleration_scale(U, hull.L)
+                stretch = 2.0 * instants.rate[k, lane] * tangent.speed[lane] / U
+                instants.f_x[k, i, lane] = scale * acceleration + stretch
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def _kinematic_jacobian(state, f_x):
     """Derivatives of the rates of phi, psi, x, y by the states, as far as ``f_x`` has rows for them."""
     n_states = f_x.shape[0]
@@ -124,162 +188,151 @@ def _kinematic_jacobian(state, f_x):
             f_x[7, 5, lane] = u * cos_psi - v * cos_phi * sin_psi
 
 
-@njit(**KERNEL)
-def _linearise(state, delta, coefficients, plan, hull, buffers, rate, f_x, features):
-    """Fill f_x and, row by row, the products U^2 term of all coefficients at the instants of ``state`` (8, n_lanes)."""
-    rows, work, speed = plan[2], buffers[0], buffers[1]
-    state_derivative(state, delta, coefficients, plan, hull, buffers[:3], rate)
+@njit(**PART)
+def _linearise(instants, coefficients, scheme, work, tangent):
+    """Fill f_x and, row by row, the products U^2 term of all coefficients at the states and rudder angles."""
+    state, speed = instants.state, work.speed
+    state_derivative(state, instants.delta, coefficients, scheme, work, instants.rate)
     for lane in range(state.shape[1]):
         speed[lane] = np.sqrt(state[0, lane] ** 2 + state[1, lane] ** 2)
-    for j in range(rows.size):
+    for j in range(scheme.rows.size):
         for lane in range(state.shape[1]):
-            features[lane, j] = work[rows[j], lane] * speed[lane] ** 2
-    _force_jacobian(state, coefficients, plan, hull, buffers, rate, f_x)
-    _kinematic_jacobian(state, f_x)
-
-
-@njit(**KERNEL)
-def _in_range(state, nominal_speed):
-    """Whether the ship is where the model means something, as in the simulator."""
-    ahead = (state[0, 0] > 0.01 * nominal_speed) & (state[0, 0] ** 2 + state[1, 0] ** 2 < 25.0 * nominal_speed**2)
-    return ahead & (abs(state[2, 0]) + abs(state[3, 0]) < np.inf) & (abs(state[4, 0]) < 0.5 * np.pi)
+            instants.features[lane, j] = work.terms[scheme.rows[j], lane] * speed[lane] ** 2
+    _force_jacobian(instants, coefficients, scheme, work, tangent)
+    _kinematic_jacobian(state, instants.f_x)
 
 
 @njit(**INLINED)
-def _march(state, delta, steps, grid, coefficients, plan, hull, buffers, stages, path, angles, total):
-    """Integrate some steps, noting state and rudder at each evaluation; False when the ship diverged.
-
-    ``total`` (n_states, n_blocks) takes the sums of the states at the samples.
-    """
-    motion, rate, start, inner, angle = buffers
-    step, substeps, block = grid
-    lane = 0
+def _march(ship, coefficients, scheme, record, steps, instants):
+    """Integrate some steps, noting state and rudder at each evaluation; False when the ship diverged."""
+    delta, substeps, stages = record.delta, record.integration.substeps, record.integration.stages
+    instant = 0
     for k in range(steps[0], steps[1]):
         sample, part = k // substeps, k % substeps
-        if part == 0:
-            if not _in_range(state, hull[1]):
-                return False
-            for row in range(total.shape[0]):
-                total[row, sample // block] += state[row, 0]
+        if part == 0 and not in_range(ship.state, scheme.hull.nominal_speed, 0):
+            return False
         change = (delta[min(sample + 1, delta.size - 1)] - delta[sample]) / substeps
-        start[:] = state
         for stage in range(stages.shape[0]):
-            angle[0] = delta[sample] + (part + stages[stage, 0]) * change
-            for row in range(state.shape[0]):
-                inner[row, 0] = start[row, 0] + (stages[stage, 0] * step * rate[row, 0] if stage > 0 else 0.0)
-                path[row, lane] = inner[row, 0]
-            angles[lane] = angle[0]
-            lane += 1
-            state_derivative(inner, angle, coefficients, plan, hull, motion, rate)
-            for row in range(state.shape[0]):
-                state[row, 0] += stages[stage, 1] * step * rate[row, 0]
+            ship.delta[stage, 0] = delta[sample] + (part + stages[stage, 0]) * change
+        advance(ship, coefficients, scheme, record.integration)
+        for stage in range(stages.shape[0]):
+            for row in range(ship.state.shape[0]):
+                instants.state[row, instant] = ship.inner[stage, row, 0]
+            instants.delta[instant] = ship.delta[stage, 0]
+            instant += 1
     return True
 
 
-@njit(**KERNEL)
-def _sensitivity_rate(S, f_x, gain, features, lane, rate):
-    """S' = f_x S + f_theta at one instant; f_theta is gain (4, n_columns) times a row of ``features``."""
-    n_columns = S.shape[1]
+@njit(**PART)
+def _add_samples(instants, record, steps, total):
+    """Add the states at the samples to the sums of their blocks, ``total`` (n_states, n_blocks)."""
+    substeps, n_stages = record.integration.substeps, record.integration.stages.shape[0]
+    for k in range(steps[0], steps[1]):
+        if k % substeps == 0:
+            for row in range(total.shape[0]):
+                total[row, k // substeps // record.block] += instants.state[row, (k - steps[0]) * n_stages]
+
+
+@njit(**PART)
+def _sensitivity_rate(S, instants, instant, rate):
+    """S' = f_x S + f_theta at one instant; f_theta is the gain times a row of the features."""
+    f_x, n_columns = instants.f_x, S.shape[1]
     for k in range(4):
-        a, b, c, d, e = f_x[k, 0, lane], f_x[k, 1, lane], f_x[k, 2, lane], f_x[k, 3, lane], f_x[k, 4, lane]
+        a, b, c = f_x[k, 0, instant], f_x[k, 1, instant], f_x[k, 2, instant]
+        d, e = f_x[k, 3, instant], f_x[k, 4, instant]
         for j in range(n_columns):
-            f = gain[k, j] * features[lane, j]
+            f = instants.gain[k, j] * instants.features[instant, j]
             rate[k, j] = a * S[0, j] + b * S[1, j] + c * S[2, j] + d * S[3, j] + e * S[4, j] + f
     for j in range(n_columns):
         rate[4, j] = S[3, j]
     if S.shape[0] > 5:
-        a, b = f_x[5, 2, lane], f_x[5, 4, lane]
+        a, b = f_x[5, 2, instant], f_x[5, 4, instant]
         for j in range(n_columns):
             rate[5, j] = a * S[2, j] + b * S[4, j]
     for k in range(6, S.shape[0]):
-        a, b, c, d = f_x[k, 0, lane], f_x[k, 1, lane], f_x[k, 4, lane], f_x[k, 5, lane]
+        a, b, c, d = f_x[k, 0, instant], f_x[k, 1, instant], f_x[k, 4, instant], f_x[k, 5, instant]
         for j in range(n_columns):
             rate[k, j] = a * S[0, j] + b * S[1, j] + c * S[4, j] + d * S[5, j]
 
 
-@njit(**KERNEL)
-def _add(target, base, factor, rate):
-    """Write base + factor * rate into the target."""
-    for row in range(target.shape[0]):
-        for j in range(target.shape[1]):
-            target[row, j] = base[row, j] + factor * rate[row, j]
-
-
-@njit(**KERNEL)
-def _increase(target, factor, rate):
-    """Add factor * rate to the target; a base that is the target itself would not vectorise."""
-    for row in range(target.shape[0]):
-        for j in range(target.shape[1]):
-            target[row, j] += factor * rate[row, j]
-
-
-@njit(**KERNEL)
-def _follow(S, steps, grid, stages, f_x, gain, features, buffers, total):
+@njit(**PART)
+def _follow(tangents, record, steps, instants, total):
     """Integrate the sensitivities over the same steps; ``total`` (n_states, n_blocks, n_columns) takes their sums."""
-    rate, start, inner, block_total = buffers
-    step, substeps, block = grid
-    lane = 0
+    S, inner, rate = tangents.S, tangents.inner, tangents.rate
+    stages, step, substeps = record.integration.stages, record.integration.step, record.integration.substeps
+    instant = 0
     for k in range(steps[0], steps[1]):
         if k % substeps == 0:
             sample = k // substeps
-            _increase(block_total, 1.0, S)
-            if (sample + 1) % block == 0:
-                total[:, sample // block] = block_total[:, : total.shape[2]]
-                block_total[:] = 0.0
-        _sensitivity_rate(S, f_x, gain, features, lane, rate)
+            increase(tangents.block, 1.0, S)
+            if (sample + 1) % record.block == 0:
+                copy(total[:, sample // record.block], tangents.block)
+                tangents.block[:] = 0.0
+        _sensitivity_rate(S, instants, instant, rate)
         if stages.shape[0] > 1:
-            start[:] = S
-        _increase(S, stages[0, 1] * step, rate)
+            copy(tangents.begin, S)
+        increase(S, stages[0, 1] * step, rate)
         for stage in range(1, stages.shape[0]):
-            _add(inner, start, stages[stage, 0] * step, rate)
-            _sensitivity_rate(inner, f_x, gain, features, lane + stage, rate)
-            _increase(S, stages[stage, 1] * step, rate)
-        lane += stages.shape[0]
+            add(inner, tangents.begin, stages[stage, 0] * step, rate)
+            _sensitivity_rate(inner, instants, instant + stage, rate)
+            increase(S, stages[stage, 1] * step, rate)
+        instant += stages.shape[0]
 
 
 @njit(**KERNEL)
-def _forcing_gain(plan, L, n_columns):
+def _forcing_gain(scheme, n_columns):
     """Accelerations at unit speed by the prime force each column stands for, (4, n_columns)."""
-    dof, J_inverse = plan[3], plan[4]
     gain = np.zeros((4, n_columns))
-    for j in range(dof.size):
+    for j in range(scheme.dof.size):
         for k in range(4):
+            L = scheme.hull.L
             scale = acceleration_scale(1.0, L) if k < 2 else angular_acceleration_scale(1.0, L)
-            gain[k, j] = J_inverse[k, dof[j]] * scale
+            gain[k, j] = scheme.J_inverse[k, scheme.dof[j]] * scale
     return gain
 
 
+@njit(**KERNEL, forceinline=True)
+def _instants(n_states, nominal_speed, gain):
+    """Instants of a ship that sails straight ahead, which stand for those that no step has reached."""
+    state = np.zeros((STATE_ROWS, INSTANTS))
+    state[0] = nominal_speed
+    delta, rate = np.zeros(INSTANTS), np.empty((STATE_ROWS, INSTANTS))
+    f_x, features = np.zeros((n_states, n_states, INSTANTS)), np.zeros((INSTANTS, gain.shape[1]))
+    return Instants(state, delta, rate, f_x, features, gain)
+
+
+@njit(**KERNEL, forceinline=True)
+def _work(n_rows):
+    """Workspace of the instants."""
+    return Work(np.zeros((n_rows, INSTANTS)), np.empty(INSTANTS), np.empty((4, INSTANTS)))
+
+
 @njit(**KERNEL)
-def _integrate(coefficients, plan, hull, n_rows, initial, delta, stages, interval, substeps, motion, jacobian):
+def _integrate(coefficients, scheme, initial, record, motion, jacobian):
     """Integrate along a rudder record; write block means of states and sensitivities; False when the ship diverged."""
     n_states, n_blocks, n_columns = jacobian.shape
-    n_coefficients = coefficients.shape[0]
-    grid = (interval / substeps, substeps, delta.size // n_blocks)
-    gain = _forcing_gain(plan, hull[0], -(-n_columns // 16) * 16)
-    state, S = np.zeros((8, 1)), np.zeros((n_states, gain.shape[1]))
+    n_coefficients, n_stages = coefficients.shape[0], record.integration.stages.shape[0]
+    gain = _forcing_gain(scheme, -(-n_columns // 16) * 16)
+    ship, S = lanes_at_rest(1, n_stages, scheme.n_rows), np.zeros((n_states, gain.shape[1]))
     for k in range(n_states):
-        state[k, 0], S[k, n_coefficients + k] = initial[k], 1.0
-    lanes = np.empty((n_coefficients, INSTANTS))
+        ship.state[k, 0], S[k, n_coefficients + k] = initial[k], 1.0
+    many = np.empty((n_coefficients, INSTANTS))
     for j in range(n_coefficients):
-        lanes[j] = coefficients[j, 0]
-    path, angles, rates = np.zeros((8, INSTANTS)), np.zeros(INSTANTS), np.empty((8, INSTANTS))
-    path[0] = hull[1]
-    f_x, features = np.zeros((n_states, n_states, INSTANTS)), np.zeros((INSTANTS, gain.shape[1]))
-    one = (np.empty((n_rows, 1)), np.empty(1), np.empty((4, 1)))
-    one = (one, np.empty((8, 1)), np.empty((8, 1)), np.empty((8, 1)), np.empty(1))
-    many = (np.empty((n_rows, INSTANTS)), np.empty(INSTANTS), np.empty((4, INSTANTS)))
-    many = (*many, np.zeros((n_rows, INSTANTS)), np.empty(INSTANTS))
-    S_buffers = (np.empty(S.shape), np.empty(S.shape), np.empty(S.shape), np.zeros(S.shape))
+        many[j] = coefficients[j, 0]
+    instants = _instants(n_states, scheme.hull.nominal_speed, gain)
+    work, tangent = _work(scheme.n_rows), _work(scheme.n_rows)
+    tangents = Tangents(S, np.empty(S.shape), np.empty(S.shape), np.empty(S.shape), np.zeros(S.shape))
     motion[:] = 0.0
-    n_steps, stride = n_blocks * grid[2] * substeps, INSTANTS // stages.shape[0]
+    n_steps, stride = n_blocks * record.block * record.integration.substeps, INSTANTS // n_stages
     for begin in range(0, n_steps, stride):
         steps = (begin, min(begin + stride, n_steps))
-        if not _march(state, delta, steps, grid, coefficients, plan, hull, one, stages, path, angles, motion):
+        if not _march(ship, coefficients, scheme, record, steps, instants):
             return False
-        _linearise(path, angles, lanes, plan, hull, many, rates, f_x, features)
-        _follow(S, steps, grid, stages, f_x, gain, features, S_buffers, jacobian)
-    motion /= grid[2]
-    jacobian /= grid[2]
+        _add_samples(instants, record, steps, motion)
+        _linearise(instants, many, scheme, work, tangent)
+        _follow(tangents, record, steps, instants, jacobian)
+    motion /= record.block
+    jacobian /= record.block
     return True
 
 
@@ -327,8 +380,6 @@ def sensitivities(
 
     Examples
     --------
-    Derivatives of 5 states at 600 instants by 25 coefficients and the 5 initial states:
-
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=300, step=0.5, method="rk4")
@@ -339,11 +390,10 @@ def sensitivities(
     """
     delta, initial = np.ascontiguousarray(delta, dtype=float), np.array(initial_state, dtype=float)
     theta = reference_coefficients(vessel) if coefficients is None else np.array(coefficients, dtype=float)
-    check_replay(vessel, delta, initial, theta, interval, method, substeps, block)
+    check_replay(vessel, delta, initial, theta, interval=interval, method=method, substeps=substeps, block=block)
+    record = Record(delta, integration(method, interval / substeps, substeps), int(block))
     motion = np.empty((initial.size, delta.size // block))
     jacobian = np.empty((*motion.shape, theta.size + initial.size))
-    stages = runge_kutta_stages(method) if method == "rk4" else np.array([[0.0, 1.0]])
-    settings = (scheme(vessel), vessel.hull, work_rows(vessel), initial, delta, stages)
-    if not _integrate(theta[:, None].copy(), *settings, interval, substeps, motion, jacobian):
+    if not _integrate(theta[:, None].copy(), scheme(vessel), initial, record, motion, jacobian):
         motion[:], jacobian[:] = np.nan, np.nan
     return motion, jacobian

@@ -11,73 +11,71 @@ from numba import njit
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.equations import KERNEL, STATE, scheme, state_derivative, work_rows
+from pymc_ship.motion.equations import INLINED, KERNEL, PART, scheme
+from pymc_ship.motion.stepping import METHODS, STATE_ROWS, advance, in_range, integration, lanes_at_rest
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
-METHODS = ("euler", "rk4")
-"""Integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta."""
-
 LANES = 16
 """Ships integrated side by side by one kernel call."""
-
-_STATE_ROWS = len(STATE)
-_RK4_STAGES = np.column_stack([[0.0, 0.5, 0.5, 1.0], np.array([1.0, 2.0, 2.0, 1.0]) / 6.0])
 
 
 class SimulationError(ValueError):
     """Settings that no simulation can run with."""
 
 
-class _Helm(NamedTuple):
-    """How the kernels move the rudder.
+class Steering(NamedTuple):
+    """What steers a ship: ``command`` (n_steps,) [rad] at the steps, and how the rudder follows and is switched.
 
+    ``travel`` [rad] is the most that the rudder moves in a step, infinity for a rudder that is where the command is.
     The command is multiplied by ``factor``, ``delay`` steps after the ship has turned by ``heading`` [rad] to the side
-    of the command; an infinite heading is never reached. The rudder moves by up to ``travel`` [rad] in a step.
+    of the command; an infinite heading is never reached.
     """
 
+    command: np.ndarray
+    travel: float
     heading: float
     factor: float
-    travel: float
     delay: int
 
 
-@njit(**KERNEL)
-def _steer(helm, psi, command, delta, factor, waiting, following):
-    """Rudder angle after one step: switch the command after the switching heading, follow it at the rudder rate.
+class Helm(NamedTuple):
+    """Rudders of ships side by side, each array of shape (n_lanes,).
 
-    ``factor`` (n_lanes,) is what the command is multiplied by so far. ``waiting`` (n_lanes,) counts the steps from a
-    switching heading to the rudder's reversal; -1 between them.
+    ``delta`` [rad] is the angle at the beginning of a step and ``following`` at its end, ``factor`` is what the command
+    is multiplied by so far; ``waiting`` counts the steps from a switching heading to the switch, -1 between them.
     """
+
+    delta: np.ndarray
+    following: np.ndarray
+    factor: np.ndarray
+    waiting: np.ndarray
+
+
+@njit(**PART)
+def _steer(steering, psi, command, helm):
+    """Rudder angle after one step: switch the command after the switching heading, follow it at the rudder rate."""
+    factor, waiting = helm.factor, helm.waiting
     for lane in range(psi.size):
-        if waiting[lane] < 0 and -np.sign(factor[lane] * command) * psi[lane] >= helm.heading:
-            waiting[lane] = helm.delay
+        if waiting[lane] < 0 and -np.sign(factor[lane] * command) * psi[lane] >= steering.heading:
+            waiting[lane] = steering.delay
         if waiting[lane] == 0:
-            factor[lane] *= helm.factor
+            factor[lane] *= steering.factor
         waiting[lane] = max(waiting[lane] - 1, -1)
-        target = factor[lane] * command
-        following[lane] = delta[lane] + min(max(target - delta[lane], -helm.travel), helm.travel)
+        change = min(max(factor[lane] * command - helm.delta[lane], -steering.travel), steering.travel)
+        helm.following[lane] = helm.delta[lane] + change
 
 
-@njit(**KERNEL)
-def _in_range(state, nominal_speed, lane):
-    """Whether a lane is where the model means something: finite, upright, ahead at 1 to 500 % of the nominal speed."""
-    speed2 = state[0, lane] ** 2 + state[1, lane] ** 2
-    turning = abs(state[2, lane]) + abs(state[3, lane]) + abs(state[5, lane])
-    ahead = (state[0, lane] > 0.01 * nominal_speed) & (speed2 < 25.0 * nominal_speed**2)
-    return ahead & (turning < np.inf) & (abs(state[4, lane]) < 0.5 * np.pi)
-
-
-@njit(**KERNEL)
+@njit(**PART)
 def _mark_divergence(state, nominal_speed, step, diverged):
     """Note the step at which a lane leaves the model's range and park it there; count the lanes still running."""
     n_lanes = state.shape[1]
-    in_range = 0
+    n_in_range = 0
     for lane in range(n_lanes):
-        in_range += _in_range(state, nominal_speed, lane)
-    if in_range < n_lanes:
+        n_in_range += in_range(state, nominal_speed, lane)
+    if n_in_range < n_lanes:
         for lane in range(n_lanes):
-            if not _in_range(state, nominal_speed, lane):
+            if not in_range(state, nominal_speed, lane):
                 if diverged[lane] < 0:
                     diverged[lane] = step
                 state[:, lane] = 0.0
@@ -88,94 +86,64 @@ def _mark_divergence(state, nominal_speed, step, diverged):
     return running
 
 
-@njit(**KERNEL)
-def _add(target, base, factor, rate):
-    """Write base + factor * rate into the target."""
-    for row in range(target.shape[0]):
-        for lane in range(target.shape[1]):
-            target[row, lane] = base[row, lane] + factor * rate[row, lane]
-
-
-@njit(**KERNEL)
-def _advance(state, delta, following, coefficients, plan, hull, buffers, stages, step):
-    """One Euler step (no stages) or one Runge-Kutta step of the states, in place."""
-    rate, begin, inner, angle = buffers[3:]
-    if stages.shape[0] == 0:
-        state_derivative(state, delta, coefficients, plan, hull, buffers[:3], rate)
-        _add(state, state, step, rate)
-        return
-    begin[:] = state
-    inner[:] = state
-    for stage in range(4):
-        fraction = stages[stage, 0]
+@njit(**INLINED)
+def _advance(lanes, delta, following, coefficients, scheme, integration):
+    """One step while the rudder moves from one angle to another."""
+    for stage in range(integration.stages.shape[0]):
+        fraction = integration.stages[stage, 0]
         for lane in range(delta.size):
-            angle[lane] = delta[lane] + fraction * (following[lane] - delta[lane])
-        if stage > 0:
-            _add(inner, begin, fraction * step, rate)
-        state_derivative(inner, angle, coefficients, plan, hull, buffers[:3], rate)
-        _add(state, state, stages[stage, 1] * step, rate)
+            lanes.delta[stage, lane] = delta[lane] + fraction * (following[lane] - delta[lane])
+    advance(lanes, coefficients, scheme, integration)
 
 
 @njit(**KERNEL)
-def _buffers(n_rows, n_lanes):
-    """Workspace, speed, forces, then rate, begin and inner state of a step and the rudder angle of a stage."""
-    shape = (_STATE_ROWS, n_lanes)
-    motion = (np.empty((n_rows, n_lanes)), np.empty(n_lanes), np.empty((4, n_lanes)))
-    return (*motion, np.empty(shape), np.empty(shape), np.empty(shape), np.empty(n_lanes))
-
-
-@njit(**KERNEL)
-def _integrate(coefficients, plan, hull, n_rows, initial, helm, command, stages, step, stride, start, out):
-    """Integrate the lanes into rows of ``out`` (9, n_draws, n_saved); return the steps at which they diverged."""
-    n_lanes = coefficients.shape[1]
-    state = np.empty((initial.size, n_lanes))
+def _integrate(coefficients, scheme, initial, steering, integration, out):
+    """Integrate the lanes; write samples to ``out`` (9, n_lanes, n_saved), return the steps at which they diverged."""
+    n_lanes, command = coefficients.shape[1], steering.command
+    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme.n_rows)
     for row in range(initial.size):
-        state[row] = initial[row]
-    buffers = _buffers(n_rows, n_lanes)
-    delta = np.full(n_lanes, command[0] if helm.travel == np.inf else 0.0)
-    following = delta.copy()
-    factor, waiting = np.ones(n_lanes), np.full(n_lanes, -1)
+        lanes.state[row] = initial[row]
+    delta = np.full(n_lanes, command[0] if steering.travel == np.inf else 0.0)
+    helm = Helm(delta, delta.copy(), np.ones(n_lanes), np.full(n_lanes, -1))
     diverged = np.full(n_lanes, -1)
     for k in range(command.size):
-        if _mark_divergence(state, hull[1], k, diverged) == 0:
+        if _mark_divergence(lanes.state, scheme.hull.nominal_speed, k, diverged) == 0:
             break
-        if k % stride == 0:
+        if k % integration.substeps == 0:
             for lane in range(n_lanes):
                 if diverged[lane] < 0:
-                    out[:-1, start + lane, k // stride] = state[:, lane]
-                    out[-1, start + lane, k // stride] = delta[lane]
-        ahead = command[min(k + 1, command.size - 1)] if helm.travel == np.inf else command[k]
-        _steer(helm, state[5], ahead, delta, factor, waiting, following)
-        _advance(state, delta, following, coefficients, plan, hull, buffers, stages, step)
-        delta[:] = following
+                    out[:-1, lane, k // integration.substeps] = lanes.state[:, lane]
+                    out[-1, lane, k // integration.substeps] = delta[lane]
+        ahead = command[min(k + 1, command.size - 1)] if steering.travel == np.inf else command[k]
+        _steer(steering, lanes.state[5], ahead, helm)
+        _advance(lanes, delta, helm.following, coefficients, scheme, integration)
+        delta[:] = helm.following
     return diverged
 
 
 @njit(**KERNEL)
-def _replay(coefficients, plan, hull, n_rows, initial, record, stages, step, substeps, start, out):
-    """Integrate the lanes along a rudder record; write block means to ``out`` (n_states, n_draws, n_blocks)."""
-    n_lanes = coefficients.shape[1]
-    n_states, _, n_blocks = out.shape
-    block = record.size // n_blocks
-    state = np.zeros((_STATE_ROWS, n_lanes))
-    state[:n_states] = initial
-    buffers = _buffers(n_rows, n_lanes)
+def _replay(coefficients, scheme, initial, record, integration, out):
+    """Integrate the lanes along a rudder record; write block means to ``out`` (n_states, n_lanes, n_blocks)."""
+    n_states, n_lanes, n_blocks = out.shape
+    block, substeps = record.size // n_blocks, integration.substeps
+    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme.n_rows)
+    lanes.state[:n_states] = initial
     delta, following = np.empty(n_lanes), np.empty(n_lanes)
     diverged = np.full(n_lanes, -1)
     for k in range(n_blocks * block):
-        if _mark_divergence(state, hull[1], k, diverged) == 0:
+        if _mark_divergence(lanes.state, scheme.hull.nominal_speed, k, diverged) == 0:
             break
         for row in range(n_states):
             for lane in range(n_lanes):
-                out[row, start + lane, k // block] += state[row, lane] / block
+                out[row, lane, k // block] += lanes.state[row, lane] / block
         change = (record[min(k + 1, record.size - 1)] - record[k]) / substeps
         for part in range(substeps):
             delta[:] = record[k] + part * change
             following[:] = record[k] + (part + 1) * change
-            _advance(state, delta, following, coefficients, plan, hull, buffers, stages, step / substeps)
+            _advance(lanes, delta, following, coefficients, scheme, integration)
     for lane in range(n_lanes):
         if diverged[lane] >= 0:
-            out[:, start + lane] = np.nan
+            out[:, lane] = np.nan
 
 
 def replay(
@@ -221,18 +189,16 @@ def replay(
     record = np.ascontiguousarray(delta, dtype=float)
     draws = np.atleast_2d(np.asarray(coefficients, dtype=float))
     initial = np.atleast_2d(np.asarray(initial_state, dtype=float))
-    check_replay(vessel, record, initial[0], draws[0], interval, method, substeps, block)
+    check_replay(vessel, record, initial[0], draws[0], interval=interval, method=method, substeps=substeps, block=block)
     if len(initial) != len(draws):
         raise SimulationError(f"Each draw has its initial state, found {len(draws)} and {len(initial)}; match them.")
     out = np.zeros((initial.shape[1], len(draws), record.size // block))
-    settings = scheme(vessel), vessel.hull, work_rows(vessel)
-    integration = record, runge_kutta_stages(method), interval, substeps
-    blocks = range(0, len(draws), LANES)
+    equations, steps = scheme(vessel), integration(method, interval * (1.0 / substeps), substeps)
+    blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
-    def run(start: int) -> None:
-        lanes = slice(start, start + LANES)
-        columns = (np.ascontiguousarray(values[lanes].T) for values in (draws, initial))
-        _replay(next(columns), *settings, next(columns), *integration, start, out)
+    def run(lanes: slice) -> None:
+        coefficients, states = (np.ascontiguousarray(values[lanes].T) for values in (draws, initial))
+        _replay(coefficients, equations, states, record, steps, out[:, lanes])
 
     with thread_pool(len(blocks)) as pool:
         list(pool.map(run, blocks))
@@ -244,6 +210,7 @@ def check_replay(
     delta: np.ndarray,
     initial_state: np.ndarray,
     coefficients: np.ndarray,
+    *,
     interval: float,
     method: str,
     substeps: int,
@@ -324,12 +291,14 @@ def simulate(
         raise SimulationError(f"Coefficients have shape (draws, {reference.size}), found {draws.shape}; reorder them.")
     time = np.arange(0, n_steps, stride) * step
     out = np.full((len(SIMULATED), len(draws), len(time)), np.nan)
-    settings = _settings(vessel, manoeuvre, n_steps, step, method)
-    blocks = range(0, len(draws), LANES)
+    equations, steps = scheme(vessel), integration(method, step, stride)
+    initial, steering = np.zeros(STATE_ROWS), _steering(vessel, manoeuvre, n_steps, step)
+    initial[0] = manoeuvre.approach_speed or vessel.particulars.nominal_speed
+    blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
-    def run(start: int) -> np.ndarray:
-        lanes = np.ascontiguousarray(draws[start : start + LANES].T)
-        return _integrate(lanes, *settings, step, stride, start, out)
+    def run(lanes: slice) -> np.ndarray:
+        coefficients = np.ascontiguousarray(draws[lanes].T)
+        return _integrate(coefficients, equations, initial, steering, steps, out[:, lanes])
 
     with thread_pool(len(blocks)) as pool:
         diverged = np.concatenate(list(pool.map(run, blocks)))
@@ -353,20 +322,16 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
     return round(duration / step), stride
 
 
-def _settings(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float, method: str) -> tuple:
-    """Arguments of the kernel that all draws share."""
-    initial = np.zeros(_STATE_ROWS)
-    initial[0] = manoeuvre.approach_speed or vessel.particulars.nominal_speed
-    travel = np.deg2rad(vessel.particulars.rudder_rate_deg) * step if manoeuvre.rate_limited else np.inf
+def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float) -> Steering:
+    """What steers a vessel through a manoeuvre in steps of so many seconds."""
     heading, factor = manoeuvre.switch
-    helm = _Helm(heading, factor, travel, round(vessel.particulars.rudder_delay / step))
-    command = manoeuvre.command(np.arange(n_steps) * step)
-    return scheme(vessel), vessel.hull, work_rows(vessel), initial, helm, command, runge_kutta_stages(method)
-
-
-def runge_kutta_stages(method: str) -> np.ndarray:
-    """Fraction of the step and weight of each stage, shape (n_stages, 2); no stages stand for explicit Euler."""
-    return _RK4_STAGES if method == "rk4" else np.empty((0, 2))
+    return Steering(
+        command=manoeuvre.command(np.arange(n_steps) * step),
+        travel=float(np.deg2rad(vessel.particulars.rudder_rate_deg) * step) if manoeuvre.rate_limited else np.inf,
+        heading=float(heading),
+        factor=float(factor),
+        delay=round(vessel.particulars.rudder_delay / step),
+    )
 
 
 def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, step: float, method: str) -> dict:

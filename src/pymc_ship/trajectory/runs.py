@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.simulation import METHODS
+from pymc_ship.motion.stepping import METHODS
 from pymc_ship.trial.channels import CHANNELS, channel_names, sensors
 from pymc_ship.trial.noise import second_difference_sd
 from pymc_ship.trial.record import TrialError, check_trial, sampling_interval

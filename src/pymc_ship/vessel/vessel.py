@@ -196,14 +196,6 @@ class Vessel:
         """Prime z coordinate of the centre of gravity; 0 where the vessel has no roll."""
         return self.particulars.z_G / self.particulars.L if "roll" in self.forces else 0.0
 
-    @property
-    def hull(self) -> np.ndarray:
-        """Constants of the equations of motion: L, U_nom, m', x_G', z_G', volume, GM, BM and those of the propeller."""
-        s = self.particulars
-        GM, BM = (s.GM, s.BM) if "roll" in self.forces else (0.0, 0.0)
-        propeller = PropellerConstants() if self.propeller is None else self.propeller.constants(s.nominal_speed)
-        return np.array([s.L, s.nominal_speed, self.m, self.x_G, self.z_G, s.volume, GM, BM, *propeller])
-
     def _force(self, dof: str) -> tuple[Coefficient, ...]:
         if dof not in self.forces:
             raise VesselError(f"{self.name!r} has the degrees of freedom {', '.join(self.forces)}; found {dof!r}.")

@@ -1,0 +1,112 @@
+"""Steps of the integrators and the range of motions in which the model means something.
+
+The simulator and the sensitivities take the same steps, many ships side by side: one lane is one ship.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pymc_ship.motion.equations import INLINED, KERNEL, PART, STATE, Work, state_derivative
+
+METHODS = ("euler", "rk4")
+"""Integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta."""
+
+STATE_ROWS = len(STATE)
+
+_STAGES = {
+    "euler": np.array([[0.0, 1.0]]),
+    "rk4": np.column_stack([[0.0, 0.5, 0.5, 1.0], np.array([1.0, 2.0, 2.0, 1.0]) / 6.0]),
+}
+
+
+class Integration(NamedTuple):
+    """How a motion is integrated.
+
+    ``stages`` (n_stages, 2) are the fraction of the step and the weight of each stage of the method, ``step`` [s] is
+    the integration step, ``substeps`` the number of steps from one sample to the next.
+    """
+
+    stages: np.ndarray
+    step: float
+    substeps: int
+
+
+class Lanes(NamedTuple):
+    """Ships side by side and what one step of them needs.
+
+    ``state`` (8, n_lanes) is where they are, ``inner`` (n_stages, 8, n_lanes) and ``delta`` (n_stages, n_lanes) are the
+    states and rudder angles at which the equations of motion are evaluated, ``rate`` (8, n_lanes) is their result.
+    """
+
+    state: np.ndarray
+    inner: np.ndarray
+    delta: np.ndarray
+    rate: np.ndarray
+    work: Work
+
+
+def integration(method: str, step: float, substeps: int) -> Integration:
+    """Integration by a method of :data:`METHODS`."""
+    return Integration(_STAGES[method], float(step), int(substeps))
+
+
+@njit(**KERNEL, forceinline=True)
+def lanes_at_rest(n_lanes, n_stages, n_rows):
+    """Lanes with all states at zero and a workspace of ``n_rows`` rows."""
+    return Lanes(
+        np.zeros((STATE_ROWS, n_lanes)),
+        np.empty((n_stages, STATE_ROWS, n_lanes)),
+        np.empty((n_stages, n_lanes)),
+        np.empty((STATE_ROWS, n_lanes)),
+        Work(np.empty((n_rows, n_lanes)), np.empty(n_lanes), np.empty((4, n_lanes))),
+    )
+
+
+@njit(**INLINED)
+def advance(lanes, coefficients, scheme, integration):
+    """One step of the states, in place, with the rudder angles of its stages; ``inner`` keeps the states evaluated."""
+    state, inner, rate = lanes.state, lanes.inner, lanes.rate
+    stages, step = integration.stages, integration.step
+    copy(inner[0], state)
+    for stage in range(stages.shape[0]):
+        if stage > 0:
+            add(inner[stage], inner[0], stages[stage, 0] * step, rate)
+        state_derivative(inner[stage], lanes.delta[stage], coefficients, scheme, lanes.work, rate)
+        increase(state, stages[stage, 1] * step, rate)
+
+
+@njit(**PART)
+def in_range(state, nominal_speed, lane):
+    """Whether a lane is where the model means something: finite, upright, ahead at 1 to 500 % of the nominal speed."""
+    speed2 = state[0, lane] ** 2 + state[1, lane] ** 2
+    turning = abs(state[2, lane]) + abs(state[3, lane]) + abs(state[5, lane])
+    ahead = (state[0, lane] > 0.01 * nominal_speed) & (speed2 < 25.0 * nominal_speed**2)
+    return ahead & (turning < np.inf) & (abs(state[4, lane]) < 0.5 * np.pi)
+
+
+@njit(**PART)
+def copy(target, source):
+    """Write as much of the source as the target holds."""
+    for row in range(target.shape[0]):
+        for k in range(target.shape[1]):
+            target[row, k] = source[row, k]
+
+
+@njit(**PART)
+def add(target, base, factor, rate):
+    """Write base + factor * rate into the target."""
+    for row in range(target.shape[0]):
+        for k in range(target.shape[1]):
+            target[row, k] = base[row, k] + factor * rate[row, k]
+
+
+@njit(**PART)
+def increase(target, factor, rate):
+    """Add factor * rate to the target; a base that is the target itself would not vectorise."""
+    for row in range(target.shape[0]):
+        for k in range(target.shape[1]):
+            target[row, k] += factor * rate[row, k]
