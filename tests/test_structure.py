@@ -139,6 +139,16 @@ def private(path):
     return sorted(name for name in inside(path) if name.split(".")[-1].startswith("_"))
 
 
+def crowded(path):
+    """Lines of a file with a call of more than six positional arguments, or five or more names unpacked by position."""
+    nodes = list(ast.walk(tree(path)))
+    lines = [node.lineno for node in nodes if isinstance(node, ast.Call) and len(node.args) > 6]
+    targets = [target for node in nodes if isinstance(node, ast.Assign) for target in node.targets]
+    targets += [node.target for node in nodes if isinstance(node, ast.For | ast.comprehension)]
+    parts = [part for target in targets for part in ast.walk(target) if isinstance(part, ast.Tuple)]
+    return sorted(lines + [part.lineno for part in parts if len(part.elts) > 4])
+
+
 def written(folder, text, name="room.py"):
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -239,6 +249,20 @@ def test_a_file_has_at_most_400_lines_and_a_docstring(path):
 def test_the_check_of_files_can_fail(tmp_path):
     assert faults_of_a_file(written(tmp_path, '"""A room."""\n' + "x = 1\n" * 399)) == []
     assert faults_of_a_file(written(tmp_path, "x = 1\n" * 401)) == ["long", "silent"]
+
+
+@pytest.mark.parametrize("path", ROOMS, ids=label)
+def test_no_line_of_a_file_counts_many_things_by_position(path):
+    assert crowded(path) == []
+
+
+def test_the_check_of_positions_can_fail(tmp_path):
+    path = written(
+        tmp_path,
+        "f(1, 2, 3, 4, 5, 6, g=7)\nf(1, 2, 3, 4, 5, 6, 7)\na, b, c, d = x\na, b, c, d, e = x\n"
+        "for k, (a, b, c, d, e) in x:\n    pass\nx = [a for a, b, c, d, e in x]\n",
+    )
+    assert crowded(path) == [2, 4, 5, 7]
 
 
 @pytest.mark.parametrize("path", ROOMS, ids=label)
