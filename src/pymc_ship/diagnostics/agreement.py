@@ -30,7 +30,7 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
 
     A z-score is the error of an estimate over its Monte Carlo standard error, estimated from the chains. For a
     quantile it is the share of draws below the exact one against its probability, which needs no density. The limit
-    on every |z| is the two-sided normal quantile at ``LEVEL`` over the number of comparisons; the normal law behind
+    on every ``|z|`` is the two-sided normal quantile at ``LEVEL`` over the number of comparisons; the normal law behind
     it asks for some hundred effective draws.
 
     Parameters
