@@ -4,7 +4,7 @@ PYTHON := $(VENV)/bin/python
 STAMP  := $(VENV)/.installed
 BENCH  := $(VENV)/.bench
 
-.PHONY: study frontier test test-fast consistency lint bench clean
+.PHONY: study frontier test test-fast consistency lint bench docs clean
 
 study: $(STAMP)  ## the paper's study on the container ship -> reports/container/index.html
 	$(VENV)/bin/pymc-ship study --out reports/container
@@ -26,6 +26,10 @@ lint: $(STAMP)  ## style, and the types of the public names
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 
+docs: $(STAMP)  ## the pages of docs/ with the docstrings -> docs/_build/index.html
+	$(PYTHON) docs/make_reference.py
+	$(PYTHON) -m sphinx -q -W --keep-going -b html -d docs/_build/.doctrees docs docs/_build
+
 bench: $(BENCH)  ## ratios against named peers, measured in this run -> reports/benchmarks/benchmarks.md
 	$(PYTHON) -m benchmarks.run
 
@@ -42,4 +46,4 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $(STAMP)
 
 clean:
-	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache dist build
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache dist build docs/_build

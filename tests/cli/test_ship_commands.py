@@ -12,7 +12,7 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.cli.ship_commands import _named
 
-FOLDER = Path(__file__).parents[2] / "docs" / "tutorial"
+FOLDER = Path(__file__).parents[2] / "docs" / "tutorials" / "your_ship"
 COMMON = ("--format", str(FOLDER / "format.toml"))
 VESSEL = ("--vessel", str(FOLDER / "my_ship.toml"))
 RUNS = [str(FOLDER / f"{name}.csv") for name in ("zigzag_10_10_port", "zigzag_20_10_starboard", "zigzag_20_20_port")]

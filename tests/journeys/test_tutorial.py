@@ -10,7 +10,7 @@ import pytest
 
 import pymc_ship as ps
 
-FOLDER = Path(__file__).parents[2] / "docs" / "tutorial"
+FOLDER = Path(__file__).parents[2] / "docs" / "tutorials" / "your_ship"
 FORMAT, VESSEL = FOLDER / "format.toml", FOLDER / "my_ship.toml"
 ZIGZAGS = sorted(FOLDER.glob("zigzag_*.csv"))
 

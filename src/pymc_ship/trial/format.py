@@ -1,4 +1,4 @@
-"""The format of a trial file as a small TOML: columns, units and signs, frame, scale; described in README.md."""
+"""The format of a trial file, a small TOML: columns, units, signs, frame, scale; see docs/reference/format_toml.md."""
 
 from __future__ import annotations
 

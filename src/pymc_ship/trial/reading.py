@@ -38,7 +38,7 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) 
     path : str or Path
         Delimiters are comma, semicolon, tab or white space; lines that begin with # or % are comments.
     format : str, Path or mapping, optional
-        TOML file, or its table, with columns, units, signs, frame and scale; see :func:`load_format` and README.md.
+        TOML file, or its table, with columns, units, signs, frame and scale; see docs/reference/format_toml.md.
 
     Returns
     -------

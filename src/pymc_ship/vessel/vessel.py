@@ -1,6 +1,6 @@
 """A vessel as data: particulars, inertia, the terms of each force and their reference coefficients.
 
-Every value comes from one TOML file; the format is described in README.md and checked here key by key.
+Every value comes from one TOML file, described in docs/reference/vessel_toml.md and checked here key by key.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Make the trials of the tutorial: a ship that no term set is true of, and files as a ship's logger writes them.
 
-    python docs/tutorial/make_trials.py [FOLDER]
+    python docs/tutorials/your_ship/make_trials.py [FOLDER]
 
 The ship is the shipped `kvlcc2` with forces that are in none of the term sets (a rudder that stalls, drift to the
 fourth power in surge). The logger writes one line a second in degrees, knots and degrees a minute, with a rate gyro

@@ -1,0 +1,102 @@
+"""Write the pages that come from the code: the public names by wing, and every command with its options.
+
+python docs/make_reference.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pymc_ship as ps
+from pymc_ship.cli.parser import parser
+
+API = """# API
+
+Public names by [wing](../explanation/architecture.md), after `import pymc_ship as ps`. `make docs` builds this page
+with the whole docstrings; unbuilt, each name leads to its source.
+"""
+
+COMMANDS = """# Commands
+
+`pymc-ship COMMAND --help` prints what stands here. Bad input ends with one sentence and exit status 2; results appear
+under their name only when they are complete.
+"""
+
+
+def api() -> str:
+    """Page of the public names."""
+    public = [getattr(ps, name) for name in ps.__all__ if name != "__version__"]
+    wings = dict.fromkeys(value.__module__.split(".")[1] for value in public)
+    text = API
+    for wing in wings:
+        contract = inspect.getdoc(import_module(f"pymc_ship.{wing}")).partition("\n")[0]
+        names = [value for value in public if value.__module__.split(".")[1] == wing]
+        text += f"\n## {wing}\n\n{contract}\n\n" + "\n".join(map(_public_line, names)) + "\n"
+    return text
+
+
+def _public_line(value) -> str:
+    source = f"../../src/{value.__module__.replace('.', '/')}.py"
+    summary = inspect.getdoc(value).partition("\n")[0]
+    summary = re.sub(r":\w+:`~?([^`]+)`", lambda role: f"`{role[1].removeprefix('pymc_ship.')}`", summary)
+    return f"- [`ps.{value.__name__}`]({source}): {summary.replace('``', '`')}"
+
+
+def commands() -> str:
+    """Page of the commands."""
+    found = next(action.choices for action in parser()._actions if action.dest == "command")
+    return COMMANDS + "".join(_command(name, command) for name, command in found.items())
+
+
+def _command(name: str, command: argparse.ArgumentParser) -> str:
+    words = [action for action in command._actions if action.dest != "help"]
+    rows = "".join(f"| {_word(action)} | {_help(action)} |\n" for action in words)
+    examples, remarks = _epilog(command.epilog)
+    return (
+        f"\n## {name}\n\n{_sentence(command.description)}\n\n```sh\n{examples}\n```\n\n{remarks}"
+        f"| word | meaning |\n| --- | --- |\n{rows}"
+    )
+
+
+def _word(action: argparse.Action) -> str:
+    name = max(action.option_strings, key=len, default="")
+    choices = f"{{{','.join(map(str, action.choices))}}}" if action.choices else action.dest.upper()
+    value = "" if action.nargs == 0 else action.metavar or choices
+    text = " ".join(filter(None, [name, value, "..." if action.nargs == "+" else ""]))
+    return f"`{text}`" + (" (needed)" if action.required and name else "")
+
+
+def _help(action: argparse.Action) -> str:
+    return re.sub(r"[\w./-]*(<\w+>[\w./-]*)+", r"`\g<0>`", action.help % {"default": action.default})
+
+
+def _epilog(epilog: str) -> tuple[str, str]:
+    """Examples as a shell block, and the remarks below them."""
+    lines = epilog.strip().splitlines()[1:]
+    examples = [line.strip() for line in lines if line.startswith("  ")]
+    remarks = [_sentence(line) for line in lines if line and not line.startswith("  ")]
+    return "\n".join(examples), "".join(f"{remark}\n\n" for remark in remarks)
+
+
+def _sentence(text: str) -> str:
+    text = text[0].upper() + text[1:]
+    return text if text.endswith(".") else f"{text}."
+
+
+PAGES = {"api.md": api, "commands.md": commands}
+"""Pages of the reference that are written here."""
+
+
+def main(folder: Path) -> None:
+    """Write every page."""
+    for name, page in PAGES.items():
+        (folder / name).write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "reference")
