@@ -112,7 +112,7 @@ class TestDerivatives:
 
         def reversed_tangents(*arguments):
             known_force_tangents(*arguments)
-            arguments[-1][:] *= -1.0
+            arguments[-1].force[:] *= -1.0
 
         _, right = sensitivities(container, DELTA, START[:5], method="euler", **SETTINGS)
         monkeypatch.setattr(module, "_known_force_tangents", reversed_tangents)

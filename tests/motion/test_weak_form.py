@@ -271,7 +271,7 @@ class TestErrors:
             ps.regression_data(zigzag_trial, container, "sway", interval=20.0, derivative="weak")
 
     def test_an_unknown_method_and_an_unknown_derivative(self, container, zigzag_trial):
-        with pytest.raises(ValueError, match="euler or rk4, found 'heun'"):
+        with pytest.raises(ValueError, match="one of euler, rk4; found 'heun'"):
             weak_form(zigzag_trial, container, method="heun")
         with pytest.raises(ValueError, match="euler, central, savgol, weak, weak_euler, found 'strong'"):
             ps.regression_data(zigzag_trial, container, "sway", derivative="strong")
