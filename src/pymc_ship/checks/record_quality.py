@@ -200,7 +200,7 @@ def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 
 
 def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: float) -> int:
-    """Samples of the longest run of equal values during which another velocity changes by 5 % of its range.
+    """Number of samples in the longest run of equal values during which another velocity changes by 5 % of its range.
 
     A run counts from :data:`FROZEN` of L/U (in samples) on, from L/U on where rounding makes neighbours equal anyway.
     """
@@ -217,7 +217,7 @@ def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: f
 
 
 def _quiet(values: np.ndarray) -> np.ndarray:
-    """Means of fifths of a record, in which noise does not pass for motion."""
+    """Means of five equal parts of a record; noise averages out in them and is not mistaken for motion."""
     return np.array([part.mean() for part in np.array_split(values, 5)])
 
 

@@ -51,7 +51,7 @@ class Check:
 
 
 def not_checked(name: str, reason: str, numbers: tuple[tuple[str, float, str], ...] = ()) -> Check:
-    """Check that could not be made, and why."""
+    """A check that could not be made, with the reason."""
     return Check(name, "not checked", f"Not checked: {reason}.", numbers)
 
 

@@ -1,4 +1,7 @@
-"""Words of the command line that name files and manoeuvres: trials in, CSV out, with a remark on what made it."""
+"""Files and manoeuvres that a command names.
+
+Trials are read, CSV files are written with a remark on the command that made them.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,7 @@ def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str], **setti
 
 
 def output_file(path: str) -> Path:
-    """Path of a file that can be written; its folder is created where it is missing."""
+    """Path of a file, after a check that it can be written; a missing folder is created."""
     if Path(path).is_dir():
         raise OutputError(f"{path} is a folder; give the name of a file in it.")
     writable_folder(Path(path).parent)

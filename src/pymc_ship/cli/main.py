@@ -65,7 +65,7 @@ def _fail(sentence: str, status: int) -> int:
 
 @contextmanager
 def _interrupts_kept() -> Iterator[None]:
-    """Raise an interrupt again that fell where Python ignores exceptions (weakref callbacks, ``__del__``)."""
+    """Raise an interrupt again when Python has ignored it because it fell into a weakref callback or a ``__del__``."""
     others, pending = sys.unraisablehook, []
 
     def hook(ignored: object) -> None:
@@ -86,7 +86,7 @@ def _interrupts_kept() -> Iterator[None]:
 
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Callable[..., None]]:
-    """Function that shows what is going on: a spinner on a terminal, otherwise a line for each step.
+    """Function that shows progress: a spinner on a terminal, otherwise one line for each step.
 
     With ``remark=True`` the text is to stay, on a terminal, too.
     """

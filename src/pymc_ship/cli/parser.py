@@ -1,4 +1,4 @@
-"""Words of the command line: every command with its options, help and worked examples.
+"""The words of the command line: every command with its options, help and worked examples.
 
 Nothing heavy is imported here: choices are copies of the API's, which tests hold beside them.
 """

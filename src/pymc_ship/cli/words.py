@@ -1,4 +1,4 @@
-"""Words of the command line turned into values; ArgumentTypeError says what a word should have been."""
+"""Turns words of the command line into values. An ArgumentTypeError says what a word should have been."""
 
 from __future__ import annotations
 

@@ -41,7 +41,8 @@ RULES = ("median", "mean", "hard", "soft")
 """Posterior median, posterior mean, hard and soft thresholding."""
 
 THRESHOLDS = ("posterior_median", "bayes_factor")
-"""Where the posterior median leaves zero; where zero and not zero are equally probable."""
+"""`posterior_median`: the smallest |x| with a non-zero posterior median. `bayes_factor`: the |x| at which P(mean = 0 |
+x) = 1/2."""
 
 _COMPILING = Lock()
 

@@ -10,7 +10,8 @@ import pywt
 from pymc_ship.denoising.ebayes import mad
 
 BOUNDARIES = ("reflect", "periodic")
-"""The signal, less a parabola with its end slopes, goes on as its mirror image; or it starts again."""
+"""How the record is extended past its ends. `reflect`: subtract a parabola that matches both end slopes, reflect the
+remainder. `periodic`: repeat the record from its start."""
 
 
 ACCURACY = 1e-11

@@ -63,7 +63,10 @@ def _programme(draw, duration: float, approach_speed: float | None) -> Manoeuvre
 
 
 def labelled_trials(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
-    """Manoeuvres by label; those without one are called by kind, angles, speed and, where it repeats, a number."""
+    """Manoeuvres by label.
+
+    A manoeuvre without a label is named by kind, angles and speed, and by a number where a name repeats.
+    """
     if isinstance(manoeuvres, Mapping):
         return dict(manoeuvres)
     labelled: dict[str, Manoeuvre] = {}

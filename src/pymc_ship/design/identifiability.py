@@ -230,7 +230,10 @@ def _norms(columns: np.ndarray) -> np.ndarray:
 
 
 def _without(columns: np.ndarray, nuisances: np.ndarray) -> np.ndarray:
-    """Part of columns that is orthogonal to those of the nuisances, of which some may be idle."""
+    """Part of the columns that is orthogonal to the columns of the nuisances.
+
+    A nuisance that changes nothing is allowed.
+    """
     left, s, _ = np.linalg.svd(nuisances / _norms(nuisances), full_matrices=False)
     left = left[:, s > _SMALLEST * s.max(initial=0.0)]
     return columns - left @ (left.T @ columns)

@@ -218,7 +218,7 @@ def _moments(vessel: Vessel, mean: np.ndarray, covariance: np.ndarray) -> tuple[
 def _sensors(
     vessel: Vessel, posterior, level: float | None, noise_sd: Mapping[str, float] | None, interval: float
 ) -> _Sensors:
-    """Noise as it is given, white, or as the posterior found it."""
+    """Noise of the runs to come: as given, or white, or as the posterior found it."""
     if level is None and noise_sd is None:
         return _fitted_sensors(posterior)
     sd = noise_sd if level is None else dict.fromkeys(sensors(), noise_size(level))
@@ -320,7 +320,7 @@ def _greedy(
 
 
 def _after(known: Mapping[int, np.ndarray], roots: list) -> tuple[dict[int, np.ndarray], list[float]]:
-    """Roots of the covariance after a run at the points where the ship held, and the gains in log precision."""
+    """Roots of the covariance after a run and the gains in log precision, where the ship did not diverge."""
     ahead, gains = {}, []
     for k, root in known.items():
         if roots[k] is not None:
@@ -332,7 +332,7 @@ def _after(known: Mapping[int, np.ndarray], roots: list) -> tuple[dict[int, np.n
 
 
 def _stages(vessel: Vessel, stages: list[dict[int, np.ndarray]], forecast: np.ndarray) -> xr.Dataset:
-    """What is known before and after each chosen run."""
+    """Predicted knowledge of the coefficients before and after each chosen run."""
     sd = np.array([_sd(known) for known in stages])
     variance = [_variance(forecast, known) for known in stages]
     columns = {
@@ -362,6 +362,9 @@ def _relative(vessel: Vessel, sd: np.ndarray) -> float:
 
 
 def _shrinkage(before: np.ndarray, after: np.ndarray) -> float:
-    """Geometric mean of the factors by which standard deviations fall; those known exactly do not count."""
+    """Geometric mean of the factors by which the standard deviations fall.
+
+    Coefficients that are known exactly do not count.
+    """
     unknown = before > 0.0
     return float(np.exp(np.mean(np.log(before[unknown] / after[unknown]))))

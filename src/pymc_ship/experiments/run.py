@@ -15,7 +15,7 @@ from pymc_ship.experiments.task import Task, measure, nothing
 from pymc_ship.machine.workers import Cluster, LocalCores, MonteCarloError, WorkersLostError, completed
 
 REHEARSED = 200
-"""Tasks that do nothing, by which a run begins."""
+"""Number of empty tasks with which a run begins, to measure what the keeping of a result costs."""
 
 _SHOWN_EVERY = 1.0
 

@@ -1,4 +1,4 @@
-"""One task of a Monte-Carlo study: one ship, manoeuvre, noise and seed, by one method, measured and timed.
+"""One task of a Monte-Carlo study: one ship, manoeuvre, noise and seed are measured by one method, and timed.
 
 A task depends on what it is and on nothing else, whatever process measures it: its noise is named by ship, manoeuvre,
 kind, level and number of the data set, so that all methods have the same records.
@@ -40,7 +40,8 @@ PARTS = ("simulate", "pollute", "fit", "score")
 """Parts of a task that are timed [s]."""
 
 STATUSES = ("ok", "diverged", "failed")
-"""Fitted and scored; fitted, but the ship it describes leaves the model's range in the turn; no coefficients."""
+"""How a task ends. `ok`: fitted and scored. `diverged`: fitted, but the fitted ship leaves the model's range in the
+turn. `failed`: no coefficients."""
 
 TURN, TURN_DURATION = turning_circle(35), 400.0
 """Manoeuvre whose tactical diameter is forecast, and its duration [s]."""
@@ -136,7 +137,7 @@ def measure(task: Task) -> dict:
 
 
 def nothing(task: Task) -> dict:
-    """Result of :func:`measure` without doing anything, to see what the rest costs."""
+    """A result as :func:`measure` returns it, made without any work; it shows what the keeping of results costs."""
     empty = dict.fromkeys(SCORES, float("nan")) | dict.fromkeys((*PARTS, "cpu"), 0.0)
     return {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""} | empty
 

@@ -1,4 +1,4 @@
-"""Draws of coefficients from posteriors, with the motion and the sensor noise they were fitted to."""
+"""Draws of coefficients from posteriors, with the motion and the sensor noise of the fitted records."""
 
 from __future__ import annotations
 

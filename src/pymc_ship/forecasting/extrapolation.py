@@ -27,19 +27,20 @@ from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.vessel import Vessel
 
 UNKNOWN = "Extrapolation is unknown: the posterior does not hold the motion it was fitted to."
-"""What is said of a forecast where no motion is known."""
+"""Sentence for a forecast whose posterior does not hold the motion it was fitted to."""
 
 MARGIN = 0.01
-"""Departures below this part of the record's range count as inside; a repeat of the same run shows as much."""
+"""A departure below this share of the record's range counts as inside, because a repeated run of the same manoeuvre
+departs as much."""
 
 _CHANNELS = (*STATE[:5], "delta")
 _N_RANDOM = 100
 _BLOCK = 256
-"""Points that the kernel holds in the first cache."""
+"""Number of points that the kernel treats together; so many fit into the first-level cache."""
 _SHIPS = 16
-"""Ships a thread takes at a time."""
+"""Number of ships that a thread treats together."""
 _NAMED = 3
-"""Departures that a sentence names at most."""
+"""Largest number of departures that a sentence names."""
 _VISIBLE = 0.005
 """Departure from a symbol's range, in units of it, that a sentence names."""
 

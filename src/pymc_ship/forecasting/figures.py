@@ -159,5 +159,5 @@ def _panel(
 
 
 def _thinned(record: xr.Dataset) -> xr.Dataset:
-    """Every so many samples of a record, which keeps the page small."""
+    """Every n-th sample of a record, so that the page stays small."""
     return record.isel(time=slice(None, None, max(1, record.sizes["time"] // _POINTS)))

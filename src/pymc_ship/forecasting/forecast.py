@@ -165,7 +165,10 @@ def pooled_forecast(
 
 
 def stated_shares(tree: xr.DataTree) -> str:
-    """Words on a forecast to stand wherever its bands do: ships, share diverged and, where known, extrapolated."""
+    """Words that stand beside the bands of a forecast.
+
+    They state the number of ships, the share that diverged and, where it is known, the share extrapolated.
+    """
     diverged, extrapolated = (100.0 * tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
     known = f", {extrapolated:.3g} % of the instants extrapolated" if np.isfinite(extrapolated) else ""
     return f"{tree.attrs['draws']} ships, {diverged:.3g} % diverged{known}"
@@ -181,13 +184,13 @@ def _check_noise(noise: Mapping[str, float]) -> None:
 
 
 def _measured(ships: xr.Dataset, noise: Mapping[str, float], rng: np.random.Generator) -> xr.Dataset:
-    """What the sensors of the ships would read: independent normal noise at every instant."""
+    """Readings of the ships' sensors: the motion plus independent normal noise at every instant."""
     read = ships[[name for name in SIMULATED if name in noise]]
     return read.map(lambda channel: channel + noise[channel.name] * rng.standard_normal(channel.shape), keep_attrs=True)
 
 
 def _over_draws(found: xr.Dataset) -> xr.Dataset:
-    """Share of running ships outside and median distance over time, medians over symbol, shares in attrs."""
+    """Share of the running ships outside and their median distance over time; medians over symbols, shares in attrs."""
     distance, outside = found["distance"].values, found["outside"].values
     running = np.isfinite(distance)
     count = running.sum(axis=0)

@@ -21,7 +21,10 @@ _HALVINGS = 60
 
 
 def robust_sd(values: np.ndarray) -> float:
-    """Half the width of the central 68 % of the draws that reach the event: a few that run away do not count."""
+    """Half the width of the central 68 % of the draws that reach the event.
+
+    A few draws that run away do not change it.
+    """
     if not np.isfinite(values).any():
         return np.nan
     low, high = np.nanquantile(values, [0.16, 0.84])
@@ -80,7 +83,7 @@ def index_sd(row: Mapping, errors: Mapping[str, float]) -> float:
 def with_model_error(
     found: xr.Dataset, errors: Mapping[str, float], vessel: Vessel, rng: np.random.Generator
 ) -> xr.Dataset:
-    """Indices of simulated ships as a trial would show them: each with a normal error of its kind.
+    """Add to each index of the simulated ships a normal error of its kind, as the indices of trials have.
 
     Parameters
     ----------

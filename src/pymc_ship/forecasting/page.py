@@ -181,7 +181,7 @@ def index_rows(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = 
 
 
 def _beside(row: Mapping, value: float) -> dict:
-    """Measured value of an index, error of the median, and whether the interval covers it."""
+    """Measured value of an index, error of the forecast median, and whether the interval holds the measured value."""
     error = (
         row["median"] - value if row["units"] == "deg" else 100.0 * (row["median"] / value - 1.0) if value else np.nan
     )
@@ -201,7 +201,7 @@ def _check(forecasts: Mapping, measured: Mapping) -> None:
 
 
 def _slugs(names: Iterable[str]) -> list[str]:
-    """Names of files: ``forecast_zigzag_10_10_port``; a number tells apart those that would be the same."""
+    """Names of files such as ``forecast_zigzag_10_10_port``; a number is added where two names would be the same."""
     found: list[str] = []
     for name in names:
         slug = "forecast_" + (re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "manoeuvre")

@@ -26,11 +26,13 @@ N_TRACKS = 40
 _INTERVALS = (1, 2, 5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600)
 _SPACING, _POINTS, _FIRST_ROUND, _SHOWN_TURN = 1.6, 160, 360.0, 420.0
 _ROOM = 0.11
-"""Room for a dimension line, its text included, over the larger range of the track."""
+"""Room for a dimension line and its text, as a share of the larger range of the track."""
 
 
 def median_ship(tree: xr.DataTree) -> int:
-    """Draw whose indices are nearest their medians, in units of their spread; by its track where there are none.
+    """Draw whose indices are nearest their medians, in units of their spread.
+
+    Without indices, the draw whose track is nearest.
 
     The indices are those of the tracks themselves, without the model error that a forecast may add to them. Ships that
     diverged are left out unless all did.
@@ -113,7 +115,7 @@ def _mark(ship: xr.Dataset, turned: float) -> tuple[float, float] | None:
 
 @styled
 def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> Figure:
-    """Track of the forecast seen from above, in ship lengths, with ship outlines to scale at regular intervals.
+    """Track of the forecast seen from above, in ship lengths, with outlines of the ship to scale at regular intervals.
 
     Parameters
     ----------

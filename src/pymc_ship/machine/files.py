@@ -1,4 +1,4 @@
-"""Results appear under their name only when they are complete; what stood there before stays until then."""
+"""A result appears under its name only when it is complete; an earlier result stays until then."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 class OutputError(ValueError):
-    """A place where nothing can be written."""
+    """A folder or file that cannot be written."""
 
 
 @contextmanager

@@ -1,4 +1,7 @@
-"""Threads of the package: as many as there are cores, or one where other processes have the rest."""
+"""Threads of the package: one thread per core.
+
+A single thread inside a worker process, because the other workers use the other cores.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,13 @@ _ALONE: ContextVar[bool] = ContextVar("one_thread", default=False)
 
 
 def thread_pool(tasks: int) -> ThreadPoolExecutor:
-    """Pool for so many tasks that release the interpreter's lock: a thread for each, at most one for each core."""
+    """Pool of threads for tasks that release the interpreter's lock: one thread per task, but at most one per core."""
     return ThreadPoolExecutor(1 if _ALONE.get() else max(min(tasks, os.cpu_count() or 1), 1))
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra and the pools of this context on one thread: the cores belong to other processes."""
+    """Keep linear algebra and thread pools of this context on one thread; other processes use the other cores."""
     from threadpoolctl import threadpool_limits
 
     before = _ALONE.set(True)

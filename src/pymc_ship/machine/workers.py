@@ -117,7 +117,7 @@ class LocalCores:
 
 
 def _belong_to(parent: int) -> None:
-    """Leave an interrupt to the parent process, which ends its workers, and end when it is gone."""
+    """Ignore interrupts, which the parent process handles by ending its workers, and end when the parent is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 

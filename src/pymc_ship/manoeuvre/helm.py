@@ -93,7 +93,11 @@ def approach_speed(trial: xr.Dataset) -> float:
 
 
 def base_course(trial: xr.Dataset) -> float:
-    """Course [rad] of a record with psi, r and delta: about which a zigzag swings alike, or that before execution."""
+    """Base course [rad] of a record with psi, r and delta.
+
+    The course about which a zigzag swings equally to both sides; for other records the course before the rudder is put
+    over.
+    """
     initial = float(np.unwrap(trial["psi"].values)[trial["time"].values <= execution(trial)].mean())
     headings = [reversal.heading for reversal in rudder_reversals(trial)[1:]]
     sides = [[heading for heading in headings if sign * heading > 0.0] for sign in (1.0, -1.0)]
@@ -125,7 +129,7 @@ def rudder_reversals(trial: xr.Dataset) -> list[Reversal]:
 
 
 def angle_to_both_sides(delta: np.ndarray) -> float:
-    """Angle [rad] that a rudder holds to both sides for most of a record; 0 where it does not."""
+    """Angle [rad] that a rudder holds to both sides for most of a record; 0 for a rudder that holds none."""
     low, high = np.quantile(delta, [0.05, 0.95])
     angle = 0.5 * (high - low)
     held = np.minimum(np.abs(delta - high), np.abs(delta - low)) < 0.1 * angle
@@ -134,7 +138,7 @@ def angle_to_both_sides(delta: np.ndarray) -> float:
 
 
 def switching_headings(reversals: Sequence[Reversal], delays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Switching headings [deg] from their middle, (n_reversals, n_delays), and the middle, (n_delays,), by delay."""
+    """Switching headings [deg] about their middle, (n_reversals, n_delays), and that middle, (n_delays,)."""
     heading = np.rad2deg([reversal.heading for reversal in reversals])
     rate = np.rad2deg([reversal.yaw_rate for reversal in reversals])
     side = (-1.0) ** np.arange(heading.size)[:, None]
@@ -146,7 +150,7 @@ def switching_headings(reversals: Sequence[Reversal], delays: np.ndarray) -> tup
 
 
 def _alike(reversals: Sequence[Reversal]) -> bool:
-    """Whether reversals are ordered at one heading to both sides of the course before, as those of a zigzag."""
+    """Whether the rudder was reversed at the same heading change to both sides, as in a zigzag."""
     if not reversals:
         return False
     switch, middle = switching_headings(reversals, np.zeros(1))

@@ -15,7 +15,7 @@ from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import is_uniform
 
 _STILL = 0.05
-"""Share of its travel by which a rudder that has not been put over may differ between neighbouring samples."""
+"""A rudder counts as still while neighbouring samples differ by less than this share of its first travel."""
 
 
 def aligned(measured: xr.Dataset, rudder_deg: float = 0.0) -> xr.Dataset:
@@ -62,7 +62,7 @@ def aligned(measured: xr.Dataset, rudder_deg: float = 0.0) -> xr.Dataset:
 
 
 def _execution(time: np.ndarray, delta: np.ndarray, travel: float) -> float:
-    """Time at which the rudder begins to move to its first angle, ``travel`` away."""
+    """Time at which the rudder begins to move to its first angle, which differs by ``travel`` from the angle before."""
     known = np.isfinite(delta)
     time, delta = time[known], delta[known]
     moves = np.ptp(delta[:3]) > _STILL * (travel or np.ptp(delta))

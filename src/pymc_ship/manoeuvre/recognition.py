@@ -86,7 +86,11 @@ def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
 
 
 def _common_delay(runs: Sequence[Sequence[Reversal]], longest: float) -> float:
-    """Delay [s] at which the switching headings come closest to whole degrees, the same in a run, and best to fives."""
+    """Delay [s] of the steering gear.
+
+    With this delay the switching headings of a run are equal and nearest to whole degrees, if possible to multiples of
+    five.
+    """
     delays = np.linspace(0.0, longest, _DELAYS)
     cost = np.zeros(delays.size)
     for reversals in runs:

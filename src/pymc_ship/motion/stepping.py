@@ -81,7 +81,10 @@ def advance(lanes, coefficients, scheme, integration):
 
 @njit(**PART)
 def in_range(state, nominal_speed, lane):
-    """Whether a lane is where the model means something: finite, upright, ahead at 1 to 500 % of the nominal speed."""
+    """Whether the model is valid for the ship of a lane.
+
+    Her state is finite, she is upright and moves ahead at 1 to 500 % of the nominal speed.
+    """
     speed2 = state[0, lane] ** 2 + state[1, lane] ** 2
     turning = abs(state[2, lane]) + abs(state[3, lane]) + abs(state[5, lane])
     ahead = (state[0, lane] > 0.01 * nominal_speed) & (speed2 < 25.0 * nominal_speed**2)

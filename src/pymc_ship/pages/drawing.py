@@ -53,7 +53,7 @@ def subplots(width: float, height: float, rows: int = 1, columns: int = 1, **set
 
 
 def _lay_out(fig: Figure) -> None:
-    """Lay a figure out once for all: constrained layout would move it a little at every draw."""
+    """Lay a figure out once, because the constrained layout would move its axes a little at every draw."""
     if fig.get_layout_engine() is not None:
         fig.draw_without_rendering()
         fig.set_layout_engine("none")

@@ -25,7 +25,10 @@ _BOOTSTRAPS = 2000
 
 @dataclass(frozen=True)
 class HeldOutWindow:
-    """A window of a run: time [s] (n_blocks,), record and forecast (n_channels, n_blocks) by fits that never saw it."""
+    """A window of a run.
+
+    Time [s] (n_blocks,), and record and forecast (n_channels, n_blocks) by fits to the other runs.
+    """
 
     channels: tuple[str, ...]
     time: np.ndarray

@@ -185,7 +185,10 @@ def _stem(name: str) -> str:
 
 
 def _tree(candidate: Candidate, model: ShipModel, made_by: str) -> xr.DataTree:
-    """Draws of a term set with the motion they were fitted to; a rest that no chain can hold is in none of them."""
+    """Draws of a term set with the motion they were fitted to.
+
+    Four chains of equal length hold the draws; if their number is no multiple of four, one chain holds all of them.
+    """
     chains = _CHAINS if len(candidate.draws) % _CHAINS == 0 else 1
     values = candidate.draws.reshape(-1, chains, candidate.draws.shape[1]).swapaxes(0, 1)
     names = coefficient_names(candidate.vessel)

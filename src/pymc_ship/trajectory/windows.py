@@ -1,4 +1,4 @@
-"""Fit of a model to many short stretches of several runs, each restarted from a state of its own.
+"""Fits a model to many short windows of several runs; each window is restarted from its own initial state.
 
 Over a whole run the small errors of a model of a real ship add up until they say nothing about its coefficients; a
 course-unstable ship runs away from its own record. Over windows of five ship lengths the model is judged by what a
@@ -140,7 +140,7 @@ def restarted(window: Window, vessel: Vessel, coefficients: np.ndarray) -> np.nd
 
 
 def _smoothed(values: np.ndarray, unit: float) -> np.ndarray:
-    """Channel under a local cubic of half an L/U of ``unit`` samples."""
+    """Channel smoothed by a local cubic over half an L/U, which is ``unit`` samples."""
     size = max(round(_SMOOTHED * unit) | 1, 5)
     return savgol_filter(values, size, 3) if size <= values.size else values
 
@@ -248,7 +248,10 @@ def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
 
 
 def widened(fit: WindowFit, factor: float) -> WindowFit:
-    """Fit whose estimate scatters over windows by so many times more; what the prior leaves open stays as it is."""
+    """Fit whose covariance from the windows is multiplied by a factor.
+
+    The part of the covariance that comes from the prior stays.
+    """
     return replace(fit, from_windows=factor**2 * fit.from_windows)
 
 

@@ -14,7 +14,7 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.vessel.vessel import LETTER, Coefficient, Vessel, VesselError
 
 OWN = "own terms"
-"""Name of the terms that the vessel file itself has."""
+"""Name of the set that consists of the vessel file's own terms."""
 
 _SQUARES = ("v|v|", "v|r|", "r|v|", "r|r|")
 _CUBES = ("vvv", "vvr", "vrr", "rrr")
@@ -22,7 +22,7 @@ _CUBES = ("vvv", "vvr", "vrr", "rrr")
 
 @dataclass(frozen=True)
 class TermSet:
-    """Terms of surge and of sway and yaw alike, and what they stand for."""
+    """Terms of surge, the terms that sway and yaw share, and a sentence on what they stand for."""
 
     surge: tuple[str, ...]
     lateral: tuple[str, ...]
