@@ -273,7 +273,7 @@ class TestErrors:
     def test_an_unknown_method_and_an_unknown_derivative(self, container, zigzag_trial):
         with pytest.raises(ValueError, match="one of euler, rk4; found 'heun'"):
             weak_form(zigzag_trial, container, method="heun")
-        with pytest.raises(ValueError, match="euler, central, savgol, weak, weak_euler, found 'strong'"):
+        with pytest.raises(ValueError, match="euler, central, savgol, weak, weak_euler; found 'strong'"):
             ps.regression_data(zigzag_trial, container, "sway", derivative="strong")
 
     @pytest.mark.parametrize("change", [lambda a: a[:-1], lambda a: a * np.nan, lambda a: a - 1.0])
