@@ -30,6 +30,7 @@ _PUBLIC = {
     "checks.trial_checks": ("check_table", "corrected_trial", "trial_checks"),
     "regression.conjugate": ("ConjugatePrior", "conjugate", "conjugate_posterior"),
     "regression.data": ("RegressionData", "RegressionDataError", "regression_data"),
+    "regression.families": ("register_family",),
     "regression.identify": ("Identification", "identify"),
     "regression.prior_table": (
         "hold_fixed",
@@ -38,7 +39,7 @@ _PUBLIC = {
         "restore_fixed",
         "sister_ship_table",
     ),
-    "regression.priors": ("PriorError",),
+    "regression.priors": ("ExactPosterior", "Prior", "PriorError"),
     "regression.semiconjugate": ("SemiConjugatePrior", "semiconjugate", "semiconjugate_posterior"),
     "regression.streamed": ("StreamedRegression", "stream_regression"),
     "regression.tree": ("read_posterior", "write_posterior"),

@@ -41,6 +41,7 @@ from pymc_ship.regression.conjugate import conjugate_posterior as conjugate_post
 from pymc_ship.regression.data import RegressionData as RegressionData
 from pymc_ship.regression.data import RegressionDataError as RegressionDataError
 from pymc_ship.regression.data import regression_data as regression_data
+from pymc_ship.regression.families import register_family as register_family
 from pymc_ship.regression.identify import Identification as Identification
 from pymc_ship.regression.identify import identify as identify
 from pymc_ship.regression.prior_table import hold_fixed as hold_fixed
@@ -48,6 +49,8 @@ from pymc_ship.regression.prior_table import informed_prior as informed_prior
 from pymc_ship.regression.prior_table import order_damped_prior as order_damped_prior
 from pymc_ship.regression.prior_table import restore_fixed as restore_fixed
 from pymc_ship.regression.prior_table import sister_ship_table as sister_ship_table
+from pymc_ship.regression.priors import ExactPosterior as ExactPosterior
+from pymc_ship.regression.priors import Prior as Prior
 from pymc_ship.regression.priors import PriorError as PriorError
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior as SemiConjugatePrior
 from pymc_ship.regression.semiconjugate import semiconjugate as semiconjugate

@@ -9,13 +9,12 @@ import numpy as np
 from scipy import stats
 from scipy.special import logsumexp
 
-from pymc_ship.regression.conjugate import ConjugatePrior
-from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.priors import ExactPosterior, Prior, rotate
+import pymc_ship as ps
+from pymc_ship.regression.priors import rotate
 
 
 @dataclass(frozen=True, eq=False)
-class RidgePrior(Prior):
+class RidgePrior(ps.Prior):
     """Conjugate with a fixed shape, so that noise variance and kappa are all that is sought."""
 
     shape: float = field(default=3.0, init=False)
@@ -30,12 +29,12 @@ class RidgePrior(Prior):
     def from_box(cls, *, noise_variance: float, kappa: float) -> RidgePrior:
         return cls(scale=3.0 * noise_variance, kappa=kappa)
 
-    def exact(self, data: RegressionData) -> ExactPosterior:
-        return ConjugatePrior(mean=self.mean, kappa=self.kappa, shape=self.shape, scale=self.scale).exact(data)
+    def exact(self, data: ps.RegressionData) -> ps.ExactPosterior:
+        return ps.ConjugatePrior(mean=self.mean, kappa=self.kappa, shape=self.shape, scale=self.scale).exact(data)
 
 
 @dataclass(frozen=True, repr=False)
-class Mixture(ExactPosterior):
+class Mixture(ps.ExactPosterior):
     """Mixture over many values of the noise variance: normals of means m and covariances B' diag(v) B."""
 
     coefficients: tuple[str, ...]
@@ -85,7 +84,7 @@ class Mixture(ExactPosterior):
 
 
 @dataclass(frozen=True, eq=False)
-class RootPrior(Prior):
+class RootPrior(ps.Prior):
     """The prior sd of the coefficients is proportional to the fourth root of the noise variance."""
 
     family = "root"
@@ -93,11 +92,11 @@ class RootPrior(Prior):
     box: ClassVar = {"shape": (0.5, 1e3), "noise_variance": (1e-6, 10.0), "kappa": (1e-3, 1e6)}
     colour = "#7d4fa3"
 
-    def exact(self, data: RegressionData) -> Mixture:
+    def exact(self, data: ps.RegressionData) -> Mixture:
         return by_summation(data, self)
 
 
-def by_summation(data: RegressionData, prior: Prior) -> Mixture:
+def by_summation(data: ps.RegressionData, prior: ps.Prior) -> Mixture:
     """Exact posterior under a prior of any power: a sum over the log noise variance, coefficients integrated out."""
     rotation, unit = rotate(data, prior), data.response_scale
     s, z = rotation.singular_values, rotation.projection

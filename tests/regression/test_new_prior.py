@@ -13,8 +13,7 @@ from pymc_ship.diagnostics.regression import contraction, prior_of
 from pymc_ship.regression.conjugate import ConjugatePrior
 from pymc_ship.regression.cross_validation import cross_validation
 from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.families import FAMILIES, register_family
-from pymc_ship.regression.priors import Prior, PriorError
+from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.regression.tree import independent_posterior, read_posterior, write_posterior
 from pymc_ship.replication.figures import noise_variance
@@ -29,8 +28,8 @@ PAPER = (ConjugatePrior, SemiConjugatePrior)
 def registered():
     """Both families for the time of a test; the table of families is that of the process."""
     before = dict(FAMILIES)
-    register_family(RidgePrior)
-    register_family(RootPrior)
+    ps.register_family(RidgePrior)
+    ps.register_family(RootPrior)
     yield
     FAMILIES.clear()
     FAMILIES.update(before)
@@ -152,7 +151,7 @@ def test_gibbs_serves_a_family_of_power_one_and_refuses_one_of_a_half():
     tree = ps.gibbs_posterior(data, ridge(), draws=500, rng=np.random.default_rng(8))
     assert bool(ps.agreement(ridge().exact(data), {"gibbs": tree})["agrees"].all())
     assert not bool(ps.agreement(ridge(kappa=0.1).exact(data), {"gibbs": tree})["agrees"].any())
-    with pytest.raises(PriorError, match=r"found its power 0\.5 in the root family; use nuts_posterior\.$"):
+    with pytest.raises(ps.PriorError, match=r"found its power 0\.5 in the root family; use nuts_posterior\.$"):
         ps.gibbs_posterior(data, root(), rng=np.random.default_rng(8))
 
 
@@ -206,22 +205,22 @@ def test_a_figure_has_its_colour():
 
 def test_a_family_lacks_nothing_and_has_its_own_name():
     @dataclass(frozen=True, eq=False)
-    class Vague(Prior):
+    class Vague(ps.Prior):
         box: ClassVar = {"kappa": (1.0, 2.0)}
 
-    with pytest.raises(PriorError, match=r"found no noise_power and no exact in Vague; add it to the class\.$"):
-        register_family(Vague)
+    with pytest.raises(ps.PriorError, match=r"found no noise_power and no exact in Vague; add it to the class\.$"):
+        ps.register_family(Vague)
 
     @dataclass(frozen=True, eq=False)
     class Second(RidgePrior):
         pass
 
-    with pytest.raises(PriorError, match=r"found 'ridge' beside conjugate, semiconjugate, ridge, root; set the"):
-        register_family(Second)
-    assert register_family(RidgePrior) is FAMILIES["ridge"]
+    with pytest.raises(ps.PriorError, match=r"found 'ridge' beside conjugate, semiconjugate, ridge, root; set the"):
+        ps.register_family(Second)
+    assert ps.register_family(RidgePrior) is FAMILIES["ridge"]
 
 
 def test_a_family_that_is_not_registered_has_no_name():
     FAMILIES.pop("root")
-    with pytest.raises(PriorError, match="A prior family is one of conjugate, semiconjugate, ridge; found 'root'"):
+    with pytest.raises(ps.PriorError, match="A prior family is one of conjugate, semiconjugate, ridge; found 'root'"):
         ps.maximise_evidence(scaled(), "root")
