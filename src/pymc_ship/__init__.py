@@ -9,7 +9,6 @@ __version__ = "0.1.0"
 
 _PUBLIC = {
     "machine.files": ("OutputError",),
-    "machine.workers": ("MonteCarloError",),
     "vessel.hull_database": ("hull_coefficients",),
     "vessel.term_sets": ("term_sets", "with_terms"),
     "vessel.vessel": ("Vessel", "VesselError", "load_vessel", "shipped_vessels"),
@@ -63,6 +62,7 @@ _PUBLIC = {
     "diagnostics.page": ("diagnostic_report",),
     "replication.page": ("study",),
     "replication.study": ("StudyResult", "run_study"),
+    "experiments.grid": ("MonteCarloError",),
     "experiments.run": ("montecarlo",),
 }
 """Public names of each room; editors and type checkers read the same table in ``__init__.pyi``."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pymc_ship.cli.main import main
-from pymc_ship.experiments.grid import difference, read_grid
-from pymc_ship.machine.workers import MonteCarloError
+from pymc_ship.experiments.grid import MonteCarloError, difference, read_grid
 from tests.experiments.folders import ROOT, changed, run, tables
 
 

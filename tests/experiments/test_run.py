@@ -24,9 +24,9 @@ from joblib.externals.loky import process_executor
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.experiments import task as task_module
+from pymc_ship.experiments.grid import MonteCarloError
 from pymc_ship.experiments.task import METHODS, Task
 from pymc_ship.machine import workers as workers_module
-from pymc_ship.machine.workers import MonteCarloError
 from tests.experiments.cases import always_deadly, deadly, deadly_on_cluster, trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
 
@@ -237,7 +237,7 @@ def test_without_distributed_a_cluster_is_refused_in_a_sentence(study, tmp_path,
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["montecarlo", str(study), "--scheduler", "tcp://127.0.0.1:1", "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err == (
-        "pymc-ship: A study on a cluster needs dask.distributed, which is not installed; install pymc-ship[cluster].\n"
+        "pymc-ship: Tasks on a cluster need dask.distributed, which is not installed; install pymc-ship[cluster].\n"
     )
     assert not (tmp_path / "out").exists()
 

@@ -15,9 +15,8 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.experiments import run as engine
-from pymc_ship.experiments.grid import read_grid
+from pymc_ship.experiments.grid import MonteCarloError, read_grid
 from pymc_ship.experiments.store import opened
-from pymc_ship.machine.workers import MonteCarloError
 from tests.experiments.cases import trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
 

@@ -12,7 +12,6 @@ from pymc_ship import __version__
 from pymc_ship.experiments.task import METHODS, Task
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.toml import Entry, toml_file
-from pymc_ship.machine.workers import MonteCarloError
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.manoeuvre.standard import Manoeuvre, written_manoeuvre
@@ -25,6 +24,10 @@ PART_SEEDS = 1000
 _KEYS = ("title", "ships", "manoeuvres", "methods", "seeds", "root_seed", "duration", "noise")
 _OPTIONAL = ("title", "duration")
 _LISTS = ("ships", "manoeuvres", "methods")
+
+
+class MonteCarloError(ValueError):
+    """A study that cannot be run; the sentence says why."""
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pymc_ship.experiments.grid import read_grid
+from pymc_ship.experiments.grid import MonteCarloError, read_grid
 from pymc_ship.experiments.page import write_report
 from pymc_ship.experiments.store import Store, opened
 from pymc_ship.experiments.task import Task, measure, nothing
-from pymc_ship.machine.workers import Cluster, LocalCores, MonteCarloError, WorkersLostError, completed
+from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, bar, completed
 
 REHEARSED = 200
 """Number of empty tasks with which a run begins, to measure what the keeping of a result costs."""
@@ -77,7 +77,8 @@ def reported_montecarlo(
             "The workers of a cluster are started beside its scheduler, found --workers; leave it out."
         )
     grid = read_grid(study)
-    executor = Cluster(scheduler) if scheduler else LocalCores(workers)
+    error = MonteCarloError
+    executor = Cluster(scheduler, error=error) if scheduler else LocalCores(workers, error=error)
     with opened(out, grid) as store:
         if store.missing():
             with executor:
@@ -150,7 +151,7 @@ class _Progress:
     def begin(self, done: int) -> None:
         """Say what is there already."""
         self.done = done
-        self.tell(f"{self._bar()} {done} of {self.total} tasks")
+        self.tell(f"{bar(done, self.total)} {done} of {self.total} tasks")
 
     def one_more(self) -> None:
         """Count a task."""
@@ -159,11 +160,7 @@ class _Progress:
             return
         self.told, rate = now, self.fresh / (now - self.start)
         left = _duration((self.total - self.done) / rate)
-        self.tell(f"{self._bar()} {self.done} of {self.total} tasks, {rate:.3g} a second, {left} left")
-
-    def _bar(self, width: int = 30) -> str:
-        filled = width * self.done // self.total
-        return f"{'█' * filled}{'░' * (width - filled)}"
+        self.tell(f"{bar(self.done, self.total)} {self.done} of {self.total} tasks, {rate:.3g} a second, {left} left")
 
 
 def _duration(seconds: float) -> str:

@@ -18,7 +18,7 @@ from pymc_ship.frontier.data_sets import CELLS, Cell, DataSet, data_set
 from pymc_ship.frontier.estimates import DIFFERENCES
 from pymc_ship.frontier.scores import forecast_row, relative_error
 from pymc_ship.machine.threads import one_thread
-from pymc_ship.machine.workers import LocalCores, WorkersLostError, completed
+from pymc_ship.machine.workers import LocalCores, WorkersLostError, bar, completed
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import turning_circle, zigzag
 from pymc_ship.motion.simulation import simulate
@@ -251,7 +251,7 @@ def frontier(
     Raises
     ------
     ValueError
-        For fewer than two seeds.
+        For fewer than two seeds, less than one worker, and workers that die again and again.
     """
     if seeds < 2:
         raise ValueError(f"Medians and coverages need two seeds or more, found {seeds}; take 25 for a verdict.")
@@ -268,10 +268,10 @@ def frontier(
         return ((key, task) for key, task in tasks.items() if key in left) if left else None
 
     try:
-        with LocalCores(workers) as executor:
+        with LocalCores(workers, error=ValueError) as executor:
             for key, measurements in completed(executor, _measured, remaining):
                 found[key] = measurements
-                progress(_bar(len(found), len(tasks)))
+                progress(f"{bar(len(found), len(tasks))} {len(found)} of {len(tasks)} data sets")
     except WorkersLostError as error:
         raise ValueError(
             f"Workers died {error.times} times without a result in between, of too little memory perhaps; free some "
@@ -285,8 +285,3 @@ def _measured(named: tuple[tuple, tuple]) -> tuple[tuple, list[Measurement]]:
     """Key of a task with its measurements."""
     key, task = named
     return key, measure(*task)
-
-
-def _bar(done: int, total: int, width: int = 30) -> str:
-    filled = width * done // total
-    return f"{'█' * filled}{'░' * (width - filled)} {done} of {total} data sets"

@@ -19,11 +19,10 @@ from itertools import islice
 AHEAD = 4
 """Tasks handed out at a time for each worker."""
 
-_CONNECT, _LOOK, _WATCH = 10.0, 2.0, 0.5
-
-
 RESTARTS = 5
 """Number of times that workers may be lost without a result in between."""
+
+_CONNECT, _LOOK, _WATCH = 10.0, 2.0, 0.5
 
 
 class WorkersLostError(Exception):
@@ -67,6 +66,13 @@ def completed(executor: LocalCores | Cluster, work: Callable, remaining: Callabl
 class LocalCores:
     """Processes on this machine; a single one is this process itself.
 
+    Parameters
+    ----------
+    workers : int, optional
+        One for each core by default.
+    error : type of ValueError
+        Raised for a number of workers below one.
+
     Attributes
     ----------
     label : str
@@ -75,11 +81,11 @@ class LocalCores:
 
     label = "joblib"
 
-    def __init__(self, workers: int | None = None):
+    def __init__(self, workers: int | None = None, *, error: type[ValueError]):
         import joblib
 
         if workers is not None and workers < 1:
-            raise MonteCarloError(f"A study needs at least one worker, found {workers}; raise --workers.")
+            raise error(f"Tasks need at least one worker, found {workers}; raise the number of workers.")
         self.workers = workers or joblib.cpu_count()
 
     def run(self, work: Callable, tasks: Iterable) -> Iterator:
@@ -131,6 +137,12 @@ def _end_with(parent: int) -> None:
 class Cluster:
     """Workers of a Dask scheduler.
 
+    Parameters
+    ----------
+    address : str
+    error : type of ValueError
+        Raised where dask.distributed is not installed, no scheduler answers or the workers cannot do a task.
+
     Attributes
     ----------
     label : str
@@ -140,14 +152,14 @@ class Cluster:
 
     label = "dask"
 
-    def __init__(self, address: str):
+    def __init__(self, address: str, *, error: type[ValueError]):
         try:
             import distributed  # noqa: F401
         except ImportError:
-            raise MonteCarloError(
-                "A study on a cluster needs dask.distributed, which is not installed; install pymc-ship[cluster]."
+            raise error(
+                "Tasks on a cluster need dask.distributed, which is not installed; install pymc-ship[cluster]."
             ) from None
-        self.address, self.workers = address, 0
+        self.address, self.error, self.workers = address, error, 0
 
     def __enter__(self) -> Cluster:
         from distributed import Client
@@ -155,7 +167,7 @@ class Cluster:
         try:
             self._client = Client(self.address, timeout=_CONNECT, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise MonteCarloError(
+            raise self.error(
                 f"No Dask scheduler answers at {self.address}: {' '.join(str(error).split())}; start one, see README."
             ) from None
         return self
@@ -170,8 +182,8 @@ class Cluster:
         ------
         WorkersLostError
             When a task lost several workers or the scheduler its tasks.
-        MonteCarloError
-            When the workers cannot do a task.
+        ValueError
+            When the workers cannot do a task, of the type that was asked for.
         """
         from distributed import KilledWorker, as_completed
 
@@ -193,9 +205,11 @@ class Cluster:
                 raise WorkersLostError from None
             except Exception as error:
                 text = " ".join(f"{type(error).__name__}: {error}".split())
-                raise MonteCarloError(f"The workers of {self.address} cannot do a task: {text}; see to them.") from None
+                raise self.error(f"The workers of {self.address} cannot do a task: {text}; see to them.") from None
             yield result
 
 
-class MonteCarloError(ValueError):
-    """A study that cannot be run; the sentence says why."""
+def bar(done: int, total: int, width: int = 30) -> str:
+    """Draw how many tasks are done as a bar."""
+    filled = width * done // total
+    return f"{'█' * filled}{'░' * (width - filled)}"
