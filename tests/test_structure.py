@@ -24,7 +24,7 @@ WINGS = {
     "denoising": "machine trial",
     "manoeuvre": "machine vessel trial denoising",
     "motion": "machine forces vessel trial denoising manoeuvre",
-    "checks": "forces vessel trial motion",
+    "checks": "machine forces vessel trial motion",
     "regression": "machine forces vessel trial denoising motion",
     "trajectory": "machine forces vessel trial motion regression",
     "sampling": "machine vessel motion regression trajectory",

@@ -1,5 +1,7 @@
+from pymc_ship.checks.trial_checks import TrialRefusedError as TrialRefusedError
 from pymc_ship.checks.trial_checks import check_table as check_table
 from pymc_ship.checks.trial_checks import corrected_trial as corrected_trial
+from pymc_ship.checks.trial_checks import judged_trial as judged_trial
 from pymc_ship.checks.trial_checks import trial_checks as trial_checks
 from pymc_ship.denoising.denoise import denoise as denoise
 from pymc_ship.denoising.denoise import denoise_signal as denoise_signal

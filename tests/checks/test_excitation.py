@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from tests.checks.cases import alarms, changed, found, noisy, simulated
+from tests.checks.cases import changed, found, noisy, simulated
 
 
 @pytest.mark.parametrize(
@@ -21,17 +21,6 @@ def test_an_approach_that_is_not_straight_or_steady_is_doubted(container, approa
     check = found(changed(approached, **{name: values}), container)["approach"]
     assert check.verdict == "doubtful"
     assert words in check.sentence
-
-
-def test_a_record_of_another_scale_than_the_vessels_is_doubted(container, approached):
-    factor = 40.0
-    length, time = 1.0 / factor, 1.0 / np.sqrt(factor)
-    names = {"u": length / time, "v": length / time, "r": 1.0 / time, "p": 1.0 / time, "x": length, "y": length}
-    model = changed(approached, **{name: scale * approached[name].values for name, scale in names.items()})
-    model = model.assign_coords(time=approached["time"].values * time)
-    assert "times the nominal one" in found(model, container)["approach"].sentence
-    assert found(model, container)["rudder rate"].verdict == "doubtful"
-    assert alarms(found(model)) == set()
 
 
 @pytest.mark.parametrize(("angle", "verdict"), [(15.0, "good"), (3.0, "doubtful"), (0.2, "bad")])

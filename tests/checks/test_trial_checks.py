@@ -9,9 +9,10 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.checks.trial_checks import failed_checks
-from pymc_ship.checks.verdicts import VERDICTS, Check
+from pymc_ship.checks.verdicts import Check
 from pymc_ship.cli.main import main
 from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.judgement import VERDICTS
 from tests.checks.cases import alarms, changed, found, lever, noisy, offset, simulated, units, with_samples
 
 # without a fault

@@ -19,8 +19,8 @@ RUNS = [str(FOLDER / f"{name}.csv") for name in ("zigzag_10_10_port", "zigzag_20
 CIRCLE = str(FOLDER / "turning_circle_35_starboard.csv")
 
 
-def refused(capsys, *words) -> str:
-    assert main([str(word) for word in words]) == 2
+def refused(capsys, *words, status=2) -> str:
+    assert main([str(word) for word in words]) == status
     out, err = capsys.readouterr()
     assert out == ""
     sentence = err.strip().splitlines()[-1]
@@ -103,7 +103,9 @@ def test_a_trial_with_a_bad_check_is_refused(capsys, tmp_path):
     text = (FOLDER / "format.toml").read_text().replace('rudder_positive = "starboard"', 'rudder_positive = "port"')
     (tmp_path / "format.toml").write_text(text)
     out = tmp_path / "out"
-    sentence = refused(capsys, "identify", RUNS[0], "--format", tmp_path / "format.toml", *VESSEL, "--out", out)
+    sentence = refused(
+        capsys, "identify", RUNS[0], "--format", tmp_path / "format.toml", *VESSEL, "--out", out, status=3
+    )
     assert RUNS[0] in sentence
     assert "rudder sign" in sentence
     assert not out.exists()

@@ -127,12 +127,15 @@ def test_commands_read_a_trial_by_its_format_and_tell(made, foreign, tmp_path, c
     more = ("--dof", "yaw", "--family", "conjugate") if command == "tune" else ()
     words = [command, trial, "--format", layout, *vessel, *more, "--out", tmp_path / "out"]
     assert main(list(map(str, words))) == 2
-    assert capsys.readouterr().err.splitlines() == [
+    *told, stopped = capsys.readouterr().err.splitlines()
+    assert told[:3] == [
         f"{trial}: Columns read: delta from 'RUD' in deg.",
         f"{trial}: delta changed in sign: the file counts it positive to starboard.",
         f"{trial}: 1 gap of up to 1 sample: 1 filled by interpolation.",
-        "pymc-ship: stopped.",
     ]
+    judged = f"{trial}: Doubtful: gaps: {told[2].removeprefix(f'{trial}: ')} Look at these places before a fit."
+    assert told[3:] == ([] if command == "denoise" else [f"checking {trial}", judged])
+    assert stopped == "pymc-ship: stopped."
     assert main([*map(str, words), "--quiet"]) == 2
     assert capsys.readouterr().err == "pymc-ship: stopped.\n"
 

@@ -10,15 +10,15 @@ from tests.journeys.cases import ALL_COMMANDS, LONG_WORK, files
 from tests.vessel.cases import TERMS, toml
 
 
-def refused(capsys, *words):
+def refused(capsys, *words, status=2):
     """Run a command line that cannot run; return its one sentence."""
     try:
-        status = main(list(map(str, words)))
+        found = main(list(map(str, words)))
     except SystemExit as stop:
-        status = stop.code
+        found = stop.code
     printed = capsys.readouterr()
     sentences = [line for line in printed.err.splitlines() if line.startswith("pymc-ship: ")]
-    assert status == 2
+    assert found == status
     assert printed.out == ""
     assert len(sentences) == 1
     assert printed.err.splitlines()[-1] == sentences[0]
@@ -53,8 +53,6 @@ def spoil(trial, how):
         ("nan", "The trial needs the channels u, v, r, delta; v missing; add them."),
         ("time", "the time of a trial must increase, found 5.7 s in every row; correct it."),
         ("missing", "The trial needs the channels u, v, r, delta; r missing; add them."),
-        ("short", "The {dof} of 'small' has {n} terms and needs as many rows, found 2; use a longer trial or"),
-        ("rudder", "The rudder of a trial must move, found a constant angle; use one that steers."),
         ("text", "line 59, column v: a number is needed, found 'fast'; correct or empty the cell."),
     ],
 )
@@ -66,6 +64,22 @@ def test_a_trial_that_cannot_be_used_is_refused(made, small, tmp_path, capsys, c
     more = ("--dof", dof) if command == "tune" else ()
     message = refused(capsys, command, trial, *words, *more)
     assert sentence.format(dof=dof, n=len(TERMS[dof])) in message
+    assert files(tmp_path) == ["trial.csv"]
+
+
+@pytest.mark.parametrize("command", ["regress", "tune", "fit"])
+@pytest.mark.parametrize(
+    ("how", "sentence"),
+    [("short", "The ship hardly turns"), ("rudder", "rudder unit: delta never changes")],
+)
+def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command, how, sentence):
+    trial, out = tmp_path / "trial.csv", tmp_path / "out"
+    trial.write_text(spoil(made / "trial.csv", how))
+    more = ("--dof", "yaw", "--family", "conjugate") if command == "tune" else ()
+    words = ("--vessel", made / "small.toml", *more, "--out", out)
+    message = refused(capsys, command, trial, *words, status=3)
+    assert f"{trial}: The trial cannot be fitted: " in message
+    assert sentence in message
     assert files(tmp_path) == ["trial.csv"]
 
 

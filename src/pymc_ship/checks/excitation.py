@@ -28,9 +28,6 @@ UPRIGHT = 0.5
 STEADY = 0.01
 """Change of speed in L/U over the speed on the approach; IMO asks for a steady speed."""
 
-SPEED = 1.5
-"""Factor between approach and nominal speed up to which a vessel file is taken to be of this ship and this scale."""
-
 DRIFT_RANGE, TURN_RANGE, RUDDER_RANGE = 0.05, 0.15, 5.0
 """Least v/U, rL/U and rudder angle [deg]: a 10/10 zigzag reaches 0.1, 0.2 to 0.4 and 10."""
 
@@ -42,8 +39,8 @@ _IDLE = 1e-12
 _STOPPED = 0.01  # share of the nominal speed
 
 
-def approach_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None) -> Check:
-    """Whether the ship sails straight and steadily, at about the vessel's speed, before the rudder moves."""
+def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
+    """Whether the ship sails straight and steadily before the rudder moves."""
     n = straight_approach(trial)
     interval = sampling_interval(trial)
     if n < 3 or n == trial.sizes["time"]:
@@ -59,9 +56,9 @@ def approach_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None) -
             if abs(share) > least and (name != "phi" or abs(share) * largest > np.deg2rad(UPRIGHT)):
                 faults.append(f"{name} is {share:+.0%} of its largest")
     if "u" in trial:
-        for told, wrong in (_speed_trend(trial, n, scale), _speed_over_nominal(trial, n, vessel)):
-            numbers += told
-            faults += wrong
+        told, wrong = _speed_trend(trial, n, scale)
+        numbers += told
+        faults += wrong
     if faults:
         text = f"On the approach {', '.join(faults)}; indices count from a straight course, a fit may start there."
         return Check("approach", "doubtful", text, tuple(numbers))
@@ -77,15 +74,6 @@ def _speed_trend(trial: xr.Dataset, n: int, scale: ShipScale) -> tuple[list, lis
     change = float(trend * scale.time / scale.U)
     wrong = abs(change) > STEADY and abs(trend) > SIGNIFICANT * error
     return [("change of speed in L/U", change, "")], [f"the speed changes by {change:+.1%} in L/U"] if wrong else []
-
-
-def _speed_over_nominal(trial: xr.Dataset, n: int, vessel: Vessel | None) -> tuple[list, list[str]]:
-    """Numbers and faults of the speed over the first ``n`` samples beside that of the vessel file."""
-    if vessel is None:
-        return [], []
-    ratio = float(trial["u"].values[:n].mean() / vessel.particulars.nominal_speed)
-    text = f"the speed is {ratio:.3g} times the nominal one of the vessel file (scale or unit?)"
-    return [("speed over nominal", ratio, "")], [] if 1.0 / SPEED < ratio < SPEED else [text]
 
 
 def _sd(values: np.ndarray) -> float:

@@ -28,6 +28,9 @@ from pymc_ship.trial.record import sampling_interval
 SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1
 """Scale errors of a rate: gyros are good to 1 %, and a 10 % error in r changes what every coefficient of it means."""
 
+SWAPPED = 0.5
+"""Share of the changes of a rate that the integral of its angle may leave where the two columns are swapped."""
+
 SPEED_BAD = 0.2
 """Scale error of the speed beyond which neither a current nor the calibration of a log explains it."""
 
@@ -92,10 +95,21 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
     found, time = blocks.increments(trial[angle].values), blocks.increments(trial["time"].values)
     check = _rate_scale(rate, angle, *_slope(predicted, time, found))
     if check.verdict in ("bad", "not checked"):
+        check = _swapped(trial, blocks, time, rate, angle) or check
         return check, not_checked(offset_name, f"the {name} does not lead to {angle}")
     drift = (predicted - found) / time
     error = drift.std(ddof=1) / np.sqrt(drift.size) + 0.1 * SCALE_DOUBTFUL * abs(turning.mean())
     return check, _rate_offset(rate, angle, drift.mean(), error, scale)
+
+
+def _swapped(trial: xr.Dataset, blocks: Blocks, time: np.ndarray, rate: str, angle: str) -> Check | None:
+    """Check that says that the columns of a rate and its angle are swapped; None where they are not."""
+    predicted = blocks.increments(integral(trial[angle].values, sampling_interval(trial)))
+    slope, error, left, size = _slope(predicted, time, blocks.increments(trial[rate].values))
+    if abs(slope - 1.0) > SIGNIFICANT * error + SCALE_BAD or left > SWAPPED * size or error > SCALE_BAD:
+        return None
+    text = f"The integral of {angle} follows {rate} with a scale of {slope:.3g}: the two columns are swapped."
+    return Check(_RATE_CHECKS[rate][0], "bad", text, (("scale of the swapped columns", slope, ""),))
 
 
 def _slope(predicted: np.ndarray, time: np.ndarray, found: np.ndarray) -> tuple[float, float, float, float]:

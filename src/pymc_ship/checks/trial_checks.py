@@ -6,7 +6,7 @@ then units and signs, the axes of the velocities, offsets of the gyros and the l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 
 import numpy as np
 import xarray as xr
@@ -21,6 +21,7 @@ from pymc_ship.checks.kinematics import (
     rate_checks,
     speed_check,
 )
+from pymc_ship.checks.plausibility import cut_to_piece, piece_check, plausibility_check
 from pymc_ship.checks.record_quality import (
     frozen_check,
     gap_check,
@@ -40,12 +41,18 @@ from pymc_ship.checks.rudder import (
     rudder_unit_check,
     rudder_zero_check,
 )
-from pymc_ship.checks.verdicts import VERDICTS, Check, not_checked, ship_scale
+from pymc_ship.checks.verdicts import Check, not_checked, ship_scale
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.judgement import judged, worst
 from pymc_ship.trial.record import TrialError, check_trial
 from pymc_ship.vessel.vessel import Vessel
 
 _LARGEST = 1e12
+
+
+class TrialRefusedError(TrialError):
+    """A record that must not be fitted, because a check of it is bad and nobody has overruled the check."""
 
 
 def trial_checks(trial: xr.Dataset, vessel: Vessel | None = None) -> tuple[Check, ...]:
@@ -93,9 +100,15 @@ def trial_checks(trial: xr.Dataset, vessel: Vessel | None = None) -> tuple[Check
     trial, closure = _closure_checks(trial, vessel)
     yaw_sign = next(check for check in closure if check.name == "yaw rate")
     found += closure
+    plausible = plausibility_check(trial, scale, vessel)
+    piece = piece_check(trial, scale)
+    if plausible.verdict == "bad":
+        piece = not_checked(piece.name, "the motion must be that of a ship first")
+    found += [plausible, piece]
+    trial = _mended(trial, [piece])
     found += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
     scale = ship_scale(trial, vessel)
-    found += [approach_check(trial, scale, vessel), range_check(trial, scale), *excitation_checks(trial, vessel)]
+    found += [approach_check(trial, scale), range_check(trial, scale), *excitation_checks(trial, vessel)]
     return tuple(found)
 
 
@@ -183,18 +196,64 @@ def check_table(checks: Iterable[Check]) -> xr.Dataset:
 
 def worst_verdict(checks: Iterable[Check]) -> str:
     """Worst verdict of some checks."""
-    return max((check.verdict for check in checks), key=VERDICTS.index, default="good")
+    return worst(check.verdict for check in checks)
 
 
-def failed_checks(checks: Iterable[Check]) -> str:
-    """Sentence that says which checks are bad; empty where none is."""
-    bad = [check for check in checks if check.verdict == "bad"]
+def failed_checks(checks: Iterable[Check], overrule: Collection[str] = ()) -> str:
+    """Sentence that says which checks are bad and not overruled; empty where none is."""
+    bad = [check for check in checks if check.verdict == "bad" and check.name not in overrule]
     if not bad:
         return ""
-    return "The trial cannot be fitted: " + " ".join(f"{check.name}: {check.sentence}" for check in bad)
+    return "The trial cannot be fitted: " + " ".join(map(_said, bad))
 
 
-def corrected_trial(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
+def _said(check: Check) -> str:
+    return f"{check.name}: {check.sentence}"
+
+
+def judged_trial(trial: xr.Dataset, vessel: Vessel, overrule: Collection[str] = ()) -> xr.Dataset:
+    """Check a trial, refuse it or mend it: what every command does with a record before it fits it.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        As for :func:`trial_checks`.
+    vessel : Vessel
+    overrule : collection of str, optional
+        Names of checks whose verdict "bad" does not refuse the trial.
+
+    Returns
+    -------
+    Dataset, dims (time,)
+        Corrected as by :func:`corrected_trial`. Its ``attrs["record_verdict"]`` and ``attrs["record_remarks"]`` (a line
+        for each doubt and each overruled check) are kept in the attrs of every posterior that is fitted to it.
+
+    Raises
+    ------
+    TrialRefusedError
+        Where a check is bad and not overruled.
+    TrialError
+        For a record that cannot be checked, or a name that is no check.
+
+    Examples
+    --------
+    A rudder of the wrong sign is refused:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> ps.judged_trial(trial, vessel).attrs["record_verdict"]
+    'good'
+    >>> ps.judged_trial(trial.assign(delta=-trial["delta"]), vessel)
+    Traceback (most recent call last):
+        ...
+    pymc_ship.checks.trial_checks.TrialRefusedError: The trial cannot be fitted: rudder sign: A positive delta turns \
+the ship to starboard, it should turn her to port; flip the sign of delta.
+    """
+    return corrected_trial(trial, trial_checks(trial, vessel), overrule)
+
+
+def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collection[str] = ()) -> xr.Dataset:
     """Mend what the checks have found to be wrong with certainty.
 
     Spikes are replaced by interpolation, the heading is unwrapped, earth-fixed velocities are turned to body axes, the
@@ -207,16 +266,22 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
         The one that was checked.
     checks : iterable of Check
         From :func:`trial_checks`.
+    overrule : collection of str, optional
+        Names of checks whose verdict "bad" does not refuse the trial.
 
     Returns
     -------
     Dataset, dims (time,)
-        Copy; ``attrs["corrections"]`` is a list with one sentence for each correction.
+        Copy; ``attrs["corrections"]`` is a list with one sentence for each correction, ``record_verdict`` and
+        ``record_remarks`` are as for :func:`judged_trial`.
 
     Raises
     ------
+    TrialRefusedError
+        Where a check is bad and not overruled: wrong units or signs, a track that nothing mends, a sensor that stands
+        still.
     TrialError
-        Where a check is bad: wrong units or signs, a track that nothing mends, a sensor that stands still.
+        For a name to overrule that is no check.
 
     Examples
     --------
@@ -231,11 +296,19 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
     0.00100 rad/s
     """
     checks = list(checks)
-    if sentence := failed_checks(checks):
-        raise TrialError(sentence)
-    mended = _mended(trial, checks)
+    for name in overrule:
+        check_choice("A check to overrule", name, [check.name for check in checks], TrialError)
+    if sentence := failed_checks(checks, overrule):
+        raise TrialRefusedError(sentence)
+    mended = judged(_mended(trial, checks), worst_verdict(checks), _remarks(checks))
     told = [*trial.attrs.get("corrections", []), *(_TOLD[check.name](check) for check in checks if check.mendable)]
     return mended.assign_attrs(corrections=told)
+
+
+def _remarks(checks: Iterable[Check]) -> list[str]:
+    """A sentence for each check that is doubtful, and for each that is bad and was overruled."""
+    words = {"doubtful": "Doubtful", "bad": "Overruled, though bad"}
+    return [f"{words[check.verdict]}: {_said(check)}" for check in checks if check.verdict in words]
 
 
 def _mended(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
@@ -264,6 +337,7 @@ _MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
     "gyro offset": lambda trial, check: _less(trial, "r", np.deg2rad(check.value("offset"))),
     "roll rate offset": lambda trial, check: _less(trial, "p", np.deg2rad(check.value("offset"))),
     "velocity axes": _turned,
+    "motion ahead": cut_to_piece,
     "lever arm": lambda trial, check: _less(trial, "v", -check.value("lever arm") * trial["r"].values),
     "rudder zero": lambda trial, check: _less(trial, "delta", np.deg2rad(_zero(check))),
 }
@@ -275,6 +349,7 @@ _TOLD: dict[str, Callable[[Check], str]] = {
     "gyro offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from r.",
     "roll rate offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from p.",
     "velocity axes": lambda check: "Earth-fixed velocities turned to u, v in body axes.",
+    "motion ahead": lambda check: f"Cut to the piece from {check.value('from'):.4g} to {check.value('until'):.4g} s.",
     "lever arm": lambda check: f"{check.value('lever arm'):+.3f} m times r added to v.",
     "rudder zero": lambda check: f"{_zero(check):+.2f} deg subtracted from delta.",
 }

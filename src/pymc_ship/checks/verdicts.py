@@ -10,9 +10,6 @@ import xarray as xr
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.vessel import Vessel
 
-VERDICTS = ("good", "not checked", "doubtful", "bad")
-"""From the least to the most that there is to do; a trial with a bad check is not fitted."""
-
 SIGNIFICANT = 5.0
 """Standard errors from which a finding counts; a few dozen tests a trial then give a false alarm in 1e5 trials."""
 

@@ -18,6 +18,7 @@ import pymc_ship as ps
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
+    judged_argument,
     made_by,
     output_file,
     requested_manoeuvres,
@@ -119,7 +120,8 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
     from pymc_ship.regression.identify import identify as identified
 
-    vessel, trial = ps.load_vessel(args.vessel), trial_argument(args.trial, args, progress)
+    vessel = ps.load_vessel(args.vessel)
+    trial, _ = judged_argument(args.trial, vessel, args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
     families = FAMILIES if args.family == "both" else (args.family,)
@@ -135,12 +137,13 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
                 write_posterior(tree, folder / f"{dof}-{family}.nc")
             rows += coefficient_rows(vessel, family, found.exact[family])
         write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
-    return coefficient_table(rows, families), out
+    return "\n\n".join(filter(None, [trial.attrs["record_remarks"], coefficient_table(rows, families)])), out
 
 
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
-    vessel, trials = ps.load_vessel(args.vessel), [trial_argument(path, args, progress) for path in args.trials]
+    vessel = ps.load_vessel(args.vessel)
+    trials = [judged_argument(path, vessel, args, progress)[0] for path in args.trials]
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
     progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
@@ -153,12 +156,14 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     with staged_files(out) as folder:
         write_posterior(tree, folder / "trajectory.nc")
         write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
-    return "\n\n".join([trajectory_text(tree), coefficient_table(rows, ("trajectory",))]), out
+    said = [tree.attrs["record_remarks"], trajectory_text(tree), coefficient_table(rows, ("trajectory",))]
+    return "\n\n".join(filter(None, said)), out
 
 
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
-    vessel, trial = ps.load_vessel(args.vessel), trial_argument(args.trial, args, progress)
+    vessel = ps.load_vessel(args.vessel)
+    trial, _ = judged_argument(args.trial, vessel, args, progress)
     out = output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
     data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)

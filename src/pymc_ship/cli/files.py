@@ -16,9 +16,11 @@ from pathlib import Path
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.checks.verdicts import Check
 from pymc_ship.machine.files import OutputError, staged, writable_folder
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre
+from pymc_ship.vessel.vessel import Vessel
 
 Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str]
@@ -32,6 +34,28 @@ def trial_argument(path: str, args: argparse.Namespace, progress: Progress) -> x
     for sentence in trial.attrs["reading"].splitlines():
         progress(f"{path}: {sentence}", remark=True)
     return trial
+
+
+def judged_argument(
+    path: str, vessel: Vessel, args: argparse.Namespace, progress: Progress
+) -> tuple[xr.Dataset, tuple[Check, ...]]:
+    """Corrected trial of a file and its checks; corrections, doubts and overruled checks are shown.
+
+    Raises
+    ------
+    TrialRefusedError
+        When a check is bad and not overruled: no model is fitted to such a record.
+    """
+    trial = trial_argument(path, args, progress)
+    progress(f"checking {path}")
+    checks = ps.trial_checks(trial, vessel)
+    try:
+        trial = ps.corrected_trial(trial, checks, args.overrule)
+    except ps.TrialError as error:
+        raise type(error)(f"{path}: {error}") from None
+    for sentence in [*trial.attrs["record_remarks"].splitlines(), *trial.attrs["corrections"]]:
+        progress(f"{path}: {sentence}", remark=True)
+    return trial, checks
 
 
 def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str], **settings) -> list[Manoeuvre]:

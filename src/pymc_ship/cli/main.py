@@ -1,8 +1,9 @@
 """Command line ``pymc-ship``: parses, calls, prints; the only place that prints.
 
 Results go to standard output, progress and remarks to standard error. A command that cannot run says so in one sentence
-and ends with status 2, an interrupted one with status 130; results that fail a check are written, and one sentence and
-status 3 say that they do. Nothing heavy is imported before a command line is accepted.
+and ends with status 2, an interrupted one with status 130. A trial with a bad check is not fitted and ends with status
+3; results that fail a check are written, and one sentence and status 3 say that they do. Nothing heavy is imported
+before a command line is accepted.
 """
 
 from __future__ import annotations
@@ -53,8 +54,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _fail(f"The memory does not hold this run: {error}; make it shorter.", 2)
     except (ValueError, OSError) as error:
-        return _fail(str(error), 2)
+        return _fail(str(error), 3 if _refused(error) else 2)
     return _fail(failures[0], 3) if any(failures) else 0
+
+
+def _refused(error: Exception) -> bool:
+    """Whether an error says that a check of a trial is bad."""
+    from pymc_ship.checks.trial_checks import TrialRefusedError
+
+    return isinstance(error, TrialRefusedError)
 
 
 def _fail(sentence: str, status: int) -> int:

@@ -49,7 +49,8 @@ _IDENTIFY_EXAMPLES = """examples:
   pymc-ship identify trials/*.csv --vessel my_ship.toml --out reports/my_ship
   pymc-ship identify zigzag.csv circle.csv --vessel kvlcc2 --format columns.toml --out reports/tanker
 
-a trial with a bad check is refused: look at it with `pymc-ship check` first.
+status 3 says that a check of a trial is bad and that nothing is fitted: look at it with `pymc-ship check`,
+mend the record or its format file, or overrule the check by its name.
 """
 _FIT_EXAMPLES = """examples:
   pymc-ship fit trial.csv --vessel container --out fitted
@@ -199,9 +200,21 @@ def _add_trial(command, name: str = "trial", **settings) -> None:
     command.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
 
 
+def _add_overrule(command) -> None:
+    """Option of every command that fits or judges a model by trials."""
+    command.add_argument(
+        "--overrule",
+        action="append",
+        default=[],
+        metavar="CHECK",
+        help="use a TRIAL although this check is bad, such as `rudder sign`; the result names it; repeatable (none)",
+    )
+
+
 def _add_regression(command) -> None:
     """Options that make regression data of a trial."""
     _add_trial(command)
+    _add_overrule(command)
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
     command.add_argument("--raw", action="store_true", help="the trial is smooth already, do not denoise it")
     command.add_argument(
@@ -232,6 +245,7 @@ def _add_regress(commands) -> None:
 def _add_identify(commands) -> None:
     command = _command(commands, "identify", "identify a ship from her trials and report on it", _IDENTIFY_EXAMPLES)
     _add_trial(command, "trials", nargs="+")
+    _add_overrule(command)
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars, perhaps propeller")
     command.add_argument(
         "--terms",
@@ -252,6 +266,7 @@ def _add_identify(commands) -> None:
 def _add_fit(commands) -> None:
     command = _command(commands, "fit", "fit the simulated trajectory to raw trials", _FIT_EXAMPLES)
     _add_trial(command, "trials", nargs="+")
+    _add_overrule(command)
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
     command.add_argument(
         "--prior",
@@ -305,6 +320,7 @@ def _add_forecast(commands) -> None:
         "--measured", action="append", default=[], metavar="TRIAL", help="trial to forecast and show beside; repeatable"
     )
     command.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
+    _add_overrule(command)
     command.add_argument("--draws", type=int, help="simulated ships (300, of an identified ship 1000)")
     command.add_argument("--duration", type=float, help="[s] (400, of an identified ship 40 L/U)")
     command.add_argument("--side", choices=SIDES, help="side turned to first (port, of an identified ship both)")

@@ -11,7 +11,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
-from pymc_ship.cli.files import Outcome, Progress, made_by, requested_manoeuvres, trial_argument
+from pymc_ship.cli.files import Outcome, Progress, judged_argument, made_by, requested_manoeuvres
 from pymc_ship.cli.texts import forecast_text, held_out_text, probability_text, term_set_text
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
@@ -19,7 +19,6 @@ from pymc_ship.manoeuvre.recognition import recognise
 from pymc_ship.manoeuvre.registry import KINDS, either
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.ship.files import FOLDER, IdentifiedShip, forecast_ship, load_ship, save_ship
-from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.vessel import Vessel
 
 SIDES = ("port", "starboard")
@@ -45,32 +44,17 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     save_ship(model, out, made_by=made_by(args))
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
     page = write_ship_report(model, trials, checks, paths, out, **made)
-    text = [term_set_text(model), held_out_text(model), "\n".join(model.remarks)]
+    text = [term_set_text(model), held_out_text(model), "\n".join(model.remarks), model.judgement["record_remarks"]]
     return "\n\n".join(filter(None, text)), page
 
 
 def checked_trials(
     paths: Mapping[str, str], vessel: Vessel, args: argparse.Namespace, progress: Progress
 ) -> tuple[dict[str, xr.Dataset], dict[str, tuple[Check, ...]]]:
-    """Corrected trials and their checks by name.
-
-    Raises
-    ------
-    TrialError
-        When a check is bad: no model is fitted to such a record.
-    """
-    from pymc_ship.checks.trial_checks import failed_checks
-
+    """Corrected trials and their checks by name."""
     trials, checks = {}, {}
     for name, path in paths.items():
-        trial = trial_argument(path, args, progress)
-        progress(f"checking {name}")
-        checks[name] = ps.trial_checks(trial, vessel)
-        if failure := failed_checks(checks[name]):
-            raise TrialError(f"{path}: {failure}")
-        trials[name] = ps.corrected_trial(trial, checks[name])
-        for sentence in trials[name].attrs["corrections"]:
-            progress(f"{path}: {sentence}", remark=True)
+        trials[name], checks[name] = judged_argument(path, vessel, args, progress)
     return trials, checks
 
 

@@ -58,6 +58,11 @@ class Part:
     images: list[tuple[str, Figure, str]] = field(default_factory=list)
 
 
+def record_remarks(tree: xr.DataTree) -> list[str]:
+    """What the checks said of the records that a posterior was fitted to: a sentence for each doubt."""
+    return tree.attrs.get("record_remarks", "").splitlines()
+
+
 def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
     """Sentence that says which variables a part lacks; empty when it has them all."""
     lacking = numbers.missing(tree, *wanted)

@@ -55,6 +55,7 @@ def data_of(tree: xr.DataTree) -> RegressionData:
         time=constant["time"].values if "time" in constant else None,
         dof=tree.attrs["dof"],
         vessel=tree.attrs["vessel"],
+        **{name: tree.attrs[name] for name in ("record_verdict", "record_remarks") if name in tree.attrs},
     )
     centers = {name: np.array(scaling[name], dtype=float) for name in ("column_center", "column_scale")}
     return replace(data, **centers, **{name: float(scaling[name]) for name in ("response_center", "response_scale")})

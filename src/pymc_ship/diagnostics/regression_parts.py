@@ -23,6 +23,7 @@ from pymc_ship.diagnostics.parts import (
     missing_sentence,
     pareto_image,
     pareto_sentence,
+    record_remarks,
 )
 from pymc_ship.diagnostics.regression import DESIGN
 from pymc_ship.diagnostics.tables import (
@@ -52,8 +53,8 @@ def _verdict(one: Comparison) -> list[str]:
         lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
     tree = one.posterior
     if lacking := missing_sentence(tree, *DESIGN):
-        return [*lines, f"What the data determine and the residuals are not known: {lacking}"]
-    return [*lines, _determined(tree), _white(tree)]
+        return [*lines, f"What the data determine and the residuals are not known: {lacking}", *record_remarks(tree)]
+    return [*lines, _determined(tree), _white(tree), *record_remarks(tree)]
 
 
 def _determined(tree: xr.DataTree) -> str:

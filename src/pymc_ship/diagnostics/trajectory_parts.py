@@ -21,6 +21,7 @@ from pymc_ship.diagnostics.parts import (
     missing_sentence,
     pareto_image,
     pareto_sentence,
+    record_remarks,
 )
 from pymc_ship.diagnostics.tables import prior_posterior_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
@@ -66,7 +67,8 @@ def _verdict(one: Comparison) -> list[str]:
     lines += [f"What the records determine is not known: {lacking}"] if lacking else _determined(tree)
     lines += [tree.attrs["noise_sentence"], _white(tree)]
     agreeing, starts = int(tree.attrs["starts_agreeing"]), int(tree.attrs["starts"])
-    return [*lines, f"{agreeing} of {starts} starts of the fit ended at this mode; {_diverged(tree)}."]
+    lines.append(f"{agreeing} of {starts} starts of the fit ended at this mode; {_diverged(tree)}.")
+    return [*lines, *record_remarks(tree)]
 
 
 def _determined(tree: xr.DataTree) -> list[str]:

@@ -16,6 +16,7 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.motion.equations import VELOCITIES
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.motion.weak_form import INDEPENDENT, weak_form
+from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
@@ -134,8 +135,8 @@ class RegressionData(ScaledRegression):
         Index of the constant column, -1 where there is none.
     time : ndarray, shape (n_rows,)
         Coordinate of the rows [s]; the row number where no time is known.
-    dof, vessel, derivative : str
-        What the rows were made from; empty for plain arrays.
+    dof, vessel, derivative, record_verdict, record_remarks : str
+        What the rows were made from, and what :func:`pymc_ship.judged_trial` said of the trial.
     """
 
     design_matrix: np.ndarray
@@ -150,6 +151,8 @@ class RegressionData(ScaledRegression):
     dof: str = ""
     vessel: str = ""
     derivative: str = ""
+    record_verdict: str = "not checked"
+    record_remarks: str = ""
 
     @classmethod
     def from_arrays(
@@ -176,7 +179,7 @@ class RegressionData(ScaledRegression):
         time : array_like, shape (n_rows,), optional
             Coordinate of the rows [s].
         **labels : str
-            ``dof``, ``vessel`` and ``derivative``, kept for the record.
+            The texts from ``dof`` to ``record_remarks``, kept for the record.
 
         Returns
         -------
@@ -263,8 +266,7 @@ def regression_data(
     Differences want a denoised trial. The weak form takes the trial as it was measured: its rows are means under
     test functions 10 s long, formed without a derivative, and it denoises the motion in the terms itself. Windows that
     overlap share noise, which no posterior knows of: on a noisy zigzag intervals of 90 % held 48 to 57 % of the
-    reference values with a row each 0.5 s, 66 to 70 % at 1 s, 79 to 81 % at 2 s and 85 to 90 % at 4 s, while the median
-    error was the same.
+    reference values with a row each 0.5 s, 66 to 70 % at 1 s, 79 to 81 % at 2 s and 85 to 90 % at 4 s.
 
     Parameters
     ----------
@@ -333,6 +335,7 @@ def regression_data(
         dof=dof,
         vessel=vessel.name,
         derivative=derivative,
+        **judgement([trial]),
     )
 
 

@@ -149,6 +149,8 @@ def _attrs(data: RegressionData, prior: Prior, method: str, state: str) -> dict[
         "vessel": data.vessel,
         "dof": data.dof,
         "derivative": data.derivative,
+        "record_verdict": data.record_verdict,
+        "record_remarks": data.record_remarks,
         "prior": json.dumps(prior.hyperparameters()),
         "scaling": json.dumps(
             {

@@ -146,6 +146,7 @@ def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:
             "steering": asdict(model.steering),
             "runs": list(model.names),
             "remarks": list(model.remarks),
+            **model.judgement,
             "made_by": made_by,
         }
         (folder / _INDEX).write_text(json.dumps(index, indent=2) + "\n", encoding="utf-8")

@@ -38,6 +38,7 @@ from pymc_ship.trajectory.windows import (
     thinned,
     widened,
 )
+from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.hull_database import with_hull_database
 from pymc_ship.vessel.term_sets import term_sets, with_terms
@@ -105,6 +106,8 @@ class ShipModel:
     motion : DataArray, dims (row, symbol)
         Prime motion of all runs.
     remarks : tuple of str
+    judgement : dict of str to str
+        Of the records, see :func:`pymc_ship.trial.judgement.judgement`.
     """
 
     vessel: Vessel
@@ -117,6 +120,7 @@ class ShipModel:
     model_error: dict[str, float]
     motion: xr.DataArray
     remarks: tuple[str, ...]
+    judgement: dict[str, str]
 
     @property
     def models(self) -> list[tuple[Vessel, np.ndarray]]:
@@ -229,6 +233,7 @@ def identify_ship(
         model_error=errors,
         motion=_motion(training),
         remarks=tuple(remarks),
+        judgement=judgement(trials, names),
     )
 
 
@@ -241,13 +246,7 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> _Trai
 
 
 def chosen_prior(vessel: Vessel, kind: str | None) -> str:
-    """The kind of prior asked for, one of :data:`PRIORS`; by default the hull database where a draught is stated.
-
-    Raises
-    ------
-    PriorError
-        For an unknown kind.
-    """
+    """The kind of prior asked for (PriorError if unknown); by default the hull database where a draught is stated."""
     if kind is None:
         return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
     check_choice("The prior of a ship", kind, PRIORS, PriorError)

@@ -15,6 +15,7 @@ from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory
 from pymc_ship.trajectory.noise import NoiseChoice, fit_with_noise
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.runs import Run, trajectory_run
+from pymc_ship.trial.judgement import judgement
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 _SAME_MODE = 0.5  # posterior standard deviations
@@ -30,11 +31,14 @@ class TrajectoryMode:
         Fit, noise model and tests.
     n_starts, n_agreeing : int
         Starts that ran, and those that ended at this mode.
+    judgement : dict of str to str
+        What the checks said of the records, see :func:`pymc_ship.trial.judgement.judgement`.
     """
 
     choice: NoiseChoice
     n_starts: int
     n_agreeing: int
+    judgement: dict[str, str]
 
 
 def trajectory_mode(
@@ -62,6 +66,7 @@ def trajectory_mode(
     trials = [trials] if isinstance(trials, xr.Dataset) else list(trials)
     if not trials:
         raise TrajectoryError("A trajectory fit needs at least one trial, found none; give one.")
+    said = judgement(trials)
     runs = [trajectory_run(trial, vessel, channels=channels, noise_sd=noise_sd, method=method) for trial in trials]
     trials = [_completed(trial, run, vessel) for trial, run in zip(trials, runs, strict=True)]
     if isinstance(prior, str):
@@ -72,11 +77,11 @@ def trajectory_mode(
     try:
         choice = fit_with_noise(runs, vessel, prior, first, noise=noise, offsets=offsets)
     except TrajectoryError:
-        return TrajectoryMode(fit_with_noise(runs, vessel, prior, second, noise=noise, offsets=offsets), 2, 1)
-    return _checked(choice, second)
+        return TrajectoryMode(fit_with_noise(runs, vessel, prior, second, noise=noise, offsets=offsets), 2, 1, said)
+    return _checked(choice, second, said)
 
 
-def _checked(choice: NoiseChoice, start: np.ndarray) -> TrajectoryMode:
+def _checked(choice: NoiseChoice, start: np.ndarray, said: dict[str, str]) -> TrajectoryMode:
     """Better of a fit and another from a second start under the same noise, and whether they are the same."""
     fit = choice.fit
     unknowns = fit.unknowns.copy()
@@ -84,11 +89,11 @@ def _checked(choice: NoiseChoice, start: np.ndarray) -> TrajectoryMode:
     try:
         other = fit_trajectory(fit.problem, unknowns)
     except TrajectoryError:
-        return TrajectoryMode(choice, 2, 1)
+        return TrajectoryMode(choice, 2, 1, said)
     apart = np.max(np.abs(other.coefficients - fit.coefficients) / fit.sd)
     if other.log_evidence > fit.log_evidence and apart >= _SAME_MODE:
         choice = replace(choice, fit=other)
-    return TrajectoryMode(choice, 2, 2 if apart < _SAME_MODE else 1)
+    return TrajectoryMode(choice, 2, 2 if apart < _SAME_MODE else 1, said)
 
 
 def _completed(trial: xr.Dataset, run: Run, vessel: Vessel) -> xr.Dataset:

@@ -1,0 +1,60 @@
+"""What the checks say of a trial reaches everyone who reads the result: text, posterior and page."""
+
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.cli.main import main
+from tests.journeys.cases import files, run
+
+
+@pytest.fixture
+def flipped(made, tmp_path):
+    """The trial with a rudder that counts to the wrong side."""
+    trial = ps.read_trial(made / "trial.csv")
+    return ps.write_trial(trial.assign(delta=-trial["delta"]), tmp_path / "flipped.csv")
+
+
+@pytest.mark.parametrize("command", ["regress", "tune", "fit", "identify"])
+def test_a_flipped_rudder_is_not_fitted(made, flipped, tmp_path, capsys, command):
+    more = ("--dof", "yaw", "--family", "conjugate") if command == "tune" else ()
+    words = (command, flipped, "--vessel", made / "small.toml", *more, "--out", tmp_path / "out")
+    assert main(list(map(str, words))) == 3
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(f"pymc-ship: {flipped}: The trial cannot be fitted: ")
+    assert "rudder sign: A positive delta turns the ship to starboard" in said
+    assert files(tmp_path) == ["flipped.csv"]
+
+
+def test_an_overruled_check_is_named_in_text_posterior_and_page(made, flipped, tmp_path, capsys):
+    out, words = tmp_path / "out", ("--family", "conjugate", "--draws", 400, "--overrule", "rudder sign")
+    run("regress", flipped, "--vessel", made / "small.toml", *words, "--out", out)
+    named = "Overruled, though bad: rudder sign: A positive delta turns the ship to starboard"
+    assert named in capsys.readouterr().out
+    tree = ps.read_posterior(out / "yaw-conjugate.nc")
+    assert tree.attrs["record_verdict"] == "bad"
+    assert named in tree.attrs["record_remarks"]
+    report = ("report", out / "yaw-conjugate.nc", "--vessel", made / "small.toml", "--out", tmp_path / "page")
+    assert main(list(map(str, report))) in (0, 3)
+    assert named in capsys.readouterr().out
+    assert named in (tmp_path / "page" / "diagnostics.html").read_text(encoding="utf-8")
+
+
+def test_a_fit_of_trajectories_keeps_the_doubts_on_its_records(made, small, tmp_path, capsys):
+    trial = ps.read_trial(made / "trial.csv")
+    skewed = ps.write_trial(trial.assign(r=trial["r"] + 2e-3), tmp_path / "skewed.csv")
+    run("fit", skewed, "--vessel", made / "small.toml", "--prior", "sister_ship", "--draws", 40, "--out", tmp_path)
+    tree = ps.read_posterior(tmp_path / "trajectory.nc")
+    assert tree.attrs["record_verdict"] == "doubtful"
+    assert "Doubtful: gyro offset: r has an offset" in tree.attrs["record_remarks"]
+    assert "Doubtful: gyro offset: r has an offset" in capsys.readouterr().out
+
+
+def test_a_record_that_nobody_judged_is_said_to_be_unchecked(made, small):
+    data = ps.regression_data(ps.denoise(ps.read_trial(made / "trial.csv")), small, "yaw", interval=1.0)
+    assert data.record_verdict == "not checked"
+
+
+def test_only_a_check_can_be_overruled(made, tmp_path, capsys):
+    words = ("regress", made / "trial.csv", "--vessel", made / "small.toml", "--overrule", "luck", "--out", tmp_path)
+    assert main(list(map(str, words))) == 2
+    assert "A check to overrule is one of spikes" in capsys.readouterr().err
