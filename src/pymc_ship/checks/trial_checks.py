@@ -300,7 +300,8 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
         check_choice("A check to overrule", name, [check.name for check in checks], TrialError)
     if sentence := failed_checks(checks, overrule):
         raise TrialRefusedError(sentence)
-    mended = judged(_mended(trial, checks), worst_verdict(checks), _remarks(checks))
+    made = [check.verdict for check in checks if check.verdict != "not checked"]
+    mended = judged(_mended(trial, checks), worst(made), _remarks(checks))
     told = [*trial.attrs.get("corrections", []), *(_TOLD[check.name](check) for check in checks if check.mendable)]
     return mended.assign_attrs(corrections=told)
 
