@@ -146,7 +146,7 @@ class Prior(ABC):
         return self.scale / np.maximum(rng.standard_gamma(self.shape, size), _SMALLEST_GAMMA)
 
     def draw(self, n_terms: int, rng: np.random.Generator, size: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
-        """Draws from the prior: scaled coefficients, shape (*size, n_terms), and noise variance, shape ``size``."""
+        """Draws from the prior: scaled coefficients, shape (..., n_terms), and noise variance, shape ``size``."""
         noise_variance = self.draw_noise_variance(rng, size)
         spread = np.sqrt(self.coefficient_variance(noise_variance[..., None], n_terms))
         return self.means(n_terms) + spread * rng.standard_normal((*size, n_terms)), noise_variance
