@@ -26,6 +26,7 @@ _PUBLIC = {
     "motion.sensitivities": ("sensitivities",),
     "motion.simulation": ("SimulationError", "simulate"),
     "motion.weak_form": ("coefficient_scales", "weak_form_start"),
+    "checks.lag": ("VelocityLag", "common_lag"),
     "checks.trial_checks": ("TrialRefusedError", "check_table", "corrected_trial", "judged_trial", "trial_checks"),
     "regression.conjugate": ("ConjugatePrior", "conjugate", "conjugate_posterior"),
     "regression.data": ("RegressionData", "RegressionDataError", "regression_data"),

@@ -1,3 +1,5 @@
+from pymc_ship.checks.lag import VelocityLag as VelocityLag
+from pymc_ship.checks.lag import common_lag as common_lag
 from pymc_ship.checks.trial_checks import TrialRefusedError as TrialRefusedError
 from pymc_ship.checks.trial_checks import check_table as check_table
 from pymc_ship.checks.trial_checks import corrected_trial as corrected_trial

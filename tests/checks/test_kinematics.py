@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.checks.kinematics import earth_velocity
+from pymc_ship.checks.track import earth_velocity
 from tests.checks.cases import alarms, changed, found, lever, noisy, offset, steered, units
 
 

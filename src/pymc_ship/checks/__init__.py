@@ -2,7 +2,9 @@
 
 - `verdicts`: what a check says: verdict, numbers, sentence and remedy.
 - `record_quality`: sampling, noise, resolution, spikes, gaps and frozen sensors.
-- `kinematics`: whether velocities lead to heading, roll and track.
+- `kinematics`: whether rates lead to heading and roll, and speeds to the length of the track.
+- `track`: whether velocities lead to the track: axes, sign of v, lever arm, drift.
+- `lag`: velocities that are late behind the track.
 - `rudder`: unit, sign, zero, rate and delay of the rudder.
 - `plausibility`: whether the motion can be that of this ship, and which piece of it the models hold.
 - `excitation`: straight approach, range of the motion, terms that can be told apart.

@@ -18,6 +18,9 @@ SAMPLES_DOUBTFUL, SAMPLES_BAD = 10.0, 4.0
 RUDDER_STEP = 0.25
 """Rudder travel between samples over its range, beyond which its moves are not resolved."""
 
+FASTEST_GEAR = 300.0
+"""Rudder angle [deg] in L/U that no steering gear moves: rules ask for 2.3 deg/s of ships, quick models reach 150."""
+
 NOISE_DOUBTFUL, NOISE_BAD = 1.0 / 3.0, 1.0
 """Noise of a sample over the spread of the signal: at 1 the channel is noise as much as signal."""
 
@@ -50,7 +53,7 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     interval = sampling_interval(trial)
     samples = scale.time / interval
     numbers = (("interval", interval, "s"), ("samples in L/U", samples, ""))
-    share = 0.0
+    share = rate = 0.0
     if "delta" in trial and np.ptp(trial["delta"].values) > 0.0:
         rate, _ = measured_rate(trial)
         share = float(np.nan_to_num(np.deg2rad(rate) * interval / np.ptp(trial["delta"].values)))
@@ -60,6 +63,12 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return Check("sampling", "bad", f"{text} Accelerations cannot be told; sample faster.", numbers)
     if samples < SAMPLES_DOUBTFUL:
         return Check("sampling", "doubtful", f"{text} That is few; use the trajectory fit, or sample faster.", numbers)
+    if share > RUDDER_STEP and rate * scale.time > FASTEST_GEAR:
+        text = (
+            f"The rudder moves by {share:.0%} of its range between samples, {rate:.3g} deg/s: that is an ordered "
+            "angle, or a gear far quicker than the ship; a fit takes it for the angle itself."
+        )
+        return Check("sampling", "doubtful", text, numbers)
     if share > RUDDER_STEP:
         text = f"The rudder moves by {share:.0%} of its range between samples; sample faster."
         return Check("sampling", "doubtful", text, numbers)

@@ -176,7 +176,11 @@ def rudder_rate_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
     numbers += (("vessel file", given, "deg/s"),)
     if abs(rate / given - 1.0) <= RATE:
         return Check(name, "good", f"The rudder moves at {rate:.3g} deg/s; the vessel file has {given:.3g}.", numbers)
-    text = f"The rudder moves at {rate:.3g} deg/s, the vessel file has {given:.3g}; correct it before a forecast."
+    text = f"The rudder moves at {rate:.3g} deg/s, the vessel file has {given:.3g};"
+    if rate < given:
+        text = f"{text} steered by hand, it may be slower than its gear: the record does not tell the rate of the gear."
+    else:
+        text = f"{text} an ordered angle, or a gear quicker than that of the file."
     return Check(name, "doubtful", text, numbers)
 
 

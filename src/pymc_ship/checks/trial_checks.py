@@ -12,15 +12,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.checks.excitation import approach_check, excitation_checks, range_check
-from pymc_ship.checks.kinematics import (
-    axes_checks,
-    body_velocity,
-    drift_check,
-    heading_check,
-    lever_check,
-    rate_checks,
-    speed_check,
-)
+from pymc_ship.checks.kinematics import heading_check, rate_checks, speed_check
+from pymc_ship.checks.lag import VelocityLag, advanced, explains_better, lag_check, lag_of
 from pymc_ship.checks.plausibility import cut_to_piece, piece_check, plausibility_check
 from pymc_ship.checks.record_quality import (
     frozen_check,
@@ -41,6 +34,7 @@ from pymc_ship.checks.rudder import (
     rudder_unit_check,
     rudder_zero_check,
 )
+from pymc_ship.checks.track import axes_checks, body_velocity, drift_check, lever_check
 from pymc_ship.checks.verdicts import Check, not_checked, ship_scale
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.trial.channels import SIMULATED
@@ -55,7 +49,9 @@ class TrialRefusedError(TrialError):
     """A record that must not be fitted, because a check of it is bad and nobody has overruled the check."""
 
 
-def trial_checks(trial: xr.Dataset, vessel: Vessel | None = None) -> tuple[Check, ...]:
+def trial_checks(
+    trial: xr.Dataset, vessel: Vessel | None = None, *, lag: VelocityLag | None = None
+) -> tuple[Check, ...]:
     """Check a trial: record, kinematic closure, rudder, approach and excitation.
 
     Parameters
@@ -65,6 +61,9 @@ def trial_checks(trial: xr.Dataset, vessel: Vessel | None = None) -> tuple[Check
         Checks that need a missing channel are not made and say so; p and phi that are 0 throughout count as missing.
     vessel : Vessel, optional
         Gives L, speed, rudder rate and terms. Without it, L/U is taken from the tightest turn.
+    lag : VelocityLag, optional
+        Lag of the velocities behind the track in all runs of the facility, see :func:`pymc_ship.common_lag`; by default
+        that of this record.
 
     Returns
     -------
@@ -97,7 +96,7 @@ def trial_checks(trial: xr.Dataset, vessel: Vessel | None = None) -> tuple[Check
     scale = ship_scale(trial, vessel)
     found += [sampling_check(trial, scale), gap_check(trial), noise_check(trial), resolution_check(trial)]
     found += [frozen_check(trial, scale)]
-    trial, closure = _closure_checks(trial, vessel)
+    trial, closure = _closure_checks(trial, vessel, lag)
     yaw_sign = next(check for check in closure if check.name == "yaw rate")
     found += closure
     plausible = plausibility_check(trial, scale, vessel)
@@ -124,7 +123,9 @@ def _check_record(trial: xr.Dataset) -> None:
             raise TrialError(f"Channel {name} must be that of a ship, found {largest:.3g}; mend the record.")
 
 
-def _closure_checks(trial: xr.Dataset, vessel: Vessel | None) -> tuple[xr.Dataset, list[Check]]:
+def _closure_checks(
+    trial: xr.Dataset, vessel: Vessel | None, lag: VelocityLag | None
+) -> tuple[xr.Dataset, list[Check]]:
     """Trial with what the closure mends, and the checks."""
     scale = ship_scale(trial, vessel)
     found = [*rate_checks(trial, scale, "r", "psi"), *rate_checks(trial, scale, "p", "phi")]
@@ -133,16 +134,22 @@ def _closure_checks(trial: xr.Dataset, vessel: Vessel | None) -> tuple[xr.Datase
     wrong = [check.name for check in found if check.verdict == "bad" and not check.name.startswith("roll")]
     if wrong:
         reason = f"{' and '.join(wrong)} must be right first"
-        names = ("velocity axes", "sway sign", "lever arm", "track closure")
+        names = ("velocity axes", "sway sign", "velocity lag", "lever arm", "track closure")
         return trial, found + [not_checked(name, reason) for name in names]
     axes = axes_checks(trial, scale)
     trial = _mended(trial, axes)
     if axes[1].verdict == "bad":
-        rest = [not_checked(name, "the sign of v must be right first") for name in ("lever arm", "track closure")]
+        names = ("velocity lag", "lever arm", "track closure")
+        rest = [not_checked(name, "the sign of v must be right first") for name in names]
         return trial, [*found, *axes, *rest]
+    late = lag_check(trial, scale, lag)
+    trial = _mended(trial, [late])
     lever = lever_check(trial, scale)
+    if lever.mendable and explains_better(late, scale):
+        reason = "a lag of the velocities explains the track better, but takes more runs to tell; give them together"
+        lever = not_checked(lever.name, reason)
     trial = _mended(trial, [lever])
-    return trial, [*found, *axes, lever, drift_check(trial, scale)]
+    return trial, [*found, *axes, late, lever, drift_check(trial, scale)]
 
 
 def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool) -> list[Check]:
@@ -211,7 +218,9 @@ def _said(check: Check) -> str:
     return f"{check.name}: {check.sentence}"
 
 
-def judged_trial(trial: xr.Dataset, vessel: Vessel, overrule: Collection[str] = ()) -> xr.Dataset:
+def judged_trial(
+    trial: xr.Dataset, vessel: Vessel, overrule: Collection[str] = (), *, lag: VelocityLag | None = None
+) -> xr.Dataset:
     """Check a trial, refuse it or mend it: what every command does with a record before it fits it.
 
     Parameters
@@ -221,6 +230,8 @@ def judged_trial(trial: xr.Dataset, vessel: Vessel, overrule: Collection[str] = 
     vessel : Vessel
     overrule : collection of str, optional
         Names of checks whose verdict "bad" does not refuse the trial.
+    lag : VelocityLag, optional
+        As for :func:`trial_checks`.
 
     Returns
     -------
@@ -250,7 +261,7 @@ def judged_trial(trial: xr.Dataset, vessel: Vessel, overrule: Collection[str] = 
     pymc_ship.checks.trial_checks.TrialRefusedError: The trial cannot be fitted: rudder sign: A positive delta turns \
 the ship to starboard, it should turn her to port; flip the sign of delta.
     """
-    return corrected_trial(trial, trial_checks(trial, vessel), overrule)
+    return corrected_trial(trial, trial_checks(trial, vessel, lag=lag), overrule)
 
 
 def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collection[str] = ()) -> xr.Dataset:
@@ -339,6 +350,7 @@ _MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
     "roll rate offset": lambda trial, check: _less(trial, "p", np.deg2rad(check.value("offset"))),
     "velocity axes": _turned,
     "motion ahead": cut_to_piece,
+    "velocity lag": lambda trial, check: advanced(trial, lag_of(check)),
     "lever arm": lambda trial, check: _less(trial, "v", -check.value("lever arm") * trial["r"].values),
     "rudder zero": lambda trial, check: _less(trial, "delta", np.deg2rad(_zero(check))),
 }
@@ -350,6 +362,7 @@ _TOLD: dict[str, Callable[[Check], str]] = {
     "gyro offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from r.",
     "roll rate offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from p.",
     "velocity axes": lambda check: "Earth-fixed velocities turned to u, v in body axes.",
+    "velocity lag": lambda check: f"u and v taken from {lag_of(check).seconds:.3g} s later.",
     "motion ahead": lambda check: f"Cut to the piece from {check.value('from'):.4g} to {check.value('until'):.4g} s.",
     "lever arm": lambda check: f"{check.value('lever arm'):+.3f} m times r added to v.",
     "rudder zero": lambda check: f"{_zero(check):+.2f} deg subtracted from delta.",

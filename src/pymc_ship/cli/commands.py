@@ -18,7 +18,7 @@ import pymc_ship as ps
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
-    judged_argument,
+    judged_arguments,
     made_by,
     output_file,
     requested_manoeuvres,
@@ -121,7 +121,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.regression.identify import identify as identified
 
     vessel = ps.load_vessel(args.vessel)
-    trial, _ = judged_argument(args.trial, vessel, args, progress)
+    (trial,), _ = judged_arguments([args.trial], vessel, args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
     families = FAMILIES if args.family == "both" else (args.family,)
@@ -143,7 +143,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
     vessel = ps.load_vessel(args.vessel)
-    trials = [judged_argument(path, vessel, args, progress)[0] for path in args.trials]
+    trials, _ = judged_arguments(args.trials, vessel, args, progress)
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
     progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
@@ -163,7 +163,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
     vessel = ps.load_vessel(args.vessel)
-    trial, _ = judged_argument(args.trial, vessel, args, progress)
+    (trial,), _ = judged_arguments([args.trial], vessel, args, progress)
     out = output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
     data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)

@@ -36,26 +36,33 @@ def trial_argument(path: str, args: argparse.Namespace, progress: Progress) -> x
     return trial
 
 
-def judged_argument(
-    path: str, vessel: Vessel, args: argparse.Namespace, progress: Progress
-) -> tuple[xr.Dataset, tuple[Check, ...]]:
-    """Corrected trial of a file and its checks; corrections, doubts and overruled checks are shown.
+def judged_arguments(
+    paths: Sequence[str], vessel: Vessel, args: argparse.Namespace, progress: Progress
+) -> tuple[list[xr.Dataset], list[tuple[Check, ...]]]:
+    """Corrected trials of the files of a facility and their checks; corrections, doubts and overruled checks are shown.
+
+    Velocities that are late behind the track are so by the same time in all of them.
 
     Raises
     ------
     TrialRefusedError
         When a check is bad and not overruled: no model is fitted to such a record.
     """
-    trial = trial_argument(path, args, progress)
-    progress(f"checking {path}")
-    checks = ps.trial_checks(trial, vessel)
-    try:
-        trial = ps.corrected_trial(trial, checks, args.overrule)
-    except ps.TrialError as error:
-        raise type(error)(f"{path}: {error}") from None
-    for sentence in [*trial.attrs["record_remarks"].splitlines(), *trial.attrs["corrections"]]:
-        progress(f"{path}: {sentence}", remark=True)
-    return trial, checks
+    trials, checks = [], []
+    for path in paths:
+        trials.append(trial_argument(path, args, progress))
+        progress(f"checking {path}")
+        checks.append(ps.trial_checks(trials[-1], vessel))
+    if len(paths) > 1 and (lag := ps.common_lag(checks)):
+        checks = [ps.trial_checks(trial, vessel, lag=lag) for trial in trials]
+    for k, path in enumerate(paths):
+        try:
+            trials[k] = ps.corrected_trial(trials[k], checks[k], args.overrule)
+        except ps.TrialError as error:
+            raise type(error)(f"{path}: {error}") from None
+        for sentence in [*trials[k].attrs["record_remarks"].splitlines(), *trials[k].attrs["corrections"]]:
+            progress(f"{path}: {sentence}", remark=True)
+    return trials, checks
 
 
 def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str], **settings) -> list[Manoeuvre]:

@@ -11,7 +11,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
-from pymc_ship.cli.files import Outcome, Progress, judged_argument, made_by, requested_manoeuvres
+from pymc_ship.cli.files import Outcome, Progress, judged_arguments, made_by, requested_manoeuvres
 from pymc_ship.cli.texts import forecast_text, held_out_text, probability_text, term_set_text
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
@@ -52,10 +52,8 @@ def checked_trials(
     paths: Mapping[str, str], vessel: Vessel, args: argparse.Namespace, progress: Progress
 ) -> tuple[dict[str, xr.Dataset], dict[str, tuple[Check, ...]]]:
     """Corrected trials and their checks by name."""
-    trials, checks = {}, {}
-    for name, path in paths.items():
-        trials[name], checks[name] = judged_argument(path, vessel, args, progress)
-    return trials, checks
+    trials, checks = judged_arguments(list(paths.values()), vessel, args, progress)
+    return dict(zip(paths, trials, strict=True)), dict(zip(paths, checks, strict=True))
 
 
 def _named(paths: Sequence[str]) -> dict[str, str]:

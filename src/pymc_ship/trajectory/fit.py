@@ -243,7 +243,10 @@ def _descend(problem: Problem, start: np.ndarray) -> _Mode:
     point = linearise(problem, unknowns)
     cost = _cost(problem, unknowns, point)
     if not np.isfinite(cost):
-        raise TrajectoryError("The simulated ship leaves the model's range at the start of the fit; start elsewhere.")
+        raise TrajectoryError(
+            "The simulated ship leaves the model's range at the start of the fit: the first estimate from these "
+            "records is no stable ship; add a run that turns less hard, or a prior nearer to the ship."
+        )
     damping, growth = 1e-3, 2.0
     for n_steps in range(_MOST_STEPS):
         slope = point.gradient + precision * (unknowns - center) / unit
