@@ -229,7 +229,7 @@ class TestMode:
             fit_trajectory(problem_of(ship, [clean], "flat", **settings), truth(ship, [clean]))
 
     def test_a_start_that_diverges_says_so(self, problem, ship, zigzag):
-        with pytest.raises(TrajectoryError, match="leaves the model's range at the start of the fit: .* add a run"):
+        with pytest.raises(TrajectoryError, match=r"leaves the model's range at the start of the fit: .* add a run"):
             fit_trajectory(problem, -truth(ship, [zigzag]))
 
 
