@@ -23,6 +23,7 @@ from pymc_ship.cli.files import (
     requested_manoeuvres,
     staged_files,
     trial_argument,
+    vessel_argument,
     write_csv,
     write_trial_file,
 )
@@ -62,6 +63,7 @@ def study(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.diagnostics.agreement import failure
     from pymc_ship.replication.page import reported_study
 
+    vessel_argument(args.vessel, progress)
     out = args.out or Path("reports", Path(args.vessel).stem)
     result, page = reported_study(out, vessel=args.vessel, level=args.level, seed=args.seed, progress=progress)
     return "", page, failure(result.comparisons)
@@ -69,7 +71,7 @@ def study(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Simulate a trial; the text has the indices and IMO criteria of the clean run."""
-    vessel, manoeuvre = ps.load_vessel(args.vessel), _manoeuvre(args)
+    vessel, manoeuvre = vessel_argument(args.vessel, progress), _manoeuvre(args)
     out = output_file(args.out)
     progress(f"simulating the {manoeuvre.label}")
     run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
@@ -90,7 +92,7 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Check a trial; the text has the verdict of each check and what was corrected."""
     from pymc_ship.checks.trial_checks import failed_checks
 
-    vessel = ps.load_vessel(args.vessel) if args.vessel else None
+    vessel = vessel_argument(args.vessel, progress) if args.vessel else None
     trial = trial_argument(args.trial, args, progress)
     out = output_file(args.out) if args.out else None
     progress("checking")
@@ -119,7 +121,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
     from pymc_ship.regression.identify import identify as identified
 
-    vessel, trial = ps.load_vessel(args.vessel), trial_argument(args.trial, args, progress)
+    vessel, trial = vessel_argument(args.vessel, progress), trial_argument(args.trial, args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
     families = FAMILIES if args.family == "both" else (args.family,)
@@ -140,7 +142,8 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
-    vessel, trials = ps.load_vessel(args.vessel), [trial_argument(path, args, progress) for path in args.trials]
+    vessel = vessel_argument(args.vessel, progress)
+    trials = [trial_argument(path, args, progress) for path in args.trials]
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
     progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
@@ -158,7 +161,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
-    vessel, trial = ps.load_vessel(args.vessel), trial_argument(args.trial, args, progress)
+    vessel, trial = vessel_argument(args.vessel, progress), trial_argument(args.trial, args, progress)
     out = output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
     data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)
@@ -194,7 +197,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
             )
     if args.measured:
         raise ValueError("Measured trials are shown beside forecasts of an identified ship; leave --measured out.")
-    vessel, side, duration = ps.load_vessel(args.vessel), args.side or "port", args.duration or 400.0
+    vessel, side, duration = vessel_argument(args.vessel, progress), args.side or "port", args.duration or 400.0
     manoeuvres = requested_manoeuvres(args, (side,))
     if not manoeuvres:
         raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10 or --turn 35.")
@@ -216,7 +219,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Design the next runs; the text has the gain of each candidate and the accuracy that the chosen ones promise."""
-    vessel, rng = ps.load_vessel(args.vessel), np.random.default_rng(args.seed)
+    vessel, rng = vessel_argument(args.vessel, progress), np.random.default_rng(args.seed)
     posterior = _of_vessel(read_posterior(args.posterior), Path(args.posterior), vessel)
     candidates = ps.candidate_trials(vessel, duration=args.duration, rng=rng)
     out, settings = writable_folder(args.out), {"criterion": args.criterion, "duration": args.duration}
@@ -258,7 +261,7 @@ def report(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.diagnostics.agreement import comparisons, failure
     from pymc_ship.diagnostics.page import check_trees, subject_of, write_diagnostics
 
-    vessel = ps.load_vessel(args.vessel) if args.vessel else None
+    vessel = vessel_argument(args.vessel, progress) if args.vessel else None
     paths = {Path(path).stem: path for path in args.posteriors}
     if len(paths) < len(args.posteriors):
         paths = {path: path for path in args.posteriors}

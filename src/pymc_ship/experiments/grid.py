@@ -16,7 +16,8 @@ from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.manoeuvre.standard import Manoeuvre, written_manoeuvre
 from pymc_ship.trial.noise import NOISES, RECORD_STEP
-from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
+from pymc_ship.vessel.reading import load_vessel
+from pymc_ship.vessel.vessel import Vessel, VesselError
 
 PART_SEEDS = 1000
 """Seeds of a cell whose results share a file."""

@@ -83,7 +83,7 @@ def term_sets(vessel: Vessel) -> tuple[str, ...]:
     """Names of the sets a vessel can have.
 
     Those by the propeller's loading where it states its propeller, the plain ones else; before them its own terms where
-    no set holds them all: then the file is a model of its own.
+    it has some of every degree of freedom and no set holds them all: then the file is a model of its own.
 
     Examples
     --------
@@ -99,6 +99,8 @@ def term_sets(vessel: Vessel) -> tuple[str, ...]:
     wanted = vessel.propeller is not None
     names = tuple(name for name, terms in TERM_SETS.items() if terms.propeller == wanted)
     own = {c.name for force in vessel.forces.values() for c in force}
+    if not all(vessel.forces.values()):
+        return names
     held = any(own <= set().union(*TERM_SETS[name].coefficients.values()) for name in names)
     return names if held else (OWN, *names)
 
