@@ -89,7 +89,7 @@ class Entry:
         return f"{self.file}: {self.key}"
 
     def _below(self, key: str) -> str:
-        key = key if key.isprintable() and len(key) <= _LONGEST_KEY else shown(key)
+        key = key if key.isprintable() and 0 < len(key) <= _LONGEST_KEY else shown(key)
         return f"{self.key}.{key}" if self.key else key
 
 
@@ -109,7 +109,10 @@ def _text(content: bytes) -> str:
     """Text of a file in UTF-8, with or without a byte order mark."""
     if content.startswith(_UTF_16) or b"\0" in content[:2]:
         raise ValueError("it is UTF-16, save it as UTF-8")
-    return content.decode("utf-8-sig").replace("\r\n", "\n")
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"byte {error.start} is no UTF-8, save it as UTF-8") from None
 
 
 def _line(reason: str) -> str:

@@ -17,6 +17,8 @@ K_ZZ = 0.25
 DIAGONAL = ("Xudot", "Yvdot", "Nrdot")
 """Added masses that are derived where a file leaves them out; couplings that it leaves out are 0."""
 
+_LEAST = 0.01  # a prolate spheroid of L/B = 14 has this added mass in surge (Lamb 1932)
+
 
 def displaced_mass(s: Particulars) -> float:
     """Prime mass of the displaced water, 2 volume/L^3."""
@@ -66,7 +68,7 @@ def motora_added_mass(s: Particulars, m: float) -> dict[str, float]:
         - 0.638 * block * flat * slender * (1.0 - 0.669 * flat)
     )
     radius = 0.01 * (33.0 - 76.85 * block * (1.0 - 0.784 * block) + 3.43 * slender * (1.0 - 0.63 * block))
-    if min(surge, sway, radius) <= 0.0:
+    if min(surge, sway, radius) < _LEAST:
         raise VesselError(
             f"Motora's charts have no hull with L/B = {slender:.3g}, B/d = {1.0 / flat:.3g} and a block coefficient of "
             f"{block:.3g}; state Xudot, Yvdot and Nrdot in [added_mass]."

@@ -45,13 +45,15 @@ def findings(vessel: Vessel) -> list[Finding]:
     Returns
     -------
     list of Finding
-        In the order of the rules; the first that is impossible ends the list, since others are judged by it.
+        In the order of the rules; the first that is impossible ends the list, since others are judged by it. What was
+        derived is not called doubtful.
     """
     found = particulars_findings(vessel.particulars)
     if any(finding.impossible for finding in found):
         return found
     rules = (*INERTIA, *(ROLL_COUPLINGS if rolls(vessel) else ()), *(PROPELLER if vessel.propeller else ()))
-    found += _judged((*rules, *coefficient_rules(vessel)), vessel, _stated(vessel))
+    others = _judged((*rules, *coefficient_rules(vessel)), vessel, _stated(vessel))
+    found += [finding for finding in others if finding.impossible or finding.key not in vessel.derived]
     J = vessel.inertia_matrix
     if not any(finding.impossible for finding in found) and np.linalg.eigvalsh(J + J.T)[0] <= 0.0:
         text = "inertia and added_mass make a negative kinetic energy; correct the couplings, x_G or z_G."
@@ -91,9 +93,9 @@ def _judged(rules: Iterable[Rule], ship: Particulars | Vessel, stated: Mapping[s
             continue
         impossible = not rule.possible[0] <= number <= rule.possible[1]
         low, high = rule.possible if impossible else rule.usual
-        leads = f" makes {rule.what} {number:.3g}" if rule.what else ""
+        leads = f" makes {rule.what} {number + 0.0:.3g}" if rule.what else ""
         lies = "must lie" if impossible else "usually lies"
-        sentence = f"{rule.key} = {value:.6g}{leads}, which {lies} from {low:.3g} to {high:.3g}; {rule.perhaps}."
+        sentence = f"{rule.key} = {value:.6g}{leads}, which {lies} from {low:.4g} to {high:.4g}; {rule.perhaps}."
         yield Finding(rule.key, impossible, sentence)
         if impossible:
             return

@@ -59,16 +59,17 @@ def _froude(s: Particulars) -> float:
 
 
 def _by_fullness(s: Particulars) -> float | None:
-    """Speed over that of Ayre's line; for the fullest hulls the line is taken at a block coefficient of 0.9."""
-    block = _block(s)
-    return None if block is None else _froude(s) * 1.68 / (1.08 - min(block, 0.9))
+    """Speed over that of Ayre's line, for the fullest hulls at C_B = 0.9; None for fast craft and without a draught."""
+    block, froude = _block(s), _froude(s)
+    return None if block is None or froude > _FASTEST else froude * 1.68 / (1.08 - min(block, 0.9))
 
 
+_FASTEST = 0.5  # Froude number of displacement ships
 _KNOTS = math.sqrt(3600.0 / 1852.0)
-_METRES = "is it in mm, cm or feet? lengths are in m"
+_METRES = "perhaps it is in mm, cm or feet; lengths are in m"
 
 PARTICULARS = (
-    Rule("particulars.L", "", None, (0.1, 1000.0), (0.5, 500.0), "is it in mm or km? lengths are in m"),
+    Rule("particulars.L", "", None, (0.1, 1000.0), (0.5, 500.0), "perhaps it is in mm or km; lengths are in m"),
     Rule("particulars.B", "L/B", lambda s: _over(s.L, s.B), (1.0, 40.0), (2.0, 14.0), _METRES),
     Rule("particulars.d", "B/d", lambda s: s.B / s.d if s.d else None, (0.3, 50.0), (1.0, 12.0), _METRES),
     Rule(
@@ -77,7 +78,7 @@ PARTICULARS = (
         _block,
         (0.1, 1.0),
         (0.35, 0.98),
-        "volume is in m3",
+        "perhaps d is in cm or feet, or volume in litres; it is in m3",
     ),
     Rule(
         "particulars.volume",
@@ -85,15 +86,15 @@ PARTICULARS = (
         lambda s: s.volume / (s.L * s.B * s.B),
         (0.01, 2.0),
         (0.03, 0.7),
-        "volume is in m3, the mass in t over the density",
+        "perhaps it is in litres or ft3; it is in m3",
     ),
     Rule(
         "particulars.nominal_speed",
         "the Froude number U/sqrt(g L)",
         _froude,
         (1e-3, 3.0),
-        (0.02, 0.5),
-        "is it in knots, in km/h or of another scale? speeds are in m/s",
+        (0.02, _FASTEST),
+        "perhaps it is in knots, in km/h or of another scale; speeds are in m/s",
     ),
     Rule(
         "particulars.nominal_speed",
@@ -101,7 +102,7 @@ PARTICULARS = (
         _by_fullness,
         (0.0, math.inf),
         (0.0, _KNOTS),
-        "is it in knots? speeds are in m/s",
+        "perhaps it is in knots; speeds are in m/s",
     ),
     Rule(
         "particulars.rudder_rate_deg",
@@ -109,7 +110,7 @@ PARTICULARS = (
         lambda s: s.rudder_rate_deg * s.ship_time,
         (0.05, 1e5),
         (3.0, 1000.0),
-        "is it in rad/s, in deg/min or of another scale? it is in deg/s",
+        "perhaps it is in rad/s, in deg/min or of another scale; it is in deg/s",
     ),
     Rule(
         "particulars.rudder_delay",
@@ -117,7 +118,7 @@ PARTICULARS = (
         lambda s: s.rudder_delay / s.ship_time,
         (0.0, 10.0),
         (0.0, 1.0),
-        "is it in ms? times are in s",
+        "perhaps it is in ms; times are in s",
     ),
     Rule(
         "particulars.x_G",
@@ -125,7 +126,7 @@ PARTICULARS = (
         lambda s: s.x_G / s.L,
         (-0.5, 0.5),
         (-0.1, 0.1),
-        "is it in mm, in % of L or from a perpendicular? it is in m from midship",
+        "perhaps it is in mm, in % of L or from a perpendicular; it is in m from midship",
     ),
     Rule("particulars.z_G", "z_G/B", lambda s: s.z_G / s.B, (-1.0, 1.0), (-0.5, 0.5), _METRES),
 )
@@ -189,11 +190,11 @@ def _coupling(name: str, rows: tuple[str, str]) -> Rule:
         return _over(size, math.sqrt(max(inertia(v, rows[0]) * inertia(v, rows[1]), 0.0))) if size else None
 
     what = "its size over the root of both inertias"
-    return Rule(f"added_mass.{name}", what, number, (0.0, 1.0), (0.0, 0.6), "is it over L^2 d, or in kg?")
+    return Rule(f"added_mass.{name}", what, number, (0.0, 1.0), (0.0, 0.6), "perhaps it is over L^2 d, or in kg m")
 
 
-_PRIME = "is it times 1e-3 or 1e-5, or in N? coefficients are prime values"
-_SIGN = "is it m_x, m_y or J_z with the other sign, over L^2 d, or in kg?"
+_PRIME = "perhaps a factor such as 1e-5 is missing, or it is in N; coefficients are prime values"
+_SIGN = "perhaps it is m_x, m_y or J_z, of the other sign and over L^2 d, or in kg"
 
 INERTIA = (
     Rule(
@@ -202,7 +203,7 @@ INERTIA = (
         _mass_ratio,
         (2.0 / 3.0, 1.5),
         (0.95, 1.05),
-        "is it in kg, over L^2 d or without the 2? a prime mass is 2 volume/L^3, and is derived where it is left out",
+        "perhaps it is in kg or over L^2 d; a prime mass is 2 volume/L^3, and is derived where it is left out",
     ),
     Rule(
         "inertia.I_zz",
@@ -210,7 +211,7 @@ INERTIA = (
         _yaw_radius,
         (0.1, 0.5),
         (0.18, 0.33),
-        "is it in kg m2 or over L^4 d? it is (k_zz/L)^2 m + m x_G'^2, and is derived where it is left out",
+        "perhaps it is in kg m2 or over L^4 d; it is (k_zz/L)^2 m + m x_G'^2, and is derived where it is left out",
     ),
     Rule(
         "inertia.I_xx",
@@ -218,16 +219,23 @@ INERTIA = (
         _roll_radius,
         (0.1, 1.0),
         (0.25, 0.55),
-        "is it in kg m2 or over another length? it is (k_xx/L)^2 m + m z_G'^2",
+        "perhaps it is in kg m2 or over L^4 d; it is (k_xx/L)^2 m + m z_G'^2",
     ),
-    Rule("particulars.GM", "GM/B", _metacentre, (-1.0, 1.0), (1e-4, 0.4), _METRES),
+    Rule(
+        "particulars.GM",
+        "GM/B",
+        _metacentre,
+        (-1.0, 1.0),
+        (1e-4, 0.4),
+        "perhaps it is in mm, or its sign is wrong; it is in m",
+    ),
     Rule(
         "particulars.BM",
         "BM volume/(L B^3)",
         _waterplane,
         (0.005, 0.1),
         (0.03, 1.0 / 12.0),
-        "is it in mm, or KM or GM? BM is a waterplane's inertia over the volume, in m",
+        "perhaps it is KM or GM, or in mm; BM is the waterplane's inertia over the volume, in m",
     ),
     Rule("added_mass.Xudot", "-Xudot/m", lambda v: -v.added_mass["Xudot"] / v.m, (1e-4, 1.0), (0.01, 0.3), _SIGN),
     Rule("added_mass.Yvdot", "-Yvdot/m", lambda v: -v.added_mass["Yvdot"] / v.m, (0.01, 8.0), (0.15, 2.5), _SIGN),
@@ -273,28 +281,28 @@ PROPELLER = (
         (0.0, 1.0),
         _METRES,
     ),
-    Rule("propeller.wake_fraction", "", None, (-0.5, 0.95), (-0.1, 0.7), "is it in %?"),
+    Rule("propeller.wake_fraction", "", None, (-0.5, 0.95), (-0.1, 0.7), "perhaps it is in %"),
     Rule(
         "propeller.n",
         "the advance ratio (1 - w) U/(n D)",
         _advance,
         (0.03, 4.0),
         (0.15, 1.6),
-        "is it in revolutions a minute or of another speed? revolutions are in 1/s",
+        "perhaps it is in revolutions a minute or of another speed; it is in 1/s",
     ),
-    Rule("propeller.k_0", "", None, (1e-3, 3.0), (0.1, 1.2), "is it 10 K_Q or in %?"),
-    Rule("propeller.k_1", "", None, (-10.0, 10.0), (-1.5, 0.2), "has it lost its minus?"),
-    Rule("propeller.k_2", "", None, (-10.0, 10.0), (-1.0, 0.5), "is it the term in J^2?"),
+    Rule("propeller.k_0", "", None, (1e-3, 3.0), (0.1, 1.2), "perhaps it is 10 K_Q or in %"),
+    Rule("propeller.k_1", "", None, (-10.0, 10.0), (-1.5, 0.2), "perhaps it has lost its minus"),
+    Rule("propeller.k_2", "", None, (-10.0, 10.0), (-1.0, 0.5), "perhaps it is not that of J^2"),
     Rule(
         "propeller.k_0",
         "K_T at the nominal speed",
         _thrust,
         (1e-6, 3.0),
         (0.02, 1.0),
-        "do K_T, n, D and the wake belong to this speed? the thrust must be positive",
+        "perhaps k_0, k_1, k_2, n, D and the wake are of another speed",
     ),
-    Rule("propeller.eta", "", None, (1e-3, 1.0), (0.3, 1.0), "is it the height over D?"),
-    Rule("propeller.kappa", "", None, (0.0, 3.0), (0.0, 1.2), "is it in %?"),
+    Rule("propeller.eta", "", None, (1e-3, 1.0), (0.3, 1.0), "perhaps it is the height over the diameter"),
+    Rule("propeller.kappa", "", None, (0.0, 3.0), (0.0, 1.2), "perhaps it is in %"),
 )
 """Of a propeller."""
 

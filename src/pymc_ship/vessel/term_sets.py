@@ -123,7 +123,7 @@ def with_terms(vessel: Vessel, name: str) -> Vessel:
     Raises
     ------
     VesselError
-        For an unknown set, or one that needs a propeller the vessel does not state.
+        For an unknown set, one that needs a propeller the vessel does not state, or own terms that the file lacks.
 
     Examples
     --------
@@ -133,6 +133,10 @@ def with_terms(vessel: Vessel, name: str) -> Vessel:
     N0 Ngv Ngr Ngv|v| Ngv|r| Ngr|v| Ngr|r| Ngdelta
     """
     if name == OWN:
+        if lacking := [dof for dof, force in vessel.forces.items() if not force]:
+            raise VesselError(
+                f"The file of {vessel.name!r} has no terms of {' and '.join(lacking)}; add some, or choose another set."
+            )
         return vessel
     check_choice("A term set", name, (OWN, *TERM_SETS), VesselError)
     chosen = TERM_SETS[name]
