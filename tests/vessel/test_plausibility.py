@@ -165,3 +165,15 @@ def test_a_command_refuses_what_is_impossible(with_slip, capsys):
     assert "propeller.n = 90.8 makes the advance ratio" in said
     assert "Traceback" not in said
     assert not out.exists()
+
+
+def test_a_command_that_needs_a_model_asks_for_it_before_it_writes(with_slip, capsys):
+    path = with_slip("kvlcc2", "kappa", "0.5")
+    path.write_text(path.read_text().split("[coefficients.sway]")[0])
+    status, said, out = simulated(path, capsys, "--quiet")
+    assert status == 2
+    assert said.startswith("pymc-ship: 'kvlcc2' states no coefficients of sway; find them with `pymc-ship identify`")
+    folder = path.with_name("study")
+    assert main(["study", "--vessel", str(path), "--out", str(folder), "--quiet"]) == 2
+    assert not out.exists()
+    assert not folder.exists()

@@ -19,6 +19,7 @@ from pymc_ship.cli.files import (
     Outcome,
     Progress,
     made_by,
+    model_argument,
     output_file,
     requested_manoeuvres,
     staged_files,
@@ -63,7 +64,7 @@ def study(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.diagnostics.agreement import failure
     from pymc_ship.replication.page import reported_study
 
-    vessel_argument(args.vessel, progress)
+    model_argument(args.vessel, progress)
     out = args.out or Path("reports", Path(args.vessel).stem)
     result, page = reported_study(out, vessel=args.vessel, level=args.level, seed=args.seed, progress=progress)
     return "", page, failure(result.comparisons)
@@ -71,7 +72,7 @@ def study(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Simulate a trial; the text has the indices and IMO criteria of the clean run."""
-    vessel, manoeuvre = vessel_argument(args.vessel, progress), _manoeuvre(args)
+    vessel, manoeuvre = model_argument(args.vessel, progress), _manoeuvre(args)
     out = output_file(args.out)
     progress(f"simulating the {manoeuvre.label}")
     run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
@@ -121,7 +122,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
     from pymc_ship.regression.identify import identify as identified
 
-    vessel, trial = vessel_argument(args.vessel, progress), trial_argument(args.trial, args, progress)
+    vessel, trial = model_argument(args.vessel, progress), trial_argument(args.trial, args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
     families = FAMILIES if args.family == "both" else (args.family,)
@@ -142,7 +143,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
-    vessel = vessel_argument(args.vessel, progress)
+    vessel = model_argument(args.vessel, progress)
     trials = [trial_argument(path, args, progress) for path in args.trials]
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
@@ -161,7 +162,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
-    vessel, trial = vessel_argument(args.vessel, progress), trial_argument(args.trial, args, progress)
+    vessel, trial = model_argument(args.vessel, progress), trial_argument(args.trial, args, progress)
     out = output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
     data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)
@@ -197,7 +198,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
             )
     if args.measured:
         raise ValueError("Measured trials are shown beside forecasts of an identified ship; leave --measured out.")
-    vessel, side, duration = vessel_argument(args.vessel, progress), args.side or "port", args.duration or 400.0
+    vessel, side, duration = model_argument(args.vessel, progress), args.side or "port", args.duration or 400.0
     manoeuvres = requested_manoeuvres(args, (side,))
     if not manoeuvres:
         raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10 or --turn 35.")
@@ -219,7 +220,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Design the next runs; the text has the gain of each candidate and the accuracy that the chosen ones promise."""
-    vessel, rng = vessel_argument(args.vessel, progress), np.random.default_rng(args.seed)
+    vessel, rng = model_argument(args.vessel, progress), np.random.default_rng(args.seed)
     posterior = _of_vessel(read_posterior(args.posterior), Path(args.posterior), vessel)
     candidates = ps.candidate_trials(vessel, duration=args.duration, rng=rng)
     out, settings = writable_folder(args.out), {"criterion": args.criterion, "duration": args.duration}

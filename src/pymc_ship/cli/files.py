@@ -36,6 +36,13 @@ def vessel_argument(source: str, progress: Progress) -> Vessel:
     return vessel
 
 
+def model_argument(source: str, progress: Progress) -> Vessel:
+    """Vessel of a name or a file that states terms of every degree of freedom; VesselError for another."""
+    vessel = vessel_argument(source, progress)
+    vessel.check_model()
+    return vessel
+
+
 def trial_argument(path: str, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
     """Trial of a file; what was interpreted or changed in it is shown."""
     trial = ps.read_trial(path, format=args.format)

@@ -228,6 +228,7 @@ def _ships(entry: Entry, folder: Path) -> dict[str, Vessel]:
     for source in _texts(entry):
         try:
             ship = load_vessel(folder / source if source.endswith(".toml") else source)
+            ship.check_model()
         except VesselError as error:
             raise MonteCarloError(f"{entry.file}: ships cannot have {source!r}: {error}") from None
         if ship.name in ships:

@@ -107,6 +107,11 @@ class Vessel:
         """Degrees of freedom; roll may be missing."""
         return tuple(self.forces)
 
+    def check_model(self) -> None:
+        """Raise VesselError unless every degree of freedom has coefficients."""
+        for dof in self.forces:
+            self._force(dof)
+
     def terms(self, dof: str) -> tuple[str, ...]:
         """Terms of a DOF, in the order of the file."""
         return tuple(coefficient.term for coefficient in self._force(dof))
