@@ -125,8 +125,8 @@ class Grid:
 
 
 def _in_full(value: Vessel | Manoeuvre) -> str:
-    """Every attribute of a value in one line; its own text leaves most of them out."""
-    attributes = ", ".join(f"{field.name}={getattr(value, field.name)!r}" for field in fields(value))
+    """Every attribute that counts in one line; the value's own text leaves most of them out."""
+    attributes = ", ".join(f"{one.name}={getattr(value, one.name)!r}" for one in fields(value) if one.compare)
     return f"{type(value).__name__}({attributes})"
 
 

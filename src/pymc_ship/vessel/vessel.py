@@ -92,7 +92,7 @@ class Vessel:
     title: str = ""
     sources: tuple[str, ...] = ()
     propeller: Propeller | None = None
-    derived: dict[str, str] = field(default_factory=dict)
+    derived: dict[str, str] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
         s, words = self.particulars, "" if self.title in ("", self.name) else f": {self.title}"
