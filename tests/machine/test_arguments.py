@@ -38,7 +38,7 @@ def test_a_number_comes_back_as_a_float(value):
 def test_what_is_no_finite_number(value):
     with pytest.raises(OddError) as error:
         finite_number("The size", value, OddError)
-    assert str(error.value) == f"The size must be a finite number, found {value!r}; correct it."
+    assert str(error.value) == f"The size must be a finite number, found {shown(value)}; correct it."
 
 
 def test_a_number_may_have_a_least_value():

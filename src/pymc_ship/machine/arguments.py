@@ -11,7 +11,7 @@ _SHORT = Repr(maxlevel=3, maxstring=60, maxlong=60, maxother=60)
 
 
 def shown(value: object) -> str:
-    """Value as an error names it: in one line, cut to a readable length."""
+    """Representation of a value, cut to a length that an error can hold."""
     try:
         return _SHORT.repr(value)
     except ValueError:
