@@ -10,8 +10,9 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "machine.files": ("OutputError",),
     "vessel.hull_database": ("hull_coefficients",),
+    "vessel.reading": ("load_vessel", "shipped_vessels"),
     "vessel.term_sets": ("term_sets", "with_terms"),
-    "vessel.vessel": ("Vessel", "VesselError", "load_vessel", "shipped_vessels"),
+    "vessel.vessel": ("Vessel", "VesselError"),
     "trial.noise": ("pollute",),
     "trial.reading": ("read_trial",),
     "trial.record": ("TrialError", "check_trial", "write_trial"),

@@ -92,11 +92,11 @@ from pymc_ship.trial.record import TrialError as TrialError
 from pymc_ship.trial.record import check_trial as check_trial
 from pymc_ship.trial.record import write_trial as write_trial
 from pymc_ship.vessel.hull_database import hull_coefficients as hull_coefficients
+from pymc_ship.vessel.reading import load_vessel as load_vessel
+from pymc_ship.vessel.reading import shipped_vessels as shipped_vessels
 from pymc_ship.vessel.term_sets import term_sets as term_sets
 from pymc_ship.vessel.term_sets import with_terms as with_terms
 from pymc_ship.vessel.vessel import Vessel as Vessel
 from pymc_ship.vessel.vessel import VesselError as VesselError
-from pymc_ship.vessel.vessel import load_vessel as load_vessel
-from pymc_ship.vessel.vessel import shipped_vessels as shipped_vessels
 
 __version__: str

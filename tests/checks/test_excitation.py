@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,3 +49,14 @@ def test_terms_that_stay_zero_are_named(container, zigzag):
     check = found(still, container)["excitation roll"]
     assert check.verdict == "bad"
     assert "Kp" in check.sentence
+
+
+def test_a_force_without_terms_is_not_judged(flat):
+    unknown = replace(flat, forces=flat.forces | {"sway": (), "yaw": ()})
+    trial = noisy(simulated(flat, ps.zigzag(20.0, 20.0)))
+    checks, known = found(trial, unknown), found(trial, flat)
+    for name in ("excitation sway", "excitation yaw"):
+        check = checks.pop(name)
+        assert (check.verdict, known.pop(name).verdict) == ("not checked", "good")
+        assert "the vessel file has no terms of it" in check.sentence
+    assert checks == known

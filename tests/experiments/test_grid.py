@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from pymc_ship.cli.main import main
 from pymc_ship.experiments.grid import MonteCarloError, difference, read_grid
 from tests.experiments.folders import ROOT, changed, run, tables
+
+TUTORIAL = ROOT / "docs" / "tutorials" / "your_ship" / "my_ship.toml"
 
 
 def test_the_shipped_grid_is_five_levels_four_methods_and_a_hundred_seeds():
@@ -32,6 +36,7 @@ def test_the_shipped_grid_is_five_levels_four_methods_and_a_hundred_seeds():
             "ships must be a list of at least one text, found 'small.toml'; correct it.",
         ),
         ('["small.toml"]', '["small"]', "ships cannot have 'small': A vessel is one of container"),
+        ('["small.toml"]', f'["{TUTORIAL}"]', "my_ship.toml': 'my_ship' states no coefficients of sway; find them"),
         ('["small.toml"]', '["none.toml"]', "ships cannot have 'none.toml': The vessel file"),
         ('["small.toml"]', '["small.toml", "./small.toml"]', "different names, found 'small' twice; rename one."),
         ('"weak form"', '"weak"', "a method is one of paper's pipeline, central difference at 1 s"),
@@ -70,6 +75,12 @@ def test_a_study_may_be_a_table(study, plain, tmp_path):
     table |= {"methods": ["weak form", "paper's pipeline"], "root_seed": 7, "noise": {"white": [0.01, 0.05]}}
     run(table | {"duration": 60}, tmp_path)
     assert tables(tmp_path) == tables(plain)
+
+
+def test_how_a_number_of_a_ship_came_about_does_not_change_her(study, small):
+    grid = read_grid(study)
+    told = replace(grid, ships={"small": replace(grid.ships["small"], derived={"inertia.m": "0.0075"})})
+    assert told.record() == grid.record()
 
 
 def test_a_ship_that_changes_is_seen(study, small):

@@ -15,6 +15,7 @@ import pymc_ship as ps
 from pymc_ship.forces.propeller import Propeller
 from pymc_ship.trial.channels import readable
 from pymc_ship.trial.format import load_format
+from pymc_ship.vessel.ranges import INERTIA, PARTICULARS, PROPELLER, ROLL_COUPLINGS
 from pymc_ship.vessel.vessel import ADDED_MASS, Particulars
 from tests.journeys.markdown import ROOT, Page
 from tests.test_structure import WINGS
@@ -85,6 +86,17 @@ def test_the_page_of_the_vessel_file_has_every_key():
     assert {field.name for field in fields(Propeller)} <= keys
     assert set(ADDED_MASS) <= set(code(page.text))
     assert {"name", "title", "sources", "particulars", "inertia", "coefficients", "added_mass", "propeller"} <= keys
+
+
+def test_the_page_of_the_vessel_file_has_every_range():
+    shown = rows(Page("docs/reference/vessel_toml.md"))
+
+    def words(low, high):
+        return "any" if np.isinf(high) else f"{low:.4g} to {high:.4g}"
+
+    for rule in (*PARTICULARS, *INERTIA, *ROLL_COUPLINGS, *PROPELLER):
+        row = [f"`{rule.key}`", rule.what, words(*rule.possible), words(*rule.usual)]
+        assert row in [[cell.strip() for cell in cells] for cells in shown]
 
 
 def test_the_page_of_the_format_file_has_every_key():

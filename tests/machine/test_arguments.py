@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.machine.arguments import check_choice, finite_number
+from pymc_ship.machine.arguments import check_choice, finite_number, shown
 
 
 class OddError(ValueError):
@@ -38,9 +38,24 @@ def test_a_number_comes_back_as_a_float(value):
 def test_what_is_no_finite_number(value):
     with pytest.raises(OddError) as error:
         finite_number("The size", value, OddError)
-    assert str(error.value) == f"The size must be a finite number, found {value!r}; correct it."
+    assert str(error.value) == f"The size must be a finite number, found {shown(value)}; correct it."
 
 
 def test_a_number_may_have_a_least_value():
     with pytest.raises(ValueError, match=r"^The size must be a number from 0\.5 up, found 0\.4; correct it\.$"):
         finite_number("The size", 0.4, least=0.5)
+
+
+@pytest.mark.parametrize("value", ["hull", 12.7, [12.7], True, {"a": 1}, None, (1, 2)])
+def test_a_short_value_is_shown_as_it_is(value):
+    assert shown(value) == repr(value)
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["y" * 5000, list(range(5000)), {k: k for k in range(5000)}, 10**4000, 16**9000],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_long_value_is_cut(value):
+    assert len(shown(value)) < 100
+    assert len(shown([[[[[value]]]]])) < 100

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from pymc_ship.machine.toml import Entry, toml_file
@@ -61,3 +63,33 @@ def test_a_file_is_a_table_or_an_error_in_one_sentence(tmp_path):
     assert sentence(toml_file, path, "The ship", OddError).startswith(f"The ship {path} is not valid TOML: ")
     path.write_text("size = 3")
     assert toml_file(path, "The ship", OddError) == Entry({"size": 3}, str(path), OddError)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("size = 3".encode("utf-16"), "it is UTF-16, save it as UTF-8"),
+        ("size = 3".encode("utf-16-be"), "it is UTF-16, save it as UTF-8"),
+        ('name = "é"'.encode("latin-1"), "byte 8 is no UTF-8, save it as UTF-8"),
+        (b"size = " + b"[" * 20000 + b"]" * 20000, "tables or lists are nested too deeply"),
+    ],
+)
+def test_a_file_that_is_no_toml_is_named_as_what_it_is(tmp_path, content, said):
+    path = tmp_path / "ship.toml"
+    path.write_bytes(content)
+    assert sentence(toml_file, path, "The ship", OddError) == f"The ship {path} is not valid TOML: {said}; mend it."
+
+
+def test_a_byte_order_mark_is_no_fault(tmp_path):
+    path = tmp_path / "ship.toml"
+    path.write_bytes("size = 3\r\n".encode("utf-8-sig"))
+    assert toml_file(path, "The ship", OddError).value == {"size": 3}
+
+
+def test_long_keys_values_and_reasons_are_cut(entry, tmp_path):
+    assert len(sentence(replace(entry, value="y" * 5000).number)) < 150
+    assert len(sentence(replace(entry, value={"k" * 5000: 1}).check_keys, ("a",))) < 150
+    assert "unknown key 'a\\nb'" in sentence(replace(entry, value={"a\nb": 1}).check_keys, ("a",))
+    path = tmp_path / "ship.toml"
+    path.write_text(f"{'k' * 5000} = 1\n[{'k' * 5000}]")
+    assert len(sentence(toml_file, path, "The ship", OddError).replace(str(path), "")) < 250

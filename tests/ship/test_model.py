@@ -179,6 +179,11 @@ class TestOneRun:
         assert not any(c.sd > 0.0 for c in found.candidates[0].vessel.forces["yaw"])
         assert sum(c.sd > 0.0 for c in lone.candidates[0].vessel.forces["yaw"]) == 6
 
+    def test_what_the_vessel_file_leaves_out_is_remarked(self):
+        ship = replace(known(), derived={"inertia.m": "0.019 (2 volume/L^3)"})
+        found = identify_ship(trials(0)[:1], ship, terms=(TRUE_TERMS,), draws=2, rng=np.random.default_rng(0))
+        assert found.remarks[0] == "Derived, since the vessel file leaves it out: inertia.m = 0.019 (2 volume/L^3)."
+
     def test_a_set_that_runs_away_is_left_out(self, monkeypatch):
         """And one that is not fitted: the wrong terms are said to run away here."""
 

@@ -102,3 +102,14 @@ def test_a_vessel_with_a_set_sails_in_three_degrees_of_freedom(ship, name):
     assert not run["diverged"]
     assert float(np.abs(run["r"]).max()) > 0.0
     assert (run["phi"] == 0.0).all()
+
+
+@pytest.mark.parametrize("stated", [(), ("surge",)])
+def test_a_ship_to_be_identified_has_the_sets_but_no_terms_of_her_own(container, stated):
+    """Whatever her file states of single forces."""
+    forces = {dof: container.forces[dof] if dof in stated else () for dof in ("surge", "sway", "yaw")}
+    vessel = replace(container, forces=forces)
+    assert term_sets(vessel) == PLAIN
+    assert with_terms(vessel, "cubic").terms("yaw") == TERM_SETS["cubic"].lateral
+    with pytest.raises(VesselError, match=r"The file of 'container' has no terms of .*sway and yaw; add some"):
+        with_terms(vessel, OWN)

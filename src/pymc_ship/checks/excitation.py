@@ -131,7 +131,10 @@ def excitation_checks(trial: xr.Dataset, vessel: Vessel | None) -> tuple[Check, 
     ship_time = vessel.particulars.L / float(np.median(speed))
     size = int(np.clip(round(_BLOCK * ship_time / sampling_interval(trial)), 1, max(1, speed.size // 20)))
     return tuple(
-        _excitation(dof, vessel.terms(dof), evaluate(vessel.terms(dof), motion) * weight, size) for dof in vessel.dofs
+        _excitation(dof, vessel.terms(dof), evaluate(vessel.terms(dof), motion) * weight, size)
+        if vessel.forces[dof]
+        else not_checked(f"excitation {dof}", "the vessel file has no terms of it")
+        for dof in vessel.dofs
     )
 
 

@@ -20,10 +20,12 @@ from pymc_ship.cli.files import (
     Progress,
     judged_arguments,
     made_by,
+    model_argument,
     output_file,
     requested_manoeuvres,
     staged_files,
     trial_argument,
+    vessel_argument,
     write_csv,
     write_trial_file,
 )
@@ -63,6 +65,7 @@ def study(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.diagnostics.agreement import failure
     from pymc_ship.replication.page import reported_study
 
+    model_argument(args.vessel, progress)
     out = args.out or Path("reports", Path(args.vessel).stem)
     result, page = reported_study(out, vessel=args.vessel, level=args.level, seed=args.seed, progress=progress)
     return "", page, failure(result.comparisons)
@@ -70,7 +73,7 @@ def study(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Simulate a trial; the text has the indices and IMO criteria of the clean run."""
-    vessel, manoeuvre = ps.load_vessel(args.vessel), _manoeuvre(args)
+    vessel, manoeuvre = model_argument(args.vessel, progress), _manoeuvre(args)
     out = output_file(args.out)
     progress(f"simulating the {manoeuvre.label}")
     run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
@@ -91,7 +94,7 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Check a trial; the text has the verdict of each check and what was corrected."""
     from pymc_ship.checks.trial_checks import failed_checks
 
-    vessel = ps.load_vessel(args.vessel) if args.vessel else None
+    vessel = vessel_argument(args.vessel, progress) if args.vessel else None
     trial = trial_argument(args.trial, args, progress)
     out = output_file(args.out) if args.out else None
     progress("checking")
@@ -120,7 +123,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
     from pymc_ship.regression.identify import identify as identified
 
-    vessel = ps.load_vessel(args.vessel)
+    vessel = model_argument(args.vessel, progress)
     (trial,), _ = judged_arguments([args.trial], vessel, args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
@@ -142,7 +145,7 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
-    vessel = ps.load_vessel(args.vessel)
+    vessel = model_argument(args.vessel, progress)
     trials, _ = judged_arguments(args.trials, vessel, args, progress)
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
@@ -162,7 +165,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
-    vessel = ps.load_vessel(args.vessel)
+    vessel = model_argument(args.vessel, progress)
     (trial,), _ = judged_arguments([args.trial], vessel, args, progress)
     out = output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
@@ -199,7 +202,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
             )
     if args.measured:
         raise ValueError("Measured trials are shown beside forecasts of an identified ship; leave --measured out.")
-    vessel, side, duration = ps.load_vessel(args.vessel), args.side or "port", args.duration or 400.0
+    vessel, side, duration = model_argument(args.vessel, progress), args.side or "port", args.duration or 400.0
     manoeuvres = requested_manoeuvres(args, (side,))
     if not manoeuvres:
         raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10 or --turn 35.")
@@ -221,7 +224,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Design the next runs; the text has the gain of each candidate and the accuracy that the chosen ones promise."""
-    vessel, rng = ps.load_vessel(args.vessel), np.random.default_rng(args.seed)
+    vessel, rng = model_argument(args.vessel, progress), np.random.default_rng(args.seed)
     posterior = _of_vessel(read_posterior(args.posterior), Path(args.posterior), vessel)
     candidates = ps.candidate_trials(vessel, duration=args.duration, rng=rng)
     out, settings = writable_folder(args.out), {"criterion": args.criterion, "duration": args.duration}
@@ -263,7 +266,7 @@ def report(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.diagnostics.agreement import comparisons, failure
     from pymc_ship.diagnostics.page import check_trees, subject_of, write_diagnostics
 
-    vessel = ps.load_vessel(args.vessel) if args.vessel else None
+    vessel = vessel_argument(args.vessel, progress) if args.vessel else None
     paths = {Path(path).stem: path for path in args.posteriors}
     if len(paths) < len(args.posteriors):
         paths = {path: path for path in args.posteriors}

@@ -1,6 +1,6 @@
 """Files and manoeuvres that a command names.
 
-Trials are read, CSV files are written with a remark on the command that made them.
+Vessels and trials are read, CSV files are written with a remark on the command that made them.
 """
 
 from __future__ import annotations
@@ -20,12 +20,28 @@ from pymc_ship.checks.verdicts import Check
 from pymc_ship.machine.files import OutputError, staged, writable_folder
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre
+from pymc_ship.vessel.plausibility import remarks
 from pymc_ship.vessel.vessel import Vessel
 
 Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str]
 
 _NOT_RECORDED = ("command", "out", "quiet")
+
+
+def vessel_argument(source: str, progress: Progress) -> Vessel:
+    """Vessel of a name or a file; what was derived and what is doubtful in it is shown."""
+    vessel = ps.load_vessel(source)
+    for sentence in remarks(vessel):
+        progress(f"{source}: {sentence}", remark=True)
+    return vessel
+
+
+def model_argument(source: str, progress: Progress) -> Vessel:
+    """Vessel of a name or a file that states terms of every degree of freedom; VesselError for another."""
+    vessel = vessel_argument(source, progress)
+    vessel.check_model()
+    return vessel
 
 
 def trial_argument(path: str, args: argparse.Namespace, progress: Progress) -> xr.Dataset:

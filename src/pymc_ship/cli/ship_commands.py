@@ -11,7 +11,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
-from pymc_ship.cli.files import Outcome, Progress, judged_arguments, made_by, requested_manoeuvres
+from pymc_ship.cli.files import Outcome, Progress, judged_arguments, made_by, requested_manoeuvres, vessel_argument
 from pymc_ship.cli.texts import forecast_text, held_out_text, probability_text, term_set_text
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
@@ -30,7 +30,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ship.page import write_ship_report
     from pymc_ship.ship.paths import compare_paths
 
-    vessel = ps.load_vessel(args.vessel)
+    vessel = vessel_argument(args.vessel, progress)
     trials, checks = checked_trials(_named(args.trials), vessel, args, progress)
     out, rng = writable_folder(args.out), np.random.default_rng(args.seed)
     settings = {"names": list(trials), "terms": args.terms, "prior": args.prior, "draws": args.draws}
@@ -72,7 +72,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
     from pymc_ship.forecasting.page import write_forecast_page
 
     ship = load_ship(args.posterior)
-    vessel = ps.load_vessel(args.vessel) if args.vessel else ship.vessel
+    vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
     manoeuvres = requested_manoeuvres(args, (args.side,) if args.side else SIDES)
     measured = _measured(args, ship, progress)
     known = {manoeuvre.label for manoeuvre, _ in measured.values()}

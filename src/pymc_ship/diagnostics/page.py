@@ -19,7 +19,8 @@ from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import percent
-from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
+from pymc_ship.vessel.reading import load_vessel
+from pymc_ship.vessel.vessel import Vessel, VesselError
 
 PAGE = Page(
     "diagnostics.html",

@@ -16,7 +16,8 @@ from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.manoeuvre.standard import Manoeuvre, written_manoeuvre
 from pymc_ship.trial.noise import NOISES, RECORD_STEP
-from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
+from pymc_ship.vessel.reading import load_vessel
+from pymc_ship.vessel.vessel import Vessel, VesselError
 
 PART_SEEDS = 1000
 """Seeds of a cell whose results share a file."""
@@ -124,8 +125,8 @@ class Grid:
 
 
 def _in_full(value: Vessel | Manoeuvre) -> str:
-    """Every attribute of a value in one line; its own text leaves most of them out."""
-    attributes = ", ".join(f"{field.name}={getattr(value, field.name)!r}" for field in fields(value))
+    """Every attribute that counts in one line; the value's own text leaves most of them out."""
+    attributes = ", ".join(f"{one.name}={getattr(value, one.name)!r}" for one in fields(value) if one.compare)
     return f"{type(value).__name__}({attributes})"
 
 
@@ -227,6 +228,7 @@ def _ships(entry: Entry, folder: Path) -> dict[str, Vessel]:
     for source in _texts(entry):
         try:
             ship = load_vessel(folder / source if source.endswith(".toml") else source)
+            ship.check_model()
         except VesselError as error:
             raise MonteCarloError(f"{entry.file}: ships cannot have {source!r}: {error}") from None
         if ship.name in ships:

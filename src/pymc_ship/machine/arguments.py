@@ -5,6 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from contextlib import suppress
+from reprlib import Repr
+
+_SHORT = Repr(maxlevel=3, maxstring=60, maxlong=60, maxother=60)
+
+
+def shown(value: object) -> str:
+    """Representation of a value, cut to a length that an error can hold."""
+    try:
+        return _SHORT.repr(value)
+    except ValueError:
+        return "a number of thousands of digits"
 
 
 def check_choice(what: str, value: object, choices: Iterable[str], error: type[ValueError] = ValueError) -> None:
@@ -26,8 +37,8 @@ def check_choice(what: str, value: object, choices: Iterable[str], error: type[V
     """
     known = tuple(choices)
     if value not in known:
-        shown = ", ".join(choice if choice[:1].isalnum() else repr(choice) for choice in known)
-        raise error(f"{what} is one of {shown}; found {value!r}; choose one of them.")
+        names = ", ".join(choice if choice[:1].isalnum() else repr(choice) for choice in known)
+        raise error(f"{what} is one of {names}; found {shown(value)}; choose one of them.")
 
 
 def finite_number(what: str, value: object, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:
@@ -56,5 +67,5 @@ def finite_number(what: str, value: object, error: type[ValueError] = ValueError
             number = float(value)
     if not (math.isfinite(number) and number >= least):
         rule = "a finite number" if least == -math.inf else f"a number from {least:g} up"
-        raise error(f"{what} must be {rule}, found {value!r}; correct it.")
+        raise error(f"{what} must be {rule}, found {shown(value)}; correct it.")
     return number

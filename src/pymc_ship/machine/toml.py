@@ -9,7 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
 
-from pymc_ship.machine.arguments import check_choice, finite_number
+from pymc_ship.machine.arguments import check_choice, finite_number, shown
+
+_LONGEST_KEY = 60
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Entry:
     def check_table(self) -> None:
         """Raise unless the value is a table."""
         if not isinstance(self.value, Mapping):
-            self.fail(f"must be a table, found {self.value!r}; correct it.")
+            self.fail(f"must be a table, found {shown(self.value)}; correct it.")
 
     def check_keys(self, known: Collection[str], required: Collection[str] = ()) -> None:
         """Raise unless the value is a table with known keys, and with those that are required."""
@@ -67,13 +70,13 @@ class Entry:
     def whole(self, *, least: int) -> int:
         """Whole number from ``least`` up."""
         if isinstance(self.value, bool) or not isinstance(self.value, int) or self.value < least:
-            self.fail(f"must be a whole number from {least} up, found {self.value!r}; correct it.")
+            self.fail(f"must be a whole number from {least} up, found {shown(self.value)}; correct it.")
         return self.value
 
     def text(self) -> str:
         """Text."""
         if not isinstance(self.value, str):
-            self.fail(f"must be a text, found {self.value!r}; put it in quotes.")
+            self.fail(f"must be a text, found {shown(self.value)}; put it in quotes.")
         return self.value
 
     def choice(self, choices: Collection[str]) -> str:
@@ -86,15 +89,33 @@ class Entry:
         return f"{self.file}: {self.key}"
 
     def _below(self, key: str) -> str:
+        key = key if key.isprintable() and 0 < len(key) <= _LONGEST_KEY else shown(key)
         return f"{self.key}.{key}" if self.key else key
 
 
 def toml_file(path: str | Path, what: str, error: type[ValueError]) -> Entry:
     """Table of a TOML file; ``error`` with one sentence, begun by ``what`` the file is, where it cannot be read."""
     try:
-        with Path(path).open("rb") as file:
-            return Entry(tomllib.load(file), str(path), error)
+        return Entry(tomllib.loads(_text(Path(path).read_bytes())), str(path), error)
     except OSError as reason:
         raise error(f"{what} {path} cannot be read: {reason.strerror}; check the path.") from None
+    except RecursionError:
+        raise error(f"{what} {path} is not valid TOML: tables or lists are nested too deeply; mend it.") from None
     except ValueError as reason:
-        raise error(f"{what} {path} is not valid TOML: {reason}; mend it.") from None
+        raise error(f"{what} {path} is not valid TOML: {_line(str(reason))}; mend it.") from None
+
+
+def _text(content: bytes) -> str:
+    """Text of a file in UTF-8, with or without a byte order mark."""
+    if content.startswith(_UTF_16) or b"\0" in content[:2]:
+        raise ValueError("it is UTF-16, save it as UTF-8")
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"byte {error.start} is no UTF-8, save it as UTF-8") from None
+
+
+def _line(reason: str) -> str:
+    """Reason in one line, cut to a readable length."""
+    line = " ".join(reason.split())
+    return line if len(line) <= 160 else f"{line[:80]} ... {line[-77:]}"

@@ -208,9 +208,9 @@ def state_derivative(state, delta, coefficients, scheme, work, rate):
 
 
 def scheme(vessel: Vessel) -> Scheme:
-    """Scheme of a vessel for :func:`state_derivative`."""
-    terms = tuple(term for dof in vessel.dofs for term in vessel.terms(dof))
-    dof = np.concatenate([np.full(len(vessel.terms(name)), DOFS.index(name)) for name in vessel.dofs])
+    """Scheme of a vessel for :func:`state_derivative`; a force without terms is none."""
+    terms = tuple(c.term for force in vessel.forces.values() for c in force)
+    dof = np.concatenate([np.full(len(force), DOFS.index(name)) for name, force in vessel.forces.items()])
     products = plan(terms)
     J_inverse = np.linalg.inv(vessel.inertia_matrix)
     if "roll" not in vessel.dofs:

@@ -21,7 +21,7 @@ from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.study import DURATION, STEP, StudyResult, run_study
 from pymc_ship.replication.tables import agreement_blocks, csv_tables, dof_block, page_tables
 from pymc_ship.trial.noise import noise_sd
-from pymc_ship.vessel.vessel import load_vessel
+from pymc_ship.vessel.reading import load_vessel
 
 PAGE = Page(
     "index.html",

@@ -19,7 +19,8 @@ from pymc_ship.ship.model import Candidate, ShipModel
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import coefficient_names
-from pymc_ship.vessel.vessel import Vessel, VesselError, load_vessel
+from pymc_ship.vessel.reading import load_vessel
+from pymc_ship.vessel.vessel import Vessel, VesselError
 
 FOLDER = "model"
 """Folder of an identified ship inside that of its report."""

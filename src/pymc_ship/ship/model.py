@@ -41,6 +41,7 @@ from pymc_ship.trajectory.windows import (
 from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.hull_database import with_hull_database
+from pymc_ship.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.vessel.term_sets import term_sets, with_terms
 from pymc_ship.vessel.vessel import Vessel
 
@@ -209,7 +210,8 @@ def identify_ship(
     training = _prepared(trials, vessel, prior)
     wanted = tuple(dict.fromkeys(terms)) if terms else term_sets(training.vessel)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
-    found, remarks = _candidates(wanted, training)
+    found, left_out = _candidates(wanted, training)
+    remarks = [*vessel_remarks(vessel), *left_out]
     progress("weights and model error from held-out runs")
     found = _weighted(found, rng)
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []

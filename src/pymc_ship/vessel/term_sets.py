@@ -83,7 +83,7 @@ def term_sets(vessel: Vessel) -> tuple[str, ...]:
     """Names of the sets a vessel can have.
 
     Those by the propeller's loading where it states its propeller, the plain ones else; before them its own terms where
-    no set holds them all: then the file is a model of its own.
+    it has some of every degree of freedom and no set holds them all: then the file is a model of its own.
 
     Examples
     --------
@@ -99,6 +99,8 @@ def term_sets(vessel: Vessel) -> tuple[str, ...]:
     wanted = vessel.propeller is not None
     names = tuple(name for name, terms in TERM_SETS.items() if terms.propeller == wanted)
     own = {c.name for force in vessel.forces.values() for c in force}
+    if not all(vessel.forces.values()):
+        return names
     held = any(own <= set().union(*TERM_SETS[name].coefficients.values()) for name in names)
     return names if held else (OWN, *names)
 
@@ -121,7 +123,7 @@ def with_terms(vessel: Vessel, name: str) -> Vessel:
     Raises
     ------
     VesselError
-        For an unknown set, or one that needs a propeller the vessel does not state.
+        For an unknown set, one that needs a propeller the vessel does not state, or own terms that the file lacks.
 
     Examples
     --------
@@ -131,6 +133,10 @@ def with_terms(vessel: Vessel, name: str) -> Vessel:
     N0 Ngv Ngr Ngv|v| Ngv|r| Ngr|v| Ngr|r| Ngdelta
     """
     if name == OWN:
+        if lacking := [dof for dof, force in vessel.forces.items() if not force]:
+            raise VesselError(
+                f"The file of {vessel.name!r} has no terms of {' and '.join(lacking)}; add some, or choose another set."
+            )
         return vessel
     check_choice("A term set", name, (OWN, *TERM_SETS), VesselError)
     chosen = TERM_SETS[name]
