@@ -21,7 +21,6 @@ from pymc_ship.cli.files import (
     made_by,
     output_file,
     requested_manoeuvres,
-    staged_files,
     trial_argument,
     write_csv,
     write_trial_file,
@@ -44,7 +43,7 @@ from pymc_ship.cli.texts import (
     tuning_text,
 )
 from pymc_ship.forecasting.forecast import BANDS, stated_shares
-from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.machine.files import staged, staged_files, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.regression.tree import read_posterior, write_posterior
