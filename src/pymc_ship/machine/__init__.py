@@ -1,6 +1,7 @@
 """What every wing asks of the computer. Imports no other wing.
 
 - `files`: results that appear under their name only when they are complete.
+- `checksums`: sums that results carry, so that damage is found before they are used.
 - `arguments`: checks of choices and numbers, with errors of one sentence.
 - `toml`: TOML files, checked key by key.
 - `threads`: one pool of threads for the package, one thread inside a worker process.
