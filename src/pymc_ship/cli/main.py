@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from pymc_ship.cli.parser import parser
+from pymc_ship.cli.sentences import sentence
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -57,9 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     return _fail(failures[0], 3) if any(failures) else 0
 
 
-def _fail(sentence: str, status: int) -> int:
-    """Print an error as one line that ends with a full stop; return the exit status."""
-    print(f"pymc-ship: {' '.join(sentence.split()).removesuffix('.')}.", file=sys.stderr)
+def _fail(text: str, status: int) -> int:
+    """Print an error as one line; return the exit status."""
+    print(sentence(text), file=sys.stderr)
     return status
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from pymc_ship.machine.arguments import check_choice, finite_number
+from pymc_ship.machine.text import EncodingError, utf8
 
 
 @dataclass(frozen=True)
@@ -92,9 +93,12 @@ class Entry:
 def toml_file(path: str | Path, what: str, error: type[ValueError]) -> Entry:
     """Table of a TOML file; ``error`` with one sentence, begun by ``what`` the file is, where it cannot be read."""
     try:
-        with Path(path).open("rb") as file:
-            return Entry(tomllib.load(file), str(path), error)
+        return Entry(tomllib.loads(utf8(Path(path).read_bytes())), str(path), error)
     except OSError as reason:
         raise error(f"{what} {path} cannot be read: {reason.strerror}; check the path.") from None
+    except EncodingError as reason:
+        raise error(f"{what} {path} cannot be read: {reason}.") from None
     except ValueError as reason:
         raise error(f"{what} {path} is not valid TOML: {reason}; mend it.") from None
+    except RecursionError:
+        raise error(f"{what} {path} is not valid TOML: its tables or lists are nested too deep; mend it.") from None
