@@ -31,6 +31,12 @@ def trivial(task):
     return ended | scores | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
 
 
+def failing(task):
+    """Result of a method that fails."""
+    ended = {"block": task.block, "seed": task.seed, "status": "failed", "sentence": "ValueError: no use"}
+    return ended | dict.fromkeys(SCORES, math.nan) | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
+
+
 def slow(task):
     """The same after 50 ms of sleep, which count as its fit."""
     start = time.perf_counter()
@@ -45,6 +51,20 @@ def deadly(task):
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return trivial(task)
+
+
+def out_of_memory_once(task):
+    """The same, but the process that first meets seed 2 has no memory for it."""
+    mark = Path(os.environ["MC_MARK"])
+    if task.seed == 2 and not mark.exists():
+        mark.touch()
+        raise MemoryError("much")
+    return trivial(task)
+
+
+def always_full(task):
+    """Work for which there is no room."""
+    raise OSError(28, "No space left on device")
 
 
 def always_deadly(task):

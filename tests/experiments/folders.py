@@ -44,7 +44,7 @@ def kept(out):
     """Method, level and seed of every result in parts and journals."""
     parts = out / "parts"
     found = set()
-    for path in parts.rglob("[!.]*.parquet"):  # not what is being written
+    for path in parts.glob("*/*/*/*/[!.]*/[!.]*.parquet"):  # not what is being written
         found |= {(path.parent.name, path.parent.parent.name, k) for k in pq.read_table(path)["seed"].to_pylist()}
     for path in parts.rglob("_*.jsonl"):
         lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []

@@ -27,7 +27,7 @@ from pymc_ship.experiments import task as task_module
 from pymc_ship.experiments.grid import MonteCarloError
 from pymc_ship.experiments.task import METHODS, Task
 from pymc_ship.machine import workers as workers_module
-from tests.experiments.cases import always_deadly, deadly, deadly_on_cluster, trivial
+from tests.experiments.cases import always_deadly, always_full, deadly, deadly_on_cluster, out_of_memory_once, trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
 
 
@@ -144,6 +144,25 @@ def test_workers_that_die_again_and_again_end_the_study_in_a_sentence(study, pla
     monkeypatch.setattr(workers_module, "RESTARTS", 1)
     with pytest.raises(MonteCarloError, match="Workers died 2 times without a result in between"):
         run(study, tmp_path, always_deadly, workers=2)
+    run(study, tmp_path)
+    assert tables(tmp_path) == tables(plain)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_task_that_the_machine_fails_is_done_again(study, plain, tmp_path, monkeypatch, workers):
+    mark = tmp_path / "mark"
+    monkeypatch.setenv("MC_MARK", str(mark))
+    run(study, tmp_path / "out", out_of_memory_once, workers=workers)
+    assert mark.exists()
+    assert tables(tmp_path / "out") == tables(plain)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_machine_that_fails_every_task_ends_the_study_in_a_sentence(study, plain, tmp_path, workers):
+    message = r"died 6 times without a result in between, of OSError: \[Errno 28\] No space left on device; what was"
+    with pytest.raises(MonteCarloError, match=message):
+        run(study, tmp_path, always_full, workers=workers)
+    assert kept(tmp_path) == set()
     run(study, tmp_path)
     assert tables(tmp_path) == tables(plain)
 

@@ -57,3 +57,13 @@ def test_the_error_of_the_turn_is_that_of_the_tactical_diameter(container):
     assert error == pytest.approx(100.0 * abs(other - true) / true)
     assert error > 0.1
     assert np.isnan(diverged_at)
+
+
+@pytest.mark.parametrize("error", [MemoryError("much"), OSError(28, "No space left on device")])
+def test_an_error_of_the_machine_is_no_result(small, monkeypatch, error):
+    def fails(*_):
+        raise error
+
+    monkeypatch.setitem(METHODS, "weak form", fails)
+    with pytest.raises(type(error)):
+        measure(Task(small, ps.zigzag(20, 20), "white", 0.01, "weak form", 0, 1, 30.0))

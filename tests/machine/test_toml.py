@@ -68,10 +68,10 @@ def test_a_file_is_a_table_or_an_error_in_one_sentence(tmp_path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("size = 3".encode("utf-16"), "it is UTF-16, save it as UTF-8"),
-        ("size = 3".encode("utf-16-be"), "it is UTF-16, save it as UTF-8"),
-        ('name = "é"'.encode("latin-1"), "byte 8 is no UTF-8, save it as UTF-8"),
-        (b"size = " + b"[" * 20000 + b"]" * 20000, "tables or lists are nested too deeply"),
+        ("size = 3".encode("utf-16"), "it is UTF-16 text; save it as UTF-8"),
+        ("size = 3".encode("utf-16-be"), "it is UTF-16 text or no text, line 1"),
+        ('name = "é"'.encode("latin-1"), "it is not UTF-8 text, line 1; save it as UTF-8"),
+        (b"size = " + b"[" * 20000 + b"]" * 20000, "tables or lists are nested too deep"),
     ],
 )
 def test_a_file_that_is_no_toml_is_named_as_what_it_is(tmp_path, content, said):

@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
+from pymc_ship.machine.files import OutputError
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate_posterior
 from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate_posterior
@@ -176,9 +177,39 @@ class TestStorage:
     def test_another_record_in_the_same_format_is_refused(self, tmp_path, suffix):
         path = tmp_path / f"trial{suffix}"
         trial = xr.DataTree(xr.Dataset({"u": ("time", np.ones(3))}))
-        trial.to_netcdf(path) if suffix == ".nc" else trial.to_zarr(path, consolidated=False)
+        write_posterior(trial, path)
         with pytest.raises(ValueError, match="is no posterior written by this package: it has no group posterior"):
             read_posterior(path)
+        trial.to_netcdf(path) if suffix == ".nc" else trial.to_zarr(path, mode="w", consolidated=False)
+        with pytest.raises(ValueError, match="is no posterior written by this package: its checksum is missing or"):
+            read_posterior(path)
+
+    @pytest.mark.parametrize("place", ["zarr.json", "posterior/zarr.json", "posterior/coefficients/c/0/0/0"])
+    def test_a_zarr_folder_that_was_changed_is_refused(self, tmp_path, place):
+        path = write_posterior(tree(), tmp_path / "surge.zarr")
+        before = (path / place).read_bytes()
+        for odd in (b"", b"[" * 100_000, b"[]", b'{"attributes": 3}', before[:-1] + b"7"):
+            (path / place).write_bytes(odd)
+            with pytest.raises(ValueError, match="is no posterior written by this package: its checksum"):
+                read_posterior(path)
+        (path / place).write_bytes(before)
+        assert read_posterior(path).identical(tree())
+        (path / place).unlink()
+        with pytest.raises(ValueError, match="is no posterior written by this package"):
+            read_posterior(path)
+
+    def test_a_full_disk_is_told_in_a_sentence(self, tmp_path, monkeypatch):
+        """As netCDF tells it."""
+
+        def full(*_, **__):
+            raise RuntimeError("NetCDF: HDF error")
+
+        monkeypatch.setattr(xr.DataTree, "to_netcdf", full)
+        with pytest.raises(
+            OutputError, match=r"surge\.nc cannot be written: NetCDF: HDF error, the disk may be full; ch"
+        ):
+            write_posterior(tree(), tmp_path / "surge.nc")
+        assert list(tmp_path.iterdir()) == []
 
 
 class TestState:

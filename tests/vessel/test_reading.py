@@ -159,13 +159,17 @@ class TestErrors:
         (tmp_path / "folder.toml").mkdir()
         assert "cannot be read: Is a directory" in error_of(tmp_path / "folder.toml")
 
-    @pytest.mark.parametrize(
-        "content", [b"name = ", b"[particulars\n", b"L = 1\nL = 2\n", b"\xff\xfe\x00", b"a = 1\x00"]
-    )
+    @pytest.mark.parametrize("content", [b"name = ", b"[particulars\n", b"L = 1\nL = 2\n"])
     def test_files_that_are_not_toml(self, tmp_path, content):
         path = tmp_path / "broken.toml"
         path.write_bytes(content)
         assert "is not valid TOML" in error_of(path)
+
+    @pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"a = 1\x00"])
+    def test_files_that_are_not_utf_8(self, tmp_path, content):
+        path = tmp_path / "broken.toml"
+        path.write_bytes(content)
+        assert "cannot be read: it is UTF-16 text" in error_of(path)
 
 
 def _quoted(key):

@@ -43,11 +43,11 @@ def test_every_mutated_file_ends_in_a_ship_or_in_one_sentence(tmp_path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ('name = "é"'.encode("utf-16"), "it is UTF-16, save it as UTF-8"),
-        ('name = "é"'.encode("utf-16-le"), "it is UTF-16, save it as UTF-8"),
-        ('name = "é"'.encode("latin-1"), "byte 8 is no UTF-8, save it as UTF-8"),
+        ('name = "é"'.encode("utf-16"), "it is UTF-16 text; save it as UTF-8"),
+        ('name = "é"'.encode("utf-16-le"), "it is UTF-16 text or no text, line 1"),
+        ('name = "é"'.encode("latin-1"), "it is not UTF-8 text, line 1; save it as UTF-8"),
         (b"'' = 1", "unknown key ''"),
-        (b"x = " + b"[" * 20000 + b"]" * 20000, "nested too deeply"),
+        (b"x = " + b"[" * 20000 + b"]" * 20000, "nested too deep"),
         (b"x = 0x" + b"f" * 9000, "unknown key x"),
         (b"particulars = {}\nname = 0x" + b"f" * 9000, "name must be a text, found a number of thousands of digits"),
         (

@@ -2,6 +2,7 @@
 
 - `main`: the command ``pymc-ship``: errors, interrupts, progress.
 - `parser`: commands, options and worked examples.
+- `sentences`: the line that says why a command cannot run.
 - `words`: numbers and names of the command line, checked.
 - `files`: trials in, results out.
 - `texts`: results as lines of text.

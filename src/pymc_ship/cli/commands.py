@@ -23,7 +23,6 @@ from pymc_ship.cli.files import (
     model_argument,
     output_file,
     requested_manoeuvres,
-    staged_files,
     trial_argument,
     vessel_argument,
     write_csv,
@@ -47,7 +46,8 @@ from pymc_ship.cli.texts import (
     tuning_text,
 )
 from pymc_ship.forecasting.forecast import BANDS, stated_shares
-from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.machine.files import staged, staged_files, writable_folder
+from pymc_ship.machine.text import utf8
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.regression.tree import read_posterior, write_posterior
@@ -290,7 +290,7 @@ def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:
 def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] and rudder angles [rad] of a CSV with the header ``time,delta_deg``."""
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        lines = utf8(Path(path).read_bytes()).splitlines()
         header, *rows = [line.split(",") for line in lines if line.strip() and line[0] != "#"] or [[]]
         if [name.strip() for name in header] != _PROGRAMME_HEADER:
             raise ValueError(f"the header is not time,delta_deg but {','.join(header)!r}")

@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
-from pymc_ship.machine.files import OutputError, staged, writable_folder
+from pymc_ship.machine.files import OutputError, place_of, staged, writable_folder
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.vessel.plausibility import remarks
@@ -97,17 +94,8 @@ def output_file(path: str) -> Path:
     """Path of a file, after a check that it can be written; a missing folder is created."""
     if Path(path).is_dir():
         raise OutputError(f"{path} is a folder; give the name of a file in it.")
-    writable_folder(Path(path).parent)
+    writable_folder(place_of(path).parent)
     return Path(path)
-
-
-@contextmanager
-def staged_files(folder: Path) -> Iterator[Path]:
-    """Temporary folder whose files move to ``folder`` together when the block ends without an exception."""
-    with tempfile.TemporaryDirectory(prefix=".partial-", dir=folder) as partial:
-        yield Path(partial)
-        for path in sorted(Path(partial).iterdir()):
-            os.replace(path, folder / path.name)
 
 
 def made_by(args: argparse.Namespace) -> str:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from pymc_ship.cli.parser import parser
+from pymc_ship.cli.sentences import sentence
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -65,9 +66,9 @@ def _refused(error: Exception) -> bool:
     return isinstance(error, TrialRefusedError)
 
 
-def _fail(sentence: str, status: int) -> int:
-    """Print an error as one line that ends with a full stop; return the exit status."""
-    print(f"pymc-ship: {' '.join(sentence.split()).removesuffix('.')}.", file=sys.stderr)
+def _fail(text: str, status: int) -> int:
+    """Print an error as one line; return the exit status."""
+    print(sentence(text), file=sys.stderr)
     return status
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 
 from pymc_ship import __version__
+from pymc_ship.cli.sentences import sentence
 from pymc_ship.cli.words import angles, draws, interval, level, names, seed
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.trial.channels import sensors
@@ -98,7 +99,7 @@ class _Parser(argparse.ArgumentParser):
     """Parser whose complaints are one sentence, like every other error of the program."""
 
     def error(self, message: str):
-        self.exit(2, f"pymc-ship: {message}; see {self.prog} --help.\n")
+        self.exit(2, f"{sentence(f'{message}; see {self.prog} --help')}\n")
 
 
 def parser() -> argparse.ArgumentParser:

@@ -13,7 +13,7 @@ import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
 from pymc_ship.cli.files import Outcome, Progress, judged_arguments, made_by, requested_manoeuvres, vessel_argument
 from pymc_ship.cli.texts import forecast_text, held_out_text, probability_text, term_set_text
-from pymc_ship.machine.files import writable_folder
+from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise
 from pymc_ship.manoeuvre.registry import KINDS, either
@@ -27,7 +27,7 @@ SIDES = ("port", "starboard")
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Identify a ship from her trials, report on it and save it."""
     from pymc_ship.ship.model import identify_ship
-    from pymc_ship.ship.page import write_ship_report
+    from pymc_ship.ship.page import PAGE, write_ship_report
     from pymc_ship.ship.paths import compare_paths
 
     vessel = vessel_argument(args.vessel, progress)
@@ -41,11 +41,12 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         best = model.candidates[0]
         known = {"names": list(trials), "trajectory": best.held_out, "progress": progress}
         paths = compare_paths(list(trials.values()), best.vessel, model.prior, **known)
-    save_ship(model, out, made_by=made_by(args))
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
-    page = write_ship_report(model, trials, checks, paths, out, **made)
+    with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
+        save_ship(model, folder, made_by=made_by(args))
+        write_ship_report(model, trials, checks, paths, folder, **made)
     text = [term_set_text(model), held_out_text(model), "\n".join(model.remarks), model.judgement["record_remarks"]]
-    return "\n\n".join(filter(None, text)), page
+    return "\n\n".join(filter(None, text)), out / PAGE.file
 
 
 def checked_trials(

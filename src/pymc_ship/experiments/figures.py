@@ -48,14 +48,20 @@ def scores(rows: Sequence[Mapping]) -> Figure:
 def _lines(ax, rows: Sequence[Mapping], name: str) -> None:
     """Line of each method over the levels; what is infinite or zero on a logarithmic axis is left out."""
     logarithmic, levels = name != "coverage", sorted({row["level"] for row in rows if row["level"] > 0.0})
+    drawn = 0
     for k, method in enumerate(dict.fromkeys(row["method"] for row in rows)):
         mine = sorted((row["level"], row[name], row[f"{name}_se"]) for row in rows if row["method"] == method)
         level, value, se = np.array(mine).T
         shown = (level > 0.0) & np.isfinite(value) & ((value > 0.0) | (not logarithmic))
         bars = 2.0 * np.nan_to_num(se[shown])
+        drawn += shown.sum()
         lower = np.minimum(bars, 0.9 * value[shown]) if logarithmic else bars
         style = {"color": COLOURS[k % len(COLOURS)], "marker": _MARKERS[k % len(_MARKERS)], "ms": 4.0, "capsize": 2.0}
         ax.errorbar(100.0 * level[shown], value[shown], (lower, bars), label=method, elinewidth=0.8, **style)
+    if not drawn:
+        ax.text(0.5, 0.5, "no finite value", ha="center", transform=ax.transAxes)
+        ax.set_xticks([])
+        return
     ax.set_xscale("log")
     if logarithmic:
         ax.set_yscale("log")

@@ -29,6 +29,7 @@ from pymc_ship.experiments.tables import (
     session_rows,
 )
 from pymc_ship.experiments.task import PARTS, STATUSES
+from pymc_ship.machine.files import staged_files
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
@@ -43,7 +44,7 @@ _SHARED = ("ship", "manoeuvre", "noise")
 
 
 def write_report(store: Store) -> tuple[list[dict], Path]:
-    """Write the tables and the page of a complete study; each appears under its name when complete.
+    """Write the tables and the page of a complete study; they appear together when complete.
 
     ``results.parquet`` and ``cells.csv`` depend on the study alone, ``timings.parquet`` and the page on the runs, too.
 
@@ -62,13 +63,13 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
         When the folder cannot be written.
     """
     costs, start = Costs(), perf_counter()
-    with (
-        table_writer(store.out / "timings.parquet", TIMINGS) as add_timings,
-        table_writer(store.out / "results.parquet", RESULTS) as add_results,
-    ):
-        rows = list(_cells(store, costs, add_results, add_timings))
-    sizes = _sizes(store, perf_counter() - start)
-    return rows, write_page(PAGE, store.out, _content(store, rows, costs, sizes))
+    with staged_files(store.out, last=PAGE.file) as folder:
+        tables = [folder / f"{name}.parquet" for name in ("timings", "results")]
+        with table_writer(tables[0], TIMINGS) as add_timings, table_writer(tables[1], RESULTS) as add_results:
+            rows = list(_cells(store, costs, add_results, add_timings))
+        sizes = _sizes(store, tables, perf_counter() - start)
+        write_page(PAGE, folder, _content(store, rows, costs, sizes))
+    return rows, store.out / PAGE.file
 
 
 def _cells(store: Store, costs: Costs, *writers) -> Iterator[dict]:
@@ -84,15 +85,14 @@ def _cells(store: Store, costs: Costs, *writers) -> Iterator[dict]:
         yield cell_row(cell, {name: np.array(whole[name].to_pylist()) for name in whole.column_names})
 
 
-def _sizes(store: Store, build: float) -> Sizes:
+def _sizes(store: Store, tables: Sequence[Path], build: float) -> Sizes:
     """Files and bytes on disk and under way, memory of the parent, and how long the tables took [s]."""
     parts = list((store.out / "parts").rglob("*.parquet"))
-    tables = [store.out / f"{name}.parquet" for name in ("results", "timings")]
     cell, _, part = next(store.grid.parts())
     result = dict.fromkeys((*RESULTS, *TIMINGS), 0.0)
     sent = len(pickle.dumps(store.grid.task(cell, 0, part))) + len(json.dumps(result)) + len(part)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return Sizes(len(parts), sum(path.stat().st_size for path in parts + tables), sent, peak, build)
+    return Sizes(len(parts), sum(path.stat().st_size for path in [*parts, *tables]), sent, peak, build)
 
 
 def cell_table(rows: Sequence[Mapping]) -> Table:

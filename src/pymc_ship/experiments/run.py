@@ -107,8 +107,8 @@ def _run(
             shown.one_more()
     except WorkersLostError as error:
         raise MonteCarloError(
-            f"Workers died {error.times} times without a result in between, of too little memory perhaps; what was "
-            "measured so far is kept: run again with fewer workers."
+            f"Workers died {error.times} times without a result in between, of {error.reason}; what was measured so "
+            "far is kept: run again with fewer workers."
         ) from None
 
 

@@ -26,6 +26,7 @@ from pymc_ship.frontier.estimates import (
 )
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
+from pymc_ship.machine.workers import MACHINE
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle
 from pymc_ship.motion.simulation import simulate
@@ -114,6 +115,8 @@ class _NoCoefficientsError(ValueError):
 def measure(task: Task) -> dict:
     """Simulate, pollute, fit and score; a method that fails is a result like any other.
 
+    Errors of the machine, :data:`pymc_ship.machine.workers.MACHINE`, are not: they are raised.
+
     Parameters
     ----------
     task : Task
@@ -129,6 +132,8 @@ def measure(task: Task) -> dict:
         warnings.simplefilter("ignore")
         try:
             status, sentence = _measured(task, parts, scores)
+        except MACHINE:  # says nothing of the method
+            raise
         except Exception as error:  # whatever goes wrong in a method is what the study is to find out
             scores, status = dict.fromkeys(SCORES, float("nan")), "failed"
             sentence = " ".join(f"{type(error).__name__}: {error}".split())

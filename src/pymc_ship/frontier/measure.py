@@ -274,8 +274,7 @@ def frontier(
                 progress(f"{bar(len(found), len(tasks))} {len(found)} of {len(tasks)} data sets")
     except WorkersLostError as error:
         raise ValueError(
-            f"Workers died {error.times} times without a result in between, of too little memory perhaps; free some "
-            "and run again."
+            f"Workers died {error.times} times without a result in between, of {error.reason}; make room and run again."
         ) from None
     order = [(cell.name, level, k) for cell in cells for level in cell.levels for k in range(seeds)]
     return [measurement for key in order for measurement in found[key]]

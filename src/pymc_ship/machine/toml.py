@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import NoReturn
 
 from pymc_ship.machine.arguments import check_choice, finite_number, shown
+from pymc_ship.machine.text import EncodingError, utf8
 
 _LONGEST_KEY = 60
-_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 @dataclass(frozen=True)
@@ -96,26 +96,12 @@ class Entry:
 def toml_file(path: str | Path, what: str, error: type[ValueError]) -> Entry:
     """Table of a TOML file; ``error`` with one sentence, begun by ``what`` the file is, where it cannot be read."""
     try:
-        return Entry(tomllib.loads(_text(Path(path).read_bytes())), str(path), error)
+        return Entry(tomllib.loads(utf8(Path(path).read_bytes())), str(path), error)
     except OSError as reason:
         raise error(f"{what} {path} cannot be read: {reason.strerror}; check the path.") from None
-    except RecursionError:
-        raise error(f"{what} {path} is not valid TOML: tables or lists are nested too deeply; mend it.") from None
+    except EncodingError as reason:
+        raise error(f"{what} {path} cannot be read: {reason}.") from None
     except ValueError as reason:
-        raise error(f"{what} {path} is not valid TOML: {_line(str(reason))}; mend it.") from None
-
-
-def _text(content: bytes) -> str:
-    """Text of a file in UTF-8, with or without a byte order mark."""
-    if content.startswith(_UTF_16) or b"\0" in content[:2]:
-        raise ValueError("it is UTF-16, save it as UTF-8")
-    try:
-        return content.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"byte {error.start} is no UTF-8, save it as UTF-8") from None
-
-
-def _line(reason: str) -> str:
-    """Reason in one line, cut to a readable length."""
-    line = " ".join(reason.split())
-    return line if len(line) <= 160 else f"{line[:80]} ... {line[-77:]}"
+        raise error(f"{what} {path} is not valid TOML: {reason}; mend it.") from None
+    except RecursionError:
+        raise error(f"{what} {path} is not valid TOML: its tables or lists are nested too deep; mend it.") from None

@@ -25,12 +25,24 @@ RESTARTS = 5
 _CONNECT, _LOOK, _WATCH = 10.0, 2.0, 0.5
 
 
-class WorkersLostError(Exception):
-    """Some workers died before they returned their tasks; ``times`` without a result in between."""
+MACHINE = (MemoryError, OSError)
+"""What a task raises where the machine fails and not the work: it is done again."""
 
-    def __init__(self, times: int = 1):
-        super().__init__(f"workers died {times} times without a result in between")
-        self.times = times
+
+class WorkersLostError(Exception):
+    """Some workers died, or failed as machines, before they returned their tasks.
+
+    Attributes
+    ----------
+    reason : str
+        What they failed of.
+    times : int
+        Without a result in between.
+    """
+
+    def __init__(self, reason: str = "too little memory perhaps", times: int = 1):
+        super().__init__(f"workers were lost {times} times without a result in between")
+        self.reason, self.times = reason, times
 
 
 def completed(executor: LocalCores | Cluster, work: Callable, remaining: Callable[[], Iterable | None]) -> Iterator:
@@ -57,10 +69,10 @@ def completed(executor: LocalCores | Cluster, work: Callable, remaining: Callabl
             for result in executor.run(work, tasks):
                 lost = 0
                 yield result
-        except WorkersLostError:
+        except WorkersLostError as error:
             lost += 1
             if lost > RESTARTS:
-                raise WorkersLostError(lost) from None
+                raise WorkersLostError(error.reason, lost) from None
 
 
 class LocalCores:
@@ -94,7 +106,7 @@ class LocalCores:
         Raises
         ------
         WorkersLostError
-            When a process was killed.
+            When a process was killed, or a task raised one of :data:`MACHINE`.
         """
         import joblib
 
@@ -106,6 +118,8 @@ class LocalCores:
             yield from joblib.Parallel(self.workers, **settings)(joblib.delayed(work)(task) for task in tasks)
         except BrokenProcessPool:
             raise WorkersLostError from None
+        except MACHINE as error:
+            raise WorkersLostError(_told(error)) from None
 
     def __enter__(self) -> LocalCores:
         self._warnings = warnings.catch_warnings()
@@ -181,7 +195,7 @@ class Cluster:
         Raises
         ------
         WorkersLostError
-            When a task lost several workers or the scheduler its tasks.
+            When a task lost several workers or the scheduler its tasks, or a task raised one of :data:`MACHINE`.
         ValueError
             When the workers cannot do a task, of the type that was asked for.
         """
@@ -203,10 +217,16 @@ class Cluster:
                 result = future.result()
             except (KilledWorker, CancelledError):
                 raise WorkersLostError from None
+            except MACHINE as error:
+                raise WorkersLostError(_told(error)) from None
             except Exception as error:
-                text = " ".join(f"{type(error).__name__}: {error}".split())
+                text = _told(error)
                 raise self.error(f"The workers of {self.address} cannot do a task: {text}; see to them.") from None
             yield result
+
+
+def _told(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def bar(done: int, total: int, width: int = 30) -> str:

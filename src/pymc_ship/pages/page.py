@@ -96,13 +96,10 @@ def write_page(page: Page, out: str | Path, content: Content) -> Path:
     """
     out = writable_folder(out)
     text = rendered(page, content)
-    with staged_files(out, last=page.file) as folder:
+    with staged_files(out, last=page.file, own=page.own) as folder:
         for name, write in _files(page, content, text).items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             write(folder / name)
-        made = {out / path.relative_to(folder) for path in folder.rglob("*")}
-    for path in {path for pattern in page.own for path in out.glob(pattern)} - made:
-        path.unlink()
     return out / page.file
 
 

@@ -357,7 +357,7 @@ def _difference_rows(
     index = DOFS.index(dof)
     response = vessel.inertia_matrix[index] @ np.array(acceleration) - known[index]
     begin, end = _WITHOUT_DIFFERENCE.get(derivative, (0, 0))
-    rows = np.arange(0, speed.size - end, stride or 1)
+    rows = np.arange(speed.size - end)[:: stride or 1]
     rows = rows[rows >= begin]
     design_matrix = evaluate(vessel.terms(dof), {name: values[rows] for name, values in motion.items()})
     return design_matrix, response[rows], trial["time"].values[rows]

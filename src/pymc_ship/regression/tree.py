@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.files import staged
+from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_its_checksum
+from pymc_ship.machine.files import settle, staged
 from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior
 
@@ -30,6 +31,7 @@ CITATIONS = {
 }
 """Works a posterior rests on, kept in its attrs: by what made the draws, and those that every posterior rests on."""
 
+_SUM, _ZARR = "sha256", "zarr.json"
 _PACKAGES = ("pymc-ship", "numpy", "scipy", "xarray", "arviz", "pymc")
 
 
@@ -177,6 +179,9 @@ def provenance(work: str) -> dict[str, str]:
 def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     """Write a posterior to NetCDF (``.nc``) or Zarr (``.zarr``); it appears under its name only when complete.
 
+    It carries a checksum, which :func:`read_posterior` asks for: the last bytes of a NetCDF file, the attribute
+    ``sha256`` of a Zarr folder.
+
     Parameters
     ----------
     tree : DataTree
@@ -213,23 +218,63 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
         raise ValueError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
     with staged(path) as partial:
         if path.suffix == ".nc":
-            tree.to_netcdf(partial, engine="netcdf4")
+            _to_netcdf(tree, partial)
+            append_checksum(partial)
         else:
             tree.to_zarr(partial, consolidated=False)
+            index = json.loads((partial / _ZARR).read_text(encoding="utf-8"))
+            index["attributes"][_SUM] = _zarr_checksum(partial, index)
+            (partial / _ZARR).write_text(json.dumps(index), encoding="utf-8")
     return path
 
 
 def read_posterior(path: str | Path) -> xr.DataTree:
-    """Read a posterior written by :func:`write_posterior` into memory; ValueError names a path that is none."""
+    """Read a posterior written by :func:`write_posterior` into memory.
+
+    Raises
+    ------
+    ValueError
+        For a path that is no such posterior, or one that was damaged or changed since it was written.
+    """
     path = Path(path)
+    settle(path.parent)
     if not path.exists():
         raise ValueError(f"A posterior is read from a .nc or .zarr path, found nothing at {path}; check the path.")
-    engine, options = ("zarr", {"consolidated": False}) if path.suffix == ".zarr" else ("netcdf4", {})
+    zarr = path.suffix == ".zarr"
+    engine, options = ("zarr", {"consolidated": False}) if zarr else ("netcdf4", {})
     try:
+        if not (_zarr_is_whole(path) if zarr else has_its_checksum(path)):
+            raise _NoPosteriorError("its checksum is missing or does not fit; copy or make it again")
         with xr.open_datatree(path, engine=engine, **options) as stored:
             tree = stored.load()
-    except (OSError, KeyError) as error:
+    except (OSError, _NoPosteriorError) as error:
         raise ValueError(f"{path} is no posterior written by this package: {error}.") from None
+    tree.attrs.pop(_SUM, None)
     if "posterior" not in tree.children:
         raise ValueError(f"{path} is no posterior written by this package: it has no group posterior.")
     return tree
+
+
+class _NoPosteriorError(ValueError):
+    """What speaks against a posterior."""
+
+
+def _to_netcdf(tree: xr.DataTree, path: Path) -> None:
+    try:
+        tree.to_netcdf(path, engine="netcdf4")
+    except RuntimeError as error:  # of a disk that is full, among others
+        raise OSError(None, f"{error}, the disk may be full") from None
+
+
+def _zarr_is_whole(path: Path) -> bool:
+    """Whether the index of a Zarr folder has the checksum of the folder."""
+    try:
+        index = json.loads((path / _ZARR).read_text(encoding="utf-8"))
+        return index["attributes"].pop(_SUM) == _zarr_checksum(path, index)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return False
+
+
+def _zarr_checksum(path: Path, index: dict) -> str:
+    files = (found.relative_to(path) for found in path.rglob("[!.]*") if found.is_file())
+    return folder_checksum(path, (name for name in files if name != Path(_ZARR)), index)

@@ -11,7 +11,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.forecast import pooled_forecast
-from pymc_ship.machine.files import staged
+from pymc_ship.machine.checksums import folder_checksum
+from pymc_ship.machine.files import settle, staged
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.ship.held_out import simulation_settings
@@ -25,7 +26,7 @@ from pymc_ship.vessel.vessel import Vessel, VesselError
 FOLDER = "model"
 """Folder of an identified ship inside that of its report."""
 
-_INDEX = "ship.json"
+_INDEX, _SUM = "ship.json", "sha256"
 _CHAINS = 4
 
 
@@ -150,6 +151,7 @@ def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:
             **model.judgement,
             "made_by": made_by,
         }
+        index[_SUM] = _checksum(folder, index)
         (folder / _INDEX).write_text(json.dumps(index, indent=2) + "\n", encoding="utf-8")
     return Path(out) / FOLDER
 
@@ -160,26 +162,38 @@ def load_ship(out: str | Path) -> IdentifiedShip:
     Raises
     ------
     VesselError
-        When the folder holds none or a file of it cannot be read.
+        When the folder holds none, or one that was damaged or changed since it was written.
     """
+    settle(out)
     folder = Path(out) / FOLDER
     try:
         index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
-        files = [folder / entry["file"] for entry in index["terms"]]
-        errors, remarks = index["model_error"], tuple(index["remarks"])
+        given = index.pop(_SUM)
+        whole = given == _checksum(folder, index)
     except OSError as error:
         reason = error.strerror or error
         raise VesselError(f"{folder} holds no identified ship: {reason}; run `pymc-ship identify` first.") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise VesselError(f"{folder / _INDEX} cannot be read: {error!r}; run `pymc-ship identify` again.") from None
+    if not whole:
+        raise VesselError(
+            f"The identified ship in {folder} was damaged or changed, its checksum does not fit; copy it again or run "
+            "`pymc-ship identify` again."
+        )
     models, motion = [], None
-    for path in files:
+    for path in (folder / entry["file"] for entry in index["terms"]):
         vessel, tree = load_vessel(path.with_suffix(".toml")), read_posterior(path.with_suffix(".nc"))
         draws = tree["posterior"]["coefficients"].stack(sample=("draw", "chain"))
         rows = draws.sel(coefficient=coefficient_names(vessel)).transpose("sample", "coefficient").values
         models.append((vessel, rows))
         motion = tree["constant_data"]["motion"]
-    return IdentifiedShip(models, motion, errors, remarks)
+    return IdentifiedShip(models, motion, index["model_error"], tuple(index["remarks"]))
+
+
+def _checksum(folder: Path, index: Mapping) -> str:
+    """Checksum of an index and of the files that it names."""
+    names = [str(Path(entry["file"]).with_suffix(ending)) for entry in index["terms"] for ending in (".toml", ".nc")]
+    return folder_checksum(folder, names, index)
 
 
 def _stem(name: str) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.text import EncodingError, utf8
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.columns import Column, is_unit, matched_columns
 from pymc_ship.trial.format import TrialFormat, at_origin, full_scale, load_format, with_signs
@@ -23,7 +24,7 @@ from pymc_ship.trial.time_base import regular, rounding
 _COMMENTS = ("#", "%")
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
 _LARGEST = 1e30
-"""Numbers from here up, and infinity, stand for missing cells."""
+"""Numbers from here up, and infinity, stand for missing cells; one over it and less is zero, in any unit of a ship."""
 
 
 def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) -> xr.Dataset:
@@ -95,15 +96,14 @@ def _text(path: Path) -> str:
         raw = path.read_bytes()
         if raw[:2] == b"\x1f\x8b":
             raw = gzip.decompress(raw)
-        return raw.decode("utf-8-sig")
+        return utf8(raw)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        reason, remedy = f"its gzip data are damaged ({error})", "copy it again"
+        reason = f"its gzip data are damaged ({error}); copy it again"
     except OSError as error:
-        reason, remedy = error.strerror or str(error), "check the path"
-    except UnicodeDecodeError as error:
-        line = raw[: error.start].count(b"\n") + 1
-        reason, remedy = f"it is not UTF-8 text, line {line}", "save it as UTF-8"
-    raise TrialError(f"The trial {path} cannot be read: {reason}; {remedy}.")
+        reason = f"{error.strerror or error}; check the path"
+    except EncodingError as error:
+        reason = str(error)
+    raise TrialError(f"The trial {path} cannot be read: {reason}.")
 
 
 def _table(text: str, layout: TrialFormat, path: Path) -> _Table:
@@ -198,7 +198,7 @@ def _cells(table: _Table, columns: dict[str, Column], path: Path) -> tuple[dict[
     comma = any("," in text for text in joined.values()) and not any("." in text for text in joined.values())
     if comma:
         texts = {name: [cell.replace(",", ".") for cell in cells] for name, cells in texts.items()}
-    numbers = {}
+    numbers, notes = {}, ["Decimal commas read as points."] if comma else []
     for name, cells in texts.items():
         values = _numbers(cells)
         if None in values:
@@ -209,7 +209,11 @@ def _cells(table: _Table, columns: dict[str, Column], path: Path) -> tuple[dict[
             )
         numbers[name] = np.array(values)
         numbers[name][~(np.abs(numbers[name]) < _LARGEST)] = np.nan
-    return numbers, ["Decimal commas read as points."] if comma else []
+        small = (numbers[name] != 0.0) & (np.abs(numbers[name]) < 1.0 / _LARGEST)
+        numbers[name][small] = 0.0
+        if small.any():
+            notes.append(f"{int(small.sum())} cells of {name}, all within {1.0 / _LARGEST:g} of zero, read as 0.")
+    return numbers, notes
 
 
 def _numbers(cells: list[str]) -> list[float | None]:

@@ -1,0 +1,178 @@
+"""Results of several runs at one place, and of runs that are killed: old or new, whole, with nothing left beside."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+
+from pymc_ship.machine import files
+from pymc_ship.machine.files import OLD, OutputError, place_of, settle, staged, staged_files, writable_folder
+from tests.machine.writers import PARTS, read, started, write
+
+HOWS = ("file", "folder", "files")
+
+
+def partials(folder):
+    return sorted(path.name for path in folder.rglob(".partial*"))
+
+
+def prepared(how, out):
+    """Folder with an earlier result and what is not of it."""
+    if how == "files":
+        (out / "result").mkdir()
+        (out / "result" / "kept").write_text("kept")
+    write(how, out, "old")
+    return out
+
+
+@pytest.mark.parametrize("how", HOWS)
+def test_two_runs_at_one_place_leave_the_result_of_one_of_them(tmp_path, how):
+    out = prepared(how, tmp_path)
+    writers = [started("write_many", how, out, mark, 60) for mark in ("one", "two")]
+    seen = 0
+    while any(writer.poll() is None for writer in writers):
+        if how == "file":  # the others are told in the head of machine.files: no reader without settle
+            found = read(how, out)
+            assert (len(found), len(set(found))) == (PARTS, 1)
+            seen += 1
+    assert [writer.returncode for writer in writers] == [0, 0]
+    assert seen > 10 or how != "file"
+    found = read(how, out)
+    assert (len(found), len(set(found))) == (PARTS, 1)
+    assert partials(out) == []
+
+
+@pytest.mark.parametrize(
+    ("how", "step"), [("file", 1), ("folder", 1), ("folder", 2), *(("files", k) for k in (1, 2, 20, PARTS + 1))]
+)
+def test_a_run_that_is_killed_at_any_step_leaves_old_or_new(tmp_path, how, step):
+    out = prepared(how, tmp_path)
+    assert started("killed_at", how, out, "new", step).wait() == -signal.SIGKILL
+    settle(out)
+    settle(out / "result")
+    assert read(how, out) == ["old" if step == 1 else "new"] * PARTS
+    assert partials(out) == []
+    if how == "files":
+        assert (out / "result" / "kept").read_text() == "kept"
+
+
+def test_files_of_an_earlier_result_go_with_a_killed_move_too(tmp_path):
+    out = prepared("files", tmp_path)
+    (out / "result" / "part99").write_text("of an earlier one")
+    assert started("killed_at", "files", out, "new", 5).wait() == -signal.SIGKILL
+    settle(out / "result")
+    assert read("files", out) == ["new"] * PARTS
+
+
+@pytest.mark.parametrize("how", HOWS)
+def test_the_next_run_removes_what_a_killed_one_left(tmp_path, how):
+    out = prepared(how, tmp_path)
+    assert started("killed_at", how, out, "new", 1).wait() == -signal.SIGKILL
+    assert len(partials(out)) >= 1
+    write(how, out, "next")
+    assert read(how, out) == ["next"] * PARTS
+    assert partials(out) == []
+
+
+def test_a_run_that_lives_keeps_its_partial_results(tmp_path):
+    with staged(tmp_path / "a.csv") as mine, staged_files(tmp_path) as others:
+        mine.write_text("mine")
+        (others / "b.csv").write_text("others")
+        write("file", tmp_path, "between")
+        settle(tmp_path)
+        writable_folder(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "b.csv", "result"]
+
+
+@pytest.mark.parametrize("locked", [True, False])
+def test_partial_results_of_another_machine_go_when_they_are_old_by_the_clock_of_the_file_system(
+    tmp_path, monkeypatch, locked
+):
+    """Its clock and ours play no part, and neither does a lock that cannot be seen from here."""
+    monkeypatch.setattr(time, "time", lambda: 0.0)
+    box = tmp_path / f".partial-{'0' * 12}-77-abcdefgh"
+    (box / "new").mkdir(parents=True)
+    if locked:
+        (box / ".lock").touch()
+    settle(tmp_path)
+    assert box.exists()
+    now = box.stat().st_mtime
+    for path in (*box.rglob("*"), box):
+        os.utime(path, (now - OLD - 60.0,) * 2)
+    (box / "new").touch()
+    settle(tmp_path)
+    assert box.exists()
+    os.utime(box / "new", (now - OLD - 60.0,) * 2)
+    settle(tmp_path)
+    assert not box.exists()
+
+
+def test_folders_of_others_are_left_alone(tmp_path):
+    for name in (".partial-download", ".partial-0-1-2", "partial"):
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (0.0, 0.0))
+    write("file", tmp_path, "new")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        ".partial-0-1-2",
+        ".partial-download",
+        "partial",
+        "result",
+    ]
+
+
+def test_without_locks_results_are_written_and_nothing_is_taken_for_left_behind(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(95, "Operation not supported")
+
+    assert started("killed_at", "file", tmp_path, "new", 1).wait() == -signal.SIGKILL
+    (left,) = partials(tmp_path)
+    monkeypatch.setattr(files.fcntl, "flock", refuse)
+    for how in HOWS[::2]:
+        (tmp_path / how / "result").mkdir(parents=True) if how == "files" else (tmp_path / how).mkdir()
+        write(how, tmp_path / how, "new")
+        assert read(how, tmp_path / how) == ["new"] * PARTS
+    settle(tmp_path)
+    assert partials(tmp_path) == [left]
+
+
+@pytest.mark.parametrize("how", HOWS[:2])
+def test_a_link_stays_and_what_it_leads_to_is_written(tmp_path, how):
+    (tmp_path / "target").mkdir()
+    prepared(how, tmp_path / "target")
+    (tmp_path / "result").symlink_to("target/result")
+    write(how, tmp_path, "new")
+    assert (tmp_path / "result").is_symlink()
+    assert read(how, tmp_path / "target") == ["new"] * PARTS
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result", "target"]
+
+
+def test_a_link_to_nothing_yet_leads_to_the_new_file(tmp_path):
+    (tmp_path / "result").symlink_to(tmp_path / "later")
+    write("file", tmp_path, "new")
+    assert (tmp_path / "result").is_symlink()
+    assert (tmp_path / "later").read_text().split() == ["new"] * PARTS
+
+
+@pytest.mark.parametrize(("place", "kind"), [("/dev/null", "a device"), ("pipe", "a pipe"), ("link", "a device")])
+def test_a_device_or_a_pipe_is_refused_and_stays(tmp_path, place, kind):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("/dev/null")
+    message = rf"A result is written to a file or a folder, found {kind} at .*; choose another place\."
+    with pytest.raises(OutputError, match=message):
+        place_of(tmp_path / place)
+    with pytest.raises(OutputError, match=message), staged(tmp_path / place):
+        pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "pipe"]
+    assert not os.path.isfile("/dev/null")
+
+
+def test_a_link_in_a_circle_is_refused(tmp_path):
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with (
+        pytest.raises(OutputError, match="loop cannot be written: Too many levels of symbolic links"),
+        staged(tmp_path / "loop"),
+    ):
+        pass
