@@ -76,10 +76,9 @@ class Record:
         return float(np.abs(self.motion[name]).max())
 
     def distance(self, until: float) -> float:
-        """Distance run [m] up to a time: the way along the direction of the motion, in which noise of the track cancels.
+        """Distance run [m] up to a time: how far the positions advance in the direction of the velocity.
 
-        The sum of the lengths between noisy positions grows with their number; what they advance along the course made
-        good, from heading and velocities, does not.
+        The noise of positions cancels in it. In the sum of the lengths between them it grows with their number.
         """
         path = np.append(self.time[self.time < until], until)
         x, y = (np.diff([self.at(name, when) for when in path]) for name in ("x", "y"))
