@@ -127,8 +127,7 @@ def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
     The roll of a ship that does not roll is left out; the rudder stands last.
     """
     bands = tree["bands"].to_dataset()
-    moving = [name for name in sensors() if not CHANNELS[name].rolling or np.nanmax(np.abs(bands[name].values)) > 0.0]
-    names = [*moving, "delta"]
+    names = [*(name for name in sensors() if name in bands), "delta"]
     trial = None if measured is None else aligned(measured)
     rows = len(names) // 2
     fig, axes = subplots(8.0, 1.9 * rows + 0.6, rows, 2, sharex=True)

@@ -78,14 +78,16 @@ class Record:
     def distance(self, until: float) -> float:
         """Distance run [m] up to a time: how far the positions advance in the direction of the velocity.
 
-        The noise of positions cancels in it. In the sum of the lengths between them it grows with their number.
+        The noise of positions cancels in it. In the sum of the lengths between them it grows with their number. The
+        axes of the track need not be those of the heading.
         """
         path = np.append(self.time[self.time < until], until)
         x, y = (np.diff([self.at(name, when) for when in path]) for name in ("x", "y"))
         middle = 0.5 * (path[1:] + path[:-1])
         north, east = (np.interp(middle, self.time, rate) for rate in (self.x_dot, self.y_dot))
-        speed = np.hypot(north, east)
-        return float(np.sum((x * north + y * east)[speed > 0.0] / speed[speed > 0.0]))
+        velocity = (north + 1j * east)[north**2 + east**2 > 0.0]
+        advanced = (x + 1j * y)[north**2 + east**2 > 0.0] * np.conj(velocity) / np.abs(velocity)
+        return float(np.abs(advanced.sum()))
 
     def displacement(self, when: float) -> tuple[float, float]:
         """Position [m] at a time, counted from the first one: along the first heading, and to starboard of it."""

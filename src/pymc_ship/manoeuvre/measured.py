@@ -15,7 +15,6 @@ from pymc_ship.manoeuvre.zigzags import BY_HAND
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, channel_names
 from pymc_ship.trial.record import is_uniform
 
-
 _MOTION = channel_names(lambda channel: channel.part == "motion")
 
 
@@ -67,8 +66,8 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
     measured : Dataset, dims (time,)
         See :func:`aligned`.
     attrs : mapping
-        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``side`` of the forecast; ``rudder_delay`` [s] of the steering
-        gear, 0 by default.
+        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``side`` of the forecast; ``rudder_delay`` [s] of the
+        steering gear, 0 by default.
 
     Returns
     -------
@@ -107,13 +106,13 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
 
 
 def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping) -> dict[str, tuple[float, ...]]:
-    """Times [s] at which an aligned zigzag's reversals were ordered; nothing where all were at the switching heading."""
+    """Times [s] at which the reversals of an aligned zigzag were ordered, where not all were at one heading."""
     reversals = rudder_reversals(trial)
     if not reversals:
         return {}
     delay = attrs.get("rudder_delay", 0.0)
     headings, _ = swings(trial, reversals).switching_headings(np.array([delay]))
-    apart = np.abs(np.deg2rad(headings[:, 0] - attrs["heading_deg"]))
+    apart = np.abs(np.deg2rad(headings[:, 0] - headings.mean()))
     return {"reversals": tuple(reversal.time - delay for reversal in reversals)} if apart.max() > BY_HAND else {}
 
 

@@ -18,6 +18,9 @@ from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.trial.record import check_trial
 from pymc_ship.vessel.vessel import Vessel
 
+STEERED = ("u", "r", "psi", "delta")
+"""Channels that tell how a ship was steered."""
+
 _LONGEST_DELAY = 0.2  # L/U
 _USUAL_DELAY = 0.5  # of the longest; mean of the exponential law of a delay before it is measured
 _DELAYS = 201
@@ -69,7 +72,7 @@ def recognise(trials: Sequence[xr.Dataset], vessel: Vessel) -> tuple[list[Manoeu
     2.35 deg/s
     """
     for trial in trials:
-        check_trial(trial, ("u", "r", "psi", "delta"), uniform=False)
+        check_trial(trial, STEERED, uniform=False)
     found = [rudder_reversals(trial) for trial in trials]
     every = [reversal for reversals in found for reversal in reversals]
     unit = vessel.particulars.ship_time

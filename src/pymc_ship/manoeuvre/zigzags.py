@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pymc_ship.manoeuvre.helm import Helm
 
 BY_HAND = math.radians(1.0)
-"""Heading beside the switching heading from which a reversal counts as steered by hand, not by an autopilot."""
+"""Heading beside the mean of a zigzag's reversals from which one counts as steered by hand, not by an autopilot."""
 
 
 def _indices(record: Record, attrs: Mapping) -> dict[str, float]:
