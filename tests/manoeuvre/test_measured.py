@@ -16,7 +16,7 @@ class TestAligned:
     def test_a_trial_begins_where_its_forecast_does(self, kind):
         """Another clock, course and place, a heading that jumps by 360 deg, and a minute of approach are undone."""
         _, _, run, measured = case(kind)
-        found = aligned(measured, run.attrs["rudder_deg"])
+        found = aligned(measured)
         assert found["time"].values[0] == 0.0
         assert all(float(found[name][0]) == 0.0 for name in ("x", "y"))
         assert abs(float(found["psi"][0])) < 2e-3
@@ -30,25 +30,25 @@ class TestAligned:
         delta = np.deg2rad(np.clip(2.3 * (time - 20.0), 0.0, 10.0)) + 0.002 * rng.standard_normal(time.size)
         helm = np.where(time < 15.0, np.deg2rad(1.5) * np.sin(time), 0.0)
         record = xr.Dataset({"delta": ("time", delta + helm)}, {"time": time})
-        assert time[-1] - float(aligned(record, 10.0)["time"][-1]) == pytest.approx(20.0, abs=0.3)
+        assert time[-1] - float(aligned(record)["time"][-1]) == pytest.approx(20.0, abs=0.3)
 
     @pytest.mark.parametrize("delta", [np.full(5, -0.6), np.zeros(5)])
     def test_a_rudder_that_never_leaves_its_angle_keeps_the_record_whole(self, delta):
         record = xr.Dataset({"delta": ("time", delta), "psi": ("time", np.arange(5.0))}, {"time": np.arange(3.0, 8.0)})
-        found = aligned(record, 35.0)
+        found = aligned(record)
         np.testing.assert_allclose(found["time"], np.arange(5.0))
         np.testing.assert_allclose(found["psi"], np.arange(5.0))
 
     def test_missing_channels_stay_missing_and_a_track_needs_a_heading(self):
         measured = case("zigzag")[3]
         assert set(aligned(measured[["r", "delta"]]).data_vars) == {"r", "delta"}
-        assert "x" not in aligned(measured.drop_vars("psi"), 20.0)
+        assert "x" not in aligned(measured.drop_vars("psi"))
         assert aligned(measured.drop_vars("delta"))["time"].size == measured["time"].size
 
     def test_gaps_stay_gaps(self):
         measured = case("zigzag")[3].copy(deep=True)
         measured["psi"][200:210] = np.nan
-        assert int(np.isnan(aligned(measured, 20.0)["psi"]).sum()) == 10
+        assert int(np.isnan(aligned(measured)["psi"]).sum()) == 10
 
 
 class TestMeasuredIndices:

@@ -51,7 +51,7 @@ from pymc_ship.machine.text import utf8
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.regression.tree import read_posterior, write_posterior
-from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.channels import CHANNELS, without_roll
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.vessel import Vessel
 
@@ -99,12 +99,26 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     out = output_file(args.out) if args.out else None
     progress("checking")
     checks = ps.trial_checks(trial, vessel)
-    failure = failed_checks(checks)
-    if failure or not out:
-        return check_text(checks), None, failure
+    text, failure = [check_text(checks)], failed_checks(checks)
+    if failure:
+        return text[0], None, failure
     corrected = ps.corrected_trial(trial, checks)
+    text += _told_of(corrected, vessel) if vessel else []
+    if not out:
+        return "\n".join(text), None, failure
     write_trial_file(corrected, out, args)
-    return "\n".join([check_text(checks), "", *(corrected.attrs["corrections"] or ["Nothing to correct."])]), out
+    return "\n".join([*text, "", *(corrected.attrs["corrections"] or ["Nothing to correct."])]), out
+
+
+def _told_of(trial: xr.Dataset, vessel: Vessel) -> list[str]:
+    """What manoeuvre a checked trial is recognised as, or why as none, and what of it the vessel does not model."""
+    from pymc_ship.manoeuvre.recognition import STEERED, recognise, unrecognised
+
+    told = [] if "roll" in vessel.dofs else [without_roll(map(str, trial))]
+    if set(STEERED) <= set(trial):
+        (manoeuvre,), _ = recognise([trial], vessel)
+        told.append(unrecognised(trial) if manoeuvre is None else f"It is recognised as a {manoeuvre.label}.")
+    return ["", *filter(None, told)]
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -15,8 +15,7 @@ from pymc_ship.cli.files import Outcome, Progress, judged_arguments, made_by, re
 from pymc_ship.cli.texts import forecast_text, held_out_text, probability_text, term_set_text
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
-from pymc_ship.manoeuvre.recognition import recognise
-from pymc_ship.manoeuvre.registry import KINDS, either
+from pymc_ship.manoeuvre.recognition import recognise, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.ship.files import FOLDER, IdentifiedShip, forecast_ship, load_ship, save_ship
 from pymc_ship.vessel.vessel import Vessel
@@ -111,12 +110,9 @@ def _measured(
         return found
     trials, _ = checked_trials(_named(args.measured), ship.vessel, args, progress)
     manoeuvres, _ = recognise(list(trials.values()), ship.vessel)
-    known = [kind.words for kind in KINDS.values() if kind.recognise]
     for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True):
         if manoeuvre is None:
-            raise ManoeuvreError(
-                f"A measured trial is {either(known)}, {name} was recognised as neither; leave it out."
-            )
+            raise ManoeuvreError(f"{name} cannot stand beside a forecast. {unrecognised(trial)} Leave it out.")
         label = manoeuvre.label if manoeuvre.label not in found else f"{manoeuvre.label} {name}"
         found[label] = manoeuvre, trial
     return found

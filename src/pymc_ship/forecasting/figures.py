@@ -50,7 +50,7 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
         measured peak.
     """
     swings = kind_named(tree.attrs["manoeuvre"]).swings
-    trial = None if measured is None else aligned(measured, tree.attrs["rudder_deg"])
+    trial = None if measured is None else aligned(measured)
     fig, axes = subplots(8.0, 4.2 if swings else 4.6, 1 if swings else 2, 1, sharex=True)
     upper, lower = axes[0, 0], axes[-1, 0]
     if swings:
@@ -127,9 +127,8 @@ def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
     The roll of a ship that does not roll is left out; the rudder stands last.
     """
     bands = tree["bands"].to_dataset()
-    moving = [name for name in sensors() if not CHANNELS[name].rolling or np.nanmax(np.abs(bands[name].values)) > 0.0]
-    names = [*moving, "delta"]
-    trial = None if measured is None else aligned(measured, tree.attrs["rudder_deg"])
+    names = [*(name for name in sensors() if name in bands), "delta"]
+    trial = None if measured is None else aligned(measured)
     rows = len(names) // 2
     fig, axes = subplots(8.0, 1.9 * rows + 0.6, rows, 2, sharex=True)
     for ax, name in zip(axes.flat, names, strict=True):

@@ -13,11 +13,14 @@ from pymc_ship.forecasting.index_error import with_model_error
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.simulation import simulate
-from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.vessel.vessel import Vessel
 
 BANDS = ("lower", "median", "upper")
 """Coordinate ``band`` of what a forecast summarises."""
+
+NO_ROLL = "The model has no roll: there is no forecast of roll angles."
+"""What a forecast says of a vessel without roll."""
 
 
 def forecast(
@@ -141,7 +144,8 @@ def pooled_forecast(
         ships = xr.concat(runs, "draw", combine_attrs="override")
         ships = ships.assign_coords(draw=np.arange(ships.sizes["draw"]))
     vessel = models[0][0]
-    groups = {"trajectories": ships, "bands": _bands(ships[list(SIMULATED)], ci_prob)}
+    shown = [name for name in SIMULATED if "roll" in vessel.dofs or not CHANNELS[name].rolling]
+    groups = {"trajectories": ships, "bands": _bands(ships[shown], ci_prob)}
     if noise:
         groups["measured_bands"] = _bands(_measured(ships, noise, rng), ci_prob)
     if manoeuvre.traits.indices:

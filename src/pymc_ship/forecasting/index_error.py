@@ -85,6 +85,9 @@ def with_model_error(
 ) -> xr.Dataset:
     """Add to each index of the simulated ships a normal error of its kind, as the indices of trials have.
 
+    An index that cannot be negative is 0 where the sum is: an interval of quantiles is then the part of the interval of
+    the sums that exists, and covers every value that exists as often as that one.
+
     Parameters
     ----------
     found : Dataset, dims (draw,)
@@ -102,10 +105,11 @@ def with_model_error(
     heading_deg, table = found.attrs.get("heading_deg", 0.0), kind_named(found.attrs["manoeuvre"]).indices
 
     def widened(variable: xr.DataArray) -> xr.DataArray:
-        quantity = table[variable.name].quantity
-        if quantity not in errors:
+        index = table[variable.name]
+        if index.quantity not in errors:
             return variable
-        size = errors[quantity] * index_scale(quantity, variable, heading_deg, vessel)
-        return variable + size * rng.standard_normal(variable.shape)
+        size = errors[index.quantity] * index_scale(index.quantity, variable, heading_deg, vessel)
+        wide = variable + size * rng.standard_normal(variable.shape)
+        return wide if index.signed else wide.clip(min=0.0)
 
     return found.map(widened, keep_attrs=True)

@@ -11,6 +11,7 @@ import xarray as xr
 
 from pymc_ship.forecasting.figures import manoeuvre_figures
 from pymc_ship.forecasting.force_curves import force_curves
+from pymc_ship.forecasting.forecast import NO_ROLL
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
 from pymc_ship.manoeuvre.measured import measured_indices
@@ -117,7 +118,7 @@ def write_forecast_page(
         "verdicts": verdict_table(verdicts) if verdicts else None,
         "sections": sections,
         "forces": _FORCES if models else "",
-        "remarks": list(remarks),
+        "remarks": [*remarks, *([] if "roll" in vessel.dofs else [NO_ROLL])],
         "command": command,
     }
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
@@ -169,8 +170,6 @@ def index_rows(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = 
     found = {} if measured is None else measured_indices(measured, tree.attrs)
     rows = []
     for name in map(str, bands.data_vars):
-        if name == "maximum_roll_angle" and not np.any(draws[name].values):
-            continue
         units = bands[name].attrs["units"]
         unit, units = (vessel.particulars.L, "L") if units == "m" else (1.0, units)
         row = {"index": name.replace("_", " "), "units": units}

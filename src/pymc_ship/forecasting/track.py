@@ -189,7 +189,7 @@ def _measured(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr
     """Aligned trial as long as the forecast, up to a heading change [deg]; None where it has no track."""
     if measured is None:
         return None
-    trial = aligned(measured, tree.attrs["rudder_deg"])
+    trial = aligned(measured)
     if not {"x", "y", "psi"} <= set(trial.data_vars):
         return None
     shown = trial.sel(time=trial["time"] <= float(tree["trajectories"]["time"][-1]))

@@ -43,33 +43,51 @@ class Record:
         return a + s * (b + s * (c + s * d))
 
     def crossing(self, level: float, sign: float, after: float = -np.inf) -> float:
-        """First time after ``after`` at which sign * psi rises through ``level``; NaN where it does not."""
+        """First time after ``after`` at which sign * psi rises through ``level``; NaN where it does not.
+
+        A noisy heading goes through the level to and fro until it is clearly beyond: the middle one of its crossings
+        before the heading turns back counts, which is neither early nor late in the mean.
+        """
         k0 = max(int(np.searchsorted(self.time, after, side="right")) - 1, 0)
         ahead = sign * self.motion["psi"][k0:] >= level
-        risen = ahead[1:] & ~ahead[:-1]
-        if not risen.any():
+        crossed = k0 + np.flatnonzero(ahead[1:] != ahead[:-1])
+        crossed = crossed[int(ahead[0]) :]
+        if not crossed.size:
             return np.nan
-        k = k0 + int(np.argmax(risen))
+        if crossed.size > 1:
+            turned = self._turned(int(crossed[0]), sign)
+            crossed = crossed[: max(int(np.searchsorted(crossed, turned)), 1)]
+        k = int(crossed[(crossed.size - 1) // 2])
         return self._root(k, lambda a: (a[0] - sign * level, *a[1:]), after)
 
     def peak(self, after: float) -> float:
-        """First time after ``after`` at which the heading turns back; NaN where it does not."""
+        """First time after ``after`` at which the heading turns back; NaN where it does not.
+
+        A noisy yaw rate changes its sign to and fro: the change at which its integral is largest counts.
+        """
         k0 = max(int(np.searchsorted(self.time, after, side="right")) - 1, 0)
-        rate = self.psi_dot[k0:]
-        turned = np.flatnonzero(rate[1:] * rate[:-1] <= 0.0)
-        if not turned.size:
+        k = self._turned(k0, np.sign(self.psi_dot[k0 : k0 + 2].sum()))
+        if k >= self.time.size - 1:
             return np.nan
-        return self._root(k0 + int(turned[0]), lambda a: (a[1], 2.0 * a[2], 3.0 * a[3]), after)
+        return self._root(k, lambda a: (a[1], 2.0 * a[2], 3.0 * a[3]), after)
 
     def largest(self, name: str) -> float:
         """Largest magnitude of a channel [SI, rad]."""
         return float(np.abs(self.motion[name]).max())
 
     def distance(self, until: float) -> float:
-        """Distance run [m] up to a time."""
+        """Distance run [m] up to a time: how far the positions advance in the direction of the velocity.
+
+        The noise of positions cancels in it. In the sum of the lengths between them it grows with their number. The
+        axes of the track need not be those of the heading.
+        """
         path = np.append(self.time[self.time < until], until)
-        x, y = (np.array([self.at(name, when) for when in path]) for name in ("x", "y"))
-        return float(np.hypot(np.diff(x), np.diff(y)).sum())
+        x, y = (np.diff([self.at(name, when) for when in path]) for name in ("x", "y"))
+        middle = 0.5 * (path[1:] + path[:-1])
+        north, east = (np.interp(middle, self.time, rate) for rate in (self.x_dot, self.y_dot))
+        velocity = (north + 1j * east)[north**2 + east**2 > 0.0]
+        advanced = (x + 1j * y)[north**2 + east**2 > 0.0] * np.conj(velocity) / np.abs(velocity)
+        return float(np.abs(advanced.sum()))
 
     def displacement(self, when: float) -> tuple[float, float]:
         """Position [m] at a time, counted from the first one: along the first heading, and to starboard of it."""
@@ -85,11 +103,22 @@ class Record:
         last = np.abs(psi - psi[-1]) <= 0.5 * np.pi
         u, v = self.motion["u"][last], self.motion["v"][last]
         return SteadyTurn(
-            yaw_rate=np.abs(self.psi_dot[last]).mean(),
+            yaw_rate=abs(self.psi_dot[last].mean()),
             speed=np.hypot(u, v).mean(),
             track_speed=np.hypot(self.x_dot, self.y_dot)[last].mean(),
-            drift=np.abs(np.arctan2(v, u)).mean(),
+            drift=abs(np.arctan2(v, u).mean()),
         )
+
+    def _turned(self, begin: int, sign: float) -> int:
+        """Begin of the interval after a sample in which the heading turns back from ``sign``, or the last sample.
+
+        It is where the integral of the yaw rate is largest before it has come back to its begin.
+        """
+        rate = sign * self.psi_dot[begin:]
+        turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(self.time[begin:]))])
+        back = np.flatnonzero(turned[1:] <= 0.0)
+        top = int(np.argmax(turned[: back[0] + 2] if back.size else turned))
+        return begin + top - int(0 < top < rate.size - 1 and rate[top] <= 0.0)
 
     def _root(self, k: int, polynomial, after: float) -> float:
         """First root of a polynomial made of the cubic of psi on interval k that lies in the interval."""

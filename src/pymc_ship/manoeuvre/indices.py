@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import xarray as xr
 
 from pymc_ship.manoeuvre.events import Record
-from pymc_ship.manoeuvre.kinds import SIDES
+from pymc_ship.manoeuvre.kinds import SIDES, Index
 from pymc_ship.manoeuvre.registry import KINDS, either
+from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import TrialError, check_trial
 
 
@@ -19,7 +22,8 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     trial : Dataset, dims (time,) or (draw, time)
         With u, v [m/s], r [rad/s], phi, psi [rad] and x, y [m]; psi of a zigzag counts from its base course, a turning
         circle may start on any. ``attrs`` hold ``manoeuvre``, ``heading_deg`` and ``side``, as
-        :func:`pymc_ship.simulate` writes them.
+        :func:`pymc_ship.simulate` writes them. A noisy record is denoised first, see :func:`pymc_ship.denoise`: peaks
+        of noisy channels are too high by about the noise.
     manoeuvre : str, optional
         Name of the kind, which overrides ``attrs["manoeuvre"]``: ``zigzag``, ``turning_circle``.
 
@@ -27,7 +31,7 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     -------
     Dataset, dims () or (draw,)
         Indices of the kind [deg, s, m, m/s, deg/s]; NaN where the record does not reach the event or diverged.
-        Overshoots count beyond the switching heading.
+        Overshoots count beyond the switching heading. Where ``attrs["dofs"]`` lacks roll, its indices are left out.
 
     Raises
     ------
@@ -64,13 +68,20 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     ships = [
         Record(time, {name: record[draw] for name, record in records.items()}) for draw in range(runs.sizes["draw"])
     ]
+    modelled = {name: index for name, index in kind.indices.items() if _modelled(index, trial.attrs)}
     rows = [kind.measure(ship, trial.attrs) if ship.time.size > 1 else {} for ship in ships]
-    values = np.array([[row.get(name, np.nan) for name in kind.indices] for row in rows])
+    values = np.array([[row.get(name, np.nan) for name in modelled] for row in rows])
     found = xr.Dataset(
-        {name: ("draw", values[:, k], {"units": index.units}) for k, (name, index) in enumerate(kind.indices.items())},
+        {name: ("draw", values[:, k], {"units": index.units}) for k, (name, index) in enumerate(modelled.items())},
         attrs={**trial.attrs, "manoeuvre": kind.name},
     )
     return found.assign_coords(draw=runs["draw"]) if "draw" in trial.dims else found.isel(draw=0)
+
+
+def _modelled(index: Index, attrs: Mapping) -> bool:
+    """Whether the model that a record was simulated with has what an index needs; true of a measured record."""
+    rolls = "roll" in attrs.get("dofs", "roll").split()
+    return rolls or not any(CHANNELS[name].rolling for name in index.needs)
 
 
 def _before_divergence(trial: xr.Dataset) -> xr.Dataset:

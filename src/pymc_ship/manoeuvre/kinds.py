@@ -51,11 +51,14 @@ class Index:
         Channels without which a measured record does not have the index.
     scored : bool
         Whether the index is compared on held-out runs; one of :data:`ERRING` only.
+    signed : bool
+        Whether the index can be negative.
     """
 
     quantity: str
     needs: tuple[str, ...] = ("psi",)
     scored: bool = False
+    signed: bool = False
 
     def __post_init__(self):
         known = ERRING if self.scored else tuple(UNITS)

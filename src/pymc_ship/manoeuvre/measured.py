@@ -8,39 +8,36 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.denoising.denoise import MIN_LENGTH, denoise
-from pymc_ship.manoeuvre.helm import base_course
+from pymc_ship.manoeuvre.helm import base_course, execution, rudder_reversals, steered, swings
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.registry import kind_named
-from pymc_ship.trial.channels import CHANNELS, SIMULATED
+from pymc_ship.manoeuvre.zigzags import BY_HAND
+from pymc_ship.trial.channels import CHANNELS, SIMULATED, channel_names
 from pymc_ship.trial.record import is_uniform
 
-_STILL = 0.05
-"""A rudder counts as still while neighbouring samples differ by less than this share of its first travel."""
+_MOTION = channel_names(lambda channel: channel.part == "motion")
 
 
-def aligned(measured: xr.Dataset, rudder_deg: float = 0.0) -> xr.Dataset:
+def aligned(measured: xr.Dataset) -> xr.Dataset:
     """Measured trial from the rudder's execution on, as a forecast begins: time 0, base course 0, position 0.
 
     Parameters
     ----------
     measured : Dataset, dims (time,)
         Any of the channels of a trial, SI and rad, from any time, course and position.
-    rudder_deg : float, optional
-        First rudder angle of the manoeuvre [deg], a magnitude; the largest of the record by default.
 
     Returns
     -------
     Dataset, dims (time,)
-        The channels it has, those at time 0 interpolated. The execution is where the straight line through the moments
-        at which the rudder has done a quarter and a half of its first travel begins; it is the first instant of a
-        record without a rudder or with one that is over already. A track without a heading is left out.
+        The channels it has, those at time 0 interpolated, from :func:`pymc_ship.manoeuvre.helm.execution` on, or from
+        the first instant of a record without a rudder. A track without a heading is left out.
     """
     time = measured["time"].values.astype(float)
     channels = {name: measured[name].values.astype(float) for name in SIMULATED if name in measured}
     known = {name: np.isfinite(values) for name, values in channels.items() if np.isfinite(values).any()}
     if "psi" in known:
         channels["psi"][known["psi"]] = np.unwrap(channels["psi"][known["psi"]])
-    start = _execution(time, channels["delta"], np.deg2rad(rudder_deg)) if "delta" in known else time[0]
+    start = execution(measured) if "delta" in known else time[0]
     found = {
         name: np.append(np.interp(start, time[good], channels[name][good]), channels[name][time > start])
         for name, good in known.items()
@@ -61,24 +58,6 @@ def aligned(measured: xr.Dataset, rudder_deg: float = 0.0) -> xr.Dataset:
     return xr.Dataset(variables, {"time": kept - start}, measured.attrs)
 
 
-def _execution(time: np.ndarray, delta: np.ndarray, travel: float) -> float:
-    """Time at which the rudder begins to move to its first angle, which differs by ``travel`` from the angle before."""
-    known = np.isfinite(delta)
-    time, delta = time[known], delta[known]
-    moves = np.ptp(delta[:3]) > _STILL * (travel or np.ptp(delta))
-    way = np.abs(delta - (delta[0] if moves else np.median(delta[:3])))
-    first, travel = delta[0], travel or float(way.max())
-    half = np.flatnonzero(way >= 0.5 * travel)
-    if abs(first) >= 0.5 * travel or not half.size or half[0] == 0:
-        return float(time[0])
-    quarter = int(np.flatnonzero(way[: half[0]] < 0.25 * travel)[-1]) + 1
-    (t_half, t_quarter) = (
-        float(np.interp(share * travel, way[k - 1 : k + 1], time[k - 1 : k + 1]))
-        for share, k in ((0.5, half[0]), (0.25, quarter))
-    )
-    return max(float(time[0]), 2.0 * t_quarter - t_half)
-
-
 def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
     """Indices of a measured trial of the manoeuvre that ``attrs`` tell, as far as its channels allow.
 
@@ -87,20 +66,29 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
     measured : Dataset, dims (time,)
         See :func:`aligned`.
     attrs : mapping
-        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``side`` of the forecast.
+        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``side`` of the forecast; ``rudder_delay`` [s] of the
+        steering gear, 0 by default.
 
     Returns
     -------
     dict of str to float
         Indices [deg, s, m, m/s, deg/s] by name, as of :func:`pymc_ship.indices`; NaN where the record does not reach
-        the event or lacks a channel. Yaw rate and heading are denoised first, as the yaw rate of a noisy record changes
-        sign before the peak; a missing yaw rate is the slope of the heading, missing velocities are those of the track.
+        the event or lacks a channel. The motion is denoised first, as the largest of noisy values is too large and the
+        first of several crossings too early; a missing yaw rate is the slope of the heading, missing velocities are
+        those of the track. Overshoots of a zigzag that was steered by hand count from its own reversals, indices of a
+        rudder that is held end where it is put back.
     """
-    trial = aligned(_smooth(measured), attrs.get("rudder_deg", 0.0)).dropna("time")
+    kind = kind_named(attrs["manoeuvre"])
+    trial = aligned(_smooth(measured)).dropna("time")
     if "psi" not in trial or trial.sizes["time"] < 3:
         return {}
-    time, psi = trial["time"].values, trial["psi"].values
     has = set(trial.data_vars)
+    told = dict(attrs)
+    if "delta" in has and kind.swings:
+        told |= _reversed_by_hand(trial, attrs)
+    elif "delta" in has and kind.circles:
+        trial = trial.isel(time=slice(0, int(np.flatnonzero(steered(trial))[-1]) + 1))
+    time, psi = trial["time"].values, trial["psi"].values
     channels = {name: trial[name].values for name in trial.data_vars}
     x, y = (channels.setdefault(name, np.zeros(time.size)) for name in ("x", "y"))
     if "r" not in has:
@@ -111,14 +99,26 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
         channels["v"] = east * np.cos(psi) - north * np.sin(psi)
         has |= {"u", "v"} if {"x", "y"} <= has else set()
     channels.setdefault("phi", np.zeros(time.size))
-    found = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, dict(attrs)))
-    table = kind_named(attrs["manoeuvre"]).indices
-    return {name: float(found[name]) if has.issuperset(index.needs) else np.nan for name, index in table.items()}
+    found = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, told))
+    return {
+        name: float(found[name]) if has.issuperset(kind.indices[name].needs) else np.nan for name in map(str, found)
+    }
+
+
+def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping) -> dict[str, tuple[float, ...]]:
+    """Times [s] at which the reversals of an aligned zigzag were ordered, where not all were at one heading."""
+    reversals = rudder_reversals(trial)
+    if not reversals:
+        return {}
+    delay = attrs.get("rudder_delay", 0.0)
+    headings, _ = swings(trial, reversals).switching_headings(np.array([delay]))
+    apart = np.abs(np.deg2rad(headings[:, 0] - headings.mean()))
+    return {"reversals": tuple(reversal.time - delay for reversal in reversals)} if apart.max() > BY_HAND else {}
 
 
 def _smooth(measured: xr.Dataset) -> xr.Dataset:
-    """Trial with heading and yaw rate denoised where it is sampled uniformly, without gaps and long enough."""
-    names = [name for name in ("psi", "r") if name in measured and np.isfinite(measured[name].values).all()]
+    """Trial with its motion denoised where it is sampled uniformly, without gaps and long enough."""
+    names = [name for name in _MOTION if name in measured and np.isfinite(measured[name].values).all()]
     if not names or measured.sizes["time"] < MIN_LENGTH or not is_uniform(measured["time"].values):
         return measured
     unwrapped = {"psi": ("time", np.unwrap(measured["psi"].values))} if "psi" in names else {}

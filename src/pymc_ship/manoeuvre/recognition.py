@@ -12,15 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.manoeuvre.helm import Helm, Reversal, approach_speed, rudder_reversals, switching_headings
-from pymc_ship.manoeuvre.registry import KINDS
+from pymc_ship.manoeuvre.helm import Helm, Swings, approach_speed, rudder_reversals, swings, unsteered, whole_heading
+from pymc_ship.manoeuvre.registry import KINDS, either
 from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.trial.record import check_trial
 from pymc_ship.vessel.vessel import Vessel
 
+STEERED = ("u", "r", "psi", "delta")
+"""Channels that tell how a ship was steered."""
+
 _LONGEST_DELAY = 0.2  # L/U
+_USUAL_DELAY = 0.5  # of the longest; mean of the exponential law of a delay before it is measured
 _DELAYS = 201
-_UNUSUAL = 0.02  # deg^2, cost of a reversal at a heading that is no multiple of 5 deg
+_UNUSUAL = np.log(20.0)  # of a switching heading that is no multiple of 5 deg: one zigzag in 20
+_RESOLVED = 0.1  # deg, to which the heading of an order is known
 
 
 @dataclass(frozen=True)
@@ -67,14 +72,21 @@ def recognise(trials: Sequence[xr.Dataset], vessel: Vessel) -> tuple[list[Manoeu
     2.35 deg/s
     """
     for trial in trials:
-        check_trial(trial, ("u", "r", "psi", "delta"), uniform=False)
+        check_trial(trial, STEERED, uniform=False)
     found = [rudder_reversals(trial) for trial in trials]
     every = [reversal for reversals in found for reversal in reversals]
     unit = vessel.particulars.ship_time
-    delay = _common_delay(found, _LONGEST_DELAY * unit) if every else np.nan
+    swung = [swings(trial, reversals) for trial, reversals in zip(trials, found, strict=True) if reversals]
+    delay = _common_delay(swung, _LONGEST_DELAY * unit) if every else np.nan
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
     helms = [Helm(trial, reversals, delay) for trial, reversals in zip(trials, found, strict=True)]
     return [_manoeuvre(helm) for helm in helms], Steering(rate, delay, len(every))
+
+
+def unrecognised(trial: xr.Dataset) -> str:
+    """Sentence on a record in which :func:`recognise` finds no manoeuvre, with the reason."""
+    known = [kind.words for kind in KINDS.values() if kind.recognise]
+    return f"It is not recognised as {either(known)}: {unsteered(trial)}."
 
 
 def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
@@ -85,19 +97,19 @@ def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
     return replace(vessel, particulars=replace(vessel.particulars, **measured))
 
 
-def _common_delay(runs: Sequence[Sequence[Reversal]], longest: float) -> float:
+def _common_delay(runs: Sequence[Swings], longest: float) -> float:
     """Delay [s] of the steering gear.
 
     With this delay the switching headings of a run are equal and nearest to whole degrees, if possible to multiples of
-    five.
+    five: the mode of a posterior in which each run has a scatter of its own, so that runs steered by hand say little.
     """
     delays = np.linspace(0.0, longest, _DELAYS)
-    cost = np.zeros(delays.size)
-    for reversals in runs:
-        if reversals:
-            switch, _ = switching_headings(reversals, delays)
-            whole = np.maximum(np.round(switch.mean(axis=0)), 1.0)
-            cost += np.sum((switch - whole) ** 2 + _UNUSUAL * (whole % 5.0 > 0.0), axis=0)
+    cost = delays / (_USUAL_DELAY * longest)
+    for run in runs:
+        switch, _ = run.switching_headings(delays)
+        whole = np.array([whole_heading(headings) for headings in switch.T])
+        square = np.mean((switch - whole) ** 2, axis=0)
+        cost += 0.5 * len(switch) * np.log(square + _RESOLVED**2) + _UNUSUAL * (whole % 5 > 0)
     return float(delays[np.argmin(cost)])
 
 

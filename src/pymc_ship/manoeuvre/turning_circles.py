@@ -59,7 +59,7 @@ TURNING_CIRCLE = ManoeuvreKind(
     title="turning circle",
     indices={
         "advance": Index("distance", TRACK, scored=True),
-        "transfer": Index("distance", TRACK, scored=True),
+        "transfer": Index("distance", TRACK, scored=True, signed=True),
         "tactical_diameter": Index("distance", TRACK, scored=True),
         "time_to_90": Index("time"),
         "time_to_180": Index("time"),

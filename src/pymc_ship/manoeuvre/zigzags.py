@@ -12,26 +12,36 @@ if TYPE_CHECKING:
     from pymc_ship.manoeuvre.events import Record
     from pymc_ship.manoeuvre.helm import Helm
 
+BY_HAND = math.radians(1.0)
+"""Heading beside the mean of a zigzag's reversals from which one counts as steered by hand, not by an autopilot."""
+
 
 def _indices(record: Record, attrs: Mapping) -> dict[str, float]:
-    """Indices that the record reaches; a time to overshoot runs from the rudder's reversal to the peak."""
+    """Indices that the record reaches; overshoots count from the heading at which the rudder was reversed.
+
+    This is the switching heading or, in a record that was steered by hand, where ``attrs["reversals"]`` [s] say.
+    """
     heading, side = math.radians(attrs["heading_deg"]), SIDES[attrs["side"]]
+    by_hand: Sequence[float] = attrs.get("reversals", ())
     found: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
     switch = record.crossing(heading, side)
-    found["initial_turning_time"] = switch - record.time[0]
-    if math.isfinite(switch):
-        found["initial_turning_distance"] = record.distance(switch)
-    switches = [switch]
+    if not by_hand or side * record.at("psi", by_hand[0]) > heading - BY_HAND:
+        found["initial_turning_time"] = switch - record.time[0]
+        if math.isfinite(switch):
+            found["initial_turning_distance"] = record.distance(switch)
+    switches = list(by_hand[:1]) or [switch]
     for count, name in enumerate(("first", "second", "third")):
+        switch = switches[-1]
         peak = record.peak(switch) if math.isfinite(switch) else math.nan
         if not math.isfinite(peak):
             break
-        found[f"{name}_overshoot_angle"] = math.degrees(side * record.at("psi", peak) - heading)
+        found[f"{name}_overshoot_angle"] = math.degrees(side * (record.at("psi", peak) - record.at("psi", switch)))
         if count < 2:
             found[f"{name}_overshoot_time"] = peak - switch
         side = -side
-        switch = record.crossing(heading, side, after=peak)
-        switches.append(switch)
+        if by_hand and count + 1 == len(by_hand):
+            break
+        switches.append(by_hand[count + 1] if by_hand else record.crossing(heading, side, after=peak))
     if len(switches) > 2:
         found["period"] = switches[2] - switches[0]
     return found

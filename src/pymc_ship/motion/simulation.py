@@ -339,6 +339,8 @@ def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, step: float, method: str) -> di
         "vessel": vessel.name,
         **manoeuvre.attrs,
         "approach_speed": float(manoeuvre.approach_speed or vessel.particulars.nominal_speed),
+        "rudder_delay": vessel.particulars.rudder_delay,
+        "dofs": " ".join(vessel.dofs),
         "step": step,
         "method": method,
     }

@@ -91,7 +91,8 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
     """Fig. 5 and 6: motion of the reference ship against medians and bands of each forecast, and their shares."""
     turning = kind_named(reference.attrs["manoeuvre"]).circles
     fig, axes = subplots(8.0, 7.4, 4, 2)
-    panels = (*STATE[:6], "delta")
+    shown = set.intersection(*(set(map(str, tree["bands"].data_vars)) for tree in forecasts.values()))
+    panels = [name for name in (*STATE[:6], "delta") if name in shown]
     for ax, name in zip(axes.flat, panels, strict=False):
         for family, tree in forecasts.items():
             _band(ax, tree["bands"].to_dataset(), name, prior_family(family).colour, family)

@@ -113,7 +113,10 @@ def simulation_settings(vessel: Vessel) -> dict:
     return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
 
 
-def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre) -> dict[str, float]:
-    """Scored indices of a recorded standard manoeuvre; NaN where the record ends before them or lacks a channel."""
-    found = measured_indices(trial, manoeuvre.attrs)
+def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre, rudder_delay: float = 0.0) -> dict[str, float]:
+    """Scored indices of a recorded standard manoeuvre; NaN where the record ends before them or lacks a channel.
+
+    A zigzag that was steered by hand was reversed ``rudder_delay`` [s] before its rudder moved.
+    """
+    found = measured_indices(trial, manoeuvre.attrs | {"rudder_delay": rudder_delay})
     return {name: found.get(name, np.nan) for name in manoeuvre.traits.scored}

@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.index_error import index_scale, robust_sd
+from pymc_ship.manoeuvre.recognition import unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.ship.held_out import forecast_indices, scored_indices
+from pymc_ship.trial.channels import without_roll
 from pymc_ship.vessel.vessel import Vessel
+
+
+def left_out(trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | None], vessel: Vessel) -> list[str]:
+    """Sentences on runs without held-out indices, as no manoeuvre is recognised, and on channels not modelled."""
+    found = [
+        f"Run {name}: {unrecognised(trial)} It is fitted, but no index of it is held out."
+        for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True)
+        if manoeuvre is None
+    ]
+    recorded = dict.fromkeys(str(name) for trial in trials.values() for name in trial)
+    unrolled = "" if "roll" in vessel.dofs else without_roll(recorded)
+    return [*found, unrolled] if unrolled else found
 
 
 def index_rows(
@@ -41,7 +55,8 @@ def index_rows(
     duration = float(np.ptp(trial["time"].values))
     found = [forecast_indices(vessel, coefficients, manoeuvre, duration) for vessel, coefficients in models]
     rows = []
-    for name, measured in scored_indices(trial, manoeuvre).items():
+    delay = models[0][0].particulars.rudder_delay
+    for name, measured in scored_indices(trial, manoeuvre, delay).items():
         mean = np.array([values[name][0] for values in found])
         sd = np.array([robust_sd(values[name][1:]) for values in found])
         forecast = float(weight @ mean)

@@ -25,7 +25,7 @@ from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.held_out import HeldOut, held_out
-from pymc_ship.ship.held_out_indices import index_rows
+from pymc_ship.ship.held_out_indices import index_rows, left_out
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
@@ -217,6 +217,7 @@ def identify_ship(
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
     errors = model_error(rows)
     rows = [row | {"sd": index_sd(row, errors)} for row in rows]
+    remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, vessel)
     if not rows:
         remarks.append(
             "No run of a standard manoeuvre was held out: the intervals hold the spread of the term sets and of the "

@@ -193,7 +193,8 @@ def _row(name: str, fits: Sequence[Estimated], runs: _Runs) -> dict:
     lines, measured = [], 0
     for run, trial, manoeuvre, fit in zip(runs.names, runs.trials, runs.manoeuvres, fits, strict=True):
         if manoeuvre is not None:
-            measured += int(np.isfinite(list(scored_indices(trial, manoeuvre).values())).sum())
+            found = scored_indices(trial, manoeuvre, runs.vessel.particulars.rudder_delay)
+            measured += int(np.isfinite(list(found.values())).sum())
             estimate = np.tile(fit.coefficients, (2, 1))
             lines += index_rows(run, trial, manoeuvre, [(runs.vessel, estimate)], np.ones(1))
     row = {"path": name, "log_density": float(judged.log_density.sum())}

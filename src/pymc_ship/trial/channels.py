@@ -8,7 +8,7 @@ her motion and her rudder: the other channels stand beside them and are not fitt
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from pymc_ship.trial.units import (
@@ -210,6 +210,17 @@ def channel_names(condition: Callable[[Channel], object]) -> tuple[str, ...]:
 def sensors(*, rolling: bool = True) -> tuple[str, ...]:
     """Channels that a trajectory is fitted to where none are named; those of the roll where the ship rolls."""
     return channel_names(lambda channel: channel.fitted and (rolling or not channel.rolling))
+
+
+def without_roll(recorded: Iterable[str]) -> str:
+    """Sentence on the recorded channels that a model without roll leaves out; empty where there are none."""
+    left = [CHANNELS[name].label for name in recorded if name in CHANNELS and CHANNELS[name].rolling]
+    if not left:
+        return ""
+    return (
+        f"The record has {' and '.join(left)}, the vessel file has no roll: it is not modelled and not forecast; give "
+        "the vessel coefficients of roll to model it."
+    )
 
 
 def readable() -> dict[str, Channel]:
