@@ -77,7 +77,9 @@ def test_a_file_is_a_table_or_an_error_in_one_sentence(tmp_path):
 def test_a_file_that_is_no_toml_is_named_as_what_it_is(tmp_path, content, said):
     path = tmp_path / "ship.toml"
     path.write_bytes(content)
-    assert sentence(toml_file, path, "The ship", OddError) == f"The ship {path} is not valid TOML: {said}; mend it."
+    message = sentence(toml_file, path, "The ship", OddError)
+    assert message.startswith(f"The ship {path} ")
+    assert said in message
 
 
 def test_a_byte_order_mark_is_no_fault(tmp_path):

@@ -210,8 +210,8 @@ def identify_ship(
     training = _prepared(trials, vessel, prior)
     wanted = tuple(dict.fromkeys(terms)) if terms else term_sets(training.vessel)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
-    found, left_out = _candidates(wanted, training)
-    remarks = [*vessel_remarks(vessel), *left_out]
+    found, refused = _candidates(wanted, training)
+    remarks = [*vessel_remarks(vessel), *refused]
     progress("weights and model error from held-out runs")
     found = _weighted(found, rng)
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
