@@ -124,3 +124,20 @@ class TestWithModelError:
         before["advance"][0] = np.nan
         after = with_model_error(before, ERRORS, tanker(), RNG(2))
         assert np.isnan(after["advance"].values).tolist() == [True, *[False] * (N - 1)]
+
+    def test_no_index_that_cannot_be_negative_is(self):
+        """Quantiles inside the range are those of the normal law, so that an interval covers as often as before."""
+        before = ships(ZIGZAG, heading_deg=20.0) - 102.0
+        before.attrs = {"manoeuvre": "zigzag", "heading_deg": 20.0}
+        after = with_model_error(before, ERRORS, tanker(), RNG(2))
+        size = ERRORS["angle"] * 21.0
+        lower, middle, upper = np.quantile(after["first_overshoot_angle"], [0.025, 0.5, 0.975])
+        assert lower == 0.0
+        assert middle == pytest.approx(1.0, abs=4.0 * 1.25 * size / np.sqrt(N))
+        assert upper == pytest.approx(1.0 + 1.96 * size, rel=0.03)
+        assert all(float(after[name].min()) >= 0.0 for name in ZIGZAG.indices)
+
+    def test_a_transfer_may_be_to_the_other_side(self):
+        before = ships(TURNING_CIRCLE) - 102.0
+        after = with_model_error(before.assign_attrs(manoeuvre="turning_circle"), ERRORS, tanker(), RNG(2))
+        assert float(after["transfer"].min()) < 0.0 <= float(after["advance"].min())

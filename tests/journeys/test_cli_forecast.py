@@ -5,7 +5,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.regression import identify as identification
-from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from tests.journeys.cases import column, files, rows, run
 
 
@@ -20,12 +20,16 @@ def test_forecast_writes_bands_and_prints_indices_beside_the_reference(made, sma
     tree = ps.forecast(small, posteriors, manoeuvre, draws=30, rng=rng, duration=150.0)
     table = rows(tmp_path / "zigzag-10-10-starboard-conjugate.csv")
     np.testing.assert_array_equal(column(table, "time"), tree["bands"]["time"])
-    for name in SIMULATED:
+    assert "roll" not in small.dofs
+    assert not {"p_lower", "phi_median"} & set(table[0])
+    for name in (name for name in SIMULATED if not CHANNELS[name].rolling):
         for band in ("lower", "median", "upper"):
             np.testing.assert_array_equal(column(table, f"{name}_{band}"), tree["bands"][name].sel(band=band))
     printed = capsys.readouterr().out
     assert printed.startswith("zigzag 10/10 starboard: 30 ships, 0 % diverged, bands of 90%\n")
     assert printed.count("\nExtrapolation is unknown: the posterior does not hold the motion it was fitted to.\n") == 3
+    assert "maximum roll angle" not in printed
+    assert printed.count("\nThe model has no roll: there is no forecast of roll angles.\n") == 3
     line = next(line.split() for line in printed.splitlines() if line.startswith("first overshoot angle"))
     reference = ps.indices(ps.simulate(small, manoeuvre, duration=150.0, record_interval=0.5))
     expected = [float(reference["first_overshoot_angle"]), *tree["index_bands"]["first_overshoot_angle"].values]

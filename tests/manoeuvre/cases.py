@@ -40,8 +40,9 @@ def measured(run, approach=0.0, *, seed=None, course=0.7, helm=0.0):
     if seed is not None:
         rng = np.random.default_rng(seed)
         values |= {name: values[name] + sd * rng.standard_normal(values[name].size) for name, sd in NOISE.items()}
-    time = step * np.arange(values["u"].size)
-    return xr.Dataset({name: ("time", row) for name, row in values.items()}, {"time": time})
+    return xr.Dataset(
+        {name: ("time", row) for name, row in values.items()}, {"time": step * np.arange(values["u"].size)}
+    )
 
 
 def steered_by_hand(vessel, manoeuvre, headings, *, ship_times=30.0, interval=0.5):

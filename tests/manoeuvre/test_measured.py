@@ -9,6 +9,8 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.manoeuvre.measured import aligned, measured_indices
 from tests.forecasting.cases import MANOEUVRES, case, trial
+from tests.manoeuvre.cases import measured as noisy_record
+from tests.manoeuvre.cases import scaled, simulated, steered_by_hand
 
 
 class TestAligned:
@@ -85,3 +87,45 @@ class TestMeasuredIndices:
         found = measured_indices(measured[["x", "y", "psi", "delta"]], tree.attrs)
         for name in ("steady_speed", "tactical_diameter"):
             assert found[name] == pytest.approx(float(ps.indices(run)[name]), rel=0.01), name
+
+    def test_noise_of_the_sensors_does_not_shift_them(self):
+        """Means over noisy records are those of the record without noise, within 1 % and a tenth of a degree."""
+        for manoeuvre in (ps.zigzag(10, 10), ps.turning_circle(35, side="starboard")):
+            run = simulated(ps.load_vessel("container"), manoeuvre, ship_times=15.0, interval=0.2)
+            found = [measured_indices(noisy_record(run, 60.0, seed=seed), manoeuvre.attrs) for seed in range(6)]
+            exact = ps.indices(run)
+            for name in found[0]:
+                mean = np.mean([values[name] for values in found])
+                assert mean == pytest.approx(float(exact[name]), rel=0.01, abs=0.1, nan_ok=True), name
+
+    @pytest.mark.parametrize("delay", [0.0, 1.5])
+    def test_overshoots_count_from_the_reversals_that_a_helmsman_made(self, delay):
+        vessel, manoeuvre = scaled("kvlcc2", 160.0, 20.0, delay=delay), ps.zigzag(20, 20, side="starboard")
+        headings = (23.0, 16.0, 25.0, 18.0)
+        run, orders = steered_by_hand(vessel, manoeuvre, headings)
+        found = measured_indices(noisy_record(run, 60.0), manoeuvre.attrs | {"rudder_delay": delay})
+        psi, time = np.rad2deg(run["psi"].values), run["time"].values
+        for k, name in enumerate(("first", "second", "third")):
+            swing = (time > orders[k]) & (time < (orders[k + 1]))
+            peak = np.argmax((-1.0) ** k * psi * swing)
+            overshoot = (-1.0) ** k * (psi[peak] - np.interp(orders[k], time, psi))
+            assert found[f"{name}_overshoot_angle"] == pytest.approx(overshoot, abs=0.5), name
+            if k < 2:
+                assert found[f"{name}_overshoot_time"] == pytest.approx(time[peak] - orders[k], abs=1.0), name
+        assert found["period"] == pytest.approx(orders[2] - orders[0], abs=0.6)
+        assert found["initial_turning_time"] == pytest.approx(time[np.argmax(psi >= 20.0)], abs=0.6)
+
+    def test_a_first_reversal_before_the_heading_leaves_the_initial_turn_open(self):
+        vessel, manoeuvre = scaled("kvlcc2", 160.0, 20.0), ps.zigzag(20, 20)
+        run, _ = steered_by_hand(vessel, manoeuvre, (15.0, 24.0, 17.0, 23.0))
+        found = measured_indices(noisy_record(run, 60.0), manoeuvre.attrs)
+        assert "initial_turning_time" not in found or np.isnan(found["initial_turning_time"])
+        assert np.isfinite(found["first_overshoot_angle"])
+
+    def test_the_steady_turn_ends_where_the_rudder_is_put_back(self):
+        vessel, (time, angle) = scaled("container", 160.0, 15.0), ([0.0, 600.0, 601.0], [35.0, 35.0, 0.0])
+        circle, cut = ps.turning_circle(35), ps.rudder_programme(time, np.deg2rad(angle))
+        whole = measured_indices(noisy_record(simulated(vessel, circle, ship_times=50.0)), circle.attrs)
+        found = measured_indices(noisy_record(simulated(vessel, cut, ship_times=50.0)), circle.attrs)
+        for name in ("steady_yaw_rate", "steady_turning_diameter", "steady_speed"):
+            assert found[name] == pytest.approx(whole[name], rel=0.03), name

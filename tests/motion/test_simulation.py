@@ -323,6 +323,8 @@ class TestRecord:
             "heading_deg": 20.0,
             "side": "port",
             "approach_speed": 12.7,
+            "rudder_delay": 0.0,
+            "dofs": "surge sway yaw roll",
             "step": 0.02,
             "method": "euler",
         }

@@ -222,7 +222,11 @@ class TestOtherRuns:
         found = identified(runs)
         assert found.manoeuvres == (None, None)
         assert found.index_rows == []
-        assert "No run of a standard manoeuvre was held out" in found.remarks[0]
+        (first, second, last) = found.remarks
+        assert first.startswith("Run 1: It is not recognised as a zigzag or a turning circle: the rudder is ")
+        assert first.endswith("It is fitted, but no index of it is held out.")
+        assert second.startswith("Run 2: ")
+        assert "No run of a standard manoeuvre was held out" in last
         assert found.vessel == known()
         assert len(found.candidates[0].draws) == 40
 

@@ -52,7 +52,7 @@ from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.trial.channels import CHANNELS, without_roll
-from pymc_ship.trial.record import TrialError
+from pymc_ship.trial.record import TrialError, moving
 from pymc_ship.vessel.vessel import Vessel
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
@@ -114,7 +114,7 @@ def _told_of(trial: xr.Dataset, vessel: Vessel) -> list[str]:
     """What manoeuvre a checked trial is recognised as, or why as none, and what of it the vessel does not model."""
     from pymc_ship.manoeuvre.recognition import STEERED, recognise, unrecognised
 
-    told = [] if "roll" in vessel.dofs else [without_roll(map(str, trial))]
+    told = [] if "roll" in vessel.dofs else [without_roll(moving(trial))]
     if set(STEERED) <= set(trial):
         (manoeuvre,), _ = recognise([trial], vessel)
         told.append(unrecognised(trial) if manoeuvre is None else f"It is recognised as a {manoeuvre.label}.")

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.denoising.denoise import MIN_LENGTH, denoise
-from pymc_ship.manoeuvre.helm import base_course, execution, rudder_reversals, steered, swings
+from pymc_ship.manoeuvre.helm import base_course, execution, rudder_reversals, steered
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.manoeuvre.zigzags import BY_HAND
@@ -110,10 +110,9 @@ def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping) -> dict[str, tuple[floa
     reversals = rudder_reversals(trial)
     if not reversals:
         return {}
-    delay = attrs.get("rudder_delay", 0.0)
-    headings, _ = swings(trial, reversals).switching_headings(np.array([delay]))
-    apart = np.abs(np.deg2rad(headings[:, 0] - headings.mean()))
-    return {"reversals": tuple(reversal.time - delay for reversal in reversals)} if apart.max() > BY_HAND else {}
+    ordered = [reversal.time - attrs.get("rudder_delay", 0.0) for reversal in reversals]
+    headings = np.abs(np.interp(ordered, trial["time"].values, trial["psi"].values))
+    return {"reversals": tuple(ordered)} if np.abs(headings - headings.mean()).max() > BY_HAND else {}
 
 
 def _smooth(measured: xr.Dataset) -> xr.Dataset:

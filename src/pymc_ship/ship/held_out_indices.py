@@ -12,6 +12,7 @@ from pymc_ship.manoeuvre.recognition import unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.ship.held_out import forecast_indices, scored_indices
 from pymc_ship.trial.channels import without_roll
+from pymc_ship.trial.record import moving
 from pymc_ship.vessel.vessel import Vessel
 
 
@@ -22,7 +23,7 @@ def left_out(trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | 
         for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True)
         if manoeuvre is None
     ]
-    recorded = dict.fromkeys(str(name) for trial in trials.values() for name in trial)
+    recorded = dict.fromkeys(name for trial in trials.values() for name in moving(trial))
     unrolled = "" if "roll" in vessel.dofs else without_roll(recorded)
     return [*found, unrolled] if unrolled else found
 

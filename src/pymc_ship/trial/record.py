@@ -86,6 +86,11 @@ def is_uniform(time: np.ndarray) -> bool:
     return bool(np.ptp(intervals) <= 1e-6 * step + min(1e-6, 1e-3 * step) + 1e-9 and intervals.min() > 0.0)
 
 
+def moving(trial: xr.Dataset) -> list[str]:
+    """Names of the channels of a trial that are not 0 throughout."""
+    return [str(name) for name, values in trial.data_vars.items() if np.any(values.values)]
+
+
 def sampling_interval(trial: xr.Dataset) -> float:
     """Mean sampling interval of a trial [s]."""
     time = trial["time"].values
