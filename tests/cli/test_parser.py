@@ -18,7 +18,7 @@ from pymc_ship.regression import cross_validation
 from pymc_ship.regression import identify as identification
 from pymc_ship.regression.data import WEAK
 from pymc_ship.regression.families import FAMILIES
-from pymc_ship.ship import model as ship_model
+from pymc_ship.ship import candidates as ship_candidates
 from pymc_ship.trajectory.prior import KINDS
 from pymc_ship.vessel.vessel import DOFS
 from tests.journeys.cases import program
@@ -69,7 +69,7 @@ def test_choices_are_those_of_the_api():
     assert METHODS == command_parser.METHODS
     assert (*DERIVATIVES, *WEAK) == command_parser.DERIVATIVES
     assert PRIORS == command_parser.DENOISE_PRIORS
-    assert ship_model.PRIORS == command_parser.SHIP_PRIORS
+    assert ship_candidates.PRIORS == command_parser.SHIP_PRIORS
     assert set(KINDS) == set(command_parser.TRAJECTORY_PRIORS)
     assert DOFS == command_parser.DOFS
     for split in command_parser.SPLITS:

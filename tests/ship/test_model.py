@@ -13,9 +13,11 @@ from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.manoeuvre.zigzags import ZIGZAG
 from pymc_ship.regression.priors import PriorError
+from pymc_ship.ship import candidates as ship_candidates
 from pymc_ship.ship import model as ship_model
+from pymc_ship.ship.candidates import LARGEST_INFLATION, Candidate
 from pymc_ship.ship.held_out import HeldOut
-from pymc_ship.ship.model import LARGEST_INFLATION, Candidate, identify_ship
+from pymc_ship.ship.model import identify_ship
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trial.record import TrialError
@@ -190,24 +192,27 @@ class TestOneRun:
         def judged(vessel, rows):
             return np.full(len(rows), "vvv" in vessel.terms("sway"))
 
-        monkeypatch.setattr(ship_model, "sound", judged)
+        monkeypatch.setattr(ship_candidates, "sound", judged)
+        monkeypatch.setattr(ship_candidates, "first_failure", lambda vessel, row: "in a turn")
         found = identified(trials(0)[:1], (POORER, TRUE_TERMS))
         assert [candidate.name for candidate in found.candidates] == [TRUE_TERMS]
         assert found.remarks[0] == (
-            "The loading terms were left out: fitted to these trials, they run away in a standard manoeuvre."
+            "The loading terms were left out: fitted to these trials, they make a ship that runs away, in a turn."
         )
         with pytest.raises(TrajectoryError, match=r"^No term set can be fitted to these trials: The loading terms"):
             identified(trials(0)[:1], (POORER,))
 
     def test_a_set_whose_draws_run_away_is_left_out(self, monkeypatch):
         """Her estimate stays, fewer than one in ten of the draws about it do."""
-        monkeypatch.setattr(ship_model, "sound", lambda vessel, rows: np.arange(len(rows)) < 0.09 * len(rows))
-        with pytest.raises(TrajectoryError, match=r"they run away in a standard manoeuvre\.$"):
+        monkeypatch.setattr(ship_candidates, "sound", lambda vessel, rows: np.arange(len(rows)) < 0.09 * len(rows))
+        monkeypatch.setattr(ship_candidates, "first_failure", lambda vessel, row: "in a turn")
+        with pytest.raises(TrajectoryError, match=r"runs away in 90 % of the draws, in a turn\.$"):
             identified(trials(0)[:1])
 
     def test_draws_that_all_run_away_are_an_error(self, monkeypatch):
         """Those of the trial before it were sound."""
-        monkeypatch.setattr(ship_model, "sound", lambda vessel, rows: np.full(len(rows), len(rows) == 101))
+        for room in (ship_candidates, ship_model):
+            monkeypatch.setattr(room, "sound", lambda vessel, rows: np.full(len(rows), len(rows) == 101))
         with pytest.raises(
             TrajectoryError, match=r"terms, 0 of 2000 do not run away in a standard manoeuvre; give more"
         ):

@@ -25,15 +25,21 @@ SIDES = ("port", "starboard")
 
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Identify a ship from her trials, report on it and save it."""
+    from pymc_ship.ship.candidates import TermSetsRefusedError
     from pymc_ship.ship.model import identify_ship
     from pymc_ship.ship.page import PAGE, write_ship_report
     from pymc_ship.ship.paths import compare_paths
+    from pymc_ship.ship.refusal_page import write_refusal_page
 
     vessel = vessel_argument(args.vessel, progress)
     trials, checks = checked_trials(_named(args.trials), vessel, args, progress)
     out, rng = writable_folder(args.out), np.random.default_rng(args.seed)
     settings = {"names": list(trials), "terms": args.terms, "prior": args.prior, "draws": args.draws}
-    model = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
+    try:
+        model = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
+    except TermSetsRefusedError as error:
+        page = write_refusal_page(error.refusals, vessel, checks, out, command=made_by(args))
+        raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
     progress("other paths to the coefficients")
     paths = []
     if len(trials) > 1:

@@ -1,6 +1,7 @@
 """A real ship from several trials: ensemble of term sets, held-out runs and page.
 
-- `model`: term sets fitted, weighted and drawn from.
+- `candidates`: term sets fitted to the runs, or refused.
+- `model`: term sets weighted and drawn from.
 - `held_out`: each run judged by a fit to the others.
 - `held_out_indices`: indices of held-out manoeuvres beside their forecasts.
 - `paths`: other ways to the coefficients, on the same terms.
@@ -8,4 +9,5 @@
 - `files`: an identified ship, saved, loaded and forecast.
 - `figures`: held-out windows, overshoots and scores.
 - `page`: the page of an identification and its tables.
+- `refusal_page`: the page of term sets that were all refused.
 """

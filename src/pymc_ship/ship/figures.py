@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
-from pymc_ship.ship.model import Candidate, held_together
+from pymc_ship.ship.candidates import Candidate, held_together
 from pymc_ship.ship.paths import QUANTILES
 from pymc_ship.trajectory.windows import prepared_windows, restarted, thinned
 from pymc_ship.trial.channels import CHANNELS

@@ -13,74 +13,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from threadpoolctl import threadpool_limits
 
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import index_sd, model_error
-from pymc_ship.machine.arguments import check_choice
-from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
-from pymc_ship.motion.weak_form import weak_form_start
-from pymc_ship.regression.priors import PriorError
-from pymc_ship.ship.held_out import HeldOut, held_out
+from pymc_ship.ship.candidates import Candidate, Training, candidates_of, chosen_prior
 from pymc_ship.ship.held_out_indices import index_rows, left_out
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.windows import (
-    Window,
-    WindowFit,
-    fit_windows,
     normal_draws,
-    prepared_windows,
     thinned,
-    widened,
 )
 from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError
-from pymc_ship.vessel.hull_database import with_hull_database
 from pymc_ship.vessel.plausibility import remarks as vessel_remarks
-from pymc_ship.vessel.term_sets import term_sets, with_terms
+from pymc_ship.vessel.term_sets import term_sets
 from pymc_ship.vessel.vessel import Vessel
-
-PRIORS = ("hull_database", "order_damped", "sister_ship")
-"""What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
-
-LARGEST_INFLATION = 5.0
-"""Bound of the factor on the standard deviations of the coefficients."""
 
 _FORECASTS = 200  # draws of a held-out forecast
 _COUNTED = 0.01  # least weight of a term set that takes part in it
 _BOOTSTRAPS = 2000
-_GROUPS = 4  # of the windows of a single run
 _ATTEMPTS = 50
-_TRIED = 100  # draws of a term set that are tried in the standard manoeuvres
-_FEWEST_SOUND = 0.1  # share of them that must not run away
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One term set of the ensemble.
-
-    ``fit`` is to all runs, widened by the factor ``inflation`` from the scatter of the fits to all runs but one, and so
-    are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
-    of the normal law that do not run away, ``share_unsound`` of all drawn did.
-    """
-
-    name: str
-    fit: WindowFit
-    held_out: HeldOut
-    inflation: float
-    weight: float
-    draws: np.ndarray
-    share_unsound: float
-
-    @property
-    def vessel(self) -> Vessel:
-        """Vessel with these terms."""
-        return self.fit.vessel
 
 
 @dataclass(frozen=True)
@@ -127,17 +83,6 @@ class ShipModel:
     def models(self) -> list[tuple[Vessel, np.ndarray]]:
         """Vessel and draws of each candidate that counts, as a pooled forecast takes them."""
         return [(c.vessel, c.draws) for c in self.candidates if len(c.draws)]
-
-
-@dataclass(frozen=True)
-class _Training:
-    """Thinned trials and what was recognised of them."""
-
-    trials: list[xr.Dataset]
-    manoeuvres: list[Manoeuvre | None]
-    steering: Steering
-    vessel: Vessel
-    prior: str
 
 
 def identify_ship(
@@ -210,7 +155,7 @@ def identify_ship(
     training = _prepared(trials, vessel, prior)
     wanted = tuple(dict.fromkeys(terms)) if terms else term_sets(training.vessel)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
-    found, refused = _candidates(wanted, training)
+    found, refused = candidates_of(wanted, training)
     remarks = [*vessel_remarks(vessel), *refused]
     progress("weights and model error from held-out runs")
     found = _weighted(found, rng)
@@ -240,90 +185,12 @@ def identify_ship(
     )
 
 
-def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> _Training:
+def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Training:
     for trial in trials:
         motion_record(trial, vessel)
     manoeuvres, steering = recognise(trials, vessel)
     vessel = with_steering(vessel, steering)
-    return _Training([thinned(trial, vessel) for trial in trials], manoeuvres, steering, vessel, prior)
-
-
-def chosen_prior(vessel: Vessel, kind: str | None) -> str:
-    """The kind of prior asked for (PriorError if unknown); by default the hull database where a draught is stated."""
-    if kind is None:
-        return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
-    check_choice("The prior of a ship", kind, PRIORS, PriorError)
-    return kind
-
-
-def informed(vessel: Vessel, kind: str) -> Vessel:
-    """Vessel whose coefficients hold what the prior of this kind knows of the hull; VesselError without a draught."""
-    return with_hull_database(vessel) if kind == "hull_database" else vessel
-
-
-def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
-    """Prior of a window fit of an informed vessel; a wide one for every coefficient, whatever its order."""
-    return coefficient_prior(trials, vessel, "sister_ship" if kind == "sister_ship" else "order_damped", damping=1.0)
-
-
-def _candidates(wanted: Sequence[str], training: _Training) -> tuple[list[Candidate], list[str]]:
-    """Candidates of the term sets that can be fitted, and why others were left out."""
-    with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(wanted)) as pool:
-        attempts = list(pool.map(lambda name: _attempt(name, training), wanted))
-    remarks = [text for _, text in attempts if text]
-    found = [candidate for candidate, _ in attempts if candidate is not None]
-    if not found:
-        raise TrajectoryError(f"No term set can be fitted to these trials: {' '.join(remarks)}")
-    return found, remarks
-
-
-def _attempt(name: str, training: _Training) -> tuple[Candidate | None, str]:
-    """Candidate of a term set, or why there is none."""
-    try:
-        plain = with_terms(training.vessel, name)
-        vessel = informed(plain, training.prior)
-        runs = [prepared_windows(trial, vessel) for trial in training.trials]
-        prior = stated_prior(training.trials, vessel, training.prior)
-        windows = [window for run in runs for window in run]
-        whole = _first_fit(training.trials, windows, vessel, prior, plain)
-
-        def fit(windows: Sequence[Window]) -> WindowFit:
-            return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd)
-
-        judged = held_out(held_together(runs), vessel, fit)
-    except TrajectoryError as error:
-        return None, f"The {name} terms were left out: {error}"
-    inflation = _inflation(whole, judged)
-    whole, *others = (widened(fit, inflation) for fit in (whole, *judged.fits))
-    judged = replace(judged, fits=tuple(others))
-    tried = np.vstack([whole.coefficients, normal_draws(whole, _TRIED, np.random.default_rng(_TRIED))])
-    good = sound(vessel, tried)
-    if not good[0] or good.mean() < _FEWEST_SOUND:
-        return None, f"The {name} terms were left out: fitted to these trials, they run away in a standard manoeuvre."
-    not_drawn = {"weight": 0.0, "draws": tried[:0], "share_unsound": 0.0}
-    return Candidate(name, whole, judged, inflation, **not_drawn), ""
-
-
-def _first_fit(
-    trials: Sequence[xr.Dataset], windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, plain: Vessel
-) -> WindowFit:
-    """Fit from the weak form or, where that ship leaves the model's range, from that of ``plain`` with small orders."""
-
-    def from_weak_form(law: CoefficientPrior) -> WindowFit:
-        return fit_windows(windows, vessel, prior, weak_form_start(trials, vessel, law.mean, law.scale, method="rk4"))
-
-    try:
-        return from_weak_form(prior)
-    except TrajectoryError:
-        return from_weak_form(coefficient_prior(trials, plain))
-
-
-def held_together(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
-    """Windows to be held out together: those of a run, or neighbours where there is only one."""
-    if len(runs) > 1:
-        return list(runs)
-    parts = np.array_split(np.arange(len(runs[0])), min(_GROUPS, len(runs[0])))
-    return [[runs[0][k] for k in part] for part in parts if part.size]
+    return Training([thinned(trial, vessel) for trial in trials], manoeuvres, steering, vessel, prior)
 
 
 def _weighted(found: Sequence[Candidate], rng: np.random.Generator) -> list[Candidate]:
@@ -337,22 +204,8 @@ def _weighted(found: Sequence[Candidate], rng: np.random.Generator) -> list[Cand
     return [replace(candidate, weight=float(w)) for candidate, w in zip(found, weight, strict=True)]
 
 
-def _inflation(whole: WindowFit, judged: HeldOut) -> float:
-    """Factor on the sd of the coefficients from the scatter of the fits to all runs but one (jackknife), 1 or more.
-
-    Windows of one run share what the run has of its own. The traces are taken in the metric of the windows' own
-    information, where what they determine counts and not the prior.
-    """
-    apart = np.array([fit.coefficients for fit in judged.fits])
-    apart -= apart.mean(axis=0)
-    scatter = (len(apart) - 1) / len(apart) * apart.T @ apart
-    own = whole.information - whole.information @ whole.from_prior @ whole.information
-    ratio = np.trace(own @ scatter) / np.trace(own @ whole.from_windows)
-    return float(np.clip(np.sqrt(ratio), 1.0, LARGEST_INFLATION))
-
-
 def _held_out_indices(
-    found: Sequence[Candidate], training: _Training, names: Sequence[str], rng: np.random.Generator
+    found: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
 ) -> list[dict]:
     """Indices of every recognised manoeuvre, forecast by the fits that were made without it."""
     counted = [candidate for candidate in found if candidate.weight > _COUNTED]
@@ -387,7 +240,7 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
     return drawn
 
 
-def _motion(training: _Training) -> xr.DataArray:
+def _motion(training: Training) -> xr.DataArray:
     """Prime motion of all runs at every fifth sample."""
     rows = []
     for trial in training.trials:

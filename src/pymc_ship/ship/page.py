@@ -17,6 +17,7 @@ from pymc_ship.manoeuvre.helm import approach_speed
 from pymc_ship.manoeuvre.kinds import UNITS
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.figures import (
     held_out_overshoots,
     held_out_windows,
@@ -24,7 +25,7 @@ from pymc_ship.ship.figures import (
     score_differences,
     term_set_scores,
 )
-from pymc_ship.ship.model import Candidate, ShipModel
+from pymc_ship.ship.model import ShipModel
 from pymc_ship.ship.paths import coverage, held_out_rows, overshoot_errors
 from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.trajectory.windows import LENGTH, thinned

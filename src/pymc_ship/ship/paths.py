@@ -18,9 +18,9 @@ from pymc_ship.manoeuvre.recognition import recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.weak_form import evidence_posterior_mean, weak_form_start
 from pymc_ship.regression.data import RegressionDataError, regression_data
+from pymc_ship.ship.candidates import chosen_prior, informed, stated_prior
 from pymc_ship.ship.held_out import HeldOut, scored, scored_indices
 from pymc_ship.ship.held_out_indices import index_rows
-from pymc_ship.ship.model import chosen_prior, informed, stated_prior
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.windows import Window, fit_windows, prepared_windows, thinned

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+import xarray as xr
 
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.simulation import simulate
@@ -13,7 +15,9 @@ from pymc_ship.vessel.vessel import Vessel
 FASTEST = 1.15
 """A ship that exceeds so many times her approach speed in a zigzag or turn has run away."""
 
-_TIGHTEST = 0.5  # L, radius of a turn
+TIGHTEST = 0.5
+"""Radius of a turn [L] below which a ship has run away."""
+
 _REACH = 60.0  # L/U, of the manoeuvres
 _STEP = 1.0 / 60.0  # L/U
 
@@ -46,14 +50,71 @@ def sound(
     -------
     ndarray of bool, shape (n_draws,)
     """
-    L, U, unit = vessel.particulars.L, vessel.particulars.nominal_speed, vessel.particulars.ship_time
-    settings = {"duration": reach * unit, "step": _STEP * unit, "method": "rk4", "coefficients": coefficients}
     good = np.ones(len(coefficients), dtype=bool)
     for manoeuvre in manoeuvres:
-        ships = simulate(vessel, manoeuvre, **settings)
-        speed = np.hypot(ships["u"].values, ships["v"].values)
-        with np.errstate(invalid="ignore"):
-            tight = np.abs(ships["r"].values) * L * _TIGHTEST > speed
-            fast = speed > FASTEST * max(manoeuvre.approach_speed or U, U)
+        ships = _simulated(vessel, coefficients, manoeuvre, reach)
+        fast, tight = _faults(vessel, manoeuvre, ships)
         good &= ~(ships["diverged"].values | (fast | tight).any(axis=1))
     return good
+
+
+def _simulated(vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, reach: float) -> xr.Dataset:
+    unit = vessel.particulars.ship_time
+    settings = {"duration": reach * unit, "step": _STEP * unit, "method": "rk4", "coefficients": coefficients}
+    return simulate(vessel, manoeuvre, **settings)
+
+
+def _faults(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each ship is too fast and turns too tightly at each time, (n_draws, n_time)."""
+    L, U = vessel.particulars.L, vessel.particulars.nominal_speed
+    speed = np.hypot(ships["u"].values, ships["v"].values)
+    with np.errstate(invalid="ignore"):
+        tight = np.abs(ships["r"].values) * L * TIGHTEST > speed
+        fast = speed > FASTEST * max(manoeuvre.approach_speed or U, U)
+    return fast, tight
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Where a ship runs away: the manoeuvre, the time [s], the fault in words, and the motion until then."""
+
+    manoeuvre: Manoeuvre
+    time: float
+    fault: str
+    motion: xr.Dataset
+
+    def __str__(self) -> str:
+        """End of a sentence."""
+        return f"in the {self.manoeuvre.label} she {self.fault} after {self.time:.3g} s"
+
+
+def first_failure(vessel: Vessel, coefficients: np.ndarray) -> Failure | None:
+    """The first standard manoeuvre in which one ship runs away; None where she is sound.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    coefficients : ndarray, shape (n_coefficients,)
+
+    Returns
+    -------
+    Failure or None
+    """
+    for manoeuvre in STANDARD:
+        ship = _simulated(vessel, coefficients[None], manoeuvre, _REACH)
+        (fast,), (tight,) = _faults(vessel, manoeuvre, ship)
+        ship = ship.isel(draw=0)
+        at = {
+            "leaves the model's range": float(ship["diverged_at"]) if ship["diverged"] else np.inf,
+            f"exceeds {FASTEST:g} times her approach speed": _first(ship, fast),
+            f"turns on a radius below {TIGHTEST:g} L": _first(ship, tight),
+        }
+        fault = min(at, key=at.get)
+        if np.isfinite(at[fault]):
+            return Failure(manoeuvre, at[fault], fault, ship.sel(time=slice(None, at[fault])))
+    return None
+
+
+def _first(ship: xr.Dataset, wrong: np.ndarray) -> float:
+    """Time of the first sample that is wrong [s]; infinite where none is."""
+    return float(ship["time"].values[np.argmax(wrong)]) if wrong.any() else np.inf
