@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 import pymc_ship as ps
@@ -19,8 +17,7 @@ def test_mass_and_radius_of_gyration_are_those_of_the_tanker():
     m = displaced_mass(vessel.particulars)
     assert m == pytest.approx(vessel.m, rel=1e-4)
     assert yaw_inertia(vessel.particulars, m) == pytest.approx(vessel.I_zz, rel=0.04)
-    amidships = replace(vessel.particulars, x_G=0.0)
-    assert yaw_inertia(amidships, m) == 0.0625 * m
+    assert yaw_inertia(vessel.particulars, m) == pytest.approx((0.0625 + (11.136 / 320.0) ** 2) * m, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -68,3 +65,11 @@ def test_added_masses_that_cannot_be_derived_are_asked_for(tmp_path, ship, said)
     assert str(path) in str(error.value)
     path.write_text(papers(*ship) + "[added_mass]\nXudot = -0.0001\nYvdot = -0.01\nNrdot = -0.0006\n")
     assert ps.load_vessel(path).added_mass["Yvdot"] == -0.01
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-200, 1e308])
+def test_nothing_is_derived_from_a_length_that_no_ship_has(tmp_path, length):
+    path = tmp_path / "ship.toml"
+    path.write_text(papers(length, *SHIPS["KVLCC2 tanker"][1:]))
+    with pytest.raises(ps.VesselError, match=r"particulars\.L = .*, which must lie from 0\.1 to 1000"):
+        ps.load_vessel(path)

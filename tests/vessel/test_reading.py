@@ -148,6 +148,9 @@ class TestErrors:
             (r"^\[coefficients.roll\][\s\S]*", "[coefficients]\nroll = 3", "coefficients.roll must be a table"),
             (r"published = \{[^}]*\}", "published = 3", "published must be a table"),
             (r"^name = .*$", "name = 3", "name must be a text"),
+            (r"^L = 230.66", "L = { value = 230.66, source = 3 }", "particulars.L.source must be a text, found 3"),
+            (r"^\[inertia\][^\n]*\nsource = .*$", "[inertia]\nsource = []", "inertia.source must be a text, found []"),
+            (r"^Yv = \{", "Yv = { note = {}, ", "coefficients.sway.Yv.note must be a text, found {}"),
             (r"^sources = \[", "sources = [3,", "sources must be a list of texts"),
         ],
     )

@@ -8,14 +8,16 @@ from contextlib import suppress
 from reprlib import Repr
 
 _SHORT = Repr(maxlevel=3, maxstring=60, maxlong=60, maxother=60)
+_LONGEST = 100
 
 
 def shown(value: object) -> str:
     """Representation of a value, cut to a length that an error can hold."""
     try:
-        return _SHORT.repr(value)
+        text = _SHORT.repr(value)
     except ValueError:
         return "a number of thousands of digits"
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]} ..."
 
 
 def check_choice(what: str, value: object, choices: Iterable[str], error: type[ValueError] = ValueError) -> None:
