@@ -86,7 +86,7 @@ def write_refusal_page(
 def _row(refusal: Refusal) -> dict:
     failure = refusal.failure
     if failure is None:
-        return {"terms": refusal.name, "manoeuvre": "the fit itself", "time": np.nan, "fault": "cannot be simulated"}
+        return {"terms": refusal.name, "manoeuvre": "the fit itself", "time": np.nan, "fault": "cannot be fitted"}
     return {
         "terms": refusal.name,
         "manoeuvre": failure.manoeuvre.label,

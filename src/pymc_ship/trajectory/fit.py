@@ -264,7 +264,7 @@ def _descend(problem: Problem, start: np.ndarray) -> _Mode:
             damping, growth = damping * growth, 2.0 * growth
         if damping > 1e12:
             return _Mode(problem, unknowns, point, n_steps)
-    raise TrajectoryError(f"No minimum was found in {_MOST_STEPS} steps; give a prior or a closer start.")
+    raise TrajectoryError(f"No minimum was found in {_MOST_STEPS} steps; give more runs or a prior nearer to the ship.")
 
 
 def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
