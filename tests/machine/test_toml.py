@@ -61,3 +61,20 @@ def test_a_file_is_a_table_or_an_error_in_one_sentence(tmp_path):
     assert sentence(toml_file, path, "The ship", OddError).startswith(f"The ship {path} is not valid TOML: ")
     path.write_text("size = 3")
     assert toml_file(path, "The ship", OddError) == Entry({"size": 3}, str(path), OddError)
+
+
+@pytest.mark.parametrize("text", ["x = " + "[" * 20_000, "x = " + "{y = " * 20_000])
+def test_what_is_nested_too_deep_is_refused_in_a_sentence(tmp_path, text):
+    path = tmp_path / "ship.toml"
+    path.write_text(text)
+    expected = f"The ship {path} is not valid TOML: its tables or lists are nested too deep; mend it."
+    assert sentence(toml_file, path, "The ship", OddError) == expected
+
+
+def test_the_encoding_of_a_file_is_named(tmp_path):
+    path = tmp_path / "ship.toml"
+    path.write_text("size = 3", encoding="utf-16")
+    expected = f"The ship {path} cannot be read: it is UTF-16 text; save it as UTF-8."
+    assert sentence(toml_file, path, "The ship", OddError) == expected
+    path.write_text("size = 3", encoding="utf-8-sig")
+    assert toml_file(path, "The ship", OddError).value == {"size": 3}
