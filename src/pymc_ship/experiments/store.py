@@ -88,7 +88,7 @@ class Store:
     def results(self) -> Iterator[tuple[Cell, pa.Table]]:
         """Rows of every part in the order of the grid, by seed; read when asked for."""
         for cell, _, part in self.grid.parts():
-            yield cell, _read(self._parquet(part))
+            yield cell, _read(self._parquet(part), part)
 
     def _done(self, part: str, size: int) -> set[int] | range:
         """Seeds that have their results."""
@@ -97,7 +97,7 @@ class Store:
             with _whole(path):
                 if pq.read_metadata(path).num_rows == size:
                     return range(size)
-            done = set(_read(path)["seed"].to_pylist())
+            done = set(_read(path, part)["seed"].to_pylist())
         else:
             done = set()
         return done | {row["seed"] for row in _lines(journal)}
@@ -108,12 +108,12 @@ class Store:
         if not journal.exists():
             return
         rows = {}
-        before = _read(path).to_pylist() if path.exists() else []
+        before = _read(path, part).to_pylist() if path.exists() else []
         for row in before + _lines(journal):
             rows.setdefault(row["seed"], row)
         table = pa.Table.from_pylist([rows[seed] for seed in sorted(rows)], _SCHEMA)
         with staged(path) as partial:
-            pq.write_table(table.replace_schema_metadata({_SUM: _checksum(table)}), partial)
+            pq.write_table(table.replace_schema_metadata({_SUM: _checksum(table, part)}), partial)
         journal.unlink()
 
     def _parquet(self, part: str) -> Path:
@@ -162,17 +162,17 @@ def _remember(path: Path, record: dict) -> None:
         partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
-def _read(path: Path) -> pa.Table:
-    """Rows of a part, when they have their checksum."""
+def _read(path: Path, part: str) -> pa.Table:
+    """Rows of a part, when they have their checksum and are its own."""
     with _whole(path), pq.ParquetFile(path) as file:
         table = file.read()
-        if not table.schema.equals(_SCHEMA) or table.schema.metadata[_SUM] != _checksum(table):
+        if not table.schema.equals(_SCHEMA) or table.schema.metadata[_SUM] != _checksum(table, part):
             raise ValueError("its checksum does not fit")
         return table.replace_schema_metadata()
 
 
-def _checksum(table: pa.Table) -> bytes:
-    return hashlib.sha256(json.dumps(table.to_pydict()).encode()).hexdigest().encode()
+def _checksum(table: pa.Table, part: str) -> bytes:
+    return hashlib.sha256(json.dumps([part, table.to_pydict()]).encode()).hexdigest().encode()
 
 
 @contextmanager
