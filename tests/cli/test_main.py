@@ -17,3 +17,34 @@ def test_only_the_command_line_prints():
     source = Path(cli.__file__).parent
     printing = [path.name for path in source.glob("*.py") if "print(" in path.read_text().replace("fingerprint(", "")]
     assert printing == ["main.py"]
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (
+            RuntimeError("cannot cache function 'f': no locator available for file 'f.py'"),
+            "set NUMBA_CACHE_DIR to one.",
+        ),
+        (RuntimeError("can't start new thread"), "The machine starts no more threads, of too little memory perhaps; "),
+        (ImportError("libx.so: failed to map segment"), "A library cannot be loaded, for want of memory or installed"),
+        (SystemError("error return without exception set"), "A library cannot be loaded, for want of memory or"),
+        (MemoryError(), "The memory does not hold this run: none is left; make it shorter."),
+    ],
+)
+def test_what_the_machine_lacks_is_a_sentence(monkeypatch, capsys, error, sentence):
+    def load_vessel(*_):
+        raise error
+
+    monkeypatch.setattr(ps, "load_vessel", load_vessel)
+    assert main(["simulate", "container", "--turn", "35", "--out", "unused"]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_other_errors_of_libraries_are_not_hidden(monkeypatch):
+    def load_vessel(*_):
+        raise RuntimeError("odd")
+
+    monkeypatch.setattr(ps, "load_vessel", load_vessel)
+    with pytest.raises(RuntimeError, match="odd"):
+        main(["simulate", "container", "--turn", "35", "--out", "unused"])

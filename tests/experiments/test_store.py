@@ -59,6 +59,27 @@ def test_a_damaged_journal_is_named(study, tmp_path):
         run(study, tmp_path)
 
 
+@pytest.mark.parametrize("how", ["flipped", "another part", "no table"])
+def test_a_damaged_part_is_named_and_done_again_when_it_is_gone(study, plain, tmp_path, how):
+    shutil.copytree(plain, tmp_path / "out")
+    part, other, *_ = sorted((tmp_path / "out" / "parts").rglob("*.parquet"))
+    raw = bytearray(part.read_bytes())
+    raw[10] ^= 1
+    part.write_bytes({"flipped": raw, "another part": other.read_bytes(), "no table": b"no table"}[how])
+    with pytest.raises(MonteCarloError, match=rf"The results {re.escape(str(part))} are damaged: .*; delete the file"):
+        run(study, tmp_path / "out")
+    part.unlink()
+    run(study, tmp_path / "out")
+    assert tables(tmp_path / "out") == tables(plain)
+
+
+def test_a_line_that_lacks_a_column_is_named(study, tmp_path):
+    journal = journalled(study, tmp_path)
+    journal.write_bytes(b'{"seed": 0}\n' + journal.read_bytes())
+    with pytest.raises(MonteCarloError, match=r"The journal .*jsonl is damaged; delete it"):
+        run(study, tmp_path)
+
+
 def test_a_grid_that_grows_keeps_its_results_and_gets_those_of_the_grown_one(study, plain, tmp_path):
     grown = changed(study, ("seeds = 4", "seeds = 6"), ("[0.01, 0.05]", "[0.001, 0.01, 0.05]"))
     run(grown, tmp_path / "whole")

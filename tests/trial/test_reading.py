@@ -52,6 +52,16 @@ class TestText:
         assert_same(trial, run)
         assert trial.attrs["reading"] == "Decimal commas read as points."
 
+    def test_numbers_that_no_sensor_tells_from_zero_are_zero(self, read):
+        trial = read("time,u,v\n0,5,1e-300\n1,5,-4e-31\n2,5,2e-30\n")
+        np.testing.assert_array_equal(trial["v"], [0.0, 0.0, 2e-30])
+        assert trial.attrs["reading"] == "2 cells of v, all within 1e-30 of zero, read as 0."
+
+    @pytest.mark.parametrize("encoding", ["utf-16", "utf-32"])
+    def test_other_encodings_are_named(self, read, encoding):
+        with pytest.raises(ps.TrialError, match=f"cannot be read: it is {encoding.upper()} text; save it as UTF-8"):
+            read("time,u\n0,5\n1,5\n".encode(encoding))
+
     def test_a_thousands_comma_is_no_decimal_comma(self, read):
         with pytest.raises(ps.TrialError, match=r"line 3, column x: a number is needed, found '1,024\.5'"):
             read("time;x\n0;0.5\n1;1,024.5\n2;2.5\n")

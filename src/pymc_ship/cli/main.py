@@ -18,6 +18,13 @@ from contextlib import contextmanager
 from pymc_ship.cli.parser import parser
 from pymc_ship.cli.sentences import sentence
 
+_MACHINE = {
+    "no locator available": "Compiled functions are kept in a folder, found none that can be written; set "
+    "NUMBA_CACHE_DIR to one.",
+    "can't start new thread": "The machine starts no more threads, of too little memory perhaps; end other programs.",
+}
+"""Sentences on errors of the machine, by words of the libraries that meet them."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line.
@@ -53,9 +60,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 2
     except MemoryError as error:
-        return _fail(f"The memory does not hold this run: {error}; make it shorter.", 2)
+        return _fail(f"The memory does not hold this run: {str(error) or 'none is left'}; make it shorter.", 2)
+    except (ImportError, SystemError) as error:  # also what the interpreter makes of too little memory
+        return _fail(f"A library cannot be loaded, for want of memory or installed badly: {error}; see to it.", 2)
     except (ValueError, OSError) as error:
         return _fail(str(error), 3 if _refused(error) else 2)
+    except RuntimeError as error:
+        for words, said in _MACHINE.items():
+            if words in str(error):
+                return _fail(said, 2)
+        raise
     return _fail(failures[0], 3) if any(failures) else 0
 
 

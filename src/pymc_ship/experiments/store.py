@@ -1,12 +1,14 @@
 """Results of a Monte-Carlo study on disk: nothing that was measured is lost or measured again.
 
 Each result is appended to the journal of its part (a line of JSON) the moment it is there. A part that has all its
-results becomes a Parquet file under ``parts/ship=.../manoeuvre=.../noise=.../level=.../method=.../``, and its journal
-goes. A line that a kill cut off is dropped and its task done again; of a result that stands twice the first counts.
+results becomes a Parquet file with a checksum under ``parts/ship=.../manoeuvre=.../noise=.../level=.../method=.../``,
+and its journal goes. A line that a kill cut off is dropped and its task done again; of a result that stands twice the
+first counts.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections import Counter
@@ -31,7 +33,7 @@ executor and workers; seconds from the session's start to when the result was ke
 parent hands out a task and keeps its result (``parent``)."""
 
 _TEXTS, _WHOLE = ("status", "sentence", "executor"), ("seed", "session", "workers")
-_ROWS = 5_000
+_ROWS, _SUM = 5_000, b"sha256"
 
 
 def _field(name: str) -> pa.Field:
@@ -86,16 +88,16 @@ class Store:
     def results(self) -> Iterator[tuple[Cell, pa.Table]]:
         """Rows of every part in the order of the grid, by seed; read when asked for."""
         for cell, _, part in self.grid.parts():
-            yield cell, pq.read_table(self._parquet(part), schema=_SCHEMA, partitioning=None)
+            yield cell, _read(self._parquet(part), part)
 
     def _done(self, part: str, size: int) -> set[int] | range:
         """Seeds that have their results."""
         path, journal = self._parquet(part), self._journal(part)
         if path.exists():
-            if pq.read_metadata(path).num_rows == size:
-                return range(size)
-            rows = pq.read_table(path, columns=["seed"], partitioning=None)
-            done = set(rows["seed"].to_pylist())
+            with _whole(path):
+                if pq.read_metadata(path).num_rows == size:
+                    return range(size)
+            done = set(_read(path, part)["seed"].to_pylist())
         else:
             done = set()
         return done | {row["seed"] for row in _lines(journal)}
@@ -106,11 +108,12 @@ class Store:
         if not journal.exists():
             return
         rows = {}
-        before = pq.read_table(path, schema=_SCHEMA, partitioning=None).to_pylist() if path.exists() else []
+        before = _read(path, part).to_pylist() if path.exists() else []
         for row in before + _lines(journal):
             rows.setdefault(row["seed"], row)
+        table = pa.Table.from_pylist([rows[seed] for seed in sorted(rows)], _SCHEMA)
         with staged(path) as partial:
-            pq.write_table(pa.Table.from_pylist([rows[seed] for seed in sorted(rows)], _SCHEMA), partial)
+            pq.write_table(table.replace_schema_metadata({_SUM: _checksum(table, part)}), partial)
         journal.unlink()
 
     def _parquet(self, part: str) -> Path:
@@ -149,7 +152,7 @@ def _remember(path: Path, record: dict) -> None:
     if path.exists():
         try:
             changed = difference(json.loads(path.read_text(encoding="utf-8")), record)
-        except (ValueError, KeyError, TypeError, AttributeError, OSError):
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError):
             raise MonteCarloError(f"{path} is no record of a study; choose another folder.") from None
         if changed:
             raise MonteCarloError(
@@ -157,6 +160,30 @@ def _remember(path: Path, record: dict) -> None:
             )
     with staged(path) as partial:
         partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+def _read(path: Path, part: str) -> pa.Table:
+    """Rows of a part, when they have their checksum and are its own."""
+    with _whole(path), pq.ParquetFile(path) as file:
+        table = file.read()
+        if not table.schema.equals(_SCHEMA) or table.schema.metadata[_SUM] != _checksum(table, part):
+            raise ValueError("its checksum does not fit")
+        return table.replace_schema_metadata()
+
+
+def _checksum(table: pa.Table, part: str) -> bytes:
+    return hashlib.sha256(json.dumps([part, table.to_pydict()]).encode()).hexdigest().encode()
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[None]:
+    """Say where a part cannot be read."""
+    try:
+        yield
+    except (ValueError, KeyError, TypeError, OSError, pa.ArrowException) as error:
+        raise MonteCarloError(
+            f"The results {path} are damaged: {error}; delete the file, its tasks will be done again."
+        ) from None
 
 
 def _lines(path: Path) -> list[dict]:
@@ -168,8 +195,11 @@ def _lines(path: Path) -> list[dict]:
     if whole < len(data):
         os.truncate(path, whole)
     try:
-        return [json.loads(line) for line in data[:whole].splitlines()]
-    except ValueError:
+        table = pa.Table.from_pylist([json.loads(line) for line in data[:whole].splitlines()], _SCHEMA)
+        if any(column.null_count for column in table.columns):
+            raise ValueError("a line lacks a column")
+        return table.to_pylist()
+    except (ValueError, TypeError, AttributeError, RecursionError, pa.ArrowException):
         raise MonteCarloError(f"The journal {path} is damaged; delete it, its tasks will be done again.") from None
 
 
@@ -185,7 +215,7 @@ def table_writer(path: Path, columns: Sequence[str]) -> Iterator:
     """
     keys = [pa.field(name, pa.float64() if name == "level" else pa.string()) for name in Cell.__annotations__]
     schema, pending = pa.schema([*keys, *(_field(name) for name in columns)]), []
-    with staged(path) as partial, pq.ParquetWriter(partial, schema) as writer:
+    with staged(path) as partial, pq.ParquetWriter(partial, schema, write_page_checksum=True) as writer:
 
         def add(cell: Cell, rows: pa.Table) -> None:
             fixed = [

@@ -14,7 +14,8 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
-from itertools import islice
+from dataclasses import dataclass
+from itertools import islice, takewhile
 
 AHEAD = 4
 """Tasks handed out at a time for each worker."""
@@ -101,7 +102,7 @@ class LocalCores:
         self.workers = workers or joblib.cpu_count()
 
     def run(self, work: Callable, tasks: Iterable) -> Iterator:
-        """Yield the result of each task.
+        """Yield the result of each task; no other is begun after one that the machine failed.
 
         Raises
         ------
@@ -110,16 +111,25 @@ class LocalCores:
         """
         import joblib
 
+        failures: list[_Failure] = []
+        tasks = takewhile(lambda _: not failures, tasks)
+
         settings = {"return_as": "generator_unordered", "pre_dispatch": f"{AHEAD}*n_jobs", "batch_size": 1}
         settings |= {"max_nbytes": None}
         if self.workers > 1:
             settings |= {"backend": "loky", "initializer": _belong_to, "initargs": (os.getpid(),)}
         try:
-            yield from joblib.Parallel(self.workers, **settings)(joblib.delayed(work)(task) for task in tasks)
+            for result in joblib.Parallel(self.workers, **settings)(
+                joblib.delayed(_tried)(work, task) for task in tasks
+            ):
+                if isinstance(result, _Failure):
+                    failures.append(result)
+                else:
+                    yield result
         except BrokenProcessPool:
             raise WorkersLostError from None
-        except MACHINE as error:
-            raise WorkersLostError(_told(error)) from None
+        if failures:
+            raise WorkersLostError(failures[0].reason)
 
     def __enter__(self) -> LocalCores:
         self._warnings = warnings.catch_warnings()
@@ -134,6 +144,20 @@ class LocalCores:
             from joblib.externals.loky import get_reusable_executor
 
             get_reusable_executor().shutdown(wait=True, kill_workers=True)
+
+
+@dataclass(frozen=True)
+class _Failure:
+    """What a worker returns of a task that the machine failed."""
+
+    reason: str
+
+
+def _tried(work: Callable, task: object) -> object:
+    try:
+        return work(task)
+    except MACHINE as error:
+        return _Failure(_told(error))
 
 
 def _belong_to(parent: int) -> None:

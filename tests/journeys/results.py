@@ -1,0 +1,84 @@
+"""One result of each kind, small and quickly made, and how it is read back."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.experiments.grid import read_grid
+from pymc_ship.experiments.store import opened
+from pymc_ship.manoeuvre.recognition import Steering
+from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.ship.files import load_ship, save_ship
+from pymc_ship.trajectory.prior import coefficient_names
+from pymc_ship.vessel.vessel import reference_coefficients
+from tests.experiments.folders import run
+
+AGAIN = "done again"
+
+
+def write_posteriors(vessel, out):
+    """A posterior as NetCDF and one as Zarr."""
+    names = coefficient_names(vessel)
+    values = np.random.default_rng(1).normal(size=(4, 10, len(names)))
+    coords = {"chain": range(4), "draw": range(10), "coefficient": names}
+    posterior = xr.Dataset({"coefficients": (("chain", "draw", "coefficient"), values)}, coords)
+    root = xr.Dataset(attrs={"dof": " ".join(vessel.dofs), "vessel": vessel.name, "method": "trajectory"})
+    tree = xr.DataTree.from_dict({"/": root, "posterior": posterior})
+    for ending in (".nc", ".zarr"):
+        write_posterior(tree, out / f"trajectory{ending}")
+
+
+def write_ship(vessel, out):
+    """A ship of two term sets."""
+    values = reference_coefficients(vessel)
+    fit = SimpleNamespace(coefficients=values, dispersion=1.0)
+    candidates = [
+        SimpleNamespace(
+            name=name,
+            vessel=vessel,
+            fit=fit,
+            draws=values * (1.0 + 0.01 * k + np.zeros((8, 1))),
+            weight=0.5,
+            inflation=1.0,
+        )
+        for k, name in enumerate(("one, two", "three"))
+    ]
+    motion = xr.DataArray(np.random.default_rng(2).normal(size=(5, 2)), dims=("row", "symbol"))
+    settings = {"prior": "order_damped", "model_error": {"angle": 0.1}, "steering": Steering(2.3, 1.0, 4)}
+    save_ship(SimpleNamespace(candidates=candidates, motion=motion, names=("a",), remarks=("b",), **settings), out)
+
+
+def _plain(tree):
+    return {name: node.to_dict() for name, node in tree.to_dict().items()}
+
+
+def read_ship(out):
+    ship = load_ship(out)
+    models = [(vessel.name, reference_coefficients(vessel).tolist(), rows.tolist()) for vessel, rows in ship.models]
+    return [models, ship.motion.values.tolist(), ship.model_error, ship.remarks]
+
+
+def read_parts(study, out):
+    """Results of a study; those that are missing are done again."""
+    with opened(out, read_grid(study)) as store:
+        if store.missing():
+            return AGAIN
+        return [repr(rows.to_pylist()) for _, rows in store.results()]
+
+
+def kinds(vessel, study, out):
+    """Folder of each result below a folder, by name, and the function that reads it into what can be compared."""
+    for name in ("posteriors", "ship"):
+        (out / name).mkdir()
+    write_posteriors(vessel, out / "posteriors")
+    write_ship(vessel, out / "ship")
+    run(study, out / "study")
+    read = {
+        "posteriors": lambda at: [_plain(read_posterior(at / f"trajectory{ending}")) for ending in (".nc", ".zarr")],
+        "ship": read_ship,
+        "study": lambda at: read_parts(study, at),
+    }
+    return {name: (out / name, function) for name, function in read.items()}
