@@ -45,6 +45,11 @@ class TestExecution:
         assert execution(rudder(time, helm)) == pytest.approx(110.0, abs=0.1)
         assert np.rad2deg(held_angle(rudder(time, helm)["delta"].values)) == pytest.approx(20.0)
 
+    def test_a_helm_that_keeps_her_straight_for_longer_than_the_turn_lasts_is_not_the_order(self):
+        record = rudder([0, 140, 149], [4, 4, 20])
+        assert np.rad2deg(held_angle(record["delta"].values)) == pytest.approx(20.0)
+        assert execution(record) == pytest.approx(140.0, abs=0.6)
+
     def test_a_speed_that_still_rises_is_that_at_the_execution(self):
         record = measured(simulated(SHIP, ps.turning_circle(35)), 200.0)
         rising = record.assign(u=record["u"] * np.minimum(1.0, 0.5 + record["time"] / 400.0))

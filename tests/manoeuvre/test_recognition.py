@@ -11,6 +11,7 @@ from pymc_ship.manoeuvre.measured import aligned
 from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.ship.held_out import scored_indices
 from pymc_ship.trial.record import TrialError
+from tests.manoeuvre.cases import measured, scaled, simulated
 from tests.ship.cases import STEP, tanker, trial, with_delay
 
 ZIGZAGS = (
@@ -118,6 +119,25 @@ class TestZigzags:
         particulars = with_steering(tanker(), steering).particulars
         assert (particulars.rudder_rate_deg, particulars.rudder_delay) == (3.0, 1.5)
         assert with_steering(tanker(), Steering(np.nan, np.nan, 0)) is tanker()
+
+
+class TestQuickShips:
+    """L/U of 6 to 20 s, a straight approach, sensor noise: an order is then followed while the heading runs on."""
+
+    @pytest.mark.parametrize("ship_time", [6.0, 10.0, 20.0])
+    @pytest.mark.parametrize(("approach", "seed"), [(0.0, None), (60.0, 1), (300.0, 2)])
+    def test_zigzags_and_circles_are_known(self, ship_time, approach, seed):
+        delay = 0.1 * ship_time
+        vessel = scaled("kvlcc2", 9.0 * ship_time, ship_time, rate=4.0, delay=delay)
+        for manoeuvre in (ps.zigzag(10, 10), ps.zigzag(20, 20, side="starboard"), ps.turning_circle(35)):
+            run = simulated(vessel, manoeuvre, ship_times=20.0, interval=0.3)
+            once_round = np.abs(run["psi"].values) < 2.0 * np.pi
+            record = measured(run.isel(time=once_round), approach, seed=seed)
+            (found,), steering = recognise([record], vessel)
+            assert found.label == manoeuvre.label
+            assert found.approach_speed == pytest.approx(9.0, abs=0.1)
+            if manoeuvre.kind == "zigzag":
+                assert steering.rudder_delay == pytest.approx(delay, abs=0.4)
 
 
 class TestOthers:

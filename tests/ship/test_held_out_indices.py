@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.ship.held_out_indices import index_rows
+from pymc_ship.ship.held_out_indices import index_rows, left_out
 from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.ship.cases import RUNS, tanker, trial
@@ -68,3 +68,19 @@ class TestIndexRows:
         assert not {"second_overshoot_angle", "period"} & {entry["index"] for entry in rows}
         blind = index_rows("1", trial(RUNS[0]).drop_vars(["x", "y"]), RUNS[0], [self.model()], np.ones(1))
         assert {entry["kind"] for entry in blind} == {"angle", "time"}
+
+
+class TestLeftOut:
+    def test_a_run_that_is_no_manoeuvre_is_told_with_the_reason(self):
+        stairs = trial(ps.rudder_programme([0.0, 150.0, 300.0], np.deg2rad([5.0, 10.0, 20.0])), duration=300.0)
+        runs = {"own": trial(RUNS[0]), "stairs": stairs}
+        (told,) = left_out(runs, [RUNS[0], None], tanker())
+        assert told.startswith("Run stairs: It is not recognised as a zigzag or a turning circle: the rudder is ")
+
+    def test_roll_that_is_measured_and_not_modelled_is_told(self):
+        run = trial(RUNS[0])
+        rolling = run.assign(phi=0.01 + run["phi"])
+        assert left_out({"own": run}, [RUNS[0]], tanker()) == []
+        (told,) = left_out({"own": rolling}, [RUNS[0]], tanker())
+        assert told.startswith("The record has roll angle φ, the vessel file has no roll: it is not modelled")
+        assert left_out({"own": rolling}, [RUNS[0]], ps.load_vessel("container")) == []

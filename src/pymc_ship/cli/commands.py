@@ -114,11 +114,16 @@ def _told_of(trial: xr.Dataset, vessel: Vessel) -> list[str]:
     """What manoeuvre a checked trial is recognised as, or why as none, and what of it the vessel does not model."""
     from pymc_ship.manoeuvre.recognition import STEERED, recognise, unrecognised
 
-    told = [] if "roll" in vessel.dofs else [without_roll(moving(trial))]
+    told = [_unrolled(trial, vessel)]
     if set(STEERED) <= set(trial):
         (manoeuvre,), _ = recognise([trial], vessel)
         told.append(unrecognised(trial) if manoeuvre is None else f"It is recognised as a {manoeuvre.label}.")
     return ["", *filter(None, told)]
+
+
+def _unrolled(trial: xr.Dataset, vessel: Vessel) -> str:
+    """Sentence on a roll that is recorded and not modelled; empty where there is none."""
+    return "" if "roll" in vessel.dofs else without_roll(moving(trial))
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -143,6 +148,8 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     rng = np.random.default_rng(args.seed)
     families = FAMILIES if args.family == "both" else (args.family,)
     settings = {"interval": args.interval, "derivative": args.derivative, "selection": args.select}
+    if told := _unrolled(trial, vessel):
+        progress(f"{args.trial}: {told}", remark=True)
     trial = _smooth(trial, args, progress)
     found = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)
     rows = []
@@ -163,6 +170,9 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     trials, _ = judged_arguments(args.trials, vessel, args, progress)
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
+    for path, trial in zip(args.trials, trials, strict=True):
+        if told := _unrolled(trial, vessel):
+            progress(f"{path}: {told}", remark=True)
     progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
     rng = np.random.default_rng(args.seed)
     tree = ps.trajectory_posterior(
