@@ -14,6 +14,7 @@ import xarray as xr
 
 from pymc_ship.checks.kinematics import FACTORS
 from pymc_ship.checks.verdicts import SIGNIFICANT, Check, ShipScale, not_checked, regressed, ship_blocks
+from pymc_ship.forces.prime_system import GRAVITY
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.vessel import Vessel
 
@@ -28,9 +29,6 @@ SLOW = 0.3
 
 SHORTEST_PIECE = 2.5
 """Shortest piece of a record [L/U] that can be fitted: half a window, see :mod:`pymc_ship.trajectory.windows`."""
-
-G = 9.81
-"""Acceleration of gravity [m/s2]."""
 
 _BLOCK = 0.25  # share of L/U
 _SUSPICIOUS = 3.0  # standard errors beyond a range from which a quantity is doubted
@@ -113,16 +111,16 @@ def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
     found = {"share ahead": (share, 0.0)}
     if ahead.sum() < 10:
         return found
-    found["rU/g"] = (float(np.quantile(np.abs(judged.r) * judged.U, 0.99)) / G, 0.0)
+    found["rU/g"] = (float(np.quantile(np.abs(judged.r) * judged.U, 0.99)) / GRAVITY, 0.0)
     constant, lag = np.ones(judged.r.size), np.gradient(motion.r, motion.interval)[ahead]
     if motion.L:
         found["rL/U"] = (float(np.quantile(np.abs(judged.r) / judged.U, 0.99)) * motion.L, 0.0)
-        found["Froude number"] = (motion.fast / np.sqrt(G * motion.L), 0.0)
+        found["Froude number"] = (motion.fast / np.sqrt(GRAVITY * motion.L), 0.0)
         found["speed"] = (motion.fast / motion.nominal, 0.0)
         (slope, *_), (error, *_), _ = regressed([judged.r, lag, constant], judged.v)
         found["pivot point"] = (-float(slope) / motion.L, float(error) / motion.L)
     if motion.phi is not None:
-        thrown = motion.r * motion.u / G
+        thrown = motion.r * motion.u / GRAVITY
         columns = [thrown[ahead], np.gradient(thrown, motion.interval)[ahead], constant]
         (slope, *_), (error, *_), _ = regressed(columns, motion.phi[ahead])
         found["heel"] = float(slope), float(error)
