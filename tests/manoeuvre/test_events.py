@@ -56,6 +56,12 @@ class TestCrossing:
         assert not unbiased(first, SWITCH)
         assert unbiased(crossings, SWITCH)
 
+    def test_a_record_that_ends_as_noise_takes_the_heading_back_still_rose_through_it(self):
+        """Above the heading at 4 s, below again at 5 s: the rise before 4 s counts, not the fall after it."""
+        time, psi, zero = np.arange(6.0), np.array([0.0, 0.02, 0.04, 0.06, 0.11, 0.09]), np.zeros(6)
+        channels = {"psi": psi, "r": np.full(6, 0.02)} | dict.fromkeys(("u", "v", "phi", "x", "y"), zero)
+        assert 3.0 < Record(time, channels).crossing(0.1, 1.0) < 4.0
+
 
 class TestPeak:
     def test_a_noisy_yaw_rate_does_not_turn_back_early(self):

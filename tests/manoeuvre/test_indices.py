@@ -157,6 +157,16 @@ class TestZigzag:
         found = ps.indices(sine(0.5, duration=end))
         assert {name for name in found.data_vars if np.isnan(found[name])} == missing
 
+    @pytest.mark.parametrize(("ordered", "reached"), [(19.5, True), (20.5, True), (18.5, False)])
+    def test_a_helmsman_is_at_the_heading_within_a_degree(self, ordered, reached):
+        """Then the initial turn ends where the ship passes the heading; it is open where he reverses before."""
+        first = np.arcsin(np.deg2rad(ordered) / AMPLITUDE) / OMEGA
+        by_hand = [first + 0.5 * k * PERIOD for k in range(3)]
+        found = ps.indices(sine(0.5).assign_attrs(reversals=by_hand))
+        expected = SWITCH if reached else np.nan
+        assert float(found["initial_turning_time"]) == pytest.approx(expected, abs=1e-4, nan_ok=True)
+        assert float(found["first_overshoot_angle"]) == pytest.approx(28.0 - ordered, abs=1e-4)
+
     def test_a_heading_that_is_never_reached(self):
         straight = sine(1.0)
         straight.attrs["heading_deg"] = 30.0
@@ -172,6 +182,27 @@ class TestTurningCircle:
         assert set(EXACT_CIRCLE) == set(found.data_vars)
         for name, exact in EXACT_CIRCLE.items():
             assert float(found[name]) == pytest.approx(exact, rel=1e-7, abs=1e-12), name
+
+    def test_times_count_from_the_first_instant_whatever_the_clock(self):
+        found = ps.indices(circle(0.5, offset=37.0))
+        for name, exact in EXACT_CIRCLE.items():
+            assert float(found[name]) == pytest.approx(exact, rel=1e-7, abs=1e-12), name
+
+    def test_the_steady_values_are_means_over_the_last_90_deg(self):
+        """A turn that fades: 90 deg over the time they take; speed and drift, linear in time, in the middle of it."""
+        step, t = 0.1, np.arange(0.0, 1500.0, 0.1)
+        r, speed, drift = 0.012 - 2e-6 * t, 8.0 - 2e-3 * t, 0.1 + 1e-4 * t
+        psi = 0.012 * t - 1e-6 * t**2
+        channels = {"u": speed * np.cos(drift), "v": -speed * np.sin(drift), "r": r, "psi": psi}
+        found = ps.indices(trial(t, {"manoeuvre": "turning_circle", "side": "starboard"}, **channels))
+        begin = float(np.interp(psi[-1] - 0.5 * np.pi, psi, t))
+        middle, rate = 0.5 * (begin + t[-1]), 0.5 * np.pi / (t[-1] - begin)
+        mean_speed = 8.0 - 2e-3 * middle
+        near = {"abs": 2.0 * step / (t[-1] - begin), "rel": 2.0 * step / (t[-1] - begin)}  # the samples at both ends
+        assert float(found["steady_yaw_rate"]) == pytest.approx(np.rad2deg(rate), **near)
+        assert float(found["steady_speed"]) == pytest.approx(mean_speed, **near)
+        assert float(found["steady_drift_angle"]) == pytest.approx(np.rad2deg(0.1 + 1e-4 * middle), **near)
+        assert float(found["steady_turning_diameter"]) == pytest.approx(2.0 * mean_speed / rate, **near)
 
     @pytest.mark.parametrize("name", ["advance", "transfer", "tactical_diameter"])
     def test_the_error_shrinks_with_the_fourth_power_of_the_sampling_interval(self, name):

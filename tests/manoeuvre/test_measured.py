@@ -88,6 +88,19 @@ class TestMeasuredIndices:
         for name in ("steady_speed", "tactical_diameter"):
             assert found[name] == pytest.approx(float(ps.indices(run)[name]), rel=0.01), name
 
+    def test_their_sway_is_that_of_the_run(self):
+        """The distance is run along the course, which a sway to the wrong side turns away from the track."""
+        _, tree, run, measured = case("zigzag")
+        found = measured_indices(measured[["x", "y", "psi", "delta"]], tree.attrs)
+        exact = float(ps.indices(run)["initial_turning_distance"])
+        assert found["initial_turning_distance"] == pytest.approx(exact, rel=1e-3)
+
+    def test_an_event_between_the_last_two_samples_is_reached(self):
+        run = simulated(ps.load_vessel("container"), ps.turning_circle(35, side="starboard"), interval=1.0)
+        beyond = int(np.argmax(run["psi"].values > np.deg2rad(90.0)))
+        found = measured_indices(run.isel(time=slice(0, beyond + 1)), run.attrs)
+        assert found["time_to_90"] == pytest.approx(float(ps.indices(run)["time_to_90"]), abs=1.0)
+
     def test_noise_of_the_sensors_does_not_shift_them(self):
         """Means over noisy records are those of the record without noise, within 1 % and a tenth of a degree."""
         for manoeuvre in (ps.zigzag(10, 10), ps.turning_circle(35, side="starboard")):
@@ -114,6 +127,14 @@ class TestMeasuredIndices:
                 assert found[f"{name}_overshoot_time"] == pytest.approx(time[peak] - orders[k], abs=1.0), name
         assert found["period"] == pytest.approx(orders[2] - orders[0], abs=0.6)
         assert found["initial_turning_time"] == pytest.approx(time[np.argmax(psi >= 20.0)], abs=0.6)
+
+    def test_reversals_within_a_degree_of_their_mean_are_those_of_an_autopilot(self):
+        """They scatter by more than a degree in all; overshoots count from the heading that was ordered."""
+        vessel, manoeuvre = scaled("kvlcc2", 160.0, 20.0), ps.zigzag(20, 20, side="starboard")
+        run, orders = steered_by_hand(vessel, manoeuvre, (20.6, 19.4, 19.4, 20.6))
+        found = measured_indices(noisy_record(run, 60.0), manoeuvre.attrs)
+        psi, first = np.rad2deg(run["psi"].values), run["time"].values < orders[1]
+        assert found["first_overshoot_angle"] == pytest.approx(psi[first].max() - 20.0, abs=0.3)
 
     def test_a_first_reversal_before_the_heading_leaves_the_initial_turn_open(self):
         vessel, manoeuvre = scaled("kvlcc2", 160.0, 20.0), ps.zigzag(20, 20)

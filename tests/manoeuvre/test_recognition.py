@@ -152,6 +152,13 @@ class TestOthers:
         assert steering.n_reversals == 0
         assert np.isnan([steering.rudder_delay, steering.rudder_rate_deg]).all()
 
+    @pytest.mark.parametrize(("turned", "label"), [(110.0, None), (130.0, "turning circle 35")])
+    def test_a_third_of_a_turn_makes_a_circle(self, turned, label):
+        run = trial(ps.turning_circle(35.0, side="starboard"))
+        reached = int(np.argmax(run["psi"].values > np.deg2rad(turned)))
+        (found,), _ = recognise([run.isel(time=slice(0, reached))], tanker())
+        assert (found and found.label.removesuffix(" starboard")) == label
+
     @pytest.mark.parametrize(
         ("time", "delta_deg"),
         [

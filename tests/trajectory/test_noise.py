@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ import pymc_ship as ps
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, whiten
 from pymc_ship.trajectory.noise import (
     ALPHA,
+    LAGS,
     fit_with_noise,
     offset_test,
     residual_tests,
     sample_residuals,
+    serial_test,
 )
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.trajectory.cases import SD, correlated, heavy_tailed, problem_of, rough, truth, white
@@ -154,6 +157,15 @@ class TestTests:
         rejected = np.sum(np.array(found) < 0.05, axis=0)
         assert (rejected <= stats.binom.isf(1e-4, 100, 0.05)).all()
         assert rejected[0] + rejected[1] >= 2
+
+    @pytest.mark.parametrize("n", [16, 44])
+    def test_the_mean_of_ljung_and_box_is_the_number_of_lags_in_short_records_too(self, n):
+        """Normal noise about 0 has E r_k^2 = (n - k) / (n (n + 2)) exactly (Ljung & Box 1978, Eq. 2.3)."""
+        lags = min(LAGS, n // 4)
+        rows = np.random.default_rng(3).standard_normal((4000, n))
+        p = [serial_test(SimpleNamespace(residuals=(row[None],))) for row in rows]
+        found = stats.chi2.isf(p, lags)
+        assert found.mean() == pytest.approx(lags, abs=4.0 * found.std() / np.sqrt(found.size))
 
     def test_samples_are_fitted_motion_and_residuals(self, choices):
         fit = choices["offsets"].fit

@@ -11,7 +11,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.motion.simulation import replay
 from pymc_ship.trajectory import windows as window_fit
-from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
 from pymc_ship.trajectory.prior import coefficient_prior
 from pymc_ship.trajectory.runs import trajectory_run
 from pymc_ship.trajectory.windows import (
@@ -262,6 +262,30 @@ class TestSandwich:
         _, fits = many_fits
         for name, sd in ERROR.items():
             assert 0.5 * sd < np.mean([fit.channel_sd[name] for fit in fits]) < sd
+
+    def test_the_scatter_of_the_gradients_is_that_of_a_sample(self, container):
+        """Of four windows: n times the sample covariance of gradients by central differences of each likelihood."""
+        ship, reference, windows = tiny(container)
+        noisy = with_errors(windows[:4], np.random.default_rng(4), 0.0)
+        problem = initial_problem([window.run for window in noisy], ship, wide_prior(reference, 1e3))
+        fit = fit_trajectory(problem, np.concatenate([reference, *(window.state for window in noisy)]))
+
+        def log_likelihood(k, coefficients):
+            run, noise = problem.runs[k], problem.noise[k]
+            start = fit.unknowns[problem.nuisances[k]][: run.n_states]
+            motion = replay(ship, run.delta, start, coefficients, **run.integration)
+            left = run.block_means(run.samples - motion[list(run.rows), 0])
+            return -0.5 * np.sum((left / noise.sd[:, None]) ** 2)
+
+        steps = 1e-4 * np.diag(np.abs(fit.coefficients))
+        slopes = [
+            [log_likelihood(k, fit.coefficients + h) - log_likelihood(k, fit.coefficients - h) for h in steps]
+            for k in range(4)
+        ]
+        gradients = np.array(slopes) / (2.0 * np.diag(steps))
+        expected, size = 4 * np.cov(gradients.T), np.sqrt(4.0) * gradients.std(axis=0, ddof=1)
+        found = window_fit._squared_gradients(fit)
+        np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=0.02)
 
 
 class TestBesideAPrior:
