@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.checks.kinematics import _rate_scale
 from pymc_ship.checks.track import earth_velocity
-from tests.checks.cases import alarms, changed, found, lever, noisy, offset, steered, units
+from tests.checks.cases import alarms, changed, found, lever, noisy, offset, simulated, steered, units
 
 
 def roll_offset(trial):
@@ -121,3 +122,21 @@ def test_a_track_that_nothing_mends_is_refused(zigzag, container):
     assert alarms({check.name: check for check in checks}) >= {"track closure"}
     with pytest.raises(ps.TrialError, match=r"track closure: .* unexplained"):
         ps.corrected_trial(zigzag, checks)
+
+
+@pytest.mark.parametrize(
+    ("slope", "error", "verdict"),
+    [(1.15, 0.01, "bad"), (1.15, 0.06, "good"), (0.85, 0.01, "bad"), (1.05, 0.005, "doubtful"), (1.05, 0.02, "good")],
+)
+def test_a_scale_is_wrong_only_beyond_what_the_record_can_tell(slope, error, verdict):
+    """10 % are bad, 2 % doubtful, where they are several standard errors."""
+    assert _rate_scale("r", "psi", slope, error, 0.1, 1.0).verdict == verdict
+
+
+def test_a_scale_error_in_a_steady_turn_is_not_mended_as_an_offset(container):
+    """Half a per cent of the scale, which a gyro may have: in a turn alone an offset looks the same."""
+    turn = simulated(container, ps.turning_circle(35.0), 600.0)
+    assert found(units("r", 1.005)(turn), container)["gyro offset"].verdict == "good"
+    zigzag = simulated(container, ps.zigzag(20.0, 20.0))
+    slip = 0.005 * np.abs(turn["r"].values).mean()
+    assert found(changed(zigzag, r=zigzag["r"].values + slip), container)["gyro offset"].verdict == "doubtful"

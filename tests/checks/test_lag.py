@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.checks.lag import LAG, VelocityLag, lag_of
+from pymc_ship.checks.lag import LAG, NAME, READINGS, VelocityLag, lag_of
 from pymc_ship.checks.track import body_velocity, earth_velocity
-from pymc_ship.checks.verdicts import SIGNIFICANT
+from pymc_ship.checks.verdicts import SIGNIFICANT, Check
 from tests.checks.cases import changed, found, lever, noisy
 
 SECONDS = 0.8
@@ -99,3 +99,26 @@ def test_a_lag_shorter_than_matters_is_left_alone(runs, container):
     L_over_U = container.particulars.L / container.particulars.nominal_speed
     short = late_earth(runs[0], 0.5 * LAG * L_over_U)
     assert found(short, container)["velocity lag"].verdict == "good"
+
+
+def test_a_lag_shorter_than_a_sample_is_left_alone(runs, container):
+    """Half a second is told at 5 Hz; at 1 Hz the interpolation between samples is as far off."""
+    late = late_earth(runs[0], 0.5)
+    assert found(late, container)["velocity lag"].verdict == "doubtful"
+    assert found(late.isel(time=slice(None, None, 5)), container)["velocity lag"].verdict == "good"
+
+
+@pytest.mark.parametrize("error", [0.05, 0.1, 0.4])
+def test_the_error_of_a_common_lag_is_that_of_a_mean(error):
+    """Of runs told equally well: from their scatter where that is larger than the error of each, else from that."""
+    seconds = np.array([0.6, 0.7, 0.95, 0.75])
+    lag = ps.common_lag([(told(value, error),) for value in seconds])
+    assert lag.seconds == pytest.approx(seconds.mean(), rel=1e-12)
+    assert lag.error == pytest.approx(max(seconds.std(ddof=1), error) / 2.0, rel=1e-9)
+
+
+def told(seconds, error):
+    """Check that has found such a lag."""
+    numbers = [("lag", seconds), ("standard error", error), ("misfit", 1.0)]
+    values = ((f"{name}, {kind}", value, "") for kind in READINGS for name, value in numbers)
+    return Check(NAME, "doubtful", "", tuple(values), mendable=True)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.checks.plausibility import DRIFT, SLOW
+from pymc_ship.checks.plausibility import DRIFT, SLOW, _faults, piece_check
+from pymc_ship.checks.verdicts import ship_blocks, ship_scale
 from tests.checks.cases import alarms, changed, found, noisy, simulated
 
 
@@ -38,6 +39,7 @@ def of_file(**particulars):
 RECORDS = {
     "u and v swapped": (lambda trial: swapped(trial, "u", "v"), "bad", "u and v are swapped"),
     "r and psi in degrees": (lambda trial: scaled(trial, r=57.3, psi=57.3), "bad", "r is in deg/s"),
+    "r in degrees per minute": (lambda trial: scaled(trial, r=57.3 * 60.0, psi=57.3), "bad", "r is in deg/min"),
     "a model's record": (lambda trial: at_scale(trial, 45.0), "bad", "scale of 1:4"),
     "v flipped": (lambda trial: scaled(trial, v=-1.0), "bad", "v has the opposite sign"),
     "heel flipped": (lambda trial: scaled(trial, phi=-1.0, p=-1.0), "bad", "phi has the opposite sign"),
@@ -126,6 +128,29 @@ def test_a_record_from_rest_is_cut_to_the_piece_that_models_hold(container):
     assert bool((0.9 * SLOW * U.max() < U).all())
     assert bool((np.abs(piece["v"]) <= DRIFT * U).all())
     assert "from" in piece.attrs["record_remarks"]
+
+
+@pytest.mark.parametrize(("ship_times", "verdict"), [(1.8, "bad"), (3.0, "doubtful")])
+@pytest.mark.parametrize("fault", ["astern", "spinning"])
+def test_the_piece_is_that_of_whole_blocks_and_half_a_window_at_least(container, fault, ship_times, verdict):
+    trial = trackless(simulated(container, ps.zigzag(20.0, 20.0)))
+    scale = ship_scale(trial, container)
+    size = ship_blocks(trial, scale, 0.25).size
+    begin, end = 20 * size, (20 + round(4.0 * ship_times)) * size
+    out = np.ones(trial.sizes["time"], dtype=bool)
+    out[begin:end] = False
+    wrong = {"astern": ("u", -trial["u"].values), "spinning": ("r", np.full(out.size, 3.0 * scale.U / scale.L))}
+    name, values = wrong[fault]
+    check = piece_check(changed(trial, **{name: np.where(out, values, trial[name].values)}), scale)
+    assert check.verdict == verdict
+    time = trial["time"].values
+    assert (check.value("from"), check.value("until")) == (time[begin], time[end - 1])
+
+
+@pytest.mark.parametrize(("error", "verdict"), [(1e-3, "bad"), (0.1, "doubtful"), (0.3, None)])
+def test_a_quantity_is_impossible_only_beyond_what_the_record_can_tell(error, verdict):
+    """A pivot point 1.3 L forward of midship."""
+    assert _faults({"pivot point": (1.3, error)}).get("pivot point") == verdict
 
 
 def test_a_record_astern_is_refused_before_any_fit(container):

@@ -31,6 +31,15 @@ def test_a_rudder_that_holds_the_ship_straight_is_told_and_not_mended(container)
     assert checks["rudder zero"].value("on the approach") == pytest.approx(-0.8)
 
 
+def test_an_approach_on_which_the_ship_turns_tells_no_zero(container):
+    """Five degrees of rudder for 40 s are helm."""
+    runs = (noisy(steered(container, first=first)).sel(time=slice(10.0, None)) for first in (5.0, 0.0))
+    turning, straight = (found(run, container)["rudder zero"] for run in runs)
+    assert np.isnan(turning.value("on the approach"))
+    assert turning.value("between the sides of the zigzag") == pytest.approx(0.0, abs=0.1)
+    assert straight.value("on the approach") == pytest.approx(0.0, abs=0.1)
+
+
 @pytest.mark.parametrize("run", ["zigzag", "circle", "approached"])
 def test_the_rudder_rate_is_that_of_the_vessel_or_told(request, container, run):
     trial = request.getfixturevalue(run)
