@@ -26,7 +26,16 @@ def test_a_rudder_that_jumps_between_samples_is_doubted(container):
     checks = found(trial, container)
     assert alarms(checks) == {"sampling"}
     assert "of its range between samples" in checks["sampling"].sentence
+    assert "an ordered angle" in checks["sampling"].sentence
     assert checks["rudder rate"].verdict == "not checked"
+
+
+def test_a_gear_that_moves_within_a_few_samples_asks_for_more_of_them():
+    """2.35 deg/s, 20 deg from side to side, at 3 s: a gear as ships have it."""
+    vessel = ps.load_vessel("kvlcc2")
+    check = found(ps.simulate(vessel, ps.zigzag(10.0, 10.0), duration=600.0, record_interval=3.0), vessel)["sampling"]
+    assert check.verdict == "doubtful"
+    assert check.sentence.endswith("of its range between samples; sample faster.")
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.1, "good"), (0.5, "doubtful"), (1.5, "bad")])
@@ -84,6 +93,21 @@ def test_a_heading_that_wraps_is_unwrapped(circle, container):
     assert named["heading wraps"].value("jumps") >= 1.0
     mended = ps.corrected_trial(trial, checks)["psi"].values
     assert np.ptp(mended - circle["psi"].values) < 1e-9
+
+
+def test_a_heading_that_jumps_by_less_than_a_turn_does_not_wrap(circle, container):
+    jumped = with_samples(circle, "psi", slice(1000, None), circle["psi"].values[1000:] + np.deg2rad(250.0))
+    check = found(jumped, container)["heading wraps"]
+    assert (check.verdict, check.value("jumps")) == ("good", 0.0)
+
+
+def test_equal_values_of_a_rounded_channel_are_not_frozen(container):
+    """A speed shown in steps of 0.01 m/s stays for seconds; one that stays for L/U stands still all the same."""
+    trial = simulated(container, ps.zigzag(20.0, 20.0))
+    rounded = changed(trial, u=0.01 * np.rint(trial["u"].values / 0.01))
+    assert found(rounded, container)["frozen channels"].verdict == "good"
+    stuck = with_samples(rounded, "u", slice(500, 700), rounded["u"].values[500])
+    assert found(stuck, container)["frozen channels"].verdict == "bad"
 
 
 @pytest.mark.parametrize(("seconds", "verdict"), [(2.0, "good"), (10.0, "doubtful"), (40.0, "bad")])

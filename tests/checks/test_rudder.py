@@ -59,6 +59,20 @@ def test_the_delay_behind_the_command_is_measured(container, approached, delay):
     assert check.value("delay") == pytest.approx(delay, abs=2.0 * INTERVAL)
 
 
+def test_a_command_later_than_the_rudder_has_a_negative_delay(container, approached):
+    time = approached["time"].values - 3.0
+    command = np.where(time < 40.1, 0.0, np.where((time - 40.1) // 50.0 % 2 == 0.0, 1.0, -1.0) * np.deg2rad(15.0))
+    check = found(approached.assign(delta_command=("time", command)), container)["rudder delay"]
+    assert check.verdict == "doubtful"
+    assert check.value("delay") == pytest.approx(-3.0, abs=2.0 * INTERVAL)
+
+
+@pytest.mark.parametrize(("given", "words"), [(5.0, "steered by hand"), (1.0, "a gear quicker")])
+def test_a_rudder_that_is_slower_or_quicker_than_its_file_is_explained(zigzag, container, given, words):
+    vessel = replace(container, particulars=replace(container.particulars, rudder_rate_deg=given))
+    assert words in found(zigzag, vessel)["rudder rate"].sentence
+
+
 def test_a_command_that_comes_after_the_rudder_is_doubted(container, approached):
     command = np.roll(approached["delta"].values, 100)
     check = found(approached.assign(delta_command=("time", np.sign(command) * 0.26)), container)["rudder delay"]

@@ -21,7 +21,7 @@ def inflow_and_thrust(U):
     return SCREW.eta * jet**2 + 1.0 - SCREW.eta, K_T / U**2
 
 
-@pytest.mark.parametrize("U", [3.0, 5.5, NOMINAL, 9.0])
+@pytest.mark.parametrize("U", [3.0, 5.5, NOMINAL, 9.0, 30.0])
 def test_it_is_the_inflow_and_the_thrust_of_the_standard_model_over_their_nominal_values(U):
     g, T, _, _ = loading(1.0 - NOMINAL / U, SCREW.constants(NOMINAL))
     (inflow, thrust), (inflow_0, thrust_0) = inflow_and_thrust(U), inflow_and_thrust(NOMINAL)

@@ -3,7 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.forces.terms import SYMBOLS, UnknownTerm, evaluate, factors, order, plan
+from pymc_ship.forces.terms import (
+    ROW_SYMBOL,
+    SYMBOLS,
+    UnknownTerm,
+    evaluate,
+    factors,
+    fill_product_tangents,
+    fill_products,
+    loaded,
+    order,
+    plan,
+)
 from tests.motion.plain_hull import expression, printed_rows
 
 TERMS = sorted({row["term"] for row in printed_rows() if not row["term"].endswith("dot")})
@@ -43,6 +54,14 @@ def test_a_name_is_split_into_its_factors(term, spelt):
     assert order(term) == len(factors(term))
 
 
+@pytest.mark.parametrize(
+    ("term", "motions", "propelled"),
+    [("0", 0, False), ("delta", 1, False), ("gdelta", 1, True), ("T", 1, True), ("gvv", 2, True), ("Tv", 1, True)],
+)
+def test_the_order_counts_motions_and_a_propeller_is_needed_for_its_loading(term, motions, propelled):
+    assert (order(term), loaded(term)) == (motions, propelled)
+
+
 @pytest.mark.parametrize("term", TERMS)
 def test_the_factors_of_every_container_term_spell_the_same_product(term, motion):
     spelt = name_of(factors(term))
@@ -64,6 +83,18 @@ def test_products_shared_by_terms_are_formed_once():
     shared = plan(("deltadelta", "deltadeltadelta", "deltadeltau", "deltadeltau"))
     assert len(shared.left) == 4  # delta^2, delta^3, u delta, u delta^2
     assert shared.rows[2] == shared.rows[3]
+
+
+def test_the_slope_of_an_absolute_value_at_zero_is_that_of_central_differences():
+    scheme = plan(("r|v|",))
+    work, tangent = np.zeros((scheme.n_rows, 3)), np.zeros((scheme.n_rows, 3))
+    v, r = (ROW_SYMBOL + SYMBOLS.index(symbol) for symbol in ("v", "r"))
+    work[v], work[r], tangent[v] = [-0.2, 0.0, 0.2], 0.5, 1.0
+    fill_products(work, scheme.left, scheme.right)
+    fill_product_tangents(work, scheme.left, scheme.right, tangent)
+    h = 1e-3
+    expected = 0.5 * (np.abs(work[v] + h) - np.abs(work[v] - h)) / (2.0 * h)
+    np.testing.assert_allclose(tangent[scheme.rows[0]], expected, atol=1e-12)
 
 
 def test_terms_of_any_order_are_evaluated(motion):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
-from pymc_ship.forecasting.index_error import index_sd, model_error, with_model_error
+from pymc_ship.forecasting.index_error import index_sd, model_error, robust_sd, with_model_error
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.turning_circles import TURNING_CIRCLE
 from pymc_ship.manoeuvre.zigzags import ZIGZAG
@@ -28,6 +29,13 @@ def row(kind, error, parameter_sd=0.0, model_sd=0.0, scale=1.0):
         "model_sd": model_sd,
         "scale": scale,
     }
+
+
+def test_the_spread_of_normal_draws_is_their_sd_whatever_a_few_of_them_do():
+    """68 % of a normal law lie within 0.9945 of its standard deviations."""
+    draws = 3.0 + 2.0 * stats.norm.ppf((np.arange(1000) + 0.5) / 1000)
+    assert robust_sd(draws) == pytest.approx(2.0, rel=0.01)
+    assert robust_sd(np.append(draws, [1e9, np.nan, np.nan])) == pytest.approx(2.0, rel=0.02)
 
 
 class TestModelError:
@@ -57,6 +65,10 @@ class TestModelError:
         assert found == pytest.approx({"angle": 0.1, "time": 0.1, "distance": 0.3}, rel=1e-9)
         found = model_error([row("distance", 0.3)])
         assert found == pytest.approx({"angle": 0.0, "time": 0.0, "distance": 0.3}, rel=1e-9)
+
+    def test_the_kind_before_it_counts_and_not_the_largest(self):
+        found = model_error([row("angle", 0.3), row("time", 0.1)])
+        assert found == pytest.approx({"angle": 0.3, "time": 0.1, "distance": 0.1}, rel=1e-9)
 
     def test_nothing_held_out_has_none(self):
         assert model_error([]) == {}

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.ship.held_out import scored_indices
 from pymc_ship.ship.held_out_indices import index_rows, left_out
 from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.vessel import reference_coefficients
-from tests.ship.cases import RUNS, tanker, trial
+from tests.manoeuvre.cases import steered_by_hand
+from tests.ship.cases import RUNS, tanker, trial, with_delay
 
 UNIT = {"time": 320.0 / 7.974, "distance": 320.0}
 RNG = np.random.default_rng
@@ -61,6 +63,16 @@ class TestIndexRows:
         )
         assert calm.keys() == found.keys()
         assert all(found[name]["parameter_sd"] < 2.0 * calm[name]["parameter_sd"] for name in calm)
+
+    def test_overshoots_steered_by_hand_count_from_the_orders(self):
+        """Four seconds before the rudder moves, by the delay of the vessel's gear."""
+        vessel, manoeuvre = with_delay(4.0), ps.zigzag(20.0, 20.0, side="starboard")
+        run, _ = steered_by_hand(vessel, manoeuvre, (23.0, 16.0, 25.0, 18.0))
+        (_, draws), (late, early) = self.model(), (scored_indices(run, manoeuvre, delay) for delay in (0.0, 4.0))
+        rows = {entry["index"]: entry for entry in index_rows("1", run, manoeuvre, [(vessel, draws)], np.ones(1))}
+        name = "first_overshoot_angle"
+        assert rows[name]["measured"] == early[name]
+        assert early[name] > late[name] + 1.0
 
     def test_indices_that_were_not_reached_are_left_out(self):
         rows = index_rows("1", trial(RUNS[1], duration=120.0), RUNS[1], [self.model()], np.ones(1))

@@ -20,6 +20,7 @@ from pymc_ship.ship.held_out import HeldOut
 from pymc_ship.ship.model import identify_ship
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trajectory.windows import WindowFit
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.term_sets import OWN, TERM_SETS
 from pymc_ship.vessel.vessel import VesselError, reference_coefficients
@@ -140,6 +141,16 @@ class TestWeights:
         """Broken twin: without the bootstrap its weight would be 0.98."""
         first, _ = self.weights([4.0, 0.0, 0.0, 0.0], [0.0] * 4)
         assert 0.6 < first < 0.95
+
+
+class TestDraws:
+    @pytest.mark.parametrize(("weights", "dealt"), [((0.66, 0.34), [1, 1]), ((0.9, 0.1), [2, 0])])
+    def test_the_rest_of_the_draws_goes_to_the_largest_remainders(self, monkeypatch, weights, dealt):
+        monkeypatch.setattr(ship_model, "sound", lambda vessel, rows: np.ones(len(rows), dtype=bool))
+        fit = WindowFit(tanker(), np.zeros(1), np.eye(1), np.eye(1), np.eye(1), {}, 1.0, 1)
+        found = [replace(TestWeights.candidate([0.0]), fit=fit, weight=weight) for weight in weights]
+        drawn = ship_model._drawn(found, 2, np.random.default_rng(1))
+        assert [len(candidate.draws) for candidate in drawn] == dealt
 
 
 class TestOneRun:
