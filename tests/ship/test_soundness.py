@@ -76,5 +76,5 @@ def test_it_may_not_turn_within_its_own_length(monkeypatch):
     assert max(speed for speed, _ in reached) < 1.15
     assert max(rate for _, rate in reached) > 2.0
     assert not sound(tanker(), row[None])[0]
-    monkeypatch.setattr(soundness, "_TIGHTEST", 0.4)
+    monkeypatch.setattr(soundness, "TIGHTEST", 0.4)
     assert sound(tanker(), row[None])[0]
