@@ -47,7 +47,12 @@ def write_ship(vessel, out):
         for k, name in enumerate(("one, two", "three"))
     ]
     motion = xr.DataArray(np.random.default_rng(2).normal(size=(5, 2)), dims=("row", "symbol"))
-    settings = {"prior": "order_damped", "model_error": {"angle": 0.1}, "steering": Steering(2.3, 1.0, 4)}
+    settings = {
+        "prior": "order_damped",
+        "model_error": {"angle": 0.1},
+        "steering": Steering(2.3, 1.0, 4),
+        "judgement": {},
+    }
     save_ship(SimpleNamespace(candidates=candidates, motion=motion, names=("a",), remarks=("b",), **settings), out)
 
 

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import pytest
 
+import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.replication import page
 from tests.journeys.cases import run
@@ -17,6 +18,9 @@ def test_study_passes_its_options_on(tmp_path, monkeypatch, capsys):
         return SimpleNamespace(comparisons=[]), Path(out) / "index.html"
 
     monkeypatch.setattr(page, "reported_study", reported_study)
+    monkeypatch.chdir(tmp_path)
+    Path("my").mkdir()
+    Path("my/other.toml").write_text((Path(ps.__file__).parents[2] / "models" / "container.toml").read_text())
     run("study", "--vessel", "my/other.toml", "--level", 0.05, "--seed", 3, "--quiet")
     ((out, settings),) = called
     assert out == Path("reports/other")

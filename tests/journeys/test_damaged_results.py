@@ -76,13 +76,6 @@ def test_damaged_results_are_read_as_they_were_or_refused_in_a_sentence(whole, t
     assert min(counts[name, "refused"] for name in whole) > 10, counts
 
 
-@pytest.mark.slow
-def test_a_thousand_damaged_results(whole, tmp_path):
-    counts = fuzz(whole, tmp_path, range(1000, 2000))
-    print(counts)
-    assert min(counts[name, "refused"] for name in whole) > 100, counts
-
-
 @pytest.mark.parametrize(
     ("command", "name", "file", "remark"),
     [
@@ -137,10 +130,3 @@ def test_mutated_trials_with_mutated_formats_are_checked_or_refused(made, tmp_pa
     counts = fuzz_trials(trial_and_format(made), tmp_path, range(200))
     assert set(counts) == {0, 2, 3} or set(counts) == {2, 3}, counts
     assert counts[2] > 20
-
-
-@pytest.mark.slow
-def test_five_thousand_mutated_trials_with_formats(made, tmp_path):
-    counts = fuzz_trials(trial_and_format(made), tmp_path, range(1000, 6000))
-    print(counts)
-    assert counts[2] > 500

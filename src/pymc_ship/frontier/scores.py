@@ -118,7 +118,8 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
     Returns
     -------
     dict
-        ``error``: RMSE of the median over the range of the channel [%], mean over the scored channels that move;
+        ``error``: RMSE of the median over the range of the channel [%], mean over the scored channels that move and
+        that the model has;
         ``coverage``: share of instants inside the band [%], mean likewise; ``share_diverged`` and, NaN where unknown,
         ``share_extrapolated`` [%], with the sentence ``extrapolation``; for each index its reference, median and band.
     """
@@ -126,7 +127,7 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
     errors, coverages = [], []
     for name in channel_names(lambda channel: channel.scored):
         true = reference[name].values
-        if np.ptp(true) == 0.0:
+        if name not in bands or np.ptp(true) == 0.0:
             continue
         lower, median, upper = (bands[name].sel(band=band).values for band in BANDS)
         errors.append(100.0 * np.sqrt(np.mean((median - true) ** 2)) / np.ptp(true))
