@@ -77,6 +77,34 @@ def test_the_next_run_removes_what_a_killed_one_left(tmp_path, how):
     assert partials(out) == []
 
 
+@pytest.mark.parametrize("step", [1, 2, 3, 20, PARTS + 3, PARTS + 4, PARTS + 5])
+def test_a_run_that_is_killed_while_it_removes_its_partial_results_leaves_them_to_the_next(tmp_path, step):
+    """The lock is removed last; an empty folder without one is left behind by whatever run."""
+    out = prepared("folder", tmp_path)
+    assert started("killed_in_removal", "folder", out, "new", step).wait() == -signal.SIGKILL
+    assert len(partials(out)) >= 1
+    settle(out)
+    assert partials(out) == []
+    assert read("folder", out) == ["new"] * PARTS
+
+
+def test_a_run_whose_empty_folder_was_taken_for_left_behind_makes_another(tmp_path, monkeypatch):
+    made, taken = files.tempfile.mkdtemp, []
+
+    def mkdtemp(**settings):
+        box = made(**settings)
+        if not taken:
+            taken.append(box)
+            settle(tmp_path)
+        return box
+
+    monkeypatch.setattr(files.tempfile, "mkdtemp", mkdtemp)
+    write("file", tmp_path, "new")
+    assert not os.path.exists(taken[0])
+    assert read("file", tmp_path) == ["new"] * PARTS
+    assert partials(tmp_path) == []
+
+
 def test_a_run_that_lives_keeps_its_partial_results(tmp_path):
     with staged(tmp_path / "a.csv") as mine, staged_files(tmp_path) as others:
         mine.write_text("mine")

@@ -55,6 +55,20 @@ def killed_at(how, out, mark, step):
     write(how, out, mark)
 
 
+def killed_in_removal(how, out, mark, step):
+    """Write, but die when a file or folder is to be removed for the time ``step``."""
+    calls = []
+
+    def hook(event, arguments):
+        if event in ("os.remove", "os.rmdir"):
+            calls.append(arguments)
+            if len(calls) == step:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(hook)
+    write(how, out, mark)
+
+
 def started(name, *arguments):
     """Process that calls a function of this module."""
     code = "from pathlib import Path\nimport tests.machine.writers as w\n"

@@ -162,7 +162,7 @@ def settle(folder: str | Path) -> None:
     folder = Path(folder)
     with suppress(OSError):
         boxes = [path for path in folder.iterdir() if _BOX.fullmatch(path.name)]
-        if not boxes:
+        if not boxes and not (folder / _TURN).exists():
             return
         with tempfile.TemporaryFile(dir=folder) as fresh:
             clock = os.fstat(fresh.fileno()).st_mtime
@@ -171,6 +171,8 @@ def settle(folder: str | Path) -> None:
                 with suppress(OSError), _left_behind(box, clock) as left:
                     if left:
                         _resume(box)
+                with suppress(OSError):  # killed before its lock was made or after it was removed
+                    box.rmdir()
 
 
 @contextmanager
@@ -188,17 +190,17 @@ def _told(path: Path) -> Iterator[None]:
 def _box(folder: Path) -> Iterator[Path]:
     """Folder of partial results of this run, locked as long as the block lasts and removed then."""
     settle(folder)
-    while True:
+    lock = None
+    while lock is None:
         box = Path(tempfile.mkdtemp(prefix=f".partial-{_HOST}-{os.getpid()}-", dir=folder))
-        lock = _locked(box / _LOCK)
-        if lock is not None:
-            break
+        with suppress(FileNotFoundError):  # another run took the folder, empty yet, for left behind
+            lock = _locked(box / _LOCK)
     try:
         (box / _NEW).mkdir()
         yield box
     finally:
         if not (box / _READY).exists():  # else a later run moves what could not be moved now
-            _remove(box)
+            _clear(box)
         os.close(lock)
 
 
@@ -266,10 +268,10 @@ def _resume(box: Path) -> None:
     if (box / _READY).exists():
         _deliver(box)
     elif (box / _BEFORE).exists():
-        for new in (box / _NEW).iterdir():
+        for new in (box / _NEW).glob("*"):
             if not os.path.lexists(box.parent / new.name):
                 os.replace(new, box.parent / new.name)
-    _remove(box)
+    _clear(box)
 
 
 def _deliver(box: Path, last: str = "") -> None:
@@ -300,6 +302,16 @@ def _swap(box: Path, path: Path) -> None:
 def _files(folder: Path) -> list[Path]:
     """Files below a folder, by their places in it."""
     return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+
+
+def _clear(box: Path) -> None:
+    """Remove a folder of partial results, its lock last, so that a kill meanwhile leaves it to the next run."""
+    for path in box.iterdir():
+        if path.name != _LOCK:
+            _remove(path)
+    (box / _LOCK).unlink(missing_ok=True)
+    with suppress(FileNotFoundError):
+        box.rmdir()
 
 
 def _remove(path: Path) -> None:
