@@ -181,8 +181,14 @@ class TestStorage:
         with pytest.raises(ValueError, match="is no posterior written by this package: it has no group posterior"):
             read_posterior(path)
         trial.to_netcdf(path) if suffix == ".nc" else trial.to_zarr(path, mode="w", consolidated=False)
-        with pytest.raises(ValueError, match="is no posterior written by this package: its checksum is missing or"):
+        with pytest.raises(ValueError, match="is no posterior written by this package: it has no group posterior"):
             read_posterior(path)
+
+    @pytest.mark.parametrize("suffix", FORMATS)
+    def test_a_tree_that_carries_no_checksum_is_read(self, tmp_path, suffix):
+        path = tmp_path / f"surge{suffix}"
+        tree().to_netcdf(path) if suffix == ".nc" else tree().to_zarr(path, consolidated=False)
+        assert read_posterior(path).identical(tree())
 
     @pytest.mark.parametrize("place", ["zarr.json", "posterior/zarr.json", "posterior/coefficients/c/0/0/0"])
     def test_a_zarr_folder_that_was_changed_is_refused(self, tmp_path, place):

@@ -24,8 +24,8 @@ def append_checksum(path: str | Path) -> None:
         file.write(_MARK + found.encode())
 
 
-def has_its_checksum(path: str | Path) -> bool:
-    """Whether a file ends with the checksum of what stands before it.
+def fits_its_checksum(path: str | Path) -> bool:
+    """Whether a file that ends with a checksum is what it was; a file that carries none passes.
 
     Raises
     ------
@@ -35,9 +35,10 @@ def has_its_checksum(path: str | Path) -> bool:
     with Path(path).open("rb") as file:
         size = file.seek(0, os.SEEK_END) - len(_MARK) - 2 * hashlib.sha256().digest_size
         if size < 0:
-            return False
+            return True
         file.seek(size)
-        return file.read() == _MARK + _digest(file, size).encode()
+        end = file.read()
+        return not end.startswith(_MARK) or end == _MARK + _digest(file, size).encode()
 
 
 def folder_checksum(folder: str | Path, names: Iterable[str | Path], said: Mapping) -> str:

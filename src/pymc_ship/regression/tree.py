@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_its_checksum
+from pymc_ship.machine.checksums import append_checksum, fits_its_checksum, folder_checksum
 from pymc_ship.machine.files import settle, staged
 from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior
@@ -229,7 +229,9 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
 
 
 def read_posterior(path: str | Path) -> xr.DataTree:
-    """Read a posterior written by :func:`write_posterior` into memory.
+    """Read a posterior into memory, as :func:`write_posterior` or the ``to_netcdf`` or ``to_zarr`` of a tree wrote it.
+
+    A file that carries a checksum must fit it; one that carries none is read as it is.
 
     Raises
     ------
@@ -243,11 +245,11 @@ def read_posterior(path: str | Path) -> xr.DataTree:
     zarr = path.suffix == ".zarr"
     engine, options = ("zarr", {"consolidated": False}) if zarr else ("netcdf4", {})
     try:
-        if not (_zarr_is_whole(path) if zarr else has_its_checksum(path)):
-            raise _NoPosteriorError("its checksum is missing or does not fit; copy or make it again")
+        if not (_zarr_is_whole(path) if zarr else fits_its_checksum(path)):
+            raise _NoPosteriorError("its checksum does not fit; copy or make it again")
         with xr.open_datatree(path, engine=engine, **options) as stored:
             tree = stored.load()
-    except (OSError, _NoPosteriorError) as error:
+    except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{path} is no posterior written by this package: {error}.") from None
     tree.attrs.pop(_SUM, None)
     if "posterior" not in tree.children:
@@ -267,10 +269,11 @@ def _to_netcdf(tree: xr.DataTree, path: Path) -> None:
 
 
 def _zarr_is_whole(path: Path) -> bool:
-    """Whether the index of a Zarr folder has the checksum of the folder."""
+    """Whether a Zarr folder is what the checksum in its index says; a folder whose index has none passes."""
     try:
         index = json.loads((path / _ZARR).read_text(encoding="utf-8"))
-        return index["attributes"].pop(_SUM) == _zarr_checksum(path, index)
+        given = index["attributes"].pop(_SUM, None)
+        return given is None or given == _zarr_checksum(path, index)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return False
 

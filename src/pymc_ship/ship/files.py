@@ -169,8 +169,8 @@ def load_ship(out: str | Path) -> IdentifiedShip:
     folder = Path(out) / FOLDER
     try:
         index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
-        given = index.pop(_SUM)
-        whole = given == _checksum(folder, index)
+        given = index.pop(_SUM, None)
+        whole = given is None or given == _checksum(folder, index)
     except OSError as error:
         reason = error.strerror or error
         raise VesselError(f"{folder} holds no identified ship: {reason}; run `pymc-ship identify` first.") from None
