@@ -15,7 +15,7 @@ frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> re
 test: $(STAMP) lint  ## every test, a file at a time on each core
 	$(PYTHON) -m pytest -q -n auto --maxprocesses 4 --dist loadfile
 
-test-fast: $(STAMP)  ## without the slow tests, under two minutes on two cores
+test-fast: $(STAMP)  ## without the slow tests, under seven minutes on two cores
 	$(PYTHON) -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow"
 
 consistency: $(STAMP)  ## every path to a posterior against the others and against simulated truth, with the largest z
