@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.checks.plausibility import DRIFT, SLOW, _faults, piece_check
-from pymc_ship.checks.verdicts import ship_blocks, ship_scale
+from pymc_ship.checks.plausibility import DRIFT, _faults, piece_check
+from pymc_ship.checks.verdicts import SLOW, ship_blocks, ship_scale
 from tests.checks.cases import alarms, changed, found, noisy, simulated
 
 

@@ -10,6 +10,7 @@ from pymc_ship.checks.verdicts import (
     Blocks,
     Check,
     ShipScale,
+    needed,
     not_checked,
     regressed,
     straight_approach,
@@ -82,9 +83,8 @@ def _sd(values: np.ndarray) -> float:
 
 def range_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Ranges of v/U, rL/U, rudder and speed."""
-    missing = [name for name in ("u", "v", "r", "delta") if name not in trial]
-    if missing:
-        return not_checked("ranges", f"no {', '.join(missing)} in the record")
+    if reason := needed(trial, ("u", "v", "r", "delta")):
+        return not_checked("ranges", reason)
     U = np.maximum(np.hypot(trial["u"].values, trial["v"].values), 1e-3 * scale.U)
     drift, turn = (
         float(np.quantile(np.abs(values), 0.99)) for values in (trial["v"].values / U, trial["r"].values * scale.L / U)

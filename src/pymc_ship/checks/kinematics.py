@@ -1,7 +1,7 @@
-"""Kinematic closure of a trial: whether measured velocities lead to the measured heading, roll and track.
+"""Kinematic closure of a trial: whether rates lead to heading and roll, and the track to course and speed.
 
-psi_dot = r cos phi, phi_dot = p, x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi. Both
-sides are integrated and averaged over blocks of a share of L/U, and the increments from block to block regressed on
+psi_dot = r cos phi, phi_dot = p; the velocities of the track are in :mod:`pymc_ship.checks.track`. Both sides are
+integrated and averaged over blocks of a share of L/U, and the increments from block to block regressed on
 each other: the noise of a position or an angle is averaged, that of a velocity integrated, and the increments are close
 to independent, so that ordinary standard errors hold.
 """
@@ -13,10 +13,13 @@ import xarray as xr
 
 from pymc_ship.checks.verdicts import (
     SIGNIFICANT,
+    SLOW,
     Blocks,
     Check,
     ShipScale,
     integral,
+    longest_piece,
+    needed,
     not_checked,
     regressed,
     ship_blocks,
@@ -32,11 +35,11 @@ SWAPPED = 0.5
 SPEED_BAD = 0.2
 """Scale error of the speed beyond which neither a current nor the calibration of a log explains it."""
 
-UNDER_WAY = 0.3
-"""Share of the record's own speed below which the course of a track says nothing of the heading."""
-
 HEADING_DRIFT = 0.2
 """Drift of the heading [deg] in five L/U, the window a model is scored on, from which a gyro offset matters."""
+
+YAW_BLOCK = 0.25
+"""Share of L/U over which yaw and track are averaged."""
 
 FACTORS = {
     0.514444: "knots taken for m/s",
@@ -51,9 +54,6 @@ FACTORS = {
 
 _RATE_CHECKS = {"r": ("yaw rate", "gyro offset"), "p": ("roll rate", "roll rate offset")}
 _DEGREE = 180.0 / np.pi
-YAW_BLOCK = 0.25
-"""Share of L/U over which yaw and track are averaged."""
-
 _ROLL_BLOCK = 0.05  # share of L/U
 _LOG_WIDTH = 0.05  # a ratio this near to a known factor is that factor
 
@@ -159,12 +159,6 @@ def heel(trial: xr.Dataset) -> np.ndarray:
     return trial["phi"].values if "phi" in trial else np.zeros(trial.sizes["time"])
 
 
-def needed(trial: xr.Dataset, channels: tuple[str, ...]) -> str:
-    """Reason for which a check cannot be made: the channels that it needs and the trial lacks; empty if none."""
-    missing = [name for name in channels if name not in trial]
-    return f"no {', '.join(missing)} in the record" if missing else ""
-
-
 def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Heading against the course over ground: psi in deg or another frame (both r and psi may be wrong alike)."""
     if reason := needed(trial, ("x", "y", "psi")):
@@ -187,11 +181,10 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 def _under_way(trial: xr.Dataset, blocks: Blocks) -> slice:
     """Longest piece of a track, in blocks, in which the ship is not slow and not astern."""
     speed = np.hypot(*(blocks.increments(trial[name].values) for name in ("x", "y")))
-    moving = speed > UNDER_WAY * np.quantile(speed, 0.95)
+    moving = speed > SLOW * np.quantile(speed, 0.95)
     if "u" in trial:
         moving &= blocks.middles(trial["u"].values) > 0.0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]))).reshape(-1, 2)
-    return slice(*max(edges.tolist(), key=lambda edge: edge[1] - edge[0], default=(0, 0)))
+    return longest_piece(moving)
 
 
 def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:

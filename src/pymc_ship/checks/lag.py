@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.checks.kinematics import heel, needed
-from pymc_ship.checks.track import TrackBlocks, body_velocity, earth_velocity, lever_fit, track_blocks
-from pymc_ship.checks.verdicts import SIGNIFICANT, Check, ShipScale, not_checked, regressed
+from pymc_ship.checks.track import TrackBlocks, body_velocity, earth_velocity, lever_fit, track_blocks, turned_to_earth
+from pymc_ship.checks.verdicts import SIGNIFICANT, Check, ShipScale, needed, not_checked, regressed
 from pymc_ship.trial.record import sampling_interval
 
 LAG = 0.01
@@ -86,28 +85,18 @@ class _Reading:
 def _sailed(trial: xr.Dataset, track: TrackBlocks, kind: str, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Increments of the track that late velocities mean, and their derivative by the lag, each (2, n_blocks - 1)."""
     time, interval = trial["time"].values, sampling_interval(trial)
-    psi, phi = trial["psi"].values, heel(trial)
     pair = earth_velocity(trial) if kind == "earth" else (trial["u"].values, trial["v"].values)
     pair = [_later(time, values, seconds) for values in pair]
-    slopes = [np.gradient(values, interval) for values in pair]
-    if kind == "earth":
-        return track.sailed(*pair), track.sailed(*slopes)
-
-    def turned(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        sway = v * np.cos(phi)
-        return track.sailed(u * np.cos(psi) - sway * np.sin(psi), u * np.sin(psi) + sway * np.cos(psi))
-
-    return turned(*pair), turned(*slopes)
+    both = pair, [np.gradient(values, interval) for values in pair]
+    return tuple(track.sailed(*(uv if kind == "earth" else turned_to_earth(*uv, trial))) for uv in both)
 
 
 def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float) -> _Reading:
     """Least-squares lag of a kind, beside constant offsets of the velocity (Gauss-Newton)."""
-    idle = np.zeros_like(track.time)
-    offsets = [np.concatenate([track.time, idle]), np.concatenate([idle, track.time])]
     seconds = 0.0
     for _ in range(_STEPS):
         predicted, slope = _sailed(trial, track, kind, seconds)
-        (step, *_), (error, *_), residuals = regressed([slope.ravel(), *offsets], (measured - predicted).ravel())
+        (step, *_), (error, *_), residuals = regressed([slope.ravel(), *track.offsets], (measured - predicted).ravel())
         seconds = float(np.clip(seconds + step, -longest, longest))
         if abs(step) < _CONVERGED:
             break

@@ -13,7 +13,17 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.checks.kinematics import FACTORS
-from pymc_ship.checks.verdicts import SIGNIFICANT, Check, ShipScale, not_checked, regressed, ship_blocks
+from pymc_ship.checks.verdicts import (
+    SIGNIFICANT,
+    SLOW,
+    Check,
+    ShipScale,
+    longest_piece,
+    needed,
+    not_checked,
+    regressed,
+    ship_blocks,
+)
 from pymc_ship.forces.prime_system import GRAVITY
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.vessel import Vessel
@@ -23,9 +33,6 @@ DRIFT = 0.6
 
 TURNING = 2.0
 """Largest rL/U of a ship that sails ahead: a circle of one ship length in diameter."""
-
-SLOW = 0.3
-"""Share of the record's own speed below which prime values, which divide by its square, mean nothing."""
 
 SHORTEST_PIECE = 2.5
 """Shortest piece of a record [L/U] that can be fitted: half a window, see :mod:`pymc_ship.trajectory.windows`."""
@@ -47,7 +54,9 @@ class Range:
 
 
 RANGES = {
-    "share ahead": Range((0.25, 1.0), (0.25, 1.0), 1.0, 2.0, "sails ahead with |v|/U below 0.6 for {:.0%} of the time"),
+    "share ahead": Range(
+        (0.25, 1.0), (0.25, 1.0), 1.0, 2.0, "she sails ahead with |v|/U below 0.6 for {:.0%} of the time"
+    ),
     "rL/U": Range((0.0, TURNING), (0.0, 1.2), 0.4, 2.0, "rL/U reaches {:.2g} (ships: up to 1)"),
     "rU/g": Range((0.0, 0.2), (0.0, 0.1), 0.01, 3.0, "r U reaches {:.2g} of gravity (ships: up to 0.05)"),
     "pivot point": Range(
@@ -189,7 +198,7 @@ def _nominal(motion: _Motion) -> str:
 
 
 def _explanation(motion: _Motion) -> str:
-    """Sentence on the mistake that explains the quantities best, empty where none does."""
+    """Sentence on the mistake that explains the quantities best, or that none does."""
     mended = {mistake: _quantities(changed) for mistake, changed in _mistakes(motion).items()}
     whole = {mistake: found for mistake, found in mended.items() if not _faults(found)}
     if not whole:
@@ -219,9 +228,8 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
         "plausibility"; its numbers are the quantities of :data:`RANGES`.
     """
     name = "plausibility"
-    missing = [channel for channel in ("u", "v", "r") if channel not in trial]
-    if missing:
-        return not_checked(name, f"no {', '.join(missing)} in the record")
+    if reason := needed(trial, ("u", "v", "r")):
+        return not_checked(name, reason)
     motion, _ = _motion(trial, scale, vessel)
     if not motion.fast > 0.0:
         return Check(name, "bad", "The ship does not move; check u and v.")
@@ -251,23 +259,22 @@ def piece_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         "motion ahead"; its numbers "from" and "until" [s] are the ends of the piece, to which a trial is cut.
     """
     name = "motion ahead"
-    missing = [channel for channel in ("u", "v", "r") if channel not in trial]
-    if missing:
-        return not_checked(name, f"no {', '.join(missing)} in the record")
+    if reason := needed(trial, ("u", "v", "r")):
+        return not_checked(name, reason)
     motion, size = _motion(trial, scale, None)
     held = motion.ahead & (np.abs(motion.r) * scale.L <= TURNING * motion.U if scale.known else True)
     time = trial["time"].values
     if held.all():
         return Check(name, "good", "The ship sails ahead all the time.", _piece(time[0], time[-1]))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]))).reshape(-1, 2)
-    begin, end = max(edges, key=lambda edge: edge[1] - edge[0], default=(0, 0))
+    longest = longest_piece(held)
+    begin, end = longest.start, longest.stop
     last = time.size - 1 if end == held.size else end * size - 1
     numbers = _piece(time[begin * size], time[max(last, begin * size)])
     piece = numbers[1][1] - numbers[0][1]
     text = f"The ship sails ahead, above {SLOW:.0%} of her speed and with |v|/U below {DRIFT:g},"
     if piece < SHORTEST_PIECE * scale.time:
-        longest = f"for {piece:.3g} s at most" if end > begin else "at no time"
-        text = f"{text} {longest}; the models hold nothing else, and a fit takes {SHORTEST_PIECE * scale.time:.3g} s."
+        most = f"for {piece:.3g} s at most" if end > begin else "at no time"
+        text = f"{text} {most}; the models hold nothing else, and a fit takes {SHORTEST_PIECE * scale.time:.3g} s."
         return Check(name, "bad", text, numbers)
     text = (
         f"{text} from {numbers[0][1]:.4g} to {numbers[1][1]:.4g} s; only this piece is used ({held.mean():.0%} do so)."

@@ -9,6 +9,7 @@ from pymc_ship.checks.verdicts import (
     SIGNIFICANT,
     Check,
     ShipScale,
+    needed,
     not_checked,
     regressed,
     ship_blocks,
@@ -54,9 +55,8 @@ def rudder_unit_check(trial: xr.Dataset) -> Check:
 
 def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Sign of the yaw acceleration that a rudder angle brings (Nomoto's equation), or of their lagged correlation."""
-    missing = [name for name in ("delta", "r") if name not in trial]
-    if missing:
-        return not_checked("rudder sign", f"no {', '.join(missing)} in the record")
+    if reason := needed(trial, ("delta", "r")):
+        return not_checked("rudder sign", reason)
     blocks = ship_blocks(trial, scale, _BLOCK)
     time = blocks.increments(trial["time"].values)
     delta, r = (blocks.middles(trial[name].values) for name in ("delta", "r"))

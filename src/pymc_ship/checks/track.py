@@ -1,4 +1,4 @@
-"""Whether measured velocities lead to the measured track: axes, sign of v, lag, lever arm and drift.
+"""Whether measured velocities lead to the measured track: axes, sign of v, lever arm and drift.
 
 x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi. Both sides are integrated, averaged over
 blocks and their increments compared, as in :mod:`pymc_ship.checks.kinematics`.
@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.checks.kinematics import YAW_BLOCK, heel, needed
+from pymc_ship.checks.kinematics import YAW_BLOCK, heel
 from pymc_ship.checks.verdicts import (
     SIGNIFICANT,
     Blocks,
     Check,
     ShipScale,
     integral,
+    needed,
     not_checked,
     regressed,
     ship_blocks,
@@ -49,6 +50,12 @@ class TrackBlocks:
     psi: np.ndarray
     time: np.ndarray
 
+    @property
+    def offsets(self) -> list[np.ndarray]:
+        """What a constant velocity of 1 m/s forward, and one to starboard, adds to both rows of the increments."""
+        idle = np.zeros_like(self.time)
+        return [np.concatenate([self.time, idle]), np.concatenate([idle, self.time])]
+
     def increments(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Increments of a track forward and to starboard of the mean heading, shape (2, n_blocks - 1)."""
         x, y, cos, sin = self.blocks.increments(x), self.blocks.increments(y), np.cos(self.psi), np.sin(self.psi)
@@ -78,6 +85,11 @@ def earth_velocity(trial: xr.Dataset, axes: str = "body", sign: float = 1.0) -> 
     u, v = trial["u"].values, sign * trial["v"].values
     if axes == "earth":
         return u, v
+    return turned_to_earth(u, v, trial)
+
+
+def turned_to_earth(u: np.ndarray, v: np.ndarray, trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """x_dot and y_dot [m/s] of body-fixed u and v [m/s] at the heading and heel of a trial."""
     psi, sway = trial["psi"].values, v * np.cos(heel(trial))
     return u * np.cos(psi) - sway * np.sin(psi), u * np.sin(psi) + sway * np.cos(psi)
 
@@ -142,12 +154,7 @@ def _misfit(
 
 def lever_fit(trial: xr.Dataset, track: TrackBlocks, missing: np.ndarray) -> tuple[float, float, np.ndarray]:
     """Lever arm [m], its standard error and the residuals, beside constant offsets of both velocities."""
-    idle = np.zeros_like(track.time)
-    columns = [
-        _lever_column(trial, track).ravel(),
-        np.concatenate([track.time, idle]),
-        np.concatenate([idle, track.time]),
-    ]
+    columns = [_lever_column(trial, track).ravel(), *track.offsets]
     coefficients, errors, residuals = regressed(columns, missing.ravel())
     return float(coefficients[0]), float(errors[0]), residuals
 
@@ -178,9 +185,7 @@ def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     track, measured = track_blocks(trial, scale)
     predicted = track.sailed(*earth_velocity(trial))
     missing, sailed = track.earth(measured - predicted), float(np.hypot(*measured).sum())
-    idle = np.zeros_like(track.time)
-    constant = [np.concatenate([track.time, idle]), np.concatenate([idle, track.time])]
-    fit, _, residuals = regressed([*constant, track.earth(predicted).ravel()], missing.ravel())
+    fit, _, residuals = regressed([*track.offsets, track.earth(predicted).ravel()], missing.ravel())
     drift, left = (float(np.hypot(*np.cumsum(rows, axis=1)).max()) for rows in (missing, residuals.reshape(2, -1)))
     numbers = (("drift", drift, "m"), ("drift over L", drift / scale.L, ""), ("unexplained", left, "m"))
     good, bad = (max(a * scale.L, b * sailed) for a, b in (DRIFT_GOOD, DRIFT_BAD))

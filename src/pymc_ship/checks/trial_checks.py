@@ -100,9 +100,10 @@ def trial_checks(
     yaw_sign = next(check for check in closure if check.name == "yaw rate")
     found += closure
     plausible = plausibility_check(trial, scale, vessel)
-    piece = piece_check(trial, scale)
     if plausible.verdict == "bad":
-        piece = not_checked(piece.name, "the motion must be that of a ship first")
+        piece = not_checked("motion ahead", "the motion must be that of a ship first")
+    else:
+        piece = piece_check(trial, scale)
     found += [plausible, piece]
     trial = _mended(trial, [piece])
     found += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")

@@ -16,6 +16,9 @@ SIGNIFICANT = 5.0
 TIGHTEST_TURN = 0.4
 """L over the smallest radius U/|r| where L is unknown: hard zigzags and turns of merchant ships reach 0.3 to 0.6."""
 
+SLOW = 0.3
+"""Share of the record's own speed below which a course means nothing, nor do prime values, which divide by U^2."""
+
 _DIFFERENCE = 0.6744897501960817 * np.sqrt(2.0)
 _IDLE = 1e-100
 
@@ -50,6 +53,18 @@ class Check:
 def not_checked(name: str, reason: str, numbers: tuple[tuple[str, float, str], ...] = ()) -> Check:
     """A check that could not be made, with the reason."""
     return Check(name, "not checked", f"Not checked: {reason}.", numbers)
+
+
+def needed(trial: xr.Dataset, channels: tuple[str, ...]) -> str:
+    """Reason for which a check cannot be made: the channels that it needs and the trial lacks; empty if none."""
+    missing = [name for name in channels if name not in trial]
+    return f"no {', '.join(missing)} in the record" if missing else ""
+
+
+def longest_piece(wanted: np.ndarray) -> slice:
+    """Longest run of neighbours that are wanted, the first of equal ones; an empty slice where none is."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]))).reshape(-1, 2)
+    return slice(*max(edges.tolist(), key=lambda edge: edge[1] - edge[0], default=(0, 0)))
 
 
 @dataclass(frozen=True)

@@ -246,7 +246,7 @@ def read_posterior(path: str | Path) -> xr.DataTree:
     engine, options = ("zarr", {"consolidated": False}) if zarr else ("netcdf4", {})
     try:
         if not (_zarr_is_whole(path) if zarr else fits_its_checksum(path)):
-            raise _NoPosteriorError("its checksum does not fit; copy or make it again")
+            raise ValueError("its checksum does not fit; copy or make it again")
         with xr.open_datatree(path, engine=engine, **options) as stored:
             tree = stored.load()
     except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
@@ -255,10 +255,6 @@ def read_posterior(path: str | Path) -> xr.DataTree:
     if "posterior" not in tree.children:
         raise ValueError(f"{path} is no posterior written by this package: it has no group posterior.")
     return tree
-
-
-class _NoPosteriorError(ValueError):
-    """What speaks against a posterior."""
 
 
 def _to_netcdf(tree: xr.DataTree, path: Path) -> None:
