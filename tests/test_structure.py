@@ -25,18 +25,19 @@ WINGS = {
     "manoeuvre": "machine vessel trial denoising",
     "motion": "machine forces vessel trial denoising manoeuvre",
     "checks": "machine forces vessel trial motion",
-    "regression": "machine forces vessel trial denoising motion",
+    "rows": "machine forces vessel trial denoising motion",
+    "regression": "machine forces vessel rows",
     "trajectory": "machine forces vessel trial motion regression",
-    "sampling": "machine vessel motion regression trajectory",
+    "sampling": "machine vessel motion rows regression trajectory",
     "forecasting": "machine pages forces vessel trial manoeuvre motion",
     "design": "vessel trial manoeuvre motion trajectory forecasting",
-    "ship": "machine pages forces vessel trial manoeuvre motion checks regression trajectory forecasting",
-    "diagnostics": "machine pages vessel trial regression trajectory sampling design",
+    "ship": "machine pages forces vessel trial manoeuvre motion checks rows regression trajectory forecasting",
+    "diagnostics": "machine pages vessel trial rows regression trajectory sampling design",
     "frontier": "machine pages vessel trial denoising manoeuvre motion regression trajectory forecasting design",
-    "replication": "machine pages vessel trial denoising manoeuvre motion regression trajectory sampling forecasting "
-    "diagnostics frontier",
+    "replication": "machine pages vessel trial denoising manoeuvre motion rows regression trajectory sampling "
+    "forecasting diagnostics frontier",
     "experiments": "machine pages vessel trial denoising manoeuvre motion trajectory frontier",
-    "cli": "machine vessel trial manoeuvre checks regression forecasting ship diagnostics frontier replication "
+    "cli": "machine vessel trial manoeuvre checks rows regression forecasting ship diagnostics frontier replication "
     "experiments",
 }
 """The wings of the house, from the ground up, and the wings that each may import."""

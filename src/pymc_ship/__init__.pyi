@@ -42,9 +42,6 @@ from pymc_ship.motion.weak_form import weak_form_start as weak_form_start
 from pymc_ship.regression.conjugate import ConjugatePrior as ConjugatePrior
 from pymc_ship.regression.conjugate import conjugate as conjugate
 from pymc_ship.regression.conjugate import conjugate_posterior as conjugate_posterior
-from pymc_ship.regression.data import RegressionData as RegressionData
-from pymc_ship.regression.data import RegressionDataError as RegressionDataError
-from pymc_ship.regression.data import regression_data as regression_data
 from pymc_ship.regression.families import register_family as register_family
 from pymc_ship.regression.identify import Identification as Identification
 from pymc_ship.regression.identify import identify as identify
@@ -59,8 +56,6 @@ from pymc_ship.regression.priors import PriorError as PriorError
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior as SemiConjugatePrior
 from pymc_ship.regression.semiconjugate import semiconjugate as semiconjugate
 from pymc_ship.regression.semiconjugate import semiconjugate_posterior as semiconjugate_posterior
-from pymc_ship.regression.streamed import StreamedRegression as StreamedRegression
-from pymc_ship.regression.streamed import stream_regression as stream_regression
 from pymc_ship.regression.tree import read_posterior as read_posterior
 from pymc_ship.regression.tree import write_posterior as write_posterior
 from pymc_ship.regression.tune import maximise_evidence as maximise_evidence
@@ -68,6 +63,11 @@ from pymc_ship.regression.tune import tune_prior as tune_prior
 from pymc_ship.replication.page import study as study
 from pymc_ship.replication.study import StudyResult as StudyResult
 from pymc_ship.replication.study import run_study as run_study
+from pymc_ship.rows.data import RegressionData as RegressionData
+from pymc_ship.rows.from_trials import regression_data as regression_data
+from pymc_ship.rows.scaling import RegressionDataError as RegressionDataError
+from pymc_ship.rows.streamed import StreamedRegression as StreamedRegression
+from pymc_ship.rows.streamed import stream_regression as stream_regression
 from pymc_ship.sampling.gibbs import gibbs as gibbs
 from pymc_ship.sampling.gibbs import gibbs_posterior as gibbs_posterior
 from pymc_ship.sampling.predictive import with_predictive as with_predictive

@@ -16,8 +16,8 @@ from pymc_ship.manoeuvre.kinds import SIDES
 from pymc_ship.motion.stepping import METHODS
 from pymc_ship.regression import cross_validation
 from pymc_ship.regression import identify as identification
-from pymc_ship.regression.data import WEAK
 from pymc_ship.regression.families import FAMILIES
+from pymc_ship.rows.from_trials import WEAK
 from pymc_ship.ship import candidates as ship_candidates
 from pymc_ship.trajectory.prior import KINDS
 from pymc_ship.vessel.vessel import DOFS

@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import binom
 
 from pymc_ship.diagnostics.calibration import coverage, exact_draws, geweke, rank_p_value, simulation_based_calibration
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.families import FAMILIES
+from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.gibbs import gibbs
 from pymc_ship.sampling.regression_model import nuts_posterior
 from tests.regression.peers import simulated

@@ -8,8 +8,8 @@ from scipy import stats
 
 from pymc_ship.diagnostics.agreement import LEVEL, agreement
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.tree import posterior_tree
+from pymc_ship.rows.data import RegressionData
 
 N_COMPARISONS = 5 * 4
 """Mean, standard deviation and three quantiles of three coefficients and the noise variance."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.rows.data import RegressionData
 from tests.regression.peers import simulated
 
 

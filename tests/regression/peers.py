@@ -11,7 +11,7 @@ import arviz as az
 import numpy as np
 from scipy.stats import norm
 
-from pymc_ship.regression.data import RegressionData
+from pymc_ship.rows.data import RegressionData
 
 FOLDER = Path(__file__).parents[1] / "data" / "regression"
 

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 from scipy import stats
 
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.families import FAMILIES
+from pymc_ship.rows.data import RegressionData
 
 NAMES = ("Y0", "Yv", "Yr", "Yv|v|", "Ydelta")
 HELD = {"Yv|v|": 0.7}

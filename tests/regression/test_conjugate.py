@@ -11,10 +11,11 @@ from scipy import stats
 from scipy.integrate import quad
 
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
-from pymc_ship.regression.data import RegressionData, RegressionDataError
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.regression.tree import rng_state
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.scaling import RegressionDataError
 from tests.regression.peers import largest_z, oracle, simulated, z_limit
 
 SHAPES = [(12, 3), (3, 7), (5, 5), (1, 2)]

@@ -7,8 +7,8 @@ from scipy.special import logsumexp
 
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate
 from pymc_ship.regression.cross_validation import CrossValidationError, cross_validation, fold_rows
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate
+from pymc_ship.rows.data import RegressionData
 from tests.regression.peers import oracle, simulated
 
 PRIORS = [

@@ -12,11 +12,11 @@ import pymc_ship as ps
 from pymc_ship.diagnostics.regression import contraction, prior_of
 from pymc_ship.regression.conjugate import ConjugatePrior
 from pymc_ship.regression.cross_validation import cross_validation
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.regression.tree import independent_posterior, read_posterior, write_posterior
 from pymc_ship.replication.figures import noise_variance
+from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.predictive import prior_draws
 from tests.regression.own_priors import RidgePrior, RootPrior, by_summation
 from tests.regression.peers import simulated

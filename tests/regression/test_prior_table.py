@@ -9,12 +9,12 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate
-from pymc_ship.regression.data import regression_data
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.prior_table import hold_fixed, informed_prior, order_damped_prior, sister_ship_table
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.sampling.gibbs import gibbs, gibbs_posterior
 from pymc_ship.sampling.regression_model import nuts_posterior
 from tests.regression.peers import largest_z, simulated, z_limit

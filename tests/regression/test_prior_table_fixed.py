@@ -8,11 +8,13 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.forecasting.draws import coefficient_draws
-from pymc_ship.regression.data import RegressionData, RegressionDataError, regression_data
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.prior_table import hold_fixed, informed_prior, restore_fixed, sister_ship_table
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate_posterior
 from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.from_trials import regression_data
+from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.sampling.gibbs import gibbs_posterior
 from tests.regression.plain_algebra import HELD, NAMES, agree, base, plain, ship
 

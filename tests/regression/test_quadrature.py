@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate
+from pymc_ship.rows.data import RegressionData
 from tests.regression.cases import case, dense, two_modes, vector_prior
 from tests.regression.peers import oracle, simulated
 

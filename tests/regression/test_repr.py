@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.regression.data import RegressionData
-from pymc_ship.regression.streamed import stream_regression
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.streamed import stream_regression
 
 PRIOR = {"kappa": 10.0, "shape": 3.0, "scale": 0.5}
 

@@ -11,9 +11,10 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from pymc_ship.regression.conjugate import ConjugatePrior
-from pymc_ship.regression.data import RegressionData, RegressionDataError
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate, semiconjugate_posterior
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.scaling import RegressionDataError
 from tests.regression.cases import case, dense, two_modes, vector_prior
 from tests.regression.peers import largest_z, oracle, simulated, z_limit
 

@@ -10,9 +10,9 @@ from scipy import stats
 
 from pymc_ship.machine.files import OutputError
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate_posterior
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate_posterior
 from pymc_ship.regression.tree import posterior_tree, read_posterior, rng_state, write_posterior
+from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.gibbs import gibbs_posterior
 from tests.regression.peers import simulated
 

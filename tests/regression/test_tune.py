@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from pymc_ship.regression.cross_validation import CrossValidationError, cross_validation
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.regression.tune import TuningError, maximise_evidence, tune_prior
+from pymc_ship.rows.data import RegressionData
 from tests.regression.peers import oracle, simulated
 
 module = importlib.import_module("pymc_ship.regression.tune")

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 
 from pymc_ship.regression.conjugate import ConjugatePrior
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.rows.data import RegressionData
 from tests.regression.own_priors import RootPrior
 
 POWER = {ConjugatePrior: 1.0, SemiConjugatePrior: 0.0, RootPrior: 0.5}

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate
 from pymc_ship.regression.tree import rng_state
+from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling import gibbs as module
 from pymc_ship.sampling.gibbs import gibbs, gibbs_posterior
 from tests.regression.peers import cholesky_gibbs, largest_z, oracle, simulated, z_limit

@@ -7,9 +7,10 @@ import pytest
 from scipy import linalg, stats
 
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate
-from pymc_ship.regression.data import RegressionData, RegressionDataError
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.sampling.error_laws import ERRORS
 from pymc_ship.sampling.regression_model import nuts_posterior, pymc_model
 from pymc_ship.sampling.rows_model import row_statistics

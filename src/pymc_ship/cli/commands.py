@@ -327,7 +327,7 @@ def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
     """Denoised trial; as it is where it was smooth before or the weak form smooths for itself."""
-    from pymc_ship.regression.data import WEAK
+    from pymc_ship.rows.from_trials import WEAK
 
     if args.raw or args.derivative in WEAK:
         return trial

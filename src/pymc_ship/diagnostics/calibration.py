@@ -16,8 +16,8 @@ import xarray as xr
 from scipy import special, stats
 
 from pymc_ship.diagnostics.agreement import LEVEL
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior
+from pymc_ship.rows.data import RegressionData
 
 Draws = tuple[np.ndarray, np.ndarray]
 """Coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""

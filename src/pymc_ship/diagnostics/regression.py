@@ -14,9 +14,9 @@ import xarray as xr
 
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, SD_LIMIT, check_draws, has
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.priors import Prior
+from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.error_laws import errors_of
 from pymc_ship.sampling.predictive import predictive, prior_draws
 

@@ -1,7 +1,5 @@
-"""One degree of freedom: rows, priors and exact posteriors.
+"""One degree of freedom: priors and exact posteriors.
 
-- `data`: rows of a regression from a record, and their scaling.
-- `streamed`: more rows than memory holds, reduced chunk by chunk.
 - `priors`: what every prior and every exact posterior knows, and the coordinates that make a posterior diagonal.
 - `prior_table`: priors of single coefficients from tables, held values, sister ships.
 - `quadrature`: one-dimensional integrals on the log scale.

@@ -16,9 +16,10 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.regression.data import RegressionData, RegressionDataError
 from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, rotate
 from pymc_ship.regression.tree import independent_posterior
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.scaling import RegressionDataError
 
 _LOG_2PI = math.log(2.0 * math.pi)
 

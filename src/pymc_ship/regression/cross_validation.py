@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior
+from pymc_ship.rows.data import RegressionData
 
 
 class CrossValidationError(ValueError):

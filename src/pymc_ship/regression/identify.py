@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.regression.data import RegressionData, regression_data
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.priors import ExactPosterior, Prior
 from pymc_ship.regression.tree import independent_posterior
 from pymc_ship.regression.tune import TunedPrior, maximise_evidence, tune_prior
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.vessel.vessel import Vessel
 
 SELECTIONS = ("evidence", "bayesian_optimisation")

@@ -18,8 +18,9 @@ import xarray as xr
 
 from pymc_ship.forces.terms import UnknownTerm, order
 from pymc_ship.machine.arguments import finite_number
-from pymc_ship.regression.data import RegressionData, RegressionDataError
 from pymc_ship.regression.priors import Prior, PriorError
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.vessel.vessel import Vessel
 
 

@@ -1,6 +1,6 @@
 """What every prior and every exact posterior knows, and the coordinates in which a posterior is diagonal.
 
-Priors live on the scaled columns of :class:`~pymc_ship.regression.data.RegressionData` and use the standard
+Priors live on the scaled columns of :class:`~pymc_ship.rows.data.RegressionData` and use the standard
 parametrisation of the inverse gamma, density proportional to x^(-shape-1) exp(-scale/x) (``scale`` of scipy, ``beta``
 of PyMC). The B of Xue et al. (2020) is its reciprocal: ``scale = 1 / B``.
 
@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pymc_ship.regression.data import RegressionData
+from pymc_ship.rows.data import RegressionData
 
 _LOG_2PI = math.log(2.0 * math.pi)
 _SMALLEST_GAMMA = 1e-200  # keeps the noise variance of a prior that is all but improper a finite number

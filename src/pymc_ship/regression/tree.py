@@ -13,8 +13,8 @@ import xarray as xr
 
 from pymc_ship.machine.checksums import append_checksum, fits_its_checksum, folder_checksum
 from pymc_ship.machine.files import settle, staged
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior
+from pymc_ship.rows.data import RegressionData
 
 CITATIONS = {
     "method": "Xue, Liu, Ji & Xue (2020), Ocean Engineering 195:106612, doi:10.1016/j.oceaneng.2019.106612",

@@ -10,9 +10,9 @@ from itertools import product
 import numpy as np
 
 from pymc_ship.regression.cross_validation import cross_validation
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.priors import Prior
+from pymc_ship.rows.data import RegressionData
 
 _STARTS = 12
 _RESOLUTION = 0.1

@@ -18,9 +18,9 @@ from pymc_ship.frontier.estimates import (
 )
 from pymc_ship.frontier.scores import relative_error, summary_rows
 from pymc_ship.regression.cross_validation import cross_validation
-from pymc_ship.regression.data import regression_data
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.identify import Identification, identify
+from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.trajectory.posterior import TrajectoryMode
 from pymc_ship.trial.noise import LITERAL_LEVEL, pollute
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients

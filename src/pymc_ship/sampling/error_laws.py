@@ -27,7 +27,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.regression.data import RegressionData, RegressionDataError
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.scaling import RegressionDataError
 
 _LOG_2PI = math.log(2.0 * math.pi)
 NU_SHAPE, NU_RATE = 2.0, 0.1

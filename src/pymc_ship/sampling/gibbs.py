@@ -15,9 +15,9 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior, PriorError, rotate
 from pymc_ship.regression.tree import posterior_tree, rng_state
+from pymc_ship.rows.data import RegressionData
 
 
 @njit(cache=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior
+from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.error_laws import error_law, errors_of
 
 PREDICTIVE_DRAWS = 500

@@ -21,9 +21,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.regression.conjugate import ConjugatePrior
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior, Rotation, rotate
 from pymc_ship.regression.tree import posterior_tree, rng_state
+from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling import rows_model as error_models
 from pymc_ship.sampling.error_laws import error_law, with_errors
 from pymc_ship.sampling.predictive import with_predictive

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pymc_ship.regression.conjugate import ConjugatePrior
-from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior
+from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.error_laws import ERRORS, NU_RATE, NU_SHAPE, plug_in_autocorrelation
 
 if TYPE_CHECKING:

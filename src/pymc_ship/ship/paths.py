@@ -17,7 +17,8 @@ from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.manoeuvre.recognition import recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.weak_form import evidence_posterior_mean, weak_form_start
-from pymc_ship.regression.data import RegressionDataError, regression_data
+from pymc_ship.rows.from_trials import regression_data
+from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.ship.candidates import chosen_prior, informed, stated_prior
 from pymc_ship.ship.held_out import HeldOut, scored, scored_indices
 from pymc_ship.ship.held_out_indices import index_rows

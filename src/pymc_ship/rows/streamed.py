@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.regression.data import SCALINGS, RegressionDataError, ScaledRegression
+from pymc_ship.rows.scaling import SCALINGS, RegressionDataError, ScaledRegression
 
 _BLOCK = 2048
 """Rows triangularised at a time: they stay in a core's cache."""
@@ -120,7 +120,7 @@ def stream_regression(
     coefficients : sequence of str, optional
         Names of the columns; ``x1``, ``x2``, ... by default.
     scaling : {"none", "zscore"}, optional
-        As :meth:`pymc_ship.regression.data.RegressionData.from_arrays`, over all rows.
+        As :meth:`pymc_ship.rows.data.RegressionData.from_arrays`, over all rows.
 
     Returns
     -------

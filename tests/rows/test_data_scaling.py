@@ -5,10 +5,11 @@ import pytest
 from scipy import stats
 
 from pymc_ship.regression.conjugate import ConjugatePrior
-from pymc_ship.regression.data import RegressionData, RegressionDataError
 from pymc_ship.regression.families import FAMILIES, prior_family
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.scaling import RegressionDataError
 from tests.regression.peers import simulated
 
 

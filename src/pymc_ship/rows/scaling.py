@@ -1,0 +1,96 @@
+"""Scaled columns of a regression: what every posterior takes from its rows, however many they are."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from textwrap import shorten
+
+import numpy as np
+
+SCALINGS = ("none", "zscore")
+"""How columns and response are scaled: not at all, or to zero mean and unit standard deviation."""
+
+
+class RegressionDataError(ValueError):
+    """Data that no regression can use; the sentence says why."""
+
+
+class ScaledRegression:
+    """What posteriors take from regression data, worked out from the scaled columns and how they were scaled.
+
+    A subclass has ``coefficients``, ``column_center``, ``column_scale``, ``response_center``, ``response_scale``,
+    ``constant``, ``constant_level``, ``n_rows``, ``scaled_design_matrix`` and ``scaled_response``, documented in
+    :class:`RegressionData`.
+    """
+
+    def __repr__(self) -> str:
+        """Size, origin, names and scaling; no array is written out."""
+        labels = ", ".join(filter(None, [self.dof, self.vessel, self.derivative]))
+        centred = f"centred on {self.coefficients[self.constant]}" if self.column_center.any() else "not centred"
+        return (
+            f"{type(self).__name__} of {self.n_rows} rows and {self.n_terms} terms{f' ({labels})' * bool(labels)}\n"
+            f"  terms     {shorten(', '.join(self.coefficients), 100, placeholder=' ...')}\n"
+            f"  columns   {centred}, scales {self.column_scale.min():.4g} to {self.column_scale.max():.4g}\n"
+            f"  response  centre {self.response_center:.4g}, scale {self.response_scale:.4g}"
+        )
+
+    @property
+    def n_terms(self) -> int:
+        """Number of columns."""
+        return len(self.coefficients)
+
+    @cached_property
+    def svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Thin singular value decomposition (left, singular_values, right transposed) of the scaled design."""
+        return np.linalg.svd(self.scaled_design_matrix, full_matrices=False)
+
+    @cached_property
+    def projection(self) -> tuple[np.ndarray, float]:
+        """Scaled response along the left singular vectors, and the square of what lies outside them."""
+        left, _, _ = self.svd
+        z = left.T @ self.scaled_response
+        return z, float(np.sum((self.scaled_response - left @ z) ** 2))
+
+    @property
+    def least_squares(self) -> np.ndarray:
+        """Least-squares coefficients of the original columns (of least norm on the scaled ones), shape (n_terms,)."""
+        _, s, right = self.svd
+        kept = s > s[0] * max(self.n_rows, self.n_terms) * np.finfo(float).eps
+        return self.to_original(self.projection[0][kept] / s[kept] @ right[kept])
+
+    @property
+    def condition_number(self) -> float:
+        """Largest over smallest singular value of the scaled design; infinite for more terms than rows."""
+        s = self.svd[1]
+        if self.n_terms > self.n_rows or s[-1] == 0.0:
+            return float("inf")
+        return float(s[0] / s[-1])
+
+    @property
+    def variance_inflation_factors(self) -> np.ndarray:
+        """Factor by which collinearity inflates the variance of each coefficient, shape (n_terms,)."""
+        if not np.isfinite(self.condition_number):
+            return np.full(self.n_terms, np.inf)
+        _, s, right = self.svd
+        return np.sum((right / s[:, None]) ** 2, axis=0) * np.sum(self.scaled_design_matrix**2, axis=0)
+
+    @cached_property
+    def transformation(self) -> tuple[np.ndarray, np.ndarray]:
+        """Offset (n_terms,) and matrix T (n_terms, n_terms) of b = offset + T b*."""
+        T = np.diag(self.response_scale / self.column_scale)
+        offset = np.zeros(self.n_terms)
+        if self.constant >= 0:
+            T[self.constant] -= self.column_center @ T / self.constant_level
+            offset[self.constant] = self.response_center / self.constant_level
+        return offset, T
+
+    def to_original(self, scaled: np.ndarray) -> np.ndarray:
+        """Map scaled coefficients, shape (..., n_terms), to those of the original columns."""
+        offset, T = self.transformation
+        return offset + scaled @ T.T
+
+    def to_scaled(self, original: np.ndarray) -> np.ndarray:
+        """Map coefficients of the original columns, shape (..., n_terms), to the scaled ones."""
+        offset, T = self.transformation
+        shifted = np.asarray(original, dtype=float) - offset
+        return np.linalg.solve(T, shifted.reshape(-1, self.n_terms).T).T.reshape(shifted.shape)
