@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from pymc_ship.diagnostics.agreement import agreement
-from pymc_ship.regression.tree import posterior_tree
+from pymc_ship.regression.tree import draws_tree
 from pymc_ship.sampling.gibbs import gibbs_posterior
 from pymc_ship.sampling.regression_model import nuts_posterior
 
@@ -114,7 +114,7 @@ def test_the_shape_of_the_full_conditional_is_not_that_of_the_marginal(study, co
     for name, extra in (("right", 0.0), ("twin", 0.5 * case.data.n_terms)):
         drawn = replace(case.exact, shape=case.exact.shape + extra).draw(8000, rng)
         laid_out = drawn[0].reshape(4, 2000, -1), drawn[1].reshape(4, 2000)
-        tree = posterior_tree(case.data, case.prior, *laid_out, method="conjugate", rng_state="")
+        tree = draws_tree(case.data, case.prior, *laid_out, method="conjugate", rng_state="")
         table = compare(case, "exact", tree)
         label = f"twin: shape A + (n + c)/2 as the marginal, {dof}" if extra else f"exact draws, {dof}, conjugate"
         note(compared, label, table)

@@ -8,7 +8,7 @@ from scipy import stats
 
 from pymc_ship.diagnostics.agreement import LEVEL, agreement
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
-from pymc_ship.regression.tree import posterior_tree
+from pymc_ship.regression.tree import draws_tree
 from pymc_ship.rows.data import RegressionData
 
 N_COMPARISONS = 5 * 4
@@ -31,7 +31,7 @@ def right(seed=1, draws=8000):
 
 def tree_of(coefficients, noise_variance, **groups):
     options = {"method": "gibbs", "rng_state": "", "groups": groups}
-    return posterior_tree(regression(), PRIOR, coefficients, noise_variance, **options)
+    return draws_tree(regression(), PRIOR, coefficients, noise_variance, **options)
 
 
 def changed(name, change):

@@ -11,7 +11,7 @@ from scipy import stats
 from pymc_ship.machine.files import OutputError
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate_posterior
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate_posterior
-from pymc_ship.regression.tree import posterior_tree, read_posterior, rng_state, write_posterior
+from pymc_ship.regression.tree import draws_tree, read_posterior, rng_state, write_posterior
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.gibbs import gibbs_posterior
 from tests.regression.peers import simulated
@@ -71,9 +71,7 @@ class TestLayout:
         data, prior = centred_data(), ConjugatePrior()
         stats_group = xr.Dataset({"energy": (("chain", "draw"), np.ones((1, 2)))})
         groups = {"sample_stats": stats_group}
-        found = posterior_tree(
-            data, prior, np.ones((1, 2, 3)), np.ones((1, 2)), method="nuts", rng_state="", groups=groups
-        )
+        found = draws_tree(data, prior, np.ones((1, 2, 3)), np.ones((1, 2)), method="nuts", rng_state="", groups=groups)
         assert found["sample_stats/energy"].shape == (1, 2)
 
 
@@ -92,7 +90,7 @@ class TestDensities:
         prior = prior_type(mean=[0.1, 0.2, 0.3], kappa=[1.0, 2.0, 3.0], shape=4.0, scale=0.5)
         rng = np.random.default_rng(2)
         b, s2 = data.to_original(rng.standard_normal((1, 5, 3))), data.response_scale**2 * rng.uniform(0.1, 2.0, (1, 5))
-        found = posterior_tree(data, prior, b, s2, method="gibbs", rng_state="")
+        found = draws_tree(data, prior, b, s2, method="gibbs", rng_state="")
         offset, T = data.transformation
         factor = s2[0] / data.response_scale**2 if prior_type is ConjugatePrior else np.ones(5)
         known = [

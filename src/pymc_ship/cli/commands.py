@@ -155,6 +155,8 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     rows = []
     with staged_files(out) as folder:
         for family in families:
+            for dof, at in found.edges(family).items():
+                progress(f"{dof}, {family}: the prior lies on an edge of its box in {' and '.join(at)}", remark=True)
             progress(f"posterior draws, {family}")
             for dof, tree in found.posteriors(family, draws=args.draws, rng=rng).items():
                 tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}

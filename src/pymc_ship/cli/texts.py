@@ -80,11 +80,16 @@ def tuning_text(tuned: TunedPrior) -> str:
         "evidence maximum": (tuned.evidence_prior, tuned.evidence_score),
     }
     rows = [(name, prior.shape, prior.scale, prior.kappa, f"{score:.4f}") for name, (prior, score) in rivals.items()]
+    edges = "".join(
+        f"\nThe {'chosen prior' if name == 'prior' else 'evidence maximum'} lies on an edge of its box in "
+        f"{' and '.join(at)}: the box, not the data, ended the search there."
+        for name, at in tuned.edges.items()
+    )
     return (
         f"{table(('prior', 'shape', 'scale', 'kappa', 'score'), rows)}\n\n"
         f"Score (log predictive density per held-out row): {tuned.score:.4f} ± {tuned.score_se:.4f}.\n"
         f"Log evidence at its maximum: {tuned.log_evidence:.2f}.\n"
-        f"Bayesian optimisation gained {tuned.score - tuned.evidence_score:+.4f} a row over the evidence maximum."
+        f"Bayesian optimisation gained {tuned.score - tuned.evidence_score:+.4f} a row over the evidence maximum.{edges}"
     )
 
 

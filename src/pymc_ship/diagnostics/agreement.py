@@ -41,7 +41,7 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
         ``noise_variance_mean`` and ``noise_variance_sd``. Quantiles are compared where it has ``quantiles`` and
         ``noise_variance_quantiles``.
     posteriors : mapping of str to DataTree
-        Posteriors by the name of their method, laid out by :func:`~pymc_ship.regression.tree.posterior_tree`.
+        Posteriors by the name of their method, laid out by :func:`~pymc_ship.regression.tree.draws_tree`.
 
     Returns
     -------

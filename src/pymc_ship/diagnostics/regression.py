@@ -1,6 +1,6 @@
 """What a saved posterior says about itself: convergence, what the data determine, residuals, cross-validation.
 
-Every function takes a posterior laid out by :func:`~pymc_ship.regression.tree.posterior_tree` and returns numbers.
+Every function takes a posterior laid out by :func:`~pymc_ship.regression.tree.draws_tree` and returns numbers.
 """
 
 from __future__ import annotations

@@ -291,7 +291,7 @@ def conjugate_posterior(
     Returns
     -------
     DataTree
-        As :func:`~pymc_ship.regression.tree.posterior_tree`: dims chain (``chains``), draw (``draws // chains``),
+        As :func:`~pymc_ship.regression.tree.draws_tree`: dims chain (``chains``), draw (``draws // chains``),
         coefficient, row.
 
     Raises

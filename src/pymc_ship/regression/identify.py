@@ -11,7 +11,7 @@ import xarray as xr
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.priors import ExactPosterior, Prior
 from pymc_ship.regression.tree import independent_posterior
-from pymc_ship.regression.tune import TunedPrior, maximise_evidence, tune_prior
+from pymc_ship.regression.tune import TunedPrior, maximise_evidence, on_edge, tune_prior
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.vessel.vessel import Vessel
@@ -50,6 +50,11 @@ class Identification:
             dof: independent_posterior(data, priors[dof], exact[dof].draw, draws=draws, rng=rng)
             for dof, data in self.data.items()
         }
+
+    def edges(self, family: str) -> dict[str, tuple[str, ...]]:
+        """Hyperparameters that lie on an edge of the family's box, by DOF; none for a DOF that is left out."""
+        found = {dof: on_edge(prior) for dof, prior in self.priors[family].items()}
+        return {dof: at for dof, at in found.items() if at}
 
     def coefficients(self, family: str) -> dict[str, np.ndarray]:
         """Posterior means by DOF, each of shape (n_terms,)."""

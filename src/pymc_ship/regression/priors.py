@@ -109,6 +109,15 @@ class Prior(ABC):
     def exact(self, data: RegressionData) -> ExactPosterior:
         """Exact posterior of regression data under this prior."""
 
+    def log_hyperprior(self) -> float:
+        """Log density of the hyperparameters in the evidence maximum, up to a constant: ``shape`` ~ Exponential(1).
+
+        One record has one noise variance, so its evidence rises for ever, as the root of the shape, towards a prior
+        that knows it. Under this hyperprior the maximum lies about shape 1/2: the noise variance is then known as well
+        as one row beyond the record would tell it.
+        """
+        return -self.shape
+
     def means(self, n_terms: int) -> np.ndarray:
         """Prior means, shape (n_terms,)."""
         return self._vector("mean", n_terms)

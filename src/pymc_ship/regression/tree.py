@@ -40,7 +40,7 @@ def rng_state(rng: np.random.Generator) -> str:
     return json.dumps(rng.bit_generator.state, default=lambda value: np.asarray(value).tolist())
 
 
-def posterior_tree(
+def draws_tree(
     data: RegressionData,
     prior: Prior,
     coefficients: np.ndarray,
@@ -86,18 +86,14 @@ def posterior_tree(
     )
     log_prior = {name: (sample, value) for name, value in _log_prior(data, prior, coefficients, noise_variance).items()}
     log_likelihood = _log_likelihood(data, coefficients, noise_variance)
-    constant = {
-        "design_matrix": (("row", "coefficient"), data.design_matrix),
-        "time": ("row", data.time, {"units": "s"}),
-    }
     tree = {
         "posterior": posterior,
         "log_likelihood": xr.Dataset({"response": ((*sample, "row"), log_likelihood)}, coords | row),
         "log_prior": xr.Dataset(log_prior, coords),
-        "observed_data": xr.Dataset({"response": ("row", data.response)}, row),
-        "constant_data": xr.Dataset(constant, row | names),
+        **data_groups(data),
     }
-    root = xr.Dataset(attrs=_attrs(data, prior, method, rng_state))
+    work = prior.citation if method == prior.family else ""
+    root = xr.Dataset(attrs=tree_attrs(data, prior.hyperparameters(), method, rng_state, work))
     return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
 
 
@@ -110,7 +106,7 @@ def independent_posterior(
     chains: int = 4,
     rng: np.random.Generator,
 ) -> xr.DataTree:
-    """Lay out independent draws of an exact posterior, dealt to chains, as :func:`posterior_tree` does.
+    """Lay out independent draws of an exact posterior, dealt to chains, as :func:`draws_tree` does.
 
     ``draw`` gives so many coefficients, shape (draws, n_terms), and noise variances, shape (draws,).
 
@@ -124,7 +120,7 @@ def independent_posterior(
     state = rng_state(rng)
     coefficients, noise_variance = draw(draws, rng)
     coefficients, noise_variance = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
-    return posterior_tree(data, prior, coefficients, noise_variance, method=prior.family, rng_state=state)
+    return draws_tree(data, prior, coefficients, noise_variance, method=prior.family, rng_state=state)
 
 
 def _log_prior(data: RegressionData, prior: Prior, coefficients: np.ndarray, noise_variance: np.ndarray) -> dict:
@@ -145,7 +141,8 @@ def _log_likelihood(data: RegressionData, coefficients: np.ndarray, noise_varian
     return log_density
 
 
-def _attrs(data: RegressionData, prior: Prior, method: str, state: str) -> dict[str, str]:
+def tree_attrs(data: RegressionData, prior: dict, method: str, state: str, work: str = "") -> dict[str, str]:
+    """Attrs of a posterior: data, hyperparameters of the prior, generator, versions and works."""
     return {
         "method": method,
         "vessel": data.vessel,
@@ -153,7 +150,7 @@ def _attrs(data: RegressionData, prior: Prior, method: str, state: str) -> dict[
         "derivative": data.derivative,
         "record_verdict": data.record_verdict,
         "record_remarks": data.record_remarks,
-        "prior": json.dumps(prior.hyperparameters()),
+        "prior": json.dumps(prior),
         "scaling": json.dumps(
             {
                 "column_center": data.column_center.tolist(),
@@ -163,7 +160,20 @@ def _attrs(data: RegressionData, prior: Prior, method: str, state: str) -> dict[
             }
         ),
         "rng_state": state,
-        **provenance(prior.citation if method == prior.family else CITATIONS.get(method, "")),
+        **provenance(work or CITATIONS.get(method, "")),
+    }
+
+
+def data_groups(data: RegressionData) -> dict[str, xr.Dataset]:
+    """Groups observed_data and constant_data of a posterior."""
+    row = {"row": np.arange(data.n_rows)}
+    constant = {
+        "design_matrix": (("row", "coefficient"), data.design_matrix),
+        "time": ("row", data.time, {"units": "s"}),
+    }
+    return {
+        "observed_data": xr.Dataset({"response": ("row", data.response)}, row),
+        "constant_data": xr.Dataset(constant, row | {"coefficient": list(data.coefficients)}),
     }
 
 

@@ -43,11 +43,13 @@ class TunedPrior:
         Shape, scale and kappa of the points evaluated, in order.
     scores : ndarray, shape (evaluations,)
     evidence_prior : Prior
-        Prior of the same box with the largest evidence.
+        Prior of the same box with the largest evidence, from :func:`maximise_evidence`.
     log_evidence : float
         Log evidence of ``evidence_prior``.
     evidence_score : float
         Score of ``evidence_prior``.
+    box : mapping of str to (float, float)
+        Bounds of the search.
     """
 
     prior: Prior
@@ -62,6 +64,7 @@ class TunedPrior:
     evidence_prior: Prior
     log_evidence: float
     evidence_score: float
+    box: Mapping[str, tuple[float, float]]
 
     def __repr__(self) -> str:
         """The prior with its score, and what the search and the evidence maximum found beside it."""
@@ -73,7 +76,14 @@ class TunedPrior:
         head = f"TunedPrior of the {self.prior.family} family, {len(self.scores)} evaluations"
         lines = [f"  {'prior':12}{_numbers(self.prior)}, score {self.score:.5g} ± {self.score_se:.2g}"]
         lines += [f"  {name:12}{_numbers(prior)}, score {score:.5g}" for name, (prior, score) in found.items()]
-        return "\n".join([head, *lines])
+        edges = [f"  {name:12}on an edge of its box: {', '.join(at)}" for name, at in self.edges.items()]
+        return "\n".join([head, *lines, *edges])
+
+    @property
+    def edges(self) -> dict[str, tuple[str, ...]]:
+        """Hyperparameters that lie on a bound of the box, by ``prior`` or ``evidence``; empty where none does."""
+        found = {"prior": on_edge(self.prior, self.box), "evidence": on_edge(self.evidence_prior, self.box)}
+        return {name: at for name, at in found.items() if at}
 
 
 def tune_prior(
@@ -154,13 +164,17 @@ def tune_prior(
         evidence_prior=evidence_prior,
         log_evidence=log_evidence,
         evidence_score=evidence_score,
+        box=dict(prior_type.box if box is None else box),
     )
 
 
 def maximise_evidence(
     data: RegressionData, family: str = "conjugate", *, box: dict[str, tuple[float, float]] | None = None
 ) -> tuple[Prior, float]:
-    """Prior of a box with the largest evidence (empirical Bayes), by L-BFGS-B from the middle and half of the corners.
+    """Prior of a box with the largest evidence (empirical Bayes), its shape under a weak hyperprior.
+
+    The search is by L-BFGS-B from the middle and half of the corners. What it maximises is the log evidence and
+    :meth:`pymc_ship.regression.priors.Prior.log_hyperprior`.
 
     Parameters
     ----------
@@ -168,8 +182,7 @@ def maximise_evidence(
     family : str, optional
         ``"conjugate"``, ``"semiconjugate"`` or a registered family.
     box : dict of str to (float, float), optional
-        As :func:`tune_prior`. The evidence often rises towards a known noise variance, so that ``shape`` ends on its
-        upper bound.
+        As :func:`tune_prior`; :func:`on_edge` tells where the maximum lies on a bound.
 
     Returns
     -------
@@ -205,7 +218,8 @@ def maximise_evidence(
     low, width = bounds[:, 0], np.ptp(bounds, axis=1)
 
     def loss(fraction):
-        return -_prior(prior_type, low + width * np.clip(fraction, 0.0, 1.0)).exact(data).log_evidence
+        prior = _prior(prior_type, low + width * np.clip(fraction, 0.0, 1.0))
+        return -prior.exact(data).log_evidence - prior.log_hyperprior()
 
     corners = [corner for corner in product((-1, 1), repeat=len(low)) if corner.count(1) % 2 == 0]
     starts = 0.5 + 0.25 * np.array([[0] * len(low), *corners])
@@ -214,6 +228,27 @@ def maximise_evidence(
     best = min(results, key=lambda result: result.fun)
     prior = _prior(prior_type, low + width * np.clip(best.x, 0.0, 1.0))
     return prior, prior.exact(data).log_evidence
+
+
+def on_edge(prior: Prior, box: Mapping[str, tuple[float, float]] | None = None) -> tuple[str, ...]:
+    """Names of the hyperparameters that lie on a bound of a box, the family's own by default.
+
+    Such an optimum is no optimum: the box ended the search.
+
+    Parameters
+    ----------
+    prior : Prior
+    box : dict of str to (float, float), optional
+        As :func:`tune_prior`.
+
+    Returns
+    -------
+    tuple of str
+    """
+    box = prior.box if box is None else box
+    values = {"shape": prior.shape, "noise_variance": prior.scale / prior.shape, "kappa": prior.kappa}
+    near = (name for name, bounds in box.items() if np.isclose(np.log(values[name]), np.log(bounds), atol=1e-3).any())
+    return tuple(near)
 
 
 def _search(loss, bounds: np.ndarray, evaluations: int, rng: np.random.Generator):

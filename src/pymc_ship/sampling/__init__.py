@@ -1,10 +1,14 @@
-"""Markov chains. The only wing that imports PyMC, PyTensor and nutpie.
+"""Markov chains. The only wing that imports PyMC, PyTensor or nutpie.
 
 - `gibbs`: the Gibbs sampler of a regression.
 - `error_laws`: normal, Student-t and AR(1) errors of rows.
 - `predictive`: prior, prior predictive and posterior predictive groups.
-- `regression_model`: PyMC models of a regression and their NUTS draws.
-- `rows_model`: PyMC models with a likelihood on rows.
+- `linear_transform`: linear coordinates of a PyMC variable.
+- `rows_model`: whitened PyMC models of rows with any law of the errors.
+- `whitened_model`: the whitened PyMC model with normal errors.
+- `direct_model`: the PyMC model that users change.
+- `own_tree`: draws of a PyMC model of one's own, laid out as a posterior.
+- `regression_model`: the PyMC models of a regression, and their NUTS draws.
 - `trajectory_model`: the PyMC model of whole trajectories.
 - `trajectory_op`: the simulated motion as a PyTensor operation.
 """

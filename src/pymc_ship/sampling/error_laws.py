@@ -185,7 +185,7 @@ def with_errors(tree: xr.DataTree, data: RegressionData, errors: str, parameter:
     Parameters
     ----------
     tree : DataTree
-        As :func:`~pymc_ship.regression.tree.posterior_tree`.
+        As :func:`~pymc_ship.regression.tree.draws_tree`.
     data : RegressionData
     errors : {"student_t", "ar1"}
     parameter : ndarray, shape (n_chains, n_draws)

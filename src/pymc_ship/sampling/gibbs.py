@@ -16,7 +16,7 @@ import xarray as xr
 from numba import njit
 
 from pymc_ship.regression.priors import Prior, PriorError, rotate
-from pymc_ship.regression.tree import posterior_tree, rng_state
+from pymc_ship.regression.tree import draws_tree, rng_state
 from pymc_ship.rows.data import RegressionData
 
 
@@ -147,7 +147,7 @@ def gibbs_posterior(
     Returns
     -------
     DataTree
-        As :func:`~pymc_ship.regression.tree.posterior_tree`: dims chain (``chains``), draw (``draws``), coefficient,
+        As :func:`~pymc_ship.regression.tree.draws_tree`: dims chain (``chains``), draw (``draws``), coefficient,
         row.
 
     Raises
@@ -170,4 +170,4 @@ def gibbs_posterior(
     """
     state = rng_state(rng)
     coefficients, noise_variance = gibbs(data, prior, draws=draws, chains=chains, tune=tune, rng=rng)
-    return posterior_tree(data, prior, coefficients, noise_variance, method="gibbs", rng_state=state)
+    return draws_tree(data, prior, coefficients, noise_variance, method="gibbs", rng_state=state)

@@ -10,7 +10,7 @@ from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.error_laws import error_law, errors_of
 
 PREDICTIVE_DRAWS = 500
-"""Draws of each predictive group: enough for the curves of a check, and a small part of the tree."""
+"""Draws from the prior that a posterior is seen beside: enough for the curves of a check."""
 
 
 def prior_draws(
@@ -103,21 +103,21 @@ def with_predictive(
     Parameters
     ----------
     tree : DataTree
-        A posterior by any path, laid out by :func:`~pymc_ship.regression.tree.posterior_tree`; it is not changed.
+        A posterior by any path, laid out by :func:`~pymc_ship.regression.tree.draws_tree`; it is not changed.
     data : RegressionData
         What it was fitted to.
     prior : Prior
         What it was fitted with.
     rng : numpy.random.Generator
     draws : int, optional
-        Draws from the prior; about as many of the posterior, evenly spaced along each chain, are used for predictions.
+        Draws from the prior. Every draw of the posterior makes a prediction, so that ArviZ finds the same chains and
+        draws in all groups of the posterior.
 
     Returns
     -------
     DataTree
         With the groups prior (the variables of the posterior; one chain), prior_predictive and posterior_predictive
-        (``response`` with dims chain, draw, row). The coordinate draw of posterior_predictive names the draws of the
-        posterior that were used.
+        (``response`` with dims chain, draw, row).
 
     Raises
     ------
@@ -134,7 +134,7 @@ def with_predictive(
     >>> tree = ps.conjugate_posterior(data, prior, draws=200, rng=rng)
     >>> checked = ps.with_predictive(tree, data, prior, rng=rng, draws=100)
     >>> dict(checked["posterior_predictive"]["response"].sizes)
-    {'chain': 4, 'draw': 25, 'row': 300}
+    {'chain': 4, 'draw': 50, 'row': 300}
     """
     if draws < 1:
         raise ValueError(f"The predictive draws must be positive, found {draws}; raise them to 1 or more.")
@@ -145,13 +145,11 @@ def with_predictive(
             f"{fitted.sizes['row']} rows, found {data.n_terms} and {data.n_rows}; give the data it was fitted to."
         )
     errors = errors_of(tree)
-    n_chains, n_draws = posterior.sizes["chain"], posterior.sizes["draw"]
-    kept = np.linspace(0.0, n_draws - 1.0, min(n_draws, -(-draws // n_chains))).round().astype(int)
     from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)
     groups = {
         "prior": from_prior,
         "prior_predictive": predictive(data, from_prior, rng=rng, errors=errors),
-        "posterior_predictive": predictive(data, posterior.isel(draw=kept), rng=rng, errors=errors),
+        "posterior_predictive": predictive(data, posterior, rng=rng, errors=errors),
     }
     own = {name: group.to_dataset() for name, group in tree.children.items()}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=tree.attrs), **own, **groups})

@@ -1,53 +1,38 @@
-"""The PyMC model of the regression and its sampling by NUTS; pymc is imported only when called.
+"""The PyMC models of a regression and their sampling by NUTS; pymc is imported only when called.
 
-Two parametrisations of one posterior. ``direct`` states it as the paper does: coefficients with their prior, one normal
-per row. ``whitened`` states the same density in coordinates that NUTS finds isotropic, at O(n_terms) an evaluation.
-With X diag(kappa)^(1/2) = U S R' the data speak of the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) only
-through z = U' (y - X mean), and of the noise also through the square of y - X mean - U z. Given the noise variance,
-prior times likelihood gives g a centre and a spread; the coordinates are (g - centre) / spread. They are no more than
-coordinates: were centre and spread wrong, NUTS would be slower, not biased. Errors that are not normal have no such
-summary; their models are in :mod:`pymc_ship.sampling.rows_model`.
+Two forms of one posterior. ``direct`` states it as the paper does, one density a row; users change it, and it takes
+priors and likelihoods of their own (:mod:`pymc_ship.sampling.direct_model`). ``whitened`` is the quick path: what it
+costs does not grow with the rows (:mod:`pymc_ship.sampling.whitened_model`).
 """
 
 from __future__ import annotations
 
-import math
-from functools import lru_cache
+from collections.abc import Callable
 from importlib.metadata import version
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from pymc_ship.regression.conjugate import ConjugatePrior
-from pymc_ship.regression.priors import Prior, Rotation, rotate
-from pymc_ship.regression.tree import posterior_tree, rng_state
+from pymc_ship.machine.arguments import check_choice
+from pymc_ship.regression.priors import Prior
+from pymc_ship.regression.tree import draws_tree, rng_state
 from pymc_ship.rows.data import RegressionData
-from pymc_ship.sampling import rows_model as error_models
+from pymc_ship.sampling import rows_model, whitened_model
+from pymc_ship.sampling.direct_model import direct_model
 from pymc_ship.sampling.error_laws import error_law, with_errors
+from pymc_ship.sampling.own_tree import posterior_tree
 from pymc_ship.sampling.predictive import with_predictive
 
 if TYPE_CHECKING:
     import pymc as pm
 
+PARAMETRISATIONS = ("direct", "whitened")
+"""Forms of the model of a regression."""
 
-class Summary(NamedTuple):
-    """Scalars that the whitened model knows of data and prior.
-
-    The noise variance is a priori inverse gamma of ``shape`` and ``scale``, and its power ``power`` is the prior
-    variance of the rotated coefficients; ``level`` and ``width`` standardise its logarithm.
-    """
-
-    shape: float
-    scale: float
-    power: float
-    level: float
-    width: float
-    n_rows: float
-    residual_square: float
-    response_scale: float
-
+NUTS_SAMPLERS = ("nutpie", "pymc", "numpyro", "blackjax")
+"""Programs that draw by NUTS, each where it is installed."""
 
 _SAMPLE_STATS = dict.fromkeys(("lp", "energy", "energy_error", "step_size", "step_size_bar", "acceptance_rate"), float)
 _SAMPLE_STATS |= {"tree_depth": np.int64, "n_steps": np.int64, "reached_max_treedepth": bool, "diverging": bool}
@@ -59,25 +44,30 @@ _NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
 
 def pymc_model(
     data: RegressionData,
-    prior: Prior,
-    parametrisation: str = "whitened",
-    errors: str = "normal",
+    prior: Prior | Callable,
+    parametrisation: str = "direct",
+    errors: str | Callable = "normal",
 ) -> pm.Model:
     """PyMC model of the regression; its log density is exactly that of prior and original response.
 
     Parameters
     ----------
     data : RegressionData
-    prior : Prior
-        On the scaled columns; mean and kappa may be vectors.
-    parametrisation : {"whitened", "direct"}, optional
-        ``direct``: free variables ``scaled_coefficients`` and ``scaled_noise_variance``, observed ``response`` (dims
-        row). ``whitened``: free variables ``direction_coordinate`` (dims direction) and ``noise_coordinate``, which
-        are close to independent standard normal a posteriori, and the data as sufficient statistics (normal errors) or
-        as rotated rows.
-    errors : {"normal", "student_t", "ar1"}, optional
+    prior : Prior or callable
+        On the scaled columns; mean and kappa may be vectors. A prior of your own is a function ``prior(data, given)``,
+        called inside the direct model: it makes and returns the scaled coefficients (dims coefficient, with
+        ``**given``) and the noise variance on the scaled response.
+    parametrisation : {"direct", "whitened"}, optional
+        ``direct``: free variables ``scaled_coefficients`` and ``scaled_noise_variance``, the rows as data
+        ``design_matrix`` and ``observed_response``, and the observed variable ``response`` (dims row). NUTS moves in
+        linear coordinates of a plug-in fit. ``whitened``: free variables ``direction_coordinate`` (dims direction) and
+        ``noise_coordinate``, which are close to independent standard normal a posteriori, and the data as sufficient
+        statistics (normal errors) or as rotated rows.
+    errors : {"normal", "student_t", "ar1"} or callable, optional
         Student-t errors have the free variable ``degrees_of_freedom``, AR(1) errors ``autocorrelation``; see
-        :mod:`pymc_ship.sampling.error_laws` for their priors.
+        :mod:`pymc_ship.sampling.error_laws` for their priors. A likelihood of your own is a function
+        ``errors(name, mu, sigma, given)`` that makes the observed variable ``name`` with ``**given``; direct model
+        only.
 
     Returns
     -------
@@ -88,7 +78,7 @@ def pymc_model(
     Raises
     ------
     ValueError
-        For another parametrisation or other errors.
+        For another parametrisation or other errors, or what is your own in the whitened form.
     RegressionDataError
         For AR(1) errors on rows that are not uniformly spaced in time.
     PriorError
@@ -106,118 +96,37 @@ def pymc_model(
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
-    >>> model = ps.pymc_model(data, ps.SemiConjugatePrior(), "direct")
+    >>> model = ps.pymc_model(data, ps.SemiConjugatePrior())
     >>> sorted(variable.name for variable in model.free_RVs)
     ['scaled_coefficients', 'scaled_noise_variance']
     """
-    if parametrisation not in ("whitened", "direct"):
-        raise ValueError(f"A parametrisation is whitened or direct, found {parametrisation!r}; choose one of these.")
-    error_law(errors, data)
+    check_choice("A parametrisation", parametrisation, PARAMETRISATIONS)
+    if not callable(errors):
+        error_law(errors, data)
     if parametrisation == "direct":
-        return error_models.direct_model(data, prior, errors)
-    return _whitened_model(data, prior) if errors == "normal" else error_models.whitened_rows_model(data, prior, errors)
-
-
-def _whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
-    import pymc as pm
-    import pytensor.tensor as pt
-
-    n_terms = data.n_terms
-    with pm.Model(coords=_coords(data) | {"direction": np.arange(n_terms), "quantity": list(Summary._fields)}) as model:
-        statistics = _whitened_statistics(data, prior)
-        summary = pm.Data("summary", statistics["summary"], dims="quantity")
-        known = Summary._make(summary[k] for k in range(len(Summary._fields)))
-        singular_values = pm.Data("singular_values", statistics["singular_values"], dims="direction")
-        projection = pm.Data("projection", statistics["projection"], dims="direction")
-        basis = pm.Data("basis", statistics["basis"], dims=("coefficient", "basis_column"))
-
-        noise = (known.shape, known.scale, known.level, known.width)
-        coordinate = pm.CustomDist("noise_coordinate", *noise, dist=error_models.noise_coordinate, initval=0.0)
-        variance = pt.exp(known.level + known.width * coordinate)
-        prior_variance = variance**known.power
-        spread = 1.0 / pt.sqrt(1.0 / prior_variance + singular_values**2 / variance)
-        center = spread**2 * singular_values * projection / variance
-        direction_coordinate = pm.Normal(
-            "direction_coordinate",
-            mu=-center / spread,
-            sigma=pt.sqrt(prior_variance) / spread,
-            dims="direction",
-            initval=np.zeros(n_terms),
+        return direct_model(data, prior, errors)
+    if callable(prior) or callable(errors):
+        raise ValueError(
+            "The whitened model knows the priors and errors of this package, found a function; leave parametrisation "
+            "at 'direct'."
         )
-        rotated = center + spread * direction_coordinate
-        # Directions that no row sees have singular value and projection 0; they are taken off again by the rest, whose
-        # count of rows may be negative. So one model serves more rows than terms and fewer.
-        pm.Normal("projection_density", mu=singular_values * rotated, sigma=pt.sqrt(variance), observed=projection)
-        rest = (known.n_rows - n_terms) * pt.log(2.0 * math.pi * variance) + known.residual_square / variance
-        pm.Potential("rest_density", -0.5 * rest - known.n_rows * pt.log(known.response_scale))
-        # a product summed by row: the same as a matrix product here, and 2 s faster to compile
-        pm.Deterministic("coefficients", basis[:, -1] + (basis[:, :-1] * rotated).sum(axis=1), dims="coefficient")
-        pm.Deterministic("noise_variance", known.response_scale**2 * variance)
-    return model
-
-
-def _whitened_statistics(data: RegressionData, prior: Prior) -> dict[str, np.ndarray]:
-    """All that the whitened model knows of data and prior, by the names of its pm.Data.
-
-    ``basis`` ends with the prior mean of b.
-    """
-    rotation = rotate(data, prior)
-    level, width = _noise_level(prior, rotation, data.n_rows)
-    summary = Summary(
-        shape=prior.shape,
-        scale=prior.scale,
-        power=prior.noise_power,
-        level=level,
-        width=width,
-        n_rows=data.n_rows,
-        residual_square=rotation.residual_square,
-        response_scale=data.response_scale,
-    )
-    basis = np.column_stack([rotation.basis.T, rotation.center])
-    return {
-        "summary": np.array(summary, dtype=float),
-        "singular_values": rotation.singular_values,
-        "projection": rotation.projection,
-        "basis": basis,
-    }
-
-
-def _noise_level(prior: Prior, rotation: Rotation, n_rows: int) -> tuple[float, float]:
-    """Mode of the log noise variance, coefficients integrated out, and about its standard deviation."""
-    from scipy.optimize import brentq
-
-    s, z = rotation.singular_values, rotation.projection
-    rate, excess = prior.scale + 0.5 * rotation.residual_square, 0.5 * (n_rows - len(s))
-    power = prior.noise_power
-
-    def slope(level: float) -> float:
-        variance = math.exp(level)
-        factor = prior.variance_factor(variance)
-        ratio = variance / factor
-        marginal = factor * (ratio + s**2)
-        share = power + (1.0 - power) * ratio / (ratio + s**2)
-        return prior.shape + excess - rate / variance + 0.5 * np.sum(share * (1.0 - z**2 / marginal))
-
-    low = math.log(rate / (prior.shape + 0.5 * n_rows)) - 1.0
-    high = math.log((rate + 0.5 * np.sum(z**2)) / (prior.shape + max(excess, 0.0))) + 1.0
-    return brentq(slope, low, high), 1.0 / math.sqrt(prior.shape + 0.5 * n_rows)
-
-
-def _coords(data: RegressionData) -> dict:
-    return {"coefficient": list(data.coefficients), "row": np.arange(data.n_rows)}
+    model = whitened_model.whitened_model if errors == "normal" else rows_model.whitened_rows_model
+    return model(data, prior, *([] if errors == "normal" else [errors]))
 
 
 def nuts_posterior(
     data: RegressionData,
-    prior: Prior,
+    prior: Prior | Callable,
     *,
     draws: int = 1000,
     chains: int = 4,
     tune: int = 1000,
     rng: np.random.Generator,
-    parametrisation: str = "whitened",
-    errors: str = "normal",
-    nuts_sampler: str | None = None,
+    parametrisation: str | None = None,
+    errors: str | Callable = "normal",
+    sampler: str | None = None,
+    target_accept: float = 0.8,
+    cores: int | None = None,
     progress: bool = False,
 ) -> xr.DataTree:
     """Draws of the No-U-Turn sampler from the posterior, laid out as a DataTree.
@@ -225,7 +134,8 @@ def nuts_posterior(
     Parameters
     ----------
     data : RegressionData
-    prior : Prior
+    prior : Prior or callable
+        As :func:`pymc_model`.
     draws : int, optional
         Draws of each chain that are kept.
     chains : int, optional
@@ -234,28 +144,36 @@ def nuts_posterior(
     rng : numpy.random.Generator
         Gives the integer seed of the sampler, from which the predictive draws are seeded too.
     parametrisation : {"whitened", "direct"}, optional
-        See :func:`pymc_model`. The whitened model is compiled once for each number of terms, whatever data and prior.
-    errors : {"normal", "student_t", "ar1"}, optional
+        See :func:`pymc_model`; whitened for the priors and errors of this package, direct for your own. The whitened
+        model is compiled once for each number of terms, whatever data and prior.
+    errors : {"normal", "student_t", "ar1"} or callable, optional
         See :func:`pymc_model`.
-    nuts_sampler : {"nutpie", "pymc"}, optional
-        nutpie where it is installed, else the sampler of PyMC.
+    sampler : {"nutpie", "pymc", "numpyro", "blackjax"}, optional
+        One that is installed; nutpie where it is, else the sampler of PyMC.
+    target_accept : float, optional
+        Acceptance rate that the step size is adapted to, between 0 and 1; nearer 1 where draws diverge.
+    cores : int, optional
+        Chains drawn at the same time; by default all that the machine can for nutpie, 1 for the others.
     progress : bool, optional
         Whether to show a progress bar; silent otherwise.
 
     Returns
     -------
     DataTree
-        As :func:`~pymc_ship.regression.tree.posterior_tree`, with the group sample_stats (dims chain, draw): ``lp``,
+        As :func:`~pymc_ship.regression.tree.draws_tree`, with the group sample_stats (dims chain, draw): ``lp``,
         ``energy``, ``energy_error``, ``tree_depth``, ``reached_max_treedepth``, ``n_steps``, ``step_size``,
-        ``step_size_bar``, ``acceptance_rate``, ``diverging``; and prior, prior_predictive and posterior_predictive as
-        :func:`~pymc_ship.sampling.predictive.with_predictive`. For errors that are not normal the posterior also holds
-        ``degrees_of_freedom`` or ``autocorrelation``, and the log likelihood of AR(1) is that of a row given those
-        before it.
+        ``step_size_bar``, ``acceptance_rate``, ``diverging``, as far as the sampler tells them; and prior,
+        prior_predictive and posterior_predictive as :func:`~pymc_ship.sampling.predictive.with_predictive`. For errors
+        that are not normal the posterior also holds ``degrees_of_freedom`` or ``autocorrelation``, and the log
+        likelihood of AR(1) is that of a row given those before it. The direct form keeps its free variables, too, from
+        which ``pm.sample_posterior_predictive`` starts. Under a prior or likelihood of your own it is as
+        :func:`~pymc_ship.sampling.own_tree.posterior_tree`.
 
     Raises
     ------
     ValueError
-        For counts that are not positive, another parametrisation, other errors or another sampler.
+        For counts that are not positive, another parametrisation, other errors, or a sampler that is unknown or not
+        installed.
     RegressionDataError
         For AR(1) errors on rows that are not uniformly spaced in time.
     PriorError
@@ -276,66 +194,91 @@ def nuts_posterior(
     >>> tree["sample_stats"]["diverging"].sum().item()
     0
     """
-    sampler = nuts_sampler or ("nutpie" if find_spec("nutpie") else "pymc")
-    if sampler not in ("nutpie", "pymc"):
-        raise ValueError(f"The NUTS sampler is nutpie or pymc, found {nuts_sampler!r}; choose one of these.")
+    sampler = _installed(sampler)
+    own = callable(prior) or callable(errors)
+    parametrisation = parametrisation or ("direct" if own else "whitened")
+    check_choice("A parametrisation", parametrisation, PARAMETRISATIONS)
     if min(draws, chains, tune) < 1:
         raise ValueError(f"Counts of {draws=}, {chains=}, {tune=} must be positive; raise them to 1 or more.")
-    law = error_law(errors, data)
+    if not 0.0 < target_accept < 1.0:
+        raise ValueError(f"An acceptance rate lies between 0 and 1, found {target_accept}; give one such as 0.9.")
     state, seed = rng_state(rng), int(rng.integers(2**31))
-    sample = _sample_nutpie if sampler == "nutpie" else _sample_pymc
-    settings = {"draws": draws, "chains": chains, "tune": tune}
-    sampled = sample((data, prior, parametrisation, errors), settings, seed, progress)
+    settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept, "cores": cores}
+    known = parametrisation == "whitened" and not own
+    model = None if known and sampler == "nutpie" else pymc_model(data, prior, parametrisation, errors)
+    if sampler == "nutpie":
+        compiled = _compiled_whitened(data, prior, errors) if model is None else _compiled(model)
+        sampled = _sample_nutpie(compiled, settings, seed, progress)
+    else:
+        sampled = _sample_pymc(model, sampler, settings, seed, progress)
     attrs = {"parametrisation": parametrisation, "tuning_steps": tune, "inference_library": sampler}
     attrs["inference_library_version"] = version(sampler)
-    posterior = sampled["posterior"].dataset
-    tree = posterior_tree(
+    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, attrs)
+    if own:
+        groups = {"posterior": sampled["posterior"].to_dataset(), "sample_stats": statistics}
+        stated = None if callable(prior) else prior
+        rng = np.random.default_rng([seed, 1])
+        return posterior_tree(xr.DataTree.from_dict(groups), data, model, prior=stated, rng=rng)
+    posterior, law = sampled["posterior"].dataset, error_law(errors, data)
+    tree = draws_tree(
         data,
         prior,
         posterior["coefficients"].transpose("chain", "draw", "coefficient").to_numpy(),
         posterior["noise_variance"].transpose("chain", "draw").to_numpy(),
         method="nuts",
         rng_state=state,
-        groups={"sample_stats": nuts_sample_stats(sampled["sample_stats"].dataset, attrs)},
+        groups={"sample_stats": statistics},
     )
     if law.parameter:
         tree = with_errors(tree, data, errors, posterior[law.parameter].transpose("chain", "draw").to_numpy())
+    if parametrisation == "direct":  # what pm.sample_posterior_predictive starts from
+        free = {name: posterior[name].variable for name in ("scaled_coefficients", "scaled_noise_variance")}
+        tree["posterior"] = tree["posterior"].to_dataset().assign(free)
     return with_predictive(tree, data, prior, rng=np.random.default_rng([seed, 1]))
 
 
-def _sample_nutpie(stated: tuple, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+def _installed(sampler: str | None) -> str:
+    """Name of a sampler that is installed."""
+    if sampler is None:
+        return "nutpie" if find_spec("nutpie") else "pymc"
+    check_choice("The NUTS sampler", sampler, NUTS_SAMPLERS)
+    if not find_spec(sampler):
+        here = ", ".join(name for name in NUTS_SAMPLERS if find_spec(name))
+        raise ValueError(f"The NUTS sampler {sampler} is not installed here; install it, or take one of {here}.")
+    return sampler
+
+
+def _compiled(model: pm.Model):
     import nutpie
 
-    data, prior, parametrisation, errors = stated
-    if parametrisation != "whitened":
-        compiled = nutpie.compile_pymc_model(pymc_model(*stated))
-    elif errors == "normal":
-        compiled = _compiled_whitened(data.n_terms).with_data(**_whitened_statistics(data, prior))
-    else:
-        compiled = error_models.compiled_rows(data.n_terms, errors).with_data(
-            **error_models.row_statistics(data, prior, errors)
+    return nutpie.compile_pymc_model(model)
+
+
+def _compiled_whitened(data: RegressionData, prior: Prior, errors: str):
+    """Whitened model with data and prior, compiled once for a number of terms and a law of the errors."""
+    error_law(errors, data)
+    if errors == "normal":
+        return whitened_model.compiled_whitened(data.n_terms).with_data(
+            **whitened_model.whitened_statistics(data, prior)
         )
+    return rows_model.compiled_rows(data.n_terms, errors).with_data(**rows_model.row_statistics(data, prior, errors))
+
+
+def _sample_nutpie(compiled, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+    import nutpie
+
     return nutpie.sample(compiled, **settings, seed=seed, progress_bar=progress, save_warmup=False)
 
 
-@lru_cache(maxsize=16)
-def _compiled_whitened(n_terms: int):
-    """Whitened model compiled by nutpie for placeholder data; family, prior and data enter by ``with_data``."""
-    import nutpie
-
-    placeholder = RegressionData.from_arrays(np.eye(n_terms), np.ones(n_terms))
-    return nutpie.compile_pymc_model(_whitened_model(placeholder, ConjugatePrior()))
-
-
-def _sample_pymc(stated: tuple, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+def _sample_pymc(model: pm.Model, sampler: str, settings: dict, seed: int, progress: bool) -> xr.DataTree:
     import pymc as pm
 
-    with pymc_model(*stated):
+    settings = settings | {"cores": 1 if settings["cores"] is None else settings["cores"]}
+    with model:
         return pm.sample(
             **settings,
-            cores=1,
             random_seed=seed,
-            nuts_sampler="pymc",
+            nuts_sampler=sampler,
             progressbar=progress,
             quiet=not progress,
             compute_convergence_checks=False,
@@ -343,8 +286,9 @@ def _sample_pymc(stated: tuple, settings: dict, seed: int, progress: bool) -> xr
 
 
 def nuts_sample_stats(raw: xr.Dataset, attrs: dict) -> xr.Dataset:
-    """Statistics of the sampler under their ArviZ names, as plain arrays of bool, int64 or float64."""
+    """Statistics that the sampler tells, under their ArviZ names, as plain arrays of bool, int64 or float64."""
     named = raw.rename({given: name for given, name in _NUTPIE_NAMES.items() if given in raw})
-    values = {name: (("chain", "draw"), named[name].to_numpy().astype(kind)) for name, kind in _SAMPLE_STATS.items()}
+    kept = {name: kind for name, kind in _SAMPLE_STATS.items() if name in named}
+    values = {name: (("chain", "draw"), named[name].to_numpy().astype(kind)) for name, kind in kept.items()}
     coords = {dim: np.arange(raw.sizes[dim]) for dim in ("chain", "draw")}
     return xr.Dataset(values, coords, attrs)

@@ -1,4 +1,4 @@
-"""PyMC models of the regression that keep every row, for any law of the errors; pymc is imported only when called."""
+"""Whitened PyMC models of rows with any law of the errors, and the fit that whitens; pymc is imported when called."""
 
 from __future__ import annotations
 
@@ -37,27 +37,8 @@ class RowSummary(NamedTuple):
     reach: float
 
 
-def direct_model(data: RegressionData, prior: Prior, errors: str) -> pm.Model:
-    """Model as the paper writes it: coefficients with their prior, and one density for each row."""
-    import pymc as pm
-    import pytensor.tensor as pt
-
-    offset, transformation = data.transformation
-    with pm.Model(coords={"coefficient": list(data.coefficients), "row": np.arange(data.n_rows)}) as model:
-        design = pm.Data("scaled_design_matrix", data.scaled_design_matrix, dims=("row", "coefficient"))
-        variance = pm.InverseGamma("scaled_noise_variance", alpha=prior.shape, beta=prior.scale)
-        prior_variance = prior.coefficient_variance(variance, data.n_terms)
-        scaled = pm.Normal(
-            "scaled_coefficients", mu=prior.means(data.n_terms), sigma=pt.sqrt(prior_variance), dims="coefficient"
-        )
-        pm.Deterministic("coefficients", offset + pt.dot(transformation, scaled), dims="coefficient")
-        noise_variance = pm.Deterministic("noise_variance", data.response_scale**2 * variance)
-        fit = data.response_center + data.response_scale * pt.dot(design, scaled)
-        _rows("response", errors, _parameter(errors), (fit, noise_variance), observed=data.response, dims="row")
-    return model
-
-
-def _parameter(errors: str):
+def law_parameter(errors: str):
+    """Free variable of an error law beside the noise variance; None for normal errors."""
     import pymc as pm
 
     if errors == "student_t":
@@ -65,7 +46,7 @@ def _parameter(errors: str):
     return pm.Uniform("autocorrelation", -1.0, 1.0) if errors == "ar1" else None
 
 
-def _rows(name: str, errors: str, parameter, moments: tuple, **given) -> None:
+def row_density(name: str, errors: str, parameter, moments: tuple, **given) -> None:
     """Likelihood of the rows; that of AR(1) is a product of densities given the row before."""
     import pymc as pm
     import pytensor.tensor as pt
@@ -108,7 +89,7 @@ def whitened_rows_model(data: RegressionData, prior: Prior, errors: str) -> pm.M
             parameter = pm.Deterministic("autocorrelation", pt.tanh(middle + reach * turn))
             level = level - pt.log1p(-(parameter**2))
         else:
-            parameter = _parameter(errors)
+            parameter = law_parameter(errors)
         noise = (known.shape, known.scale, level, known.width)
         coordinate = pm.CustomDist("noise_coordinate", *noise, dist=noise_coordinate, initval=0.0)
         variance = pt.exp(level + known.width * coordinate)
@@ -124,7 +105,7 @@ def whitened_rows_model(data: RegressionData, prior: Prior, errors: str) -> pm.M
         pm.Deterministic("coefficients", basis[:, -1] + (basis[:, :-1] * rotated).sum(axis=1), dims="coefficient")
         noise_variance = pm.Deterministic("noise_variance", known.response_scale**2 * variance)
         fit = pt.dot(values["rotated_design"], rotated)
-        _rows("row_density", errors, parameter, (fit, noise_variance), observed=values["rotated_response"])
+        row_density("row_density", errors, parameter, (fit, noise_variance), observed=values["rotated_response"])
     return model
 
 
@@ -137,13 +118,35 @@ def compiled_rows(n_terms: int, errors: str):
     return nutpie.compile_pymc_model(whitened_rows_model(placeholder, ConjugatePrior(), errors))
 
 
-def row_statistics(data: RegressionData, prior: Prior, errors: str) -> dict[str, np.ndarray]:
-    """All that the whitened model of the rows knows of data and prior, by the names of its pm.Data.
+class PlugIn(NamedTuple):
+    """Coordinates in which the coefficients are nearly normal and independent, from a plug-in fit.
+
+    The scaled coefficients are ``mean + g basis``. Were the fit poor, NUTS would be slower, not biased.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (n_terms,)
+    basis : ndarray, shape (n_terms, n_terms)
+    location, spread : ndarray, shape (n_terms,)
+        Of the rotated coefficients g a posteriori.
+    variance : float
+        Of the noise on the scaled response.
+    residual : ndarray, shape (n_rows,)
+    """
+
+    mean: np.ndarray
+    basis: np.ndarray
+    location: np.ndarray
+    spread: np.ndarray
+    variance: float
+    residual: np.ndarray
+
+
+def plug_in(data: RegressionData, prior: Prior, errors: str) -> PlugIn:
+    """Fit of scaled coefficients and noise variance that is exact for normal errors of a known variance.
 
     The rows are made nearly normal and independent at a plug-in estimate (weights of a t with 4 degrees of freedom;
-    Prais-Winsten) and rotated by their SVD. That gives the posterior ``location`` and ``spread`` of the rotated
-    coefficients, level and width of the log noise variance, and middle and reach of the artanh of the autocorrelation.
-    They are coordinates only: were they poor, NUTS would be slower, not biased.
+    Prais-Winsten) and rotated by their SVD.
     """
     whiten_at = ERRORS[errors].whiten
     root, mean = np.sqrt(prior.kappas(data.n_terms)), prior.means(data.n_terms)
@@ -165,8 +168,18 @@ def row_statistics(data: RegressionData, prior: Prior, errors: str) -> dict[str,
         variance = (error @ error + 2.0 * prior.scale) / (data.n_rows + 2.0 * prior.shape)
         spread = np.sqrt(variance / (ratio + s**2))
         whiten = whiten_at(residual, variance)
-    level, width = math.log(variance), 1.0 / math.sqrt(prior.shape + 0.5 * data.n_rows)
-    rho = plug_in_autocorrelation(residual) if errors == "ar1" else 0.0
+    return PlugIn(mean, right * root, location, spread, variance, residual)
+
+
+def row_statistics(data: RegressionData, prior: Prior, errors: str) -> dict[str, np.ndarray]:
+    """All that the whitened model of the rows knows of data and prior, by the names of its pm.Data.
+
+    Beside the rotated rows these are the posterior ``location`` and ``spread`` of the rotated coefficients, level and
+    width of the log noise variance, and middle and reach of the artanh of the autocorrelation.
+    """
+    fit = plug_in(data, prior, errors)
+    level, width = math.log(fit.variance), 1.0 / math.sqrt(prior.shape + 0.5 * data.n_rows)
+    rho = plug_in_autocorrelation(fit.residual) if errors == "ar1" else 0.0
     level += math.log1p(-(rho**2))
     reach = 1.0 / math.sqrt(1.0 + data.n_rows * (1.0 - rho**2))
     unit = data.response_scale
@@ -180,6 +193,10 @@ def row_statistics(data: RegressionData, prior: Prior, errors: str) -> dict[str,
         middle=math.atanh(rho),
         reach=reach,
     )
-    basis = np.column_stack([((right * root) @ data.transformation[1].T).T, data.to_original(mean)])
-    rows = {"rotated_design": unit * design @ right.T, "rotated_response": unit * target}
-    return {"summary": np.array(summary, dtype=float), "location": location, "spread": spread, "basis": basis, **rows}
+    basis = np.column_stack([(fit.basis @ data.transformation[1].T).T, data.to_original(fit.mean)])
+    rows = {
+        "rotated_design": unit * data.scaled_design_matrix @ fit.basis.T,
+        "rotated_response": unit * (data.scaled_response - data.scaled_design_matrix @ fit.mean),
+    }
+    summary = np.array(summary, dtype=float)
+    return {"summary": summary, "location": fit.location, "spread": fit.spread, "basis": basis, **rows}
