@@ -70,8 +70,13 @@ from pymc_ship.rows.streamed import StreamedRegression as StreamedRegression
 from pymc_ship.rows.streamed import stream_regression as stream_regression
 from pymc_ship.sampling.gibbs import gibbs as gibbs
 from pymc_ship.sampling.gibbs import gibbs_posterior as gibbs_posterior
+from pymc_ship.sampling.hierarchical_model import hierarchical_model as hierarchical_model
+from pymc_ship.sampling.hierarchical_model import hierarchical_posterior as hierarchical_posterior
 from pymc_ship.sampling.own_tree import posterior_tree as posterior_tree
 from pymc_ship.sampling.predictive import with_predictive as with_predictive
+from pymc_ship.sampling.prior_laws import horseshoe as horseshoe
+from pymc_ship.sampling.prior_laws import r2d2 as r2d2
+from pymc_ship.sampling.prior_laws import student_t_prior as student_t_prior
 from pymc_ship.sampling.regression_model import nuts_posterior as nuts_posterior
 from pymc_ship.sampling.regression_model import pymc_model as pymc_model
 from pymc_ship.sampling.trajectory_model import trajectory_model as trajectory_model

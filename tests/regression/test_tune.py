@@ -137,7 +137,7 @@ class TestEvidence:
 
     @pytest.mark.parametrize("family", FAMILIES)
     def test_the_noise_variance_is_covered(self, family, monkeypatch):
-        """Intervals of 90 % over 200 simulated sets; without the hyperprior the noise variance is certain, and wrong."""
+        """Intervals of 90 % over 200 simulated sets; without the hyperprior the noise variance is certain and wrong."""
         sets, z = 200, stats.norm.ppf(1.0 - 0.5e-3)
         limit = z * np.sqrt(0.9 * 0.1 / sets)
         assert abs(np.mean([noise_is_covered(family, k) for k in range(sets)]) - 0.9) < limit

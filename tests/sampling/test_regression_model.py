@@ -78,7 +78,7 @@ def test_log_density_of_a_wrong_prior_is_told_apart(wrong, parametrisation):
 @pytest.mark.parametrize("family", POWER)
 @pytest.mark.parametrize("case", CASES)
 def test_whitened_directions_are_exactly_standard_normal(case, family):
-    model = pymc_model(regression(case), family(**hyperparameters(kappa=1e4)))
+    model = pymc_model(regression(case), family(**hyperparameters(kappa=1e4)), "whitened")
     log_density, _ = flat_functions(model)
     for flat in np.random.default_rng(2).normal(size=(4, N_TERMS + 1)):
         center = np.append(flat[0], np.zeros(N_TERMS))
@@ -89,7 +89,7 @@ def test_whitened_directions_are_exactly_standard_normal(case, family):
 @pytest.mark.parametrize("family", POWER)
 @pytest.mark.parametrize("case", CASES)
 def test_chains_start_at_the_mode_of_the_noise_and_the_centre_of_the_directions(case, family):
-    model = pymc_model(regression(case), family(**hyperparameters()))
+    model = pymc_model(regression(case), family(**hyperparameters()), "whitened")
     assert all(np.all(value == 0.0) for value in model.initial_point().values())
     log_density, _ = flat_functions(model)
     grid = np.linspace(-6.0, 6.0, 241)
@@ -109,9 +109,9 @@ def test_models_name_their_dims():
 
 
 @cache
-def nuts(case, family, parametrisation="whitened", nuts_sampler=None):
+def nuts(case, family, parametrisation="whitened", sampler=None):
     rng, prior = np.random.default_rng(7), family(**hyperparameters())
-    options = {"parametrisation": parametrisation, "nuts_sampler": nuts_sampler}
+    options = {"parametrisation": parametrisation, "sampler": sampler}
     return nuts_posterior(regression(case), prior, draws=2000, rng=rng, **options)
 
 
@@ -177,13 +177,13 @@ def test_nuts_agrees_with_quadrature(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("parametrisation", "nuts_sampler"), [("direct", "nutpie"), ("whitened", "pymc")])
-def test_other_routes_agree_with_the_closed_form(parametrisation, nuts_sampler):
-    tree = nuts("zscored", ConjugatePrior, parametrisation, nuts_sampler)
+@pytest.mark.parametrize(("parametrisation", "sampler"), [("direct", "nutpie"), ("whitened", "pymc")])
+def test_other_routes_agree_with_the_closed_form(parametrisation, sampler):
+    tree = nuts("zscored", ConjugatePrior, parametrisation, sampler)
     z, limit = z_scores(tree, *conjugate_moments(regression("zscored"), ConjugatePrior(**hyperparameters())))
     assert z.max() < limit
     check_convergence(tree)
-    assert tree["sample_stats"].attrs["inference_library"] == nuts_sampler
+    assert tree["sample_stats"].attrs["inference_library"] == sampler
     assert tree["sample_stats"].attrs["parametrisation"] == parametrisation
     usual = nuts("zscored", ConjugatePrior)["sample_stats"].dataset
     assert {name: value.dtype for name, value in tree["sample_stats"].data_vars.items()} == {
@@ -245,7 +245,7 @@ def test_what_cannot_be_sampled_is_named():
     with pytest.raises(ValueError, match="whitened or direct, found 'centred'"):
         nuts_posterior(data, ConjugatePrior(), rng=rng, parametrisation="centred")
     with pytest.raises(ValueError, match="found 'stan'"):
-        nuts_posterior(data, ConjugatePrior(), rng=rng, nuts_sampler="stan")
+        nuts_posterior(data, ConjugatePrior(), rng=rng, sampler="stan")
     with pytest.raises(ValueError, match="tune=0"):
         nuts_posterior(data, ConjugatePrior(), rng=rng, tune=0)
     with pytest.raises(PriorError, match="5, one for each term"):

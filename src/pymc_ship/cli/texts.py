@@ -89,7 +89,8 @@ def tuning_text(tuned: TunedPrior) -> str:
         f"{table(('prior', 'shape', 'scale', 'kappa', 'score'), rows)}\n\n"
         f"Score (log predictive density per held-out row): {tuned.score:.4f} ± {tuned.score_se:.4f}.\n"
         f"Log evidence at its maximum: {tuned.log_evidence:.2f}.\n"
-        f"Bayesian optimisation gained {tuned.score - tuned.evidence_score:+.4f} a row over the evidence maximum.{edges}"
+        f"Bayesian optimisation gained {tuned.score - tuned.evidence_score:+.4f} a row over the evidence maximum."
+        f"{edges}"
     )
 
 

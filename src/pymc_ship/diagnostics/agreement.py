@@ -41,7 +41,9 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
         ``noise_variance_mean`` and ``noise_variance_sd``. Quantiles are compared where it has ``quantiles`` and
         ``noise_variance_quantiles``.
     posteriors : mapping of str to DataTree
-        Posteriors by the name of their method, laid out by :func:`~pymc_ship.regression.tree.draws_tree`.
+        Posteriors by the name of their method, laid out by :func:`~pymc_ship.regression.tree.draws_tree` or, where
+        they are of a model of your own, by :func:`~pymc_ship.sampling.own_tree.posterior_tree`. The noise variance is
+        compared where all have it.
 
     Returns
     -------
@@ -78,7 +80,8 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     True
     """
     names = _coefficient_names(exact, posteriors)
-    exact_values = _exact_values(exact, [*names, "noise_variance"])
+    known = all("noise_variance" in tree["posterior"].dataset for tree in posteriors.values())
+    exact_values = _exact_values(exact, [*names, *(["noise_variance"] if known else [])])
     rows = [_compare(tree, exact_values) for tree in posteriors.values()]
     table = xr.concat(rows, xr.DataArray(list(posteriors), dims="method", name="method"))
     return _judge(xr.merge([exact_values, table]))
@@ -106,14 +109,14 @@ def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTr
 
 def _exact_values(exact: ExactPosterior, quantities: list[str]) -> xr.Dataset:
     values = {
-        "exact_mean": ("quantity", np.append(exact.mean, exact.noise_variance_mean)),
-        "exact_sd": ("quantity", np.append(exact.sd, exact.noise_variance_sd)),
+        "exact_mean": ("quantity", np.append(exact.mean, exact.noise_variance_mean)[: len(quantities)]),
+        "exact_sd": ("quantity", np.append(exact.sd, exact.noise_variance_sd)[: len(quantities)]),
     }
     coords = {"quantity": quantities}
     if hasattr(exact, "quantiles") and hasattr(exact, "noise_variance_quantiles"):
         probabilities = np.array(PROBABILITIES)
         of_noise = exact.noise_variance_quantiles(probabilities)
-        quantiles = np.column_stack([exact.quantiles(probabilities), of_noise])
+        quantiles = np.column_stack([exact.quantiles(probabilities), of_noise])[:, : len(quantities)]
         values["exact_quantile"] = (("probability", "quantity"), quantiles)
         coords["probability"] = probabilities
     return xr.Dataset(values, coords)
@@ -124,7 +127,8 @@ def _compare(tree: xr.DataTree, exact: xr.Dataset) -> xr.Dataset:
     """Estimates, z-scores and diagnostics of one posterior; a chain that stands still has z-scores infinite or NaN."""
     import arviz as az
 
-    draws, values = quantities(tree), dict(summary(tree).drop_vars(("lower", "upper")).data_vars)
+    draws = quantities(tree).sel(quantity=exact["quantity"])
+    values = dict(summary(tree).sel(quantity=exact["quantity"]).drop_vars(("lower", "upper")).data_vars)
     values["z_mean"] = (values["mean"] - exact["exact_mean"]) / values["mcse_mean"]
     values["z_sd"] = (values["sd"] - exact["exact_sd"]) / values["mcse_sd"]
     if "exact_quantile" in exact:

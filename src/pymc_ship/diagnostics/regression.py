@@ -18,10 +18,12 @@ from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.priors import Prior
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.error_laws import errors_of
+from pymc_ship.sampling.own_tree import OWN
 from pymc_ship.sampling.predictive import predictive, prior_draws
 
-REQUIRED = {"coefficients": ("chain", "draw", "coefficient"), "noise_variance": ("chain", "draw")}
+REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
+_ONE_SD = (0.158655, 0.841345)  # probabilities of a normal variable one sd below and above its mean
 
 
 def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
@@ -38,9 +40,23 @@ DESIGN = ("constant_data/design_matrix", "observed_data/response")
 """Variables of a tree that its regression data are made from."""
 
 
-def prior_of(tree: xr.DataTree) -> Prior:
-    """Prior that a posterior records."""
+def needed(tree: xr.DataTree, *wanted: str) -> tuple[str, ...]:
+    """Variables that a part needs: regression data, noise variance, and prior draws where only a model states it."""
+    drawn = ("prior/coefficients", "prior/noise_variance") if prior_of(tree) is None else ()
+    return (*DESIGN, "posterior/noise_variance", *drawn, *wanted)
+
+
+def needed_to_predict(tree: xr.DataTree) -> tuple[str, ...]:
+    """Variables that predictions need: as :func:`needed`, and those of a model's own where it states the prior."""
+    own = ("prior_predictive/response", "posterior_predictive/response") if prior_of(tree) is None else ()
+    return needed(tree, *own)
+
+
+def prior_of(tree: xr.DataTree) -> Prior | None:
+    """Prior that a posterior records; None where only its own model states it."""
     hyperparameters = json.loads(tree.attrs["prior"])
+    if hyperparameters["family"] == OWN:
+        return None
     return prior_family(hyperparameters.pop("family"))(**hyperparameters)
 
 
@@ -53,6 +69,7 @@ def data_of(tree: xr.DataTree) -> RegressionData:
         tree["observed_data"]["response"].values,
         names,
         time=constant["time"].values if "time" in constant else None,
+        run=constant["run"].values if "run" in constant else None,
         dof=tree.attrs["dof"],
         vessel=tree.attrs["vessel"],
         **{name: tree.attrs[name] for name in ("record_verdict", "record_remarks") if name in tree.attrs},
@@ -66,8 +83,9 @@ def contraction(tree: xr.DataTree) -> xr.Dataset:
 
     The contraction is 1 - (posterior variance)/(prior variance), both on the original scale; a family whose prior
     variance depends on sigma2, such as the conjugate one, takes it at the posterior mean of sigma2, since the marginal
-    one may be infinite. A coefficient is determined when its contraction exceeds 0.9 and its mean lies more than 1.96
-    posterior standard deviations from zero.
+    one may be infinite; of a prior that only a model states it is that of a normal prior with the same central 68 %. A
+    coefficient is determined when its contraction exceeds 0.9 and its mean lies more than 1.96 posterior standard
+    deviations from zero.
 
     Returns
     -------
@@ -92,7 +110,11 @@ def _scaled_noise_variance(tree: xr.DataTree, data: RegressionData) -> float:
 
 def _prior_variance(tree: xr.DataTree, data: RegressionData) -> np.ndarray:
     """Prior variance of the scaled coefficients at the posterior mean of sigma2, shape (n_terms,)."""
-    return prior_of(tree).coefficient_variance(_scaled_noise_variance(tree, data), data.n_terms)
+    prior = prior_of(tree)
+    if prior is not None:
+        return prior.coefficient_variance(_scaled_noise_variance(tree, data), data.n_terms)
+    draws = data.to_scaled(tree["prior"]["coefficients"].values.reshape(-1, data.n_terms))
+    return np.square(0.5 * np.diff(np.quantile(draws, _ONE_SD, axis=0), axis=0)[0])
 
 
 def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
@@ -147,8 +169,11 @@ def with_posterior_predictive(tree: xr.DataTree, rng: np.random.Generator) -> xr
 
 
 def prior_noise_variance(tree: xr.DataTree, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Draws of sigma2 from the prior, on the scale of the original response, shape (draws,)."""
-    return json.loads(tree.attrs["scaling"])["response_scale"] ** 2 * prior_of(tree).draw_noise_variance(rng, (draws,))
+    """Draws of sigma2 from the prior, on the scale of the original response; those a tree holds for one of its own."""
+    prior = prior_of(tree)
+    if prior is None:
+        return tree["prior"]["noise_variance"].values.ravel()
+    return json.loads(tree.attrs["scaling"])["response_scale"] ** 2 * prior.draw_noise_variance(rng, (draws,))
 
 
 def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: int = 20000) -> tuple[float, float]:
@@ -160,9 +185,12 @@ def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: in
 
 def prior_predictive_ratio(tree: xr.DataTree, rng: np.random.Generator, draws: int = 400) -> np.ndarray:
     """Root mean square of the response under prior draws over that of the record, 5, 50 and 95 %, shape (3,)."""
-    data, errors = data_of(tree), errors_of(tree)
-    parameters = prior_draws(data, prior_of(tree), draws, rng=rng, errors=errors)
-    response = predictive(data, parameters, rng=rng, errors=errors)["response"].values[0]
+    data, errors, prior = data_of(tree), errors_of(tree), prior_of(tree)
+    if prior is None:
+        response = tree["prior_predictive"]["response"].values[0]
+    else:
+        parameters = prior_draws(data, prior, draws, rng=rng, errors=errors)
+        response = predictive(data, parameters, rng=rng, errors=errors)["response"].values[0]
     scaled = (response - data.response_center) / data.response_scale
     observed = np.sqrt(np.mean(data.scaled_response**2))
     return np.quantile(np.sqrt(np.mean(scaled**2, axis=1)) / observed, [0.05, 0.5, 0.95])

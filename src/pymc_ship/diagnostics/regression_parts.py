@@ -25,7 +25,6 @@ from pymc_ship.diagnostics.parts import (
     pareto_sentence,
     record_remarks,
 )
-from pymc_ship.diagnostics.regression import DESIGN
 from pymc_ship.diagnostics.tables import (
     AGREEMENT,
     agreement_rows,
@@ -52,7 +51,7 @@ def _verdict(one: Comparison) -> list[str]:
     if one.agreement is not None:
         lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
     tree = one.posterior
-    if lacking := missing_sentence(tree, *DESIGN):
+    if lacking := missing_sentence(tree, *regression.needed(tree)):
         return [*lines, f"What the data determine and the residuals are not known: {lacking}", *record_remarks(tree)]
     return [*lines, _determined(tree), _white(tree), *record_remarks(tree)]
 
@@ -89,6 +88,9 @@ def _origin(one: Comparison) -> str:
     tree = one.posterior
     prior, sizes = json.loads(tree.attrs["prior"]), tree["posterior"].sizes
     hyperparameters = ", ".join(f"{key} {_plain(value)}" for key, value in prior.items() if key != "family")
+    stated = f"{prior['family']} prior on the scaled columns: {hyperparameters}"
+    if not hyperparameters:
+        stated = "prior and likelihood of its own model"
     drawn = "; ".join(
         f"{name if len(one.trees) > 1 else f'method {given.attrs["method"]}'}, "
         f"{given['posterior'].sizes['chain']} chains of {given['posterior'].sizes['draw']} draws"
@@ -96,7 +98,7 @@ def _origin(one: Comparison) -> str:
     )
     return (
         f"{tree.attrs['dof'].capitalize()} of {tree.attrs['vessel']}, {drawn}; {sizes['coefficient']} coefficients; "
-        f"{prior['family']} prior on the scaled columns: {hyperparameters}."
+        f"{stated}."
     )
 
 
@@ -150,7 +152,7 @@ def _agreement(one: Comparison) -> Part:
 
 def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     dof, found = tree.attrs["dof"], numbers.summary(tree)
-    narrowing = None if numbers.missing(tree, *DESIGN) else regression.contraction(tree)
+    narrowing = None if numbers.missing(tree, *regression.needed(tree)) else regression.contraction(tree)
     reference = ship.coefficients(dof).values if ship else None
     published = {family: ship.published(dof, family) for family in FAMILIES} if ship else {}
     published = {family: values for family, values in published.items() if np.isfinite(values).any()}
@@ -162,10 +164,15 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     )
     note = f"{relative}; mean, 50 % and {_CI} equal-tailed (eti) intervals."
     images = []
-    if np.any(found["sd"].values[:-1] if reference is None else reference):
+    if np.any(_of_coefficients(tree, found)["sd"] if reference is None else reference):
         images = [("forest", figures.forest(tree, reference, published), note)]
     caption = f"{_PRIME}; equal-tailed (eti) intervals of {_CI}."
-    return Part("Coefficients", _meant(found, narrowing, reference), [(rows, caption)], images)
+    return Part("Coefficients", _meant(_of_coefficients(tree, found), narrowing, reference), [(rows, caption)], images)
+
+
+def _of_coefficients(tree: xr.DataTree, found: xr.Dataset) -> xr.Dataset:
+    """Part of a summary that is of the coefficients."""
+    return found.isel(quantity=slice(tree["posterior"].sizes["coefficient"]))
 
 
 def _meant(found: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None) -> str:
@@ -178,7 +185,7 @@ def _meant(found: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarra
             f"not above {CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
         )
     if reference is not None:
-        lower, upper = found["lower"].values[:-1], found["upper"].values[:-1]
+        lower, upper = found["lower"].values, found["upper"].values
         inside = int(np.sum((lower <= reference) & (reference <= upper)))
         said.append(f"The {_CI} intervals hold {inside} of {reference.size} reference values.")
     return " ".join(said)
@@ -189,10 +196,10 @@ def _chosen(tree: xr.DataTree) -> list[str]:
     found = numbers.summary(tree)
     names = [str(name) for name in found["quantity"].values]
     pairs = numbers.correlated_pairs(tree, 1)
-    wanted = [names[int(np.argmax(np.nan_to_num(found["r_hat"].values[:-1])))]]
+    wanted = [names[int(np.argmax(np.nan_to_num(_of_coefficients(tree, found)["r_hat"].values)))]]
     wanted += [pairs[0]["first"], pairs[0]["second"]] if pairs else []
     varies = dict(zip(names, found["sd"].values > 0.0, strict=True))
-    return [name for name in dict.fromkeys([*wanted, "noise_variance"]) if varies[name]]
+    return [name for name in dict.fromkeys([*wanted, "noise_variance"]) if varies.get(name, False)]
 
 
 def _chains(tree: xr.DataTree, method: str) -> Part:
@@ -210,6 +217,8 @@ def _chains(tree: xr.DataTree, method: str) -> Part:
 
 def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Prior and posterior of the noise variance"
+    if lacking := missing_sentence(tree, *regression.needed(tree)):
+        return Part(title, f"Not shown: {lacking}")
     if float(tree["posterior"]["noise_variance"].std()) == 0.0:
         return Part(title, "Not drawn: the noise variance does not vary.")
     caption = "Kernel densities of draws of log10 σ²; the prior's are cut to its central 95 %."
@@ -222,7 +231,7 @@ def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 
 def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Prior and posterior predictive check"
-    if lacking := missing_sentence(tree, *DESIGN):
+    if lacking := missing_sentence(tree, *regression.needed_to_predict(tree)):
         return Part(title, f"Not shown: {lacking}")
     low, middle, high = regression.prior_predictive_ratio(tree, rng)
     made = (
@@ -241,7 +250,7 @@ def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 
 def _directions(tree: xr.DataTree) -> Part:
     title = "Singular directions of the design"
-    if lacking := missing_sentence(tree, *DESIGN):
+    if lacking := missing_sentence(tree, *regression.needed(tree)):
         return Part(title, f"Not shown: {lacking}")
     rows = regression.singular_directions(tree)
     open_ = sum(row["share"] <= CONTRACTION_LIMIT for row in rows)
@@ -262,7 +271,7 @@ def _directions(tree: xr.DataTree) -> Part:
 
 
 def _residuals(tree: xr.DataTree) -> Part:
-    if lacking := missing_sentence(tree, *DESIGN):
+    if lacking := missing_sentence(tree, *regression.needed(tree)):
         return Part("Residuals", f"Not shown: {lacking}")
     values = regression.residuals(tree)
     if values.size < 10:
@@ -281,7 +290,7 @@ def _residuals(tree: xr.DataTree) -> Part:
 
 def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Leave-one-out cross-validation"
-    if lacking := missing_sentence(tree, "log_likelihood/response", *DESIGN):
+    if lacking := missing_sentence(tree, "log_likelihood/response", *regression.needed_to_predict(tree)):
         return Part(title, f"Not shown: {lacking}")
     loo = numbers.cross_validation(tree)
     full = regression.with_posterior_predictive(tree, rng)

@@ -171,6 +171,8 @@ def data_groups(data: RegressionData) -> dict[str, xr.Dataset]:
         "design_matrix": (("row", "coefficient"), data.design_matrix),
         "time": ("row", data.time, {"units": "s"}),
     }
+    if len(set(data.run)) > 1:
+        constant["run"] = ("row", data.run)
     return {
         "observed_data": xr.Dataset({"response": ("row", data.response)}, row),
         "constant_data": xr.Dataset(constant, row | {"coefficient": list(data.coefficients)}),

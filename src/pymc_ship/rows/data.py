@@ -32,6 +32,8 @@ class RegressionData(ScaledRegression):
         Index of the constant column, -1 where there is none.
     time : ndarray, shape (n_rows,)
         Coordinate of the rows [s]; the row number where no time is known.
+    run : ndarray of str, shape (n_rows,)
+        Run that each row is of; all are of run 1 where one trial was given.
     dof, vessel, derivative, record_verdict, record_remarks : str
         What the rows were made from, and what :func:`pymc_ship.judged_trial` said of the trial.
     """
@@ -45,6 +47,7 @@ class RegressionData(ScaledRegression):
     response_scale: float
     constant: int
     time: np.ndarray
+    run: np.ndarray
     dof: str = ""
     vessel: str = ""
     derivative: str = ""
@@ -60,6 +63,7 @@ class RegressionData(ScaledRegression):
         *,
         scaling: str = "none",
         time: np.ndarray | None = None,
+        run: Sequence[str] | None = None,
         **labels: str,
     ) -> RegressionData:
         """Regression data from plain arrays.
@@ -75,6 +79,8 @@ class RegressionData(ScaledRegression):
             where the design holds a constant column.
         time : array_like, shape (n_rows,), optional
             Coordinate of the rows [s].
+        run : sequence of str, length n_rows, optional
+            Run that each row is of.
         **labels : str
             The texts from ``dof`` to ``record_remarks``, kept for the record.
 
@@ -99,9 +105,13 @@ class RegressionData(ScaledRegression):
         rows = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
         if rows.shape != y.shape:
             raise RegressionDataError(f"The time has one value for each of {len(y)} rows, found shape {rows.shape}.")
+        runs = np.full(len(y), "1") if run is None else np.array(run, dtype=str)
+        if runs.shape != y.shape:
+            raise RegressionDataError(f"Each of {len(y)} rows is of one run, found runs of shape {runs.shape}.")
         unscaled = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names))}
         unscaled |= {"response_center": 0.0, "response_scale": 1.0}
-        data = cls(design_matrix=X, response=y, coefficients=names, constant=constant, time=rows, **unscaled, **labels)
+        of_rows = {"design_matrix": X, "response": y, "time": rows, "run": runs}
+        data = cls(coefficients=names, constant=constant, **of_rows, **unscaled, **labels)
         check_choice("The scaling", scaling, SCALINGS, RegressionDataError)
         return data if scaling == "none" else data._zscored(varies)
 
@@ -145,9 +155,8 @@ class RegressionData(ScaledRegression):
 
     def rows(self, index: np.ndarray) -> RegressionData:
         """Return the given rows (integers or mask), with the scaling of the whole."""
-        return replace(
-            self, design_matrix=self.design_matrix[index], response=self.response[index], time=self.time[index]
-        )
+        kept = {name: getattr(self, name)[index] for name in ("design_matrix", "response", "time", "run")}
+        return replace(self, **kept)
 
 
 def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 import xarray as xr
 
@@ -25,14 +27,14 @@ WEAK = {"weak": "rk4", "weak_euler": "euler"}
 
 
 def regression_data(
-    trial: xr.Dataset,
+    trial: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset],
     vessel: Vessel,
     dof: str,
     *,
     interval: float | None = None,
     derivative: str = "euler",
 ) -> RegressionData:
-    """Design matrix and response of one degree of freedom, from a trial.
+    """Design matrix and response of one degree of freedom, from one trial or several.
 
     Differences want a denoised trial. The weak form takes the trial as it was measured: its rows are means under
     test functions 10 s long, formed without a derivative, and it denoises the motion in the terms itself. Windows that
@@ -41,8 +43,9 @@ def regression_data(
 
     Parameters
     ----------
-    trial : Dataset, dims (time,)
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; uniform time [s].
+    trial : Dataset, dims (time,), or sequence or mapping of such
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; uniform time [s]. The rows
+        of several trials stand below each other, under one scaling; ``run`` has the key of a mapping, else 1, 2, ...
     vessel : Vessel
         Gives particulars, inertia and the terms of the DOF; its reference coefficients are not used.
     dof : {"surge", "sway", "yaw", "roll"}
@@ -56,7 +59,8 @@ def regression_data(
     Returns
     -------
     RegressionData
-        Prime values, z-scored, with the rows that have an acceleration or a whole test function.
+        Prime values, z-scored, with the rows that have an acceleration or a whole test function; ``time`` counts in
+        each run by itself.
 
     Raises
     ------
@@ -86,12 +90,14 @@ def regression_data(
     from pymc_ship.denoising.derivative import DERIVATIVES
 
     check_choice("The derivative", derivative, (*DERIVATIVES, *WEAK))
-    terms, record = vessel.terms(dof), motion_record(trial, vessel)
-    if np.ptp(record["delta"]) == 0.0:
-        raise RegressionDataError("The rudder of a trial must move, found a constant angle; use one that steers.")
-    stride = _stride(sampling_interval(trial), interval)
+    trials, terms = _by_run(trial), vessel.terms(dof)
     rows_of = _weak_rows if derivative in WEAK else _difference_rows
-    design_matrix, response, time = rows_of(trial, vessel, dof, stride, derivative)
+    parts = []
+    for one in trials.values():
+        if np.ptp(motion_record(one, vessel)["delta"]) == 0.0:
+            raise RegressionDataError("The rudder of a trial must move, found a constant angle; use one that steers.")
+        parts.append(rows_of(one, vessel, dof, _stride(sampling_interval(one), interval), derivative))
+    design_matrix, response, time = (np.concatenate(values) for values in zip(*parts, strict=True))
     if time.size < len(terms):
         raise RegressionDataError(
             f"The {dof} of {vessel.name!r} has {len(terms)} terms and needs as many rows, found {time.size}; use a "
@@ -103,11 +109,24 @@ def regression_data(
         [str(name) for name in vessel.coefficients(dof)["coefficient"].values],
         scaling="zscore",
         time=time,
+        run=np.repeat(list(trials), [own.size for _, _, own in parts]),
         dof=dof,
         vessel=vessel.name,
         derivative=derivative,
-        **judgement([trial]),
+        **judgement(list(trials.values())),
     )
+
+
+def _by_run(trials: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
+    """Trials by the label of their run."""
+    if isinstance(trials, xr.Dataset):
+        return {"1": trials}
+    by_run = dict(trials) if isinstance(trials, Mapping) else {str(k): one for k, one in enumerate(trials, 1)}
+    strange = [type(one).__name__ for one in by_run.values() if not isinstance(one, xr.Dataset)]
+    if strange or not by_run:
+        found = strange[0] if strange else "nothing"
+        raise RegressionDataError(f"Rows come from trials, each an xarray.Dataset; found {found}: give one or several.")
+    return {str(run): one for run, one in by_run.items()}
 
 
 def _difference_rows(

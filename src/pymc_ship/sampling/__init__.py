@@ -4,11 +4,12 @@
 - `error_laws`: normal, Student-t and AR(1) errors of rows.
 - `predictive`: prior, prior predictive and posterior predictive groups.
 - `linear_transform`: linear coordinates of a PyMC variable.
-- `rows_model`: whitened PyMC models of rows with any law of the errors.
-- `whitened_model`: the whitened PyMC model with normal errors.
+- `whitened_model`: the PyMC models that are quick, and the fit that whitens.
 - `direct_model`: the PyMC model that users change.
+- `prior_laws`: horseshoe, R2-D2 and Student-t priors of the direct model.
 - `own_tree`: draws of a PyMC model of one's own, laid out as a posterior.
 - `regression_model`: the PyMC models of a regression, and their NUTS draws.
+- `hierarchical_model`: coefficients partially pooled over groups of runs.
 - `trajectory_model`: the PyMC model of whole trajectories.
 - `trajectory_op`: the simulated motion as a PyTensor operation.
 """

@@ -21,7 +21,7 @@ import numpy as np
 from pymc_ship.regression.conjugate import ConjugatePrior
 from pymc_ship.regression.priors import Prior
 from pymc_ship.rows.data import RegressionData
-from pymc_ship.sampling.rows_model import law_parameter, plug_in, row_density
+from pymc_ship.sampling.whitened_model import law_parameter, plug_in, row_density
 
 if TYPE_CHECKING:
     import pymc as pm

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -134,7 +137,7 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
             "model in the tree and leave the model out."
         )
     draws, silent = xr.DataTree.from_dict({"posterior": groups["posterior"]}), {"progressbar": False}
-    with model:
+    with model, _quiet():
         likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **silent)
         prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **silent)
         predictive = pm.sample_posterior_predictive(draws, var_names=observed, random_seed=seed, **silent)
@@ -146,6 +149,18 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
         "prior": from_prior["prior"].to_dataset(),
         "prior_predictive": from_prior["prior_predictive"].to_dataset(),
     }
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without the remarks on what is drawn."""
+    log = logging.getLogger("pymc")
+    level = log.level
+    log.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _dataset(result: xr.DataTree | xr.Dataset, group: str) -> xr.Dataset:

@@ -19,7 +19,7 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.regression.priors import Prior
 from pymc_ship.regression.tree import draws_tree, rng_state
 from pymc_ship.rows.data import RegressionData
-from pymc_ship.sampling import rows_model, whitened_model
+from pymc_ship.sampling import whitened_model
 from pymc_ship.sampling.direct_model import direct_model
 from pymc_ship.sampling.error_laws import error_law, with_errors
 from pymc_ship.sampling.own_tree import posterior_tree
@@ -110,7 +110,7 @@ def pymc_model(
             "The whitened model knows the priors and errors of this package, found a function; leave parametrisation "
             "at 'direct'."
         )
-    model = whitened_model.whitened_model if errors == "normal" else rows_model.whitened_rows_model
+    model = whitened_model.whitened_model if errors == "normal" else whitened_model.whitened_rows_model
     return model(data, prior, *([] if errors == "normal" else [errors]))
 
 
@@ -198,27 +198,21 @@ def nuts_posterior(
     own = callable(prior) or callable(errors)
     parametrisation = parametrisation or ("direct" if own else "whitened")
     check_choice("A parametrisation", parametrisation, PARAMETRISATIONS)
-    if min(draws, chains, tune) < 1:
-        raise ValueError(f"Counts of {draws=}, {chains=}, {tune=} must be positive; raise them to 1 or more.")
     if not 0.0 < target_accept < 1.0:
         raise ValueError(f"An acceptance rate lies between 0 and 1, found {target_accept}; give one such as 0.9.")
     state, seed = rng_state(rng), int(rng.integers(2**31))
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept, "cores": cores}
+    _check_counts(settings)
     known = parametrisation == "whitened" and not own
     model = None if known and sampler == "nutpie" else pymc_model(data, prior, parametrisation, errors)
-    if sampler == "nutpie":
-        compiled = _compiled_whitened(data, prior, errors) if model is None else _compiled(model)
-        sampled = _sample_nutpie(compiled, settings, seed, progress)
+    if model is None:
+        drawn = _sample_nutpie(_compiled_whitened(data, prior, errors), settings, seed, progress)
+        sampled = _with_named_statistics(drawn, tune, sampler)
     else:
-        sampled = _sample_pymc(model, sampler, settings, seed, progress)
-    attrs = {"parametrisation": parametrisation, "tuning_steps": tune, "inference_library": sampler}
-    attrs["inference_library_version"] = version(sampler)
-    statistics = nuts_sample_stats(sampled["sample_stats"].dataset, attrs)
+        sampled = sample_model(model, settings, seed, progress, sampler)
+    sampled["sample_stats"].attrs["parametrisation"] = parametrisation
     if own:
-        groups = {"posterior": sampled["posterior"].to_dataset(), "sample_stats": statistics}
-        stated = None if callable(prior) else prior
-        rng = np.random.default_rng([seed, 1])
-        return posterior_tree(xr.DataTree.from_dict(groups), data, model, prior=stated, rng=rng)
+        return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
     posterior, law = sampled["posterior"].dataset, error_law(errors, data)
     tree = draws_tree(
         data,
@@ -227,7 +221,7 @@ def nuts_posterior(
         posterior["noise_variance"].transpose("chain", "draw").to_numpy(),
         method="nuts",
         rng_state=state,
-        groups={"sample_stats": statistics},
+        groups={"sample_stats": sampled["sample_stats"].to_dataset()},
     )
     if law.parameter:
         tree = with_errors(tree, data, errors, posterior[law.parameter].transpose("chain", "draw").to_numpy())
@@ -235,6 +229,34 @@ def nuts_posterior(
         free = {name: posterior[name].variable for name in ("scaled_coefficients", "scaled_noise_variance")}
         tree["posterior"] = tree["posterior"].to_dataset().assign(free)
     return with_predictive(tree, data, prior, rng=np.random.default_rng([seed, 1]))
+
+
+def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sampler: str | None = None) -> xr.DataTree:
+    """Draws of NUTS from a model: groups posterior and sample_stats, the latter by ArviZ names.
+
+    ``settings`` has draws, chains, tune, target_accept and, if wanted, cores.
+    """
+    sampler = _installed(sampler)
+    _check_counts(settings)
+    if sampler == "nutpie":
+        import nutpie
+
+        drawn = _sample_nutpie(nutpie.compile_pymc_model(model), settings, seed, progress)
+    else:
+        drawn = _sample_pymc(model, sampler, settings, seed, progress)
+    return _with_named_statistics(drawn, settings["tune"], sampler)
+
+
+def _check_counts(settings: dict) -> None:
+    draws, chains, tune = (settings[name] for name in ("draws", "chains", "tune"))
+    if min(draws, chains, tune) < 1:
+        raise ValueError(f"Counts of {draws=}, {chains=}, {tune=} must be positive; raise them to 1 or more.")
+
+
+def _with_named_statistics(drawn: xr.DataTree, tune: int, sampler: str) -> xr.DataTree:
+    attrs = {"tuning_steps": tune, "inference_library": sampler, "inference_library_version": version(sampler)}
+    statistics = nuts_sample_stats(drawn["sample_stats"].dataset, attrs)
+    return xr.DataTree.from_dict({"posterior": drawn["posterior"].to_dataset(), "sample_stats": statistics})
 
 
 def _installed(sampler: str | None) -> str:
@@ -248,12 +270,6 @@ def _installed(sampler: str | None) -> str:
     return sampler
 
 
-def _compiled(model: pm.Model):
-    import nutpie
-
-    return nutpie.compile_pymc_model(model)
-
-
 def _compiled_whitened(data: RegressionData, prior: Prior, errors: str):
     """Whitened model with data and prior, compiled once for a number of terms and a law of the errors."""
     error_law(errors, data)
@@ -261,7 +277,9 @@ def _compiled_whitened(data: RegressionData, prior: Prior, errors: str):
         return whitened_model.compiled_whitened(data.n_terms).with_data(
             **whitened_model.whitened_statistics(data, prior)
         )
-    return rows_model.compiled_rows(data.n_terms, errors).with_data(**rows_model.row_statistics(data, prior, errors))
+    return whitened_model.compiled_rows(data.n_terms, errors).with_data(
+        **whitened_model.row_statistics(data, prior, errors)
+    )
 
 
 def _sample_nutpie(compiled, settings: dict, seed: int, progress: bool) -> xr.DataTree:
@@ -273,7 +291,7 @@ def _sample_nutpie(compiled, settings: dict, seed: int, progress: bool) -> xr.Da
 def _sample_pymc(model: pm.Model, sampler: str, settings: dict, seed: int, progress: bool) -> xr.DataTree:
     import pymc as pm
 
-    settings = settings | {"cores": 1 if settings["cores"] is None else settings["cores"]}
+    settings = settings | {"cores": settings.get("cores") or 1}
     with model:
         return pm.sample(
             **settings,

@@ -13,7 +13,7 @@ from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.sampling.error_laws import ERRORS
 from pymc_ship.sampling.regression_model import nuts_posterior, pymc_model
-from pymc_ship.sampling.rows_model import row_statistics
+from pymc_ship.sampling.whitened_model import row_statistics
 from tests.sampling.cases import N_TERMS, POWER, hyperparameters, log_volume, regression, scaled_parameters
 
 pytestmark = pytest.mark.slow
@@ -160,8 +160,8 @@ def exact_ar1(data, prior):
 
 
 @cache
-def ar1_case(family=ConjugatePrior, parametrisation="whitened", nuts_sampler=None):
-    options = {"parametrisation": parametrisation, "nuts_sampler": nuts_sampler, "draws": 1500, "tune": 1000}
+def ar1_case(family=ConjugatePrior, parametrisation="whitened", sampler=None):
+    options = {"parametrisation": parametrisation, "sampler": sampler, "draws": 1500, "tune": 1000}
     return fit(made("ar1", 0.8, 3), "ar1", family(**hyperparameters()), **options)
 
 
@@ -282,7 +282,7 @@ def test_layout_draws_and_round_trip(errors, tmp_path):
 
 @pytest.mark.slow
 def test_the_sampler_of_pymc_agrees():
-    tree = ar1_case(nuts_sampler="pymc")
+    tree = ar1_case(sampler="pymc")
     z, limit = z_scores(tree, exact_ar1(made("ar1", 0.8, 3), ConjugatePrior(**hyperparameters())), NAMES)
     assert z.max() < limit
 
