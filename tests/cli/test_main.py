@@ -1,3 +1,4 @@
+import sys
 from pathlib import Path
 
 import pytest
@@ -29,14 +30,22 @@ def test_only_the_command_line_prints():
         (RuntimeError("can't start new thread"), "The machine starts no more threads, of too little memory perhaps; "),
         (ImportError("libx.so: failed to map segment"), "A library cannot be loaded, for want of memory or installed"),
         (SystemError("error return without exception set"), "A library cannot be loaded, for want of memory or"),
+        (
+            OSError("Could not find/load shared object file 'libx.so'"),
+            "A library cannot be loaded, for want of memory or",
+        ),
+        (OSError("odd"), "pymc-ship: odd."),
         (MemoryError(), "The memory does not hold this run: none is left; make it shorter."),
     ],
 )
 def test_what_the_machine_lacks_is_a_sentence(monkeypatch, capsys, error, sentence):
+    """Though no other library can be loaded then."""
+
     def load_vessel(*_):
         raise error
 
     monkeypatch.setattr(ps, "load_vessel", load_vessel)
+    monkeypatch.setitem(sys.modules, "pymc_ship.checks.trial_checks", None)
     assert main(["simulate", "container", "--turn", "35", "--out", "unused"]) == 2
     assert sentence in capsys.readouterr().err
 

@@ -27,6 +27,8 @@ from pymc_ship.experiments import task as task_module
 from pymc_ship.experiments.grid import MonteCarloError
 from pymc_ship.experiments.task import METHODS, Task
 from pymc_ship.machine import workers as workers_module
+from pymc_ship.vessel.plausibility import remarks
+from pymc_ship.vessel.reading import load_vessel
 from tests.experiments.cases import always_deadly, always_full, deadly, deadly_on_cluster, out_of_memory_once, trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
 
@@ -110,6 +112,18 @@ def test_the_command_prints_the_cells_and_tells_how_far_it_is(study, tmp_path, c
     assert "16 of 16 tasks, " in printed.err
     assert re.search(r"[\d.]+ a second, \d+ s left", printed.err)
     assert f"Written to {tmp_path / 'index.html'}." in printed.err
+
+
+def test_what_is_derived_or_doubtful_in_a_vessel_is_told(study, tmp_path, capsys):
+    odd = (study.parent / "small.toml").read_text().replace("m = 0.0075081\n", "").replace("L = 230.66", "L = 170.0")
+    (tmp_path / "small.toml").write_text(odd)
+    (tmp_path / "study.toml").write_text(study.read_text())
+    (tmp_path / "file").write_text("")
+    words = ["--workers", "1", "--out", str(tmp_path / "file" / "below")]  # cannot be written: no task is done
+    assert main(["montecarlo", str(tmp_path / "study.toml"), *words]) == 2
+    vessel = load_vessel(tmp_path / "small.toml")
+    assert len(remarks(vessel)) > 1
+    assert capsys.readouterr().err.splitlines()[:-1] == [f"small: {sentence}" for sentence in remarks(vessel)]
 
 
 def test_quiet_is_quiet(study, plain, tmp_path, capsys):

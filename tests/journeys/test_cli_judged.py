@@ -1,5 +1,6 @@
 """What the checks say of a trial reaches everyone who reads the result: text, posterior and page."""
 
+import numpy as np
 import pytest
 
 import pymc_ship as ps
@@ -23,6 +24,18 @@ def test_a_flipped_rudder_is_not_fitted(made, flipped, tmp_path, capsys, command
     assert said.startswith(f"pymc-ship: {flipped}: The trial cannot be fitted: ")
     assert "rudder sign: A positive delta turns the ship to starboard" in said
     assert files(tmp_path) == ["flipped.csv"]
+
+
+@pytest.mark.parametrize("command", ["regress", "tune", "fit"])
+def test_a_roll_that_the_vessel_file_does_not_have_is_told_before_the_work_begins(made, tmp_path, capsys, command):
+    """The place of the result cannot be written, so that there is no work."""
+    more = ("--dof", "yaw", "--family", "conjugate") if command == "tune" else ()
+    trial = ps.read_trial(made / "trial.csv")
+    swing = 0.3 * trial["time"]
+    rolling = ps.write_trial(trial.assign(phi=0.05 * np.sin(swing), p=0.015 * np.cos(swing)), tmp_path / "rolling.csv")
+    words = (command, rolling, "--vessel", made / "small.toml", *more, "--out", rolling / "below")
+    assert main(list(map(str, words))) == 2
+    assert f"\n{rolling}: The record has roll rate p and roll angle φ, the vessel" in capsys.readouterr().err
 
 
 def test_an_overruled_check_is_named_in_text_posterior_and_page(made, flipped, tmp_path, capsys):

@@ -227,6 +227,14 @@ def test_a_forecast_states_its_shares_below_its_bands(known, words):
     assert semiconjugate == f"semiconjugate: 6 ships, 50 % diverged{words}"
 
 
+def test_the_circle_of_a_reference_that_runs_away_is_drawn_until_then():
+    reference, forecasts = forecast_inputs("turning_circle")
+    stayed = reference.isel(time=slice(None, 60))
+    gone = reference.where(reference["time"] < reference["time"][60])
+    whole, cut = (figures.forecast_channels(run, forecasts).axes[-1].get_xlim() for run in (stayed, gone))
+    assert cut == pytest.approx(whole, rel=1e-12)
+
+
 def test_errors_and_gains_carry_their_unit():
     for name in ("errors_by_level", "errors_by_method"):
         assert drawn(name).axes[0].get_ylabel() == "median |error| [%]"

@@ -15,7 +15,7 @@ from pymc_ship.manoeuvre.zigzags import ZIGZAG
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship import candidates as ship_candidates
 from pymc_ship.ship import model as ship_model
-from pymc_ship.ship.candidates import LARGEST_INFLATION, Candidate
+from pymc_ship.ship.candidates import LARGEST_INFLATION, Candidate, Training
 from pymc_ship.ship.held_out import HeldOut
 from pymc_ship.ship.model import identify_ship
 from pymc_ship.ship.soundness import sound
@@ -116,6 +116,28 @@ class TestHeldOut:
             assert row["sd"] == pytest.approx(np.linalg.norm(parts), rel=1e-12)
 
 
+class TestHeldOutWeights:
+    def test_only_sets_that_count_have_a_say_and_their_shares_add_up_to_one(self):
+        """Of three sets two are the same, and the third, of no weight to speak of, runs away in every run."""
+        true = reference_coefficients(tanker())
+        law = 1e-6 * np.diag(true**2), np.zeros((true.size, true.size)), np.diag(1e6 / true**2)
+        good, wild = (WindowFit(tanker(), row, *law, {}, 1.0, 1) for row in (true, -100.0 * true))
+        training = Training([trial(RUNS[0])], [RUNS[0]], None, tanker(), "order_damped")
+
+        def rows(*sets):
+            found = [
+                replace(TestWeights.candidate([0.0]), weight=weight, held_out=HeldOut((fit,), np.zeros(1), {}))
+                for weight, fit in sets
+            ]
+            return ship_model._held_out_indices(found, training, ("1",), np.random.default_rng(2))
+
+        alone, together = rows((1.0, good)), rows((0.5, good), (0.495, good), (0.005, wild))
+        assert [row["index"] for row in together] == [row["index"] for row in alone] == list(ZIGZAG.scored)
+        for one, other in zip(alone, together, strict=True):
+            assert other["forecast"] == pytest.approx(one["forecast"], rel=1e-12)
+            assert other["model_sd"] == pytest.approx(0.0, abs=1e-12 * abs(one["forecast"]))
+
+
 class TestWeights:
     @staticmethod
     def candidate(density):
@@ -213,12 +235,17 @@ class TestOneRun:
         with pytest.raises(TrajectoryError, match=r"^No term set can be fitted to these trials: The loading terms"):
             identified(trials(0)[:1], (POORER,))
 
-    def test_a_set_whose_draws_run_away_is_left_out(self, monkeypatch):
-        """Her estimate stays, fewer than one in ten of the draws about it do."""
-        monkeypatch.setattr(ship_candidates, "sound", lambda vessel, rows: np.arange(len(rows)) < 0.09 * len(rows))
+    @pytest.mark.parametrize(("share", "kept"), [(0.09, False), (0.11, True)])
+    def test_a_set_is_left_out_where_fewer_than_one_draw_in_ten_is_sound(self, monkeypatch, share, kept):
+        """Her estimate is; of the draws about it so many are, and of those of the ensemble all."""
+        monkeypatch.setattr(ship_candidates, "sound", lambda vessel, rows: np.arange(len(rows)) < share * len(rows))
         monkeypatch.setattr(ship_candidates, "first_failure", lambda vessel, row: "in a turn")
-        with pytest.raises(TrajectoryError, match=r"runs away in 90 % of the draws, in a turn\.$"):
-            identified(trials(0)[:1])
+        monkeypatch.setattr(ship_model, "sound", lambda vessel, rows: np.ones(len(rows), dtype=bool))
+        if kept:
+            assert len(identified(trials(0)[:1]).candidates) == 1
+        else:
+            with pytest.raises(TrajectoryError, match=r"runs away in 90 % of the draws, in a turn\.$"):
+                identified(trials(0)[:1])
 
     def test_draws_that_all_run_away_are_an_error(self, monkeypatch):
         """Those of the trial before it were sound."""

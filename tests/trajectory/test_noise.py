@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,7 +11,8 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import pymc_ship as ps
-from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, whiten
+from pymc_ship.trajectory import noise as trajectory_noise
+from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, white_noise, whiten
 from pymc_ship.trajectory.noise import (
     ALPHA,
     LAGS,
@@ -22,6 +22,7 @@ from pymc_ship.trajectory.noise import (
     sample_residuals,
     serial_test,
 )
+from pymc_ship.trial.noise import second_difference_sd
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.trajectory.cases import SD, correlated, heavy_tailed, problem_of, rough, truth, white
 
@@ -144,7 +145,7 @@ class TestTests:
         problem = problem_of(ship, [rough(zigzag, 0)])
         fit = fit_trajectory(problem, truth(ship, [zigzag]))
         clean = fit.problem.runs[0].samples - sample_residuals(fit)[0]
-        monkeypatch.setattr(sys.modules["pymc_ship.trajectory.noise"], "offset_test", lambda fit: 1.0)
+        monkeypatch.setattr(trajectory_noise, "offset_test", lambda fit: 1.0)
         rng, found = np.random.default_rng(8), []
         run = fit.problem.runs[0]
         for _ in range(100):
@@ -157,6 +158,48 @@ class TestTests:
         rejected = np.sum(np.array(found) < 0.05, axis=0)
         assert (rejected <= stats.binom.isf(1e-4, 100, 0.05)).all()
         assert rejected[0] + rejected[1] >= 2
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def one_channel(cls, ship, zigzag):
+        """Run of one channel with five samples to a block."""
+        (run,) = problem_of(ship, [rough(zigzag, 0)], channels=("u",)).runs
+        return replace(run, block=5)
+
+    @staticmethod
+    def fit_of(run, errors, monkeypatch, factor=1.0):
+        """What a fit leaves of a run: errors of its samples, whitened by ``factor`` times the sd assumed."""
+        monkeypatch.setattr(trajectory_noise, "offset_test", lambda fit: 1.0)
+        monkeypatch.setattr(trajectory_noise, "sample_residuals", lambda fit: [errors])
+        noise = white_noise(run)
+        noise = replace(noise, sd=factor * noise.sd)
+        residuals = (run.block_means(errors) / noise.sd[:, None],)
+        return SimpleNamespace(problem=SimpleNamespace(runs=(run,), noise=(noise,)), residuals=residuals)
+
+    def test_the_size_scatters_as_its_p_says_where_the_sd_is_right(self, one_channel, monkeypatch):
+        """White noise whose sd comes from its own second differences, 800 times: squares of a standard normal value."""
+        rng, p = np.random.default_rng(9), []
+        for _ in range(800):
+            errors = rng.standard_normal(one_channel.samples.shape)
+            run = replace(one_channel, sample_sd=second_difference_sd(errors))
+            p.append(residual_tests(self.fit_of(run, errors, monkeypatch)).size)
+        assert abs(np.mean(stats.norm.isf(0.5 * np.array(p)) ** 2) - 1.0) < 4.0 * np.sqrt(2.0 / 800)
+
+    def test_the_size_does_not_depend_on_the_sd_that_whitened_the_residuals(self, one_channel, monkeypatch):
+        errors = one_channel.sample_sd[:, None] * np.random.default_rng(10).standard_normal(one_channel.samples.shape)
+        sizes = [residual_tests(self.fit_of(one_channel, errors, monkeypatch, by)).size for by in (1.0, 0.5, 3.0)]
+        assert 1e-3 < sizes[0] < 0.999
+        np.testing.assert_allclose(sizes, sizes[0], rtol=1e-9)
+
+    def test_the_sd_stated_for_blocks_of_students_t_is_that_of_their_pseudo_data(self, one_channel, monkeypatch):
+        """The mean of scores over the Fisher information has the variance 1 / (n I) about a motion that is known."""
+        errors = stats.t.rvs(3.0, size=(1, 200_000), random_state=np.random.default_rng(11))
+        motion = np.linspace(0.0, 5.0, errors.size)[None]
+        run = replace(one_channel, samples=motion + errors, delta=np.zeros(errors.size))
+        nu, (noise,) = trajectory_noise._student_noise(self.fit_of(run, errors, monkeypatch), offsets=False)
+        square = ((noise.values - run.block_means(motion)) / noise.sd[:, None]) ** 2
+        assert nu == 3.0
+        assert abs(square.mean() - 1.0) < 4.0 * square.std() / np.sqrt(square.size)
 
     @pytest.mark.parametrize("n", [16, 44])
     def test_the_mean_of_ljung_and_box_is_the_number_of_lags_in_short_records_too(self, n):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -312,6 +313,17 @@ class TestBesideAPrior:
         """Broken twin."""
         monkeypatch.setattr(window_fit, "_dispersion", lambda fit: 1.0)
         assert self.kept(container, many_fits) > 0.7
+
+
+@pytest.mark.parametrize("known", [0.0, 1.0, 1e6])
+def test_the_dispersion_is_that_of_the_windows_however_much_the_prior_knows(known, monkeypatch):
+    """Gradients that scatter three times as much as their curvature says, and a prior of half the coefficients."""
+    root = np.random.default_rng(3).standard_normal((6, 6))
+    curvature, precision = root @ root.T, known * np.repeat([0.0, 1.0], 3)
+    problem = SimpleNamespace(n_coefficients=6, precision=precision, unit=np.ones(6))
+    fit = SimpleNamespace(covariance=np.linalg.inv(curvature + np.diag(precision)), problem=problem)
+    monkeypatch.setattr(window_fit, "_squared_gradients", lambda fit: 3.0 * curvature)
+    assert window_fit._dispersion(fit) == pytest.approx(3.0, rel=1e-6)
 
 
 def test_what_the_prior_leaves_open_does_not_grow(many_fits):

@@ -192,9 +192,12 @@ def _mistakes(motion: _Motion) -> dict[str, _Motion]:
 
 def _nominal(motion: _Motion) -> str:
     """What is wrong with the nominal speed of the vessel file, if it is that."""
-    text = f"the vessel file has the wrong nominal speed (the record sails {motion.fast:.3g} m/s"
-    knots = motion.nominal * 0.514444 / motion.fast
-    return f"{text}, its number in knots would be {knots:.2g} times that)" if 0.9 < knots < 1.1 else f"{text})"
+    text, metres = f"the record sails {motion.fast:.3g} m/s", motion.nominal * 0.514444
+    if 0.9 < metres / motion.fast < 1.1:
+        return (
+            f"the vessel file has its nominal speed in knots ({text}; {motion.nominal:.3g} knots are {metres:.3g} m/s)"
+        )
+    return f"the vessel file has the wrong nominal speed ({text})"
 
 
 def _explanation(motion: _Motion) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from pymc_ship.cli.files import (
     model_argument,
     output_file,
     requested_manoeuvres,
+    tell_remarks,
     trial_argument,
     vessel_argument,
     write_csv,
@@ -121,6 +123,16 @@ def _told_of(trial: xr.Dataset, vessel: Vessel) -> list[str]:
     return ["", *filter(None, told)]
 
 
+def _to_fit(paths: Sequence[str], args: argparse.Namespace, progress: Progress) -> tuple[list[xr.Dataset], Vessel]:
+    """Corrected trials and the vessel whose model is fitted to them; a roll that it does not have is told."""
+    vessel = model_argument(args.vessel, progress)
+    trials, _ = judged_arguments(paths, vessel, args, progress)
+    for path, trial in zip(paths, trials, strict=True):
+        if told := _unrolled(trial, vessel):
+            progress(f"{path}: {told}", remark=True)
+    return trials, vessel
+
+
 def _unrolled(trial: xr.Dataset, vessel: Vessel) -> str:
     """Sentence on a roll that is recorded and not modelled; empty where there is none."""
     return "" if "roll" in vessel.dofs else without_roll(moving(trial))
@@ -142,14 +154,11 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
     from pymc_ship.regression.identify import identify as identified
 
-    vessel = model_argument(args.vessel, progress)
-    (trial,), _ = judged_arguments([args.trial], vessel, args, progress)
+    (trial,), vessel = _to_fit([args.trial], args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
     families = FAMILIES if args.family == "both" else (args.family,)
     settings = {"interval": args.interval, "derivative": args.derivative, "selection": args.select}
-    if told := _unrolled(trial, vessel):
-        progress(f"{args.trial}: {told}", remark=True)
     trial = _smooth(trial, args, progress)
     found = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)
     rows = []
@@ -168,13 +177,9 @@ def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
-    vessel = model_argument(args.vessel, progress)
-    trials, _ = judged_arguments(args.trials, vessel, args, progress)
+    trials, vessel = _to_fit(args.trials, args, progress)
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
-    for path, trial in zip(args.trials, trials, strict=True):
-        if told := _unrolled(trial, vessel):
-            progress(f"{path}: {told}", remark=True)
     progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
     rng = np.random.default_rng(args.seed)
     tree = ps.trajectory_posterior(
@@ -191,8 +196,7 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
-    vessel = model_argument(args.vessel, progress)
-    (trial,), _ = judged_arguments([args.trial], vessel, args, progress)
+    (trial,), vessel = _to_fit([args.trial], args, progress)
     out = output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
     data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)
@@ -280,8 +284,11 @@ def frontier(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run a Monte-Carlo study; the text has the scores of each cell."""
+    from pymc_ship.experiments.grid import read_grid
     from pymc_ship.experiments.run import reported_montecarlo
 
+    for name, vessel in read_grid(args.study).ships.items():
+        tell_remarks(name, vessel, progress)
     settings = {"workers": args.workers, "scheduler": args.scheduler, "progress": progress}
     rows, page = reported_montecarlo(args.study, args.out, **settings)
     return montecarlo_text(rows), page

@@ -29,9 +29,14 @@ _NOT_RECORDED = ("command", "out", "quiet")
 def vessel_argument(source: str, progress: Progress) -> Vessel:
     """Vessel of a name or a file; what was derived and what is doubtful in it is shown."""
     vessel = ps.load_vessel(source)
+    tell_remarks(source, vessel, progress)
+    return vessel
+
+
+def tell_remarks(source: str, vessel: Vessel, progress: Progress) -> None:
+    """Show what was derived and what is doubtful in a vessel."""
     for sentence in remarks(vessel):
         progress(f"{source}: {sentence}", remark=True)
-    return vessel
 
 
 def model_argument(source: str, progress: Progress) -> Vessel:

@@ -62,8 +62,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _fail(f"The memory does not hold this run: {str(error) or 'none is left'}; make it shorter.", 2)
     except (ImportError, SystemError) as error:  # also what the interpreter makes of too little memory
-        return _fail(f"A library cannot be loaded, for want of memory or installed badly: {error}; see to it.", 2)
+        return _unloaded(error)
     except (ValueError, OSError) as error:
+        if "shared object" in str(error):  # of numba
+            return _unloaded(error)
         return _fail(str(error), 3 if _refused(error) else 2)
     except RuntimeError as error:
         for words, said in _MACHINE.items():
@@ -73,11 +75,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     return _fail(failures[0], 3) if any(failures) else 0
 
 
-def _refused(error: Exception) -> bool:
-    """Whether an error says that a check of a trial is bad."""
-    from pymc_ship.checks.trial_checks import TrialRefusedError
+def _unloaded(error: Exception) -> int:
+    """Say that a library cannot be loaded; return the exit status."""
+    reason = str(error).removesuffix(".")
+    return _fail(f"A library cannot be loaded, for want of memory or installed badly: {reason}; see to it.", 2)
 
-    return isinstance(error, TrialRefusedError)
+
+def _refused(error: Exception) -> bool:
+    """Whether an error says that a check of a trial is bad; the checks are loaded then."""
+    checks = sys.modules.get("pymc_ship.checks.trial_checks")
+    return checks is not None and isinstance(error, checks.TrialRefusedError)
 
 
 def _fail(text: str, status: int) -> int:

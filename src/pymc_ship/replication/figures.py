@@ -122,8 +122,8 @@ def _track(ax, reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree], *, e
     ax.set_ylabel("x, ahead [m]")
     if equal:
         ax.set_aspect("equal")
-        reach = 0.15 * float(np.ptp(reference["y"].values))
-        ax.set_xlim(float(reference["y"].min()) - reach, float(reference["y"].max()) + reach)
+        low, high = float(reference["y"].min()), float(reference["y"].max())  # of a ship that runs away: until then
+        ax.set_xlim(low - 0.15 * (high - low), high + 0.15 * (high - low))
 
 
 @styled
