@@ -149,13 +149,13 @@ def hierarchical_posterior(
 
     Examples
     --------
-    Sister ships, one zigzag each:
+    Zigzags that begin to starboard and to port:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
-    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
-    >>> trials = {side: ps.simulate(vessel, ps.zigzag(angle, 20), duration=600, step=0.5)
-    ...           for side, angle in (("starboard", 20), ("port", -20))}
+    >>> vessel, rng, sides = ps.load_vessel("kvlcc2"), np.random.default_rng(1), ("starboard", "port")
+    >>> zigzags = {side: ps.zigzag(20, 20, side=side) for side in sides}
+    >>> trials = {side: ps.simulate(vessel, zigzags[side], duration=600, step=0.5) for side in sides}
     >>> noisy = {side: ps.pollute(trial, level=0.01, rng=rng) for side, trial in trials.items()}
     >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
     >>> tree = ps.hierarchical_posterior(data, draws=100, tune=200, chains=2, rng=rng)
