@@ -18,6 +18,7 @@ _PUBLIC = {
     "trial.record": ("TrialError", "check_trial", "write_trial"),
     "denoising.denoise": ("denoise", "denoise_signal"),
     "denoising.derivative": ("derivative",),
+    "denoising.draws": ("denoise_draws", "denoise_signal_draws"),
     "denoising.ebayes": ("ebayes_threshold",),
     "manoeuvre.criteria": ("imo_criteria", "imo_probabilities"),
     "manoeuvre.indices": ("indices",),

@@ -8,6 +8,8 @@ from pymc_ship.checks.trial_checks import trial_checks as trial_checks
 from pymc_ship.denoising.denoise import denoise as denoise
 from pymc_ship.denoising.denoise import denoise_signal as denoise_signal
 from pymc_ship.denoising.derivative import derivative as derivative
+from pymc_ship.denoising.draws import denoise_draws as denoise_draws
+from pymc_ship.denoising.draws import denoise_signal_draws as denoise_signal_draws
 from pymc_ship.denoising.ebayes import ebayes_threshold as ebayes_threshold
 from pymc_ship.design.candidates import candidate_trials as candidate_trials
 from pymc_ship.design.identifiability import fisher_information as fisher_information

@@ -58,6 +58,7 @@ def denoise_draws(
     >>> drawn = ps.denoise_draws(noisy, rng=np.random.default_rng(2))
     >>> sd, error = drawn["v"].std("draw").mean(), (drawn["v"].mean("draw") - trial["v"]).std()
     >>> print(f"{1e3 * sd:.1f} mm/s, {1e3 * error:.1f} mm/s")
+    4.4 mm/s, 3.1 mm/s
     """
     chosen = denoised_channels(trial, channels)
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
@@ -125,6 +126,7 @@ def denoise_signal_draws(
     >>> drawn = ps.denoise_signal_draws(noisy, rng=np.random.default_rng(2))
     >>> low, high = np.quantile(drawn, [0.05, 0.95], axis=0)
     >>> print(f"{np.mean((low < signal) & (signal < high)):.2f}")
+    0.96
     """
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
     return _drawn(y, "signal", draws, rng, settings)

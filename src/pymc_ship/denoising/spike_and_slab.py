@@ -188,7 +188,7 @@ def median_value(x, w, a):
 
 @_jit
 def _laplace_draw(x, a, share):
-    """Mean beyond which a share of the slab's posterior at x >= 0 lies: a draw where the share is uniform."""
+    """Quantile of the slab's posterior at x >= 0, beyond which a share of it lies: a draw where that is uniform."""
     z = x - a
     plus, minus, _, _ = _laplace_sides(z, _mills(abs(z)), _mills(x + a))
     right = share * (plus + minus) / plus
@@ -224,7 +224,9 @@ def draw_value(x, w, a, uniform, normal):
     if uniform >= weight:
         return 0.0
     share = uniform / weight
-    return math.copysign(1.0, x) * (_cauchy_draw(size, share, normal) if math.isnan(a) else _laplace_draw(size, a, share))
+    return math.copysign(1.0, x) * (
+        _cauchy_draw(size, share, normal) if math.isnan(a) else _laplace_draw(size, a, share)
+    )
 
 
 @vectorize(cache=True)
