@@ -13,6 +13,7 @@ _PUBLIC = {
     "vessel.reading": ("load_vessel", "shipped_vessels"),
     "vessel.term_sets": ("term_sets", "with_terms"),
     "vessel.vessel": ("Vessel", "VesselError"),
+    "trial.instruments": ("Instrument",),
     "trial.noise": ("pollute",),
     "trial.reading": ("read_trial",),
     "trial.record": ("TrialError", "check_trial", "write_trial"),

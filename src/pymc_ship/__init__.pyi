@@ -88,6 +88,7 @@ from pymc_ship.trajectory.posterior import trajectory_posterior as trajectory_po
 from pymc_ship.trajectory.prior import CoefficientPrior as CoefficientPrior
 from pymc_ship.trajectory.prior import coefficient_prior as coefficient_prior
 from pymc_ship.trajectory.prior import posterior_prior as posterior_prior
+from pymc_ship.trial.instruments import Instrument as Instrument
 from pymc_ship.trial.noise import pollute as pollute
 from pymc_ship.trial.reading import read_trial as read_trial
 from pymc_ship.trial.record import TrialError as TrialError
