@@ -35,6 +35,7 @@ _PUBLIC = {
     "regression.data": ("RegressionData", "RegressionDataError", "regression_data"),
     "regression.families": ("register_family",),
     "regression.identify": ("Identification", "identify"),
+    "regression.imputation": ("pooled_coefficients", "regression_draws"),
     "regression.prior_table": (
         "hold_fixed",
         "informed_prior",

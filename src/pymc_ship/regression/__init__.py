@@ -1,6 +1,7 @@
 """One degree of freedom: rows, priors and exact posteriors.
 
 - `data`: rows of a regression from a record, and their scaling.
+- `imputation`: rows of draws of a denoised record, and posteriors pooled over them.
 - `streamed`: more rows than memory holds, reduced chunk by chunk.
 - `priors`: what every prior and every exact posterior knows, and the coordinates that make a posterior diagonal.
 - `prior_table`: priors of single coefficients from tables, held values, sister ships.
