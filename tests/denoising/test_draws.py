@@ -149,7 +149,7 @@ def test_intervals_over_shifts_hold_at_least_what_they_say(name):
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_intervals_of_one_basis_hold_about_what_they_say(name):
-    """No truth of the prior: 0.89 to 0.97 where 0.90 is said, the worst of the four in steps and peaks."""
+    """No truth of the prior: 0.90 to 0.97 where 0.90 is said, the worst of the four in steps and peaks."""
     found, twin = coverage(name, translation_invariant=False)
     assert NOMINAL - 0.03 < found < 0.99
     assert twin < NOMINAL - 0.1
