@@ -34,8 +34,7 @@ _PUBLIC = {
     "regression.conjugate": ("ConjugatePrior", "conjugate", "conjugate_posterior"),
     "regression.data": ("RegressionData", "RegressionDataError", "regression_data"),
     "regression.families": ("register_family",),
-    "regression.identify": ("Identification", "identify"),
-    "regression.imputation": ("pooled_coefficients", "regression_draws"),
+    "regression.identify": ("Identification", "identify", "pooled_coefficients", "regression_draws"),
     "regression.prior_table": (
         "hold_fixed",
         "informed_prior",

@@ -50,8 +50,8 @@ from pymc_ship.regression.data import regression_data as regression_data
 from pymc_ship.regression.families import register_family as register_family
 from pymc_ship.regression.identify import Identification as Identification
 from pymc_ship.regression.identify import identify as identify
-from pymc_ship.regression.imputation import pooled_coefficients as pooled_coefficients
-from pymc_ship.regression.imputation import regression_draws as regression_draws
+from pymc_ship.regression.identify import pooled_coefficients as pooled_coefficients
+from pymc_ship.regression.identify import regression_draws as regression_draws
 from pymc_ship.regression.prior_table import hold_fixed as hold_fixed
 from pymc_ship.regression.prior_table import informed_prior as informed_prior
 from pymc_ship.regression.prior_table import order_damped_prior as order_damped_prior

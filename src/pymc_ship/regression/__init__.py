@@ -1,7 +1,6 @@
 """One degree of freedom: rows, priors and exact posteriors.
 
 - `data`: rows of a regression from a record, and their scaling.
-- `imputation`: rows of draws of a denoised record, and posteriors pooled over them.
 - `streamed`: more rows than memory holds, reduced chunk by chunk.
 - `priors`: what every prior and every exact posterior knows, and the coordinates that make a posterior diagonal.
 - `prior_table`: priors of single coefficients from tables, held values, sister ships.
@@ -12,5 +11,5 @@
 - `tree`: draws laid out as a DataTree, written and read.
 - `cross_validation`: log predictive density of blocks of rows left out.
 - `tune`: priors chosen by evidence or by Bayesian optimisation.
-- `identify`: every degree of freedom of a trial at once.
+- `identify`: every degree of freedom of a trial at once; posteriors pooled over draws of a denoised trial.
 """

@@ -9,7 +9,7 @@ from pymc_ship.denoising.denoise import METHODS, denoise
 from pymc_ship.frontier.estimates import regression_estimate
 from pymc_ship.frontier.scores import error_summary, relative_error
 from pymc_ship.regression.data import regression_data
-from pymc_ship.regression.imputation import CI_PROB, pooled_coefficients, regression_draws
+from pymc_ship.regression.identify import CI_PROB, pooled_coefficients, regression_draws
 from pymc_ship.regression.tune import maximise_evidence
 from pymc_ship.trial.channels import sensors
 from pymc_ship.vessel.vessel import Vessel
