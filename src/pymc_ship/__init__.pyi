@@ -8,6 +8,8 @@ from pymc_ship.checks.trial_checks import trial_checks as trial_checks
 from pymc_ship.denoising.denoise import denoise as denoise
 from pymc_ship.denoising.denoise import denoise_signal as denoise_signal
 from pymc_ship.denoising.derivative import derivative as derivative
+from pymc_ship.denoising.draws import denoise_draws as denoise_draws
+from pymc_ship.denoising.draws import denoise_signal_draws as denoise_signal_draws
 from pymc_ship.denoising.ebayes import ebayes_threshold as ebayes_threshold
 from pymc_ship.design.candidates import candidate_trials as candidate_trials
 from pymc_ship.design.identifiability import fisher_information as fisher_information
@@ -45,6 +47,8 @@ from pymc_ship.regression.conjugate import conjugate_posterior as conjugate_post
 from pymc_ship.regression.families import register_family as register_family
 from pymc_ship.regression.identify import Identification as Identification
 from pymc_ship.regression.identify import identify as identify
+from pymc_ship.regression.identify import pooled_coefficients as pooled_coefficients
+from pymc_ship.regression.identify import regression_draws as regression_draws
 from pymc_ship.regression.prior_table import hold_fixed as hold_fixed
 from pymc_ship.regression.prior_table import informed_prior as informed_prior
 from pymc_ship.regression.prior_table import order_damped_prior as order_damped_prior
@@ -92,6 +96,7 @@ from pymc_ship.trajectory.posterior import trajectory_posterior as trajectory_po
 from pymc_ship.trajectory.prior import CoefficientPrior as CoefficientPrior
 from pymc_ship.trajectory.prior import coefficient_prior as coefficient_prior
 from pymc_ship.trajectory.prior import posterior_prior as posterior_prior
+from pymc_ship.trial.instruments import Instrument as Instrument
 from pymc_ship.trial.noise import pollute as pollute
 from pymc_ship.trial.reading import read_trial as read_trial
 from pymc_ship.trial.record import TrialError as TrialError

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from pymc_ship.cli import parser as command_parser
+from pymc_ship.cli import words
 from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import parser
+from pymc_ship.denoising import denoise
 from pymc_ship.denoising.derivative import DERIVATIVES
 from pymc_ship.denoising.ebayes import PRIORS
 from pymc_ship.manoeuvre.kinds import SIDES
+from pymc_ship.motion import simulation
 from pymc_ship.motion.stepping import METHODS
 from pymc_ship.regression import cross_validation
 from pymc_ship.regression import identify as identification
@@ -20,6 +23,7 @@ from pymc_ship.regression.families import FAMILIES
 from pymc_ship.rows.from_trials import WEAK
 from pymc_ship.ship import candidates as ship_candidates
 from pymc_ship.trajectory.prior import KINDS
+from pymc_ship.trial import instruments
 from pymc_ship.vessel.vessel import DOFS
 from tests.journeys.cases import program
 
@@ -67,6 +71,9 @@ def test_choices_are_those_of_the_api():
     assert identification.SELECTIONS == command_parser.SELECTIONS
     assert set(SIDES) == set(command_parser.SIDES)
     assert METHODS == command_parser.METHODS
+    assert simulation.INTEGRATORS == command_parser.INTEGRATORS
+    assert denoise.METHODS == command_parser.DENOISE_METHODS
+    assert tuple(instruments.INSTRUMENTS) == words.INSTRUMENTS
     assert (*DERIVATIVES, *WEAK) == command_parser.DERIVATIVES
     assert PRIORS == command_parser.DENOISE_PRIORS
     assert ship_candidates.PRIORS == command_parser.SHIP_PRIORS

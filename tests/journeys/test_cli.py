@@ -52,6 +52,34 @@ def test_simulate_passes_its_options_on(container, tmp_path, capsys):
     assert f"advance {criteria['advance']['value']:.4g} 4.5 L {word}" in spaced(capsys.readouterr().out)
 
 
+def test_simulate_reads_by_instruments_and_leaves_gaps_that_the_reader_fills(container, tmp_path):
+    out = tmp_path / "trial.csv"
+    words = ("--zigzag", "20/20", "--duration", 300, "--step", 0.5, "--method", "dop853")
+    run("simulate", "container", *words, "--noise", "gnss,fluxgate_compass", "--seed", 7, "--out", out)
+    clean = ps.simulate(container, ps.zigzag(20, 20), duration=300.0, step=0.5, method="dop853")
+    noisy = ps.pollute(clean, noise=("gnss", "fluxgate_compass"), rng=np.random.default_rng(7))
+    trial = ps.read_trial(out)
+    noisy = noisy.sel(time=trial["time"])  # a gap at an end is cut
+    gone = np.isnan(noisy["u"].values)
+    assert gone.any()
+    assert "u: " in trial.attrs["reading"]
+    assert "filled by interpolation" in trial.attrs["reading"]
+    np.testing.assert_allclose(trial["psi"], noisy["psi"], atol=1e-12)
+    np.testing.assert_array_equal(trial["u"][~gone], noisy["u"][~gone])
+    np.testing.assert_array_equal(trial["r"], noisy["r"])
+
+
+def test_denoise_takes_a_smoother_and_prints_its_parameter(made, tmp_path, capsys):
+    out = tmp_path / "smooth.csv"
+    run("denoise", made / "trial.csv", "--method", "savitzky_golay", "--out", out)
+    smooth = ps.denoise(ps.read_trial(made / "trial.csv"), method="savitzky_golay")
+    np.testing.assert_array_equal(ps.read_trial(out)["v"], smooth["v"])
+    lines = spaced(capsys.readouterr().out)
+    assert lines[0] == "channel noise sd window"
+    window = smooth["v"].attrs["denoise_window"]
+    assert f"v {smooth['v'].attrs['noise_sdev']:.4g} m/s {window:.0f}" in lines
+
+
 def test_simulate_runs_a_programme_in_degrees(container, tmp_path, capsys):
     programme, out = tmp_path / "programme.csv", tmp_path / "trial.csv"
     programme.write_text("# a step to port\ntime,delta_deg\n0,0\n10,0\n12,20\n30,-15\n")

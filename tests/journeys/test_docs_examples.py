@@ -19,6 +19,7 @@ PAPER = Page("docs/tutorials/paper_in_python.md")
 
 QUICK = {
     *(f"docs/how_to/{task}.md" for task in ("read_a_trial_file", "write_a_vessel", "choose_a_prior")),
+    *(f"docs/how_to/{task}.md" for task in ("denoise_a_record", "simulate_what_sensors_read")),
     *(f"docs/how_to/add_a_{thing}.md" for thing in ("term", "prior", "manoeuvre", "channel", "page")),
     "docs/reference/posterior_tree.md",
 }

@@ -57,6 +57,15 @@ TABLES = {
     ),
     "agreement": (16, {"family", "dof", "method", "largest_z", "z_limit", "r_hat", "divergences", "agrees"}),
     "denoising": (6, {"channel", "noise", "before", "after", "gain"}),
+    "denoisers": (
+        5,
+        (SUMMARY - {"family", "dof"}) | {"method", *(f"snr_{name}" for name in ("u", "v", "r", "p", "phi"))},
+    ),
+    "drawn_channels": (5, {"channel", "coverage", "sd", "rmse"}),
+    "drawn_coefficients": (
+        2 * 4,
+        {"derivative", "dof", "median", "coverage", "median_pooled", "coverage_pooled", "widened"},
+    ),
     "methods": (2 * 6, (SUMMARY - {"family", "dof"}) | {"level", "method", "detail"}),
     "published_bound": (2, {"family", "errors", "median", "below", "on_bound", "level"}),
     "trajectory_zigzag": (2, FORECAST | {"pareto_khat", "first_overshoot_angle_median"}),

@@ -87,7 +87,8 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     if trial.sizes["time"] < 2:
         raise TrialError(f"A trial has at least two samples, found {trial.sizes['time']}; change duration or step.")
     if args.noise is not None:
-        trial = ps.pollute(trial, level=args.noise, rng=np.random.default_rng(args.seed))
+        kind = {"noise" if isinstance(args.noise, tuple) else "level": args.noise}
+        trial = ps.pollute(trial, **kind, rng=np.random.default_rng(args.seed))
     write_trial_file(trial, out, args)
     return "\n\n".join(filter(None, text)), out
 
@@ -143,11 +144,15 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     trial = trial_argument(args.trial, args, progress)
     out = output_file(args.out)
     progress("denoising")
-    smooth = ps.denoise(trial, args.wavelet, args.prior, not args.decimated)
+    smooth = ps.denoise(trial, args.wavelet, args.prior, not args.decimated, method=args.method)
     names = smooth.attrs["denoised"].split()
     write_trial_file(smooth, out, args)
-    rows = [(name, smooth[name].attrs["noise_sdev"], CHANNELS[name].unit.name) for name in names]
-    return table(("channel", "noise sd", ""), rows), out
+    chosen = [key for key in smooth[names[0]].attrs if key.startswith("denoise_")]
+    rows = [
+        (name, smooth[name].attrs["noise_sdev"], CHANNELS[name].unit.name, *(smooth[name].attrs[key] for key in chosen))
+        for name in names
+    ]
+    return table(("channel", "noise sd", "", *(key.removeprefix("denoise_") for key in chosen)), rows), out
 
 
 def regress(args: argparse.Namespace, progress: Progress) -> Outcome:

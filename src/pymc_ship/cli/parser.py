@@ -9,7 +9,7 @@ import argparse
 
 from pymc_ship import __version__
 from pymc_ship.cli.sentences import sentence
-from pymc_ship.cli.words import angles, draws, interval, level, names, seed
+from pymc_ship.cli.words import INSTRUMENTS, angles, draws, interval, names, noise, seed
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.trial.channels import sensors
 
@@ -19,7 +19,9 @@ FAMILIES = ("conjugate", "semiconjugate")
 SELECTIONS = ("evidence", "bayesian_optimisation")
 SIDES = ("port", "starboard")
 METHODS = ("euler", "rk4")
+INTEGRATORS = (*METHODS, "dop853")
 DERIVATIVES = ("euler", "central", "savgol", "weak", "weak_euler")
+DENOISE_METHODS = ("wavelet", "savitzky_golay", "low_pass", "rts")
 DENOISE_PRIORS = ("laplace", "cauchy")
 SPLITS = ("blocks", "random")
 DOFS = ("surge", "sway", "yaw", "roll")
@@ -30,11 +32,13 @@ CRITERIA = ("information", "forecast")
 
 _SIMULATE_EXAMPLES = """examples:
   pymc-ship simulate container --zigzag 20/20 --noise 0.01 --out trial.csv
+  pymc-ship simulate container --turn 35 --noise gnss,mems_gyro,mru,fluxgate_compass --out circle.csv
   pymc-ship simulate my.toml --turn 35 --side starboard --duration 1200 --method rk4 --out circle.csv
 """
 _DENOISE_EXAMPLES = """examples:
   pymc-ship denoise trial.csv --out smooth.csv
   pymc-ship denoise trial.csv --wavelet db8 --prior cauchy --out smooth.csv
+  pymc-ship denoise trial.csv --method rts --out smooth.csv
 """
 _CHECK_EXAMPLES = """examples:
   pymc-ship check trial.csv --vessel container
@@ -162,9 +166,17 @@ def _add_simulate(commands) -> None:
     command.add_argument("--speed", type=float, help="approach speed [m/s] (the vessel's nominal speed)")
     command.add_argument("--duration", type=float, default=400.0, help="[s] (%(default)s)")
     command.add_argument("--step", type=float, default=0.02, help="integration and sampling step [s] (%(default)s)")
-    command.add_argument("--method", choices=METHODS, default="euler", help="integrator (%(default)s)")
     command.add_argument(
-        "--noise", type=level, help="noise level: sd over peak of sway, 0.3 of it elsewhere, or `literal` (none)"
+        "--method",
+        choices=INTEGRATORS,
+        default="euler",
+        help="integrator; dop853 has steps of controlled error and samples at --step (%(default)s)",
+    )
+    command.add_argument(
+        "--noise",
+        type=noise,
+        help="noise level: sd over peak of sway, 0.3 of it elsewhere, or `literal`; or instruments between commas: "
+        f"{', '.join(INSTRUMENTS)} (none)",
     )
     command.add_argument("--out", required=True, help="CSV file of the trial")
 
@@ -187,6 +199,12 @@ def _add_check(commands) -> None:
 def _add_denoise(commands) -> None:
     command = _command(commands, "denoise", "denoise the motion channels of a trial", _DENOISE_EXAMPLES)
     _add_trial(command)
+    command.add_argument(
+        "--method",
+        choices=DENOISE_METHODS,
+        default="wavelet",
+        help="empirical-Bayes wavelets, or a smoother that chooses its own parameter (%(default)s)",
+    )
     command.add_argument("--wavelet", default="sym8", help="orthogonal wavelet of PyWavelets (%(default)s)")
     command.add_argument("--prior", choices=DENOISE_PRIORS, default="laplace", help="prior of details (%(default)s)")
     command.add_argument("--decimated", action="store_true", help="decimated transform, not averaged over shifts")

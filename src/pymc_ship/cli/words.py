@@ -7,6 +7,9 @@ from collections.abc import Callable
 
 from pymc_ship.manoeuvre.kinds import ManoeuvreKind
 
+INSTRUMENTS = ("gnss", "mems_gyro", "mru", "fluxgate_compass")
+"""Names of instruments, a copy of the API's, which a test holds beside them."""
+
 
 def seed(text: str) -> int:
     """Root of random numbers."""
@@ -44,12 +47,17 @@ def names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def level(text: str) -> float | str:
-    """Noise level."""
+def noise(text: str) -> float | str | tuple[str, ...]:
+    """Noise level, or instruments between commas."""
+    given = names(text)
+    if given and set(given) <= set(INSTRUMENTS):
+        return given
     try:
         return text if text == "literal" else float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"a noise level is a number or 'literal', found {text!r}") from None
+        raise argparse.ArgumentTypeError(
+            f"a noise level is a number or 'literal', or instruments of {', '.join(INSTRUMENTS)}, found {text!r}"
+        ) from None
 
 
 def interval(text: str) -> float | None:

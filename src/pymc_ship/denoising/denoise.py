@@ -1,20 +1,25 @@
-"""Wavelet denoising of a signal and of a trial by empirical-Bayes thresholding; derivatives of sampled signals."""
+"""Denoising of a signal and of a trial: wavelets with empirical-Bayes thresholding, and the smoothers beside them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from inspect import signature
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from pymc_ship.denoising import wavelets
-from pymc_ship.denoising.ebayes import PRIORS, RULES, fit_prior, mad, shrink
+from pymc_ship.denoising.ebayes import RULES
+from pymc_ship.denoising.shrinkage import shrinkage
+from pymc_ship.denoising.smoothers import SMOOTHERS, smoothed
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.trial.channels import channel_names
 from pymc_ship.trial.record import check_trial
+
+METHODS = ("wavelet", *SMOOTHERS)
+"""Methods of :func:`denoise`."""
 
 MIN_LENGTH = 16
 """Fewest samples that can be denoised: one level of wavelets and eight coefficients above it."""
@@ -26,6 +31,7 @@ def denoise(
     prior: str = "laplace",
     translation_invariant: bool = True,
     *,
+    method: str = "wavelet",
     channels: Sequence[str] | None = None,
     **options: Any,
 ) -> xr.Dataset:
@@ -35,7 +41,7 @@ def denoise(
     ----------
     trial : Dataset
         Record over ``time`` [s] with a uniform step; channels in SI units.
-    wavelet, prior, translation_invariant
+    wavelet, prior, translation_invariant, method
         As for :func:`denoise_signal`.
     channels : sequence of str, optional
         Variables to denoise; by default the motion channels that the trial has, without its track.
@@ -46,7 +52,9 @@ def denoise(
     -------
     Dataset
         The trial with smooth channels; ``noise_sdev`` in the attrs of each, and ``denoised`` (names of the channels),
-        ``denoise_wavelet``, ``denoise_transform``, ``denoise_prior`` and the options given in the attrs of the trial.
+        ``denoise_wavelet``, ``denoise_transform``, ``denoise_prior`` and the options given in the attrs of the trial;
+        for the other methods ``denoise_method`` there and the parameter chosen, such as ``denoise_window``, in the
+        attrs of each channel.
 
     Raises
     ------
@@ -67,24 +75,33 @@ def denoise(
     14 mm/s
     3 mm/s
     """
+    choice = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant}
+    _check_method(method, denoise, choice | options)
+    chosen = denoised_channels(trial, channels)
+
+    def smooth(name: str) -> tuple[np.ndarray, dict]:
+        return _denoised(trial[name].to_numpy(), f"channel {name}", method, choice | options)
+
+    with thread_pool(2) as pool:
+        results = list(pool.map(smooth, chosen))
+    found = trial.copy()
+    for name, (estimate, said) in zip(chosen, results, strict=True):
+        found[name] = trial[name].copy(data=estimate).assign_attrs(said)
+    transform = "translation invariant" if translation_invariant else "decimated"
+    record = {"wavelet": wavelet, "transform": transform, "prior": prior, **options}
+    record = {"method": method} if method in SMOOTHERS else record
+    record = {f"denoise_{key}": value for key, value in record.items() if value is not None}
+    return found.assign_attrs(denoised=" ".join(chosen), **record)
+
+
+def denoised_channels(trial: xr.Dataset, channels: Sequence[str] | None) -> list[str]:
+    """Names of the channels to denoise, by default the motion that a trial has; each is finite over uniform time."""
     known = channel_names(lambda channel: channel.denoised)
     chosen = [name for name in known if name in trial] if channels is None else list(channels)
     if not chosen:
         raise ValueError(f"Denoising needs one of the channels {', '.join(known)}, found none; name the channels.")
     check_trial(trial, chosen)
-
-    def smoothed(name: str) -> tuple[np.ndarray, float]:
-        return _denoise(trial[name].to_numpy(), f"channel {name}", wavelet, prior, translation_invariant, **options)
-
-    with thread_pool(2) as pool:
-        results = list(pool.map(smoothed, chosen))
-    smooth = trial.copy()
-    for name, (estimate, sdev) in zip(chosen, results, strict=True):
-        smooth[name] = trial[name].copy(data=estimate).assign_attrs(noise_sdev=sdev)
-    transform = "translation invariant" if translation_invariant else "decimated"
-    record = {"wavelet": wavelet, "transform": transform, "prior": prior, **options}
-    record = {f"denoise_{key}": value for key, value in record.items() if value is not None}
-    return smooth.assign_attrs(denoised=" ".join(chosen), **record)
+    return chosen
 
 
 def denoise_signal(
@@ -93,12 +110,13 @@ def denoise_signal(
     prior: str = "laplace",
     translation_invariant: bool = True,
     *,
+    method: str = "wavelet",
     scale: float | None = None,
     rule: str = "median",
     levels: int | None = None,
     boundary: str = "reflect",
 ) -> np.ndarray:
-    """Denoise a uniformly sampled signal by empirical-Bayes thresholding of its wavelet coefficients.
+    """Denoise a uniformly sampled signal, by empirical-Bayes thresholding of its wavelet coefficients or a smoother.
 
     Every level of detail is thresholded with its own weight and scale by :mod:`pymc_ship.denoising.ebayes`; the noise
     standard deviation is 1.4826 times the median absolute deviation, about the median, of the finest level; the
@@ -114,6 +132,10 @@ def denoise_signal(
     prior : {"laplace", "cauchy"}, optional
     translation_invariant : bool, optional
         Whether to average over all shifts (stationary transform) or to use the decimated transform.
+    method : {"wavelet", "savitzky_golay", "low_pass", "rts"}, optional
+        The smoothers beside the wavelets choose their one parameter from the signal, by generalised cross-validation
+        (the window of local cubics; the cut-off of a Butterworth filter run forward and backward) or by marginal
+        likelihood (the variance of a slope that is a random walk), and take no other option.
     scale : float or None, optional
         Scale of the Laplace density; None estimates it.
     rule : {"median", "mean", "hard", "soft"}, optional
@@ -130,8 +152,8 @@ def denoise_signal(
     Raises
     ------
     ValueError
-        For an unknown wavelet, prior, rule or boundary, levels out of range, a signal that is too short, not
-        one-dimensional or not finite.
+        For an unknown method, wavelet, prior, rule or boundary, levels out of range, options that the method does not
+        have, a signal that is too short, not one-dimensional or not finite.
 
     References
     ----------
@@ -148,51 +170,39 @@ def denoise_signal(
     >>> print(f"{np.std(noisy - signal):.2f}, {np.std(ps.denoise_signal(noisy) - signal):.2f}")
     0.09, 0.02
     """
-    settings = {"scale": scale, "rule": rule, "levels": levels, "boundary": boundary}
-    return _denoise(y, "signal", wavelet, prior, translation_invariant, **settings)[0]
+    settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, "scale": scale}
+    settings |= {"rule": rule, "levels": levels, "boundary": boundary}
+    _check_method(method, denoise_signal, settings)
+    return _denoised(y, "signal", method, settings)[0]
 
 
-def _denoise(
-    y: ArrayLike,
-    what: str,
-    wavelet: str,
-    prior: str,
-    translation_invariant: bool,
-    *,
-    scale: float | None = None,
-    rule: str = "median",
-    levels: int | None = None,
-    boundary: str = "reflect",
-) -> tuple[np.ndarray, float]:
-    """Smooth signal and noise standard deviation; ``what`` names the signal in errors."""
+def _denoised(y: ArrayLike, what: str, method: str, settings: dict) -> tuple[np.ndarray, dict]:
+    """Smooth signal and what its record says of it; ``what`` names the signal in errors."""
+    signal = finite_signal(y, what)
+    if method in SMOOTHERS:
+        found = smoothed(signal, method)
+        return found.estimate, {"noise_sdev": found.sdev, f"denoise_{SMOOTHERS[method].parameter}": found.parameter}
+    rule = settings.get("rule", "median")
+    check_choice("The rule", rule, RULES)
+    shrunk = shrinkage(signal, what, **{name: value for name, value in settings.items() if name != "rule"})
+    return shrunk.estimate(rule), {"noise_sdev": shrunk.sdev}
+
+
+def _check_method(method: str, function: Callable, settings: dict) -> None:
+    """Refuse an unknown method, and settings of the wavelets for a method that has none."""
+    check_choice("The method", method, METHODS)
+    defaults = {name: argument.default for name, argument in signature(function).parameters.items()}
+    changed = [name for name, value in settings.items() if value != defaults.get(name)]
+    if method in SMOOTHERS and changed:
+        raise ValueError(
+            f"The method {method} chooses its {SMOOTHERS[method].parameter} itself, found {', '.join(changed)} of the "
+            "wavelets; leave it out."
+        )
+
+
+def finite_signal(y: ArrayLike, what: str) -> np.ndarray:
+    """Signal as an array of finite numbers that is long enough."""
     signal = np.asarray(y, dtype=float)
-    for kind, choice, choices in (
-        ("prior", prior, PRIORS),
-        ("rule", rule, RULES),
-        ("boundary", boundary, wavelets.BOUNDARIES),
-    ):
-        check_choice(f"The {kind}", choice, choices)
-    filters = wavelets.orthogonal_wavelet(wavelet)
-    _check_signal(signal, what)
-    levels = wavelets.whole_levels(signal.size, levels, what)
-    before, after = wavelets.margins(signal.size, filters.dec_len, levels, boundary, what)
-    trend = wavelets.end_trend(signal) if boundary == "reflect" else np.zeros(signal.size)
-    padded = np.pad(signal - trend, (before, after), "symmetric")
-    approximation, details = wavelets.transform(padded, filters, levels, translation_invariant)
-    inside = [wavelets.inside(detail.size, padded.size, before, after) for detail in details]
-    finest = details[-1][inside[-1]]
-    sdev = mad(finest - np.median(finest))
-    if sdev <= wavelets.ACCURACY * np.abs(signal).max():
-        return signal.copy(), 0.0
-    smooth = []
-    for detail, part in zip(details, inside, strict=True):
-        weight, fitted, _ = fit_prior(detail[part] / sdev, prior, scale)
-        smooth.append(sdev * shrink(detail / sdev, weight, prior, fitted, rule))
-    estimate = wavelets.inverse(approximation, smooth, filters, translation_invariant)
-    return estimate[before : before + signal.size] + trend, sdev
-
-
-def _check_signal(signal: np.ndarray, what: str) -> None:
     if signal.ndim != 1 or signal.size < MIN_LENGTH:
         raise ValueError(
             f"Denoising needs at least {MIN_LENGTH} samples over time alone, found shape {signal.shape} in {what}; "
@@ -200,3 +210,4 @@ def _check_signal(signal: np.ndarray, what: str) -> None:
         )
     if not np.isfinite(signal).all():
         raise ValueError(f"Denoising needs finite values, found NaN or infinity in {what}; fill or cut the gaps first.")
+    return signal

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from pymc_ship.denoising.spike_and_slab import (
     beta_value,
+    draw_value,
     fit_cauchy,
     fit_laplace,
     mean_value,
@@ -233,6 +234,15 @@ def posterior_mean(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scal
 def posterior_median(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
     """Posterior median of the mean behind x, zero within the threshold; x, weight and scale are broadcast."""
     return _evaluate(median_value, x, _probability(weight), _code(prior, scale))
+
+
+def posterior_draw(
+    x: ArrayLike, weight: float, prior: str = "laplace", scale: float = 0.5, *, rng: np.random.Generator
+) -> np.ndarray:
+    """One draw of the mean behind each x from its posterior, in the units of the noise: exactly zero or of the slab."""
+    uniform = rng.random(np.shape(x))
+    normal = rng.standard_normal(np.shape(x)) if prior == "cauchy" else 0.0
+    return _evaluate(draw_value, x, _probability(weight), _code(prior, scale), uniform, normal)
 
 
 def weight_from_threshold(threshold: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:

@@ -16,6 +16,7 @@ SCALE_BOX = (0.04, 3.0)
 
 _GRID = np.linspace(math.log(SCALE_BOX[0]), math.log(SCALE_BOX[1]), 10)
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
+_SMALLEST = 1e-300
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 # (1 + t) M(t) in powers of (t - 5)/(t + 5), highest first: the form of Shepherd & Laframboise, Math. Comp. 36:249, 1981
 _MILLS = np.array(
@@ -183,6 +184,49 @@ def median_value(x, w, a):
     if w * odds <= (1.0 - w) * null:
         return 0.0
     return math.copysign(_cauchy_median(size, w) if math.isnan(a) else _laplace_median(size, w, a), x)
+
+
+@_jit
+def _laplace_draw(x, a, share):
+    """Quantile of the slab's posterior at x >= 0, beyond which a share of it lies: a draw where that is uniform."""
+    z = x - a
+    plus, minus, _, _ = _laplace_sides(z, _mills(abs(z)), _mills(x + a))
+    right = share * (plus + minus) / plus
+    if right > 1.0:
+        below = max((1.0 - share) * (plus + minus) / minus, _SMALLEST)
+        return x + a - _tail_quantile(math.log(below * _mills(x + a)) - 0.5 * (x + a) ** 2)
+    right = max(right, _SMALLEST)
+    if z <= 0.0:
+        return z + _tail_quantile(math.log(right * plus) - 0.5 * z * z)
+    if right * plus <= 0.5 * _ROOT_TWO_PI:
+        return z + _tail_quantile(math.log(right * plus))
+    return max(z - _tail_quantile(math.log(_ROOT_TWO_PI - right * plus)), 0.0)
+
+
+@_jit
+def _cauchy_draw(x, share, normal):
+    """Draw from the slab's posterior at x, from a uniform and a normal number.
+
+    The quasi-Cauchy mean is normal with variance 1/t - 1, t of Beta(1/2, 1); given x the density of t on (0, 1) is
+    proportional to exp(-t x^2/2), and the mean is normal about (1 - t) x with variance 1 - t.
+    """
+    s = 0.5 * x * x
+    t = share if s < 1e-12 else -math.log1p(share * math.expm1(-s)) / s
+    return (1.0 - t) * x + math.sqrt(max(1.0 - t, 0.0)) * normal
+
+
+@vectorize(cache=True)
+def draw_value(x, w, a, uniform, normal):
+    """Draw from the posterior, from a uniform and a normal number; the Laplace density does without the normal."""
+    size = abs(x)
+    slab, _, null, _ = _densities(size, a)
+    weight = w * slab / (w * slab + (1.0 - w) * null) if w > 0.0 else 0.0
+    if uniform >= weight:
+        return 0.0
+    share = uniform / weight
+    return math.copysign(1.0, x) * (
+        _cauchy_draw(size, share, normal) if math.isnan(a) else _laplace_draw(size, a, share)
+    )
 
 
 @vectorize(cache=True)

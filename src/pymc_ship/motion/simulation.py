@@ -11,10 +11,14 @@ from numba import njit
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.motion.controlled import Gear, course
 from pymc_ship.motion.equations import INLINED, KERNEL, PART, scheme
-from pymc_ship.motion.stepping import METHODS, STATE_ROWS, advance, in_range, integration, lanes_at_rest
+from pymc_ship.motion.stepping import METHODS, STATE_ROWS, Integration, advance, in_range, integration, lanes_at_rest
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
+
+INTEGRATORS = (*METHODS, "dop853")
+"""Methods of :func:`simulate`: those with a fixed step, and one whose steps have a controlled error."""
 
 LANES = 16
 """Ships integrated side by side by one kernel call."""
@@ -240,6 +244,7 @@ def simulate(
     method: str = "euler",
     record_interval: float | None = None,
     coefficients: np.ndarray | None = None,
+    tolerance: float = 1e-9,
 ) -> xr.Dataset:
     """Simulate a manoeuvre from a straight course at the approach speed.
 
@@ -250,13 +255,17 @@ def simulate(
     duration : float
         [s].
     step : float, optional
-        Integration step [s].
-    method : {"euler", "rk4"}, optional
-        Explicit Euler, as the paper, or classical Runge-Kutta.
+        Integration step [s]; of dop853 the interval of the samples.
+    method : {"euler", "rk4", "dop853"}, optional
+        Explicit Euler, as the paper, classical Runge-Kutta, or the reference of both: the eighth-order method of
+        Dormand & Prince with controlled error, which starts anew at every kink of the rudder and locates the instants
+        at which a heading switches it.
     record_interval : float, optional
         Interval of the samples kept [s], a multiple of the step; every step by default.
     coefficients : array_like, shape (n_draws, n_coefficients), optional
         Parameter vectors, DOFs one after the other in the vessel's order; the vessel's reference values by default.
+    tolerance : float, optional
+        Relative error that a step of dop853 may have; the other methods do not use it.
 
     Returns
     -------
@@ -267,8 +276,8 @@ def simulate(
     Raises
     ------
     SimulationError
-        For an unknown method, a step or duration that is not positive, an interval that is no multiple of the step,
-        coefficients of the wrong shape.
+        For an unknown method, a step, duration or tolerance that is not positive, an interval that is no multiple of
+        the step, coefficients of the wrong shape.
 
     References
     ----------
@@ -290,10 +299,23 @@ def simulate(
     if draws.ndim != 2 or draws.shape[1] != reference.size or not draws.size:
         raise SimulationError(f"Coefficients have shape (draws, {reference.size}), found {draws.shape}; reorder them.")
     time = np.arange(0, n_steps, stride) * step
-    out = np.full((len(SIMULATED), len(draws), len(time)), np.nan)
-    equations, steps = scheme(vessel), integration(method, step, stride)
-    initial, steering = np.zeros(STATE_ROWS), _steering(vessel, manoeuvre, n_steps, step)
-    initial[0] = manoeuvre.approach_speed or vessel.particulars.nominal_speed
+    if method == "dop853":
+        out, diverged_at = _controlled(vessel, manoeuvre, draws, time, tolerance)
+    else:
+        out, diverged_at = _stepped(vessel, manoeuvre, draws, integration(method, step, stride), n_steps)
+    settings = {"step": step, "method": method} | ({"tolerance": tolerance} if method == "dop853" else {})
+    attrs = _attrs(vessel, manoeuvre, **settings)
+    return _dataset(out, time, diverged_at, attrs, coefficients is None)
+
+
+def _stepped(
+    vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, steps: Integration, n_steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Samples (9, n_draws, n_saved) of ships side by side by steps of one length, and when each diverged [s]."""
+    out = np.full((len(SIMULATED), len(draws), -(-n_steps // steps.substeps)), np.nan)
+    equations, initial = scheme(vessel), np.zeros(STATE_ROWS)
+    steering = _steering(vessel, manoeuvre, n_steps, steps.step)
+    initial[0] = _approach_speed(vessel, manoeuvre)
     blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
     def run(lanes: slice) -> np.ndarray:
@@ -302,12 +324,23 @@ def simulate(
 
     with thread_pool(len(blocks)) as pool:
         diverged = np.concatenate(list(pool.map(run, blocks)))
-    attrs = _attrs(vessel, manoeuvre, step, method)
-    return _dataset(out, time, np.where(diverged >= 0, diverged * step, np.nan), attrs, coefficients is None)
+    return out, np.where(diverged >= 0, diverged * steps.step, np.nan)
+
+
+def _controlled(
+    vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, time: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same by steps of controlled error, one ship after the other."""
+    if not 1e-13 <= tolerance < 1.0:
+        raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {tolerance}; correct it.")
+    gear = Gear(_rudder_rate(vessel, manoeuvre), vessel.particulars.rudder_delay)
+    settings = {"speed": _approach_speed(vessel, manoeuvre), "tolerance": tolerance}
+    runs = [course(one, scheme(vessel), manoeuvre, gear, time, **settings) for one in draws]
+    return np.stack([run.samples for run in runs], axis=1), np.array([run.diverged_at for run in runs])
 
 
 def _grid(duration: float, step: float, record_interval: float | None, method: str) -> tuple[int, int]:
-    check_choice("The method", method, METHODS, SimulationError)
+    check_choice("The method", method, INTEGRATORS, SimulationError)
     for name, value in (("duration", duration), ("step", step)):
         if not 0.0 < value < np.inf:
             raise SimulationError(f"The {name} must be positive, found {value} s; raise it.")
@@ -327,22 +360,31 @@ def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float) -
     heading, factor = manoeuvre.switch
     return Steering(
         command=manoeuvre.command(np.arange(n_steps) * step),
-        travel=float(np.deg2rad(vessel.particulars.rudder_rate_deg) * step) if manoeuvre.rate_limited else np.inf,
+        travel=_rudder_rate(vessel, manoeuvre) * step,
         heading=float(heading),
         factor=float(factor),
         delay=round(vessel.particulars.rudder_delay / step),
     )
 
 
-def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, step: float, method: str) -> dict:
+def _rudder_rate(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
+    """Rate of the rudder [rad/s], infinite for one that is where the command is."""
+    return float(np.deg2rad(vessel.particulars.rudder_rate_deg)) if manoeuvre.rate_limited else np.inf
+
+
+def _approach_speed(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
+    """Speed at time 0 [m/s]."""
+    return float(manoeuvre.approach_speed or vessel.particulars.nominal_speed)
+
+
+def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, **settings: float | str) -> dict:
     return {
         "vessel": vessel.name,
         **manoeuvre.attrs,
-        "approach_speed": float(manoeuvre.approach_speed or vessel.particulars.nominal_speed),
+        "approach_speed": _approach_speed(vessel, manoeuvre),
         "rudder_delay": vessel.particulars.rudder_delay,
         "dofs": " ".join(vessel.dofs),
-        "step": step,
-        "method": method,
+        **settings,
     }
 
 

@@ -9,5 +9,5 @@
 - `tree`: draws laid out as a DataTree, written and read.
 - `cross_validation`: log predictive density of blocks of rows left out.
 - `tune`: priors chosen by evidence or by Bayesian optimisation.
-- `identify`: every degree of freedom of a trial at once.
+- `identify`: every degree of freedom of a trial at once; posteriors pooled over draws of a denoised trial.
 """

@@ -1,6 +1,7 @@
 """The paper's study from end to end, and its page.
 
 - `study`: the study in the paper's order.
+- `denoisers`: methods of denoising, and draws of the denoised record carried into the regression.
 - `measurements`: discretisation, methods, published errors.
 - `findings`: what the study found, in sentences.
 - `bound_chapter`: the published errors beside the bound.

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.denoising.denoise import denoise
+from pymc_ship.denoising.draws import denoise_draws
 from pymc_ship.diagnostics.agreement import Comparison, agreement
 from pymc_ship.forecasting.forecast import forecast
 from pymc_ship.frontier.bound import cramer_rao_bound
@@ -20,6 +21,7 @@ from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.regression.identify import Identification, identify
+from pymc_ship.replication import denoisers
 from pymc_ship.replication import measurements as replication
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.sampling.gibbs import gibbs_posterior
@@ -101,6 +103,7 @@ def run_study(
     for one in sorted({*levels, level}):
         _level(result, one, progress)
     _cross_check(result, progress)
+    _denoisers(result, progress)
     _replication(result, sweep, progress)
     _from_the_bound(result, progress)
     return result
@@ -160,6 +163,18 @@ def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
                 tree = sampler(data, prior, draws=2000, chains=4, rng=rng).drop_nodes("log_likelihood")
                 result.draws[family][name][dof] = trees[name] = tree
             result.agreement[family][dof] = agreement(found.exact[family][dof], trees)
+
+
+def _denoisers(result: StudyResult, progress: Callable[[str], None]) -> None:
+    """Tables of the methods of denoising and of draws of the denoised record, at the level shown."""
+    vessel, noisy, smooth = result.vessel, result.noisy[result.level], result.smooth[result.level]
+    progress("methods of denoising")
+    result.tables["denoisers"] = denoisers.denoiser_rows(result.trial, noisy, vessel, interval=INTERVAL)
+    progress("draws of the denoised record")
+    drawn = denoise_draws(noisy, draws=denoisers.N_DRAWS, rng=generator(result.seed, "denoised"))
+    result.tables["drawn_channels"] = denoisers.channel_rows(result.trial, drawn)
+    rng = generator(result.seed, "pooled")
+    result.tables["drawn_coefficients"] = denoisers.draw_rows(smooth, drawn, vessel, interval=INTERVAL, rng=rng)
 
 
 def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable[[str], None]) -> None:

@@ -13,6 +13,7 @@ from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.study import MANOEUVRES, StudyResult
+from pymc_ship.trial.channels import sensors
 from pymc_ship.trial.noise import LITERAL_LEVEL
 from pymc_ship.vessel.vessel import LETTER
 
@@ -83,6 +84,35 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
                 "before": ("RMSE before", n),
                 "after": ("RMSE after", n),
                 "gain": ("before / after", n),
+            },
+        ),
+        "denoisers": table(
+            result.tables["denoisers"],
+            {
+                "method": ("method", str),
+                **{f"snr_{name}": (f"{name} [dB]", p) for name in sensors()},
+                **{key: error_columns[key] for key in ("median", *shares, "coverage")},
+            },
+        ),
+        "drawn_channels": table(
+            result.tables["drawn_channels"],
+            {
+                "channel": ("channel", str),
+                "sd": ("sd of draws", n),
+                "rmse": ("RMSE of their mean", n),
+                "coverage": ("90 % intervals cover %", fixed(0)),
+            },
+        ),
+        "drawn_coefficients": table(
+            result.tables["drawn_coefficients"],
+            {
+                "derivative": ("derivative", str),
+                "dof": ("DOF", str),
+                "median": ("median %", n),
+                "coverage": ("90 % intervals cover %", fixed(0)),
+                "median_pooled": ("pooled: median %", n),
+                "coverage_pooled": ("cover %", fixed(0)),
+                "widened": ("sd, pooled / known", n),
             },
         ),
         "data": table(

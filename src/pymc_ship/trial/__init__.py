@@ -8,5 +8,6 @@
 - `format`: the user's description of a file, in TOML.
 - `time_base`: rounded, repeated and missing time stamps.
 - `reading`: a file as its facility wrote it, read into a record.
+- `instruments`: presets of sensors: resolution, missing samples, a clock that jitters.
 - `noise`: sensor noise of simulated records, and the noise of measured ones.
 """

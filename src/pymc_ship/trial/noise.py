@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, sensors
+from pymc_ship.trial.instruments import Noise, measured
 from pymc_ship.trial.record import TrialError, check_trial
 
 LITERAL_LEVEL = 0.2**0.5
@@ -76,17 +77,21 @@ def noise_factors() -> dict[str, float]:
 def pollute(
     trial: xr.Dataset,
     *,
-    level: float | str,
+    level: float | str | None = None,
+    noise: str | Noise | Sequence[str | Noise] | None = None,
     rng: np.random.Generator,
     factors: Mapping[str, float] | None = None,
 ) -> xr.Dataset:
-    """Add white Gaussian noise of standard deviation level * k * max|channel| to each channel.
+    """Add white Gaussian noise of standard deviation level * k * max|channel| to each channel, or another kind.
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
-    level : float or "literal"
+    level : float or "literal", optional
         Standard deviation of xi; ``"literal"`` is sqrt(0.2) = 0.447, as the paper prints it.
+    noise : str, callable or sequence of them, optional
+        In place of a level: instruments by their names in :data:`pymc_ship.trial.instruments.INSTRUMENTS` or of your
+        own (:class:`pymc_ship.Instrument`), or any function ``(clean trial, rng) -> trial``, one after the other.
     rng : numpy.random.Generator
     factors : mapping of str to float, optional
         k of each channel that carries noise, by default those of :func:`pymc_ship.trial.noise.noise_factors`; channels
@@ -95,12 +100,15 @@ def pollute(
     Returns
     -------
     Dataset, dims (time,)
-        Copy with noise on the channels; attrs ``noise_level`` and ``noise_sd_<channel>`` in the channel's unit.
+        Copy with noise on the channels; attrs ``noise_level`` and ``noise_sd_<channel>`` in the channel's unit. Samples
+        that an instrument misses are NaN, as in a file: :func:`pymc_ship.write_trial` writes them and
+        :func:`pymc_ship.read_trial` fills short runs.
 
     Raises
     ------
     TrialError
-        For a negative level, an unknown level name or an unknown channel.
+        For a negative level, an unknown level name or an unknown channel; for both or neither of level and noise, an
+        unknown instrument, two instruments for a channel, and a function that does not return a trial.
 
     References
     ----------
@@ -118,6 +126,10 @@ def pollute(
     >>> print(f"{noise.std():.4f} rad; {noisy.attrs['noise_sd_psi']:.4f} rad")
     0.0019 rad; 0.0019 rad
     """
+    if (level is None) == (noise is None) or (noise is not None and factors is not None):
+        raise TrialError("A trial is polluted by a level (with factors) or by kinds of noise; give one of the two.")
+    if noise is not None:
+        return measured(trial, noise, rng)
     size, known = noise_sd(level), noise_factors()
     factors = known if factors is None else factors
     noisy = dict.fromkeys((*SIMULATED, *known))

@@ -1,0 +1,122 @@
+"""Denoising in the study: methods side by side, and draws of the denoised record carried into the regression."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.denoising.denoise import METHODS, denoise
+from pymc_ship.frontier.estimates import regression_estimate
+from pymc_ship.frontier.scores import error_summary, relative_error
+from pymc_ship.regression.identify import CI_PROB, pooled_coefficients, regression_draws
+from pymc_ship.regression.tune import maximise_evidence
+from pymc_ship.rows.from_trials import regression_data
+from pymc_ship.trial.channels import sensors
+from pymc_ship.vessel.vessel import Vessel
+
+N_DRAWS = 20
+"""Draws of the denoised record that are carried into the regression: Rubin's rule then adds 1/20 for their number."""
+
+DERIVATIVES = ("euler", "savgol")
+"""The paper's differences, and those that a draw bears."""
+
+
+def denoiser_rows(trial: xr.Dataset, noisy: xr.Dataset, vessel: Vessel, *, interval: float) -> list[dict]:
+    """Signal-to-noise ratio of each channel and error summary of the coefficients by method, and without any.
+
+    Parameters
+    ----------
+    trial, noisy : Dataset, dims (time,)
+        Clean and as measured.
+    vessel : Vessel
+    interval : float
+        Of the rows of the regression [s].
+
+    Returns
+    -------
+    list of dict
+        ``method``, ``snr_<channel>`` [dB], and of the conjugate posterior from forward differences the error summary
+        over all DOFs with ``coverage`` [%].
+    """
+    records = {"none": noisy} | {method: denoise(noisy, method=method) for method in METHODS}
+    return [
+        {
+            "method": method,
+            **{f"snr_{name}": signal_to_noise(trial[name].values, record[name].values) for name in sensors()},
+            **regression_estimate(record, vessel, interval=interval).scores(vessel),
+        }
+        for method, record in records.items()
+    ]
+
+
+def signal_to_noise(clean: np.ndarray, record: np.ndarray) -> float:
+    """Variance of the clean signal over the mean squared error of a record, in dB; infinite without an error."""
+    with np.errstate(divide="ignore"):
+        return float(10.0 * np.log10(np.var(clean) / np.mean((record - clean) ** 2)))
+
+
+def channel_rows(trial: xr.Dataset, drawn: xr.Dataset) -> list[dict]:
+    """Pointwise intervals of draws: ``coverage`` [%] of the clean channel, mean ``sd`` and ``rmse`` of the mean."""
+    rows = []
+    for name in sensors():
+        clean, values = trial[name].values, drawn[name].transpose("draw", "time").values
+        lower, upper = np.quantile(values, [0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], axis=0)
+        rows.append(
+            {
+                "channel": f"{name} [{trial[name].attrs['units']}]",
+                "coverage": 100.0 * float(np.mean((lower <= clean) & (clean <= upper))),
+                "sd": float(values.std(axis=0).mean()),
+                "rmse": float(np.sqrt(np.mean((values.mean(axis=0) - clean) ** 2))),
+            }
+        )
+    return rows
+
+
+def draw_rows(
+    smooth: xr.Dataset, drawn: xr.Dataset, vessel: Vessel, *, interval: float, rng: np.random.Generator
+) -> list[dict]:
+    """Coefficients of each DOF with the denoised record taken as known, and pooled over its draws.
+
+    Parameters
+    ----------
+    smooth : Dataset, dims (time,)
+        Denoised.
+    drawn : Dataset, dims (draw, time)
+        The draws of the same record.
+    vessel : Vessel
+    interval : float
+        Of the rows [s].
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    list of dict
+        ``derivative``, ``dof``; ``median`` error [%] and ``coverage`` [%] of the intervals of 90 % as known, the same
+        ``_pooled``, and ``widened``, the median ratio of the standard deviations. Conjugate family at the evidence
+        maximum of the record taken as known.
+    """
+    rows = []
+    for derivative in DERIVATIVES:
+        for dof in vessel.dofs:
+            settings = {"interval": interval, "derivative": derivative}
+            data = regression_data(smooth, vessel, dof, **settings)
+            prior, _ = maximise_evidence(data, "conjugate")
+            known = prior.exact(data)
+            pooled = pooled_coefficients(regression_draws(drawn, vessel, dof, **settings), prior, rng=rng)
+            ends = known.quantiles([0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB])
+            reference = vessel.coefficients(dof).values
+            scores = _scores(reference, known.mean, *ends)
+            mixture = _scores(reference, *(pooled[name].values for name in ("mean", "lower", "upper")))
+            more = {f"{name}_pooled": value for name, value in mixture.items()}
+            widened = float(np.median(pooled["sd"].values / known.sd))
+            rows.append({"derivative": derivative, "dof": dof, **scores, **more, "widened": widened})
+    return rows
+
+
+def _scores(reference: np.ndarray, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> dict[str, float]:
+    """Median error and share of references inside the intervals, both in %."""
+    inside = (lower <= reference) & (reference <= upper)
+    return {
+        "median": error_summary(relative_error(mean, reference))["median"],
+        "coverage": 100.0 * float(inside.mean()),
+    }
