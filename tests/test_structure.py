@@ -28,7 +28,7 @@ WINGS = {
     "regression": "machine forces vessel trial denoising motion",
     "trajectory": "machine forces vessel trial motion regression",
     "sampling": "machine vessel motion regression trajectory",
-    "forecasting": "machine pages forces vessel trial manoeuvre motion",
+    "forecasting": "machine pages forces vessel trial manoeuvre motion regression trajectory sampling",
     "design": "vessel trial manoeuvre motion trajectory forecasting",
     "ship": "machine pages forces vessel trial manoeuvre motion checks regression trajectory forecasting",
     "diagnostics": "machine pages vessel trial regression trajectory sampling design",

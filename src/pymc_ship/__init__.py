@@ -54,6 +54,7 @@ _PUBLIC = {
     "sampling.trajectory_model": ("trajectory_model", "trajectory_nuts_posterior"),
     "forecasting.extrapolation": ("extrapolation",),
     "forecasting.forecast": ("forecast",),
+    "forecasting.prior_ships": ("prior_ships",),
     "design.candidates": ("candidate_trials",),
     "design.identifiability": ("fisher_information", "fitted_identifiability", "identifiability"),
     "design.trial_design": ("TrialDesignError", "design_trials"),

@@ -24,6 +24,7 @@ from pymc_ship.experiments.grid import MonteCarloError as MonteCarloError
 from pymc_ship.experiments.run import montecarlo as montecarlo
 from pymc_ship.forecasting.extrapolation import extrapolation as extrapolation
 from pymc_ship.forecasting.forecast import forecast as forecast
+from pymc_ship.forecasting.prior_ships import prior_ships as prior_ships
 from pymc_ship.machine.files import OutputError as OutputError
 from pymc_ship.manoeuvre.criteria import imo_criteria as imo_criteria
 from pymc_ship.manoeuvre.criteria import imo_probabilities as imo_probabilities

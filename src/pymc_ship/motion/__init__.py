@@ -3,6 +3,7 @@
 - `equations`: accelerations from state and rudder, many ships side by side.
 - `prime_record`: the motion of a record in prime quantities.
 - `stepping`: the steps of the integrators, and the range of motions in which the model is valid.
+- `stability`: how a small disturbance of a straight course grows.
 - `simulation`: a manoeuvre or a rudder record, integrated.
 - `sensitivities`: derivatives of a simulated motion by coefficients and initial state.
 - `weak_form`: the equations times test functions, and the start of a trajectory fit.
