@@ -31,7 +31,7 @@ WINGS = {
     "forecasting": "machine pages forces vessel trial manoeuvre motion regression trajectory sampling",
     "design": "vessel trial manoeuvre motion trajectory forecasting",
     "ship": "machine pages forces vessel trial manoeuvre motion checks regression trajectory forecasting",
-    "diagnostics": "machine pages vessel trial regression trajectory sampling design",
+    "diagnostics": "machine pages vessel trial regression trajectory sampling forecasting design",
     "frontier": "machine pages vessel trial denoising manoeuvre motion regression trajectory forecasting design",
     "replication": "machine pages vessel trial denoising manoeuvre motion regression trajectory sampling forecasting "
     "diagnostics frontier",

@@ -8,8 +8,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.draws import coefficient_draws
-from pymc_ship.forecasting.forecast import pooled_forecast
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.forecasting.forecast import BANDS, pooled_forecast
+from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
+from pymc_ship.motion.simulation import simulation_settings
 from pymc_ship.motion.stability import growth_rates
 from pymc_ship.regression.data import RegressionData
 from pymc_ship.regression.priors import Prior, PriorError
@@ -20,6 +21,15 @@ from pymc_ship.vessel.vessel import Vessel
 STATUSES = ("ran away", "wrong way", "course-unstable", "sailed")
 """How a ship of a prior ends: the first that is true of her. `ran away`: she leaves the model's range. `wrong way`: she
 turns against her rudder. `course-unstable`: she leaves a straight course by herself. `sailed`: none of these."""
+
+SHARES = ("ran_away", "wrong_way", "course_unstable", "sailed")
+"""Shares of ships, as attrs name them after ``share_``."""
+
+STANDARD = {
+    zigzag(10, 10): ("first_overshoot_angle", "second_overshoot_angle"),
+    turning_circle(35): ("advance", "tactical_diameter"),
+}
+"""Manoeuvres by which a prior is judged, and their indices that IMO MSC.137(76) limits."""
 
 TURNED_DEG = 10.0
 """Heading change [deg] by which a ship has turned: that of the initial turning ability of IMO MSC.137(76)."""
@@ -54,7 +64,8 @@ def prior_ships(
     duration : float, optional
         [s]; by default what a forecast of this kind of manoeuvre lasts, 40 L/U for the standard ones.
     **settings
-        ``step``, ``method`` and ``record_interval``, as :func:`pymc_ship.forecast`.
+        ``step``, ``method`` and ``record_interval``, as :func:`pymc_ship.forecast`; where none of them is given,
+        Runge-Kutta steps of L/U / 240, of which each fourth is kept.
 
     Returns
     -------
@@ -88,17 +99,32 @@ def prior_ships(
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> prior = ps.coefficient_prior([trial], vessel, "order_damped")
-    >>> ships = ps.prior_ships(vessel, prior, ps.zigzag(10, 10), draws=100, rng=rng, step=0.5)
+    >>> ships = ps.prior_ships(vessel, prior, ps.zigzag(10, 10), draws=100, rng=rng)
     >>> sister = ps.coefficient_prior([trial], vessel, "sister_ship", relative_sd=0.1)
-    >>> near = ps.prior_ships(vessel, sister, ps.zigzag(10, 10), draws=100, rng=rng, step=0.5)
+    >>> near = ps.prior_ships(vessel, sister, ps.zigzag(10, 10), draws=100, rng=rng)
     >>> ships.attrs["share_wrong_way"] > near.attrs["share_wrong_way"] == 0.0
     True
     """
     if draws < 2:
         raise ValueError(f"The ships of a prior are two or more, found {draws}; raise the draws.")
-    rows = _rows(vessel, prior, draws, rng)
+    ships = simulated_ships(vessel, _rows(vessel, prior, draws, rng), manoeuvre, rng, duration=duration, **settings)
+    attrs = {**ships.attrs, "held": _held(vessel, prior)}
+    return ships.assign_attrs(attrs | {"summary": _summary(attrs)})
+
+
+def simulated_ships(
+    vessel: Vessel,
+    rows: np.ndarray,
+    manoeuvre: Manoeuvre,
+    rng: np.random.Generator,
+    *,
+    duration: float | None = None,
+    **settings,
+) -> xr.Dataset:
+    """Ships of given coefficients, shape (n_draws, n_coefficients); the rest as :func:`prior_ships`, which words it."""
     if duration is None:
         duration = manoeuvre.traits.reach * vessel.particulars.ship_time
+    settings = settings or simulation_settings(vessel)
     tree = pooled_forecast([(vessel, rows)], manoeuvre, duration=duration, ci_prob=0.9, rng=rng, **settings)
     ships = tree["trajectories"].to_dataset()
     growth = growth_rates(vessel, rows, ships.attrs["approach_speed"])
@@ -107,23 +133,52 @@ def prior_ships(
         "wrong_way": _wrong_way(ships, manoeuvre),
         "course_unstable": growth > 0.0,
     }
+    status = np.select(list(flags.values()), STATUSES[:-1], STATUSES[-1])
     found = tree["indices"].to_dataset() if "indices" in tree.children else xr.Dataset()
     found = found.assign(
-        status=("draw", np.select(list(flags.values()), STATUSES[:-1], STATUSES[-1])),
+        status=("draw", status),
         **{name: ("draw", value) for name, value in flags.items()},
         diverged_at=ships["diverged_at"],
         growth_rate=("draw", growth, {"units": "U/L"}),
         coefficients=(("draw", "coefficient"), rows),
     )
-    coords = {"draw": ships["draw"], "coefficient": coefficient_names(vessel)}
     shares = {
         "share_ran_away": float(flags["diverged"].mean()),
         "share_wrong_way": float(flags["wrong_way"].mean()),
         "share_course_unstable": float(flags["course_unstable"].mean()),
-        "share_sailed": float((found["status"] == STATUSES[-1]).mean()),
+        "share_sailed": float(np.mean(status == STATUSES[-1])),
     }
-    attrs = {**ships.attrs, "label": manoeuvre.label, "draws": draws, **shares, "held": _held(vessel, prior)}
-    return found.assign_coords(coords).assign_attrs(attrs | {"summary": _summary(attrs)})
+    attrs = {**ships.attrs, "label": manoeuvre.label, "draws": len(rows), **shares}
+    return found.assign_coords(draw=ships["draw"], coefficient=coefficient_names(vessel)).assign_attrs(attrs)
+
+
+def share_row(ships: xr.Dataset) -> dict:
+    """Row of a table: how ships of :func:`prior_ships` ended.
+
+    Returns
+    -------
+    dict
+        ``manoeuvre``, ``ships`` and the shares ``ran_away``, ``wrong_way``, ``course_unstable``, ``sailed`` [%].
+    """
+    shares = {name: 100.0 * ships.attrs[f"share_{name}"] for name in SHARES}
+    return {"manoeuvre": ships.attrs["label"], "ships": ships.attrs["draws"], **shares}
+
+
+def index_row(ships: xr.Dataset, index: str, L: float, *, ci_prob: float) -> dict:
+    """Row of a table: band of an index of ships of :func:`prior_ships`.
+
+    Returns
+    -------
+    dict
+        ``unit`` (L, the length of the ship, for distances), ``lower``, ``median`` and ``upper`` end of the equal-tailed
+        band over the ships that reach the index (NaN without any), and ``reached``, their share [%].
+    """
+    values, unit = ships[index].values, ships[index].attrs["units"]
+    values = values[np.isfinite(values)] / (L if unit == "m" else 1.0)
+    tail = 0.5 * (1.0 - ci_prob)
+    band = np.quantile(values, [tail, 0.5, 1.0 - tail]) if values.size else np.full(3, np.nan)
+    reached = {"reached": 100.0 * values.size / ships.sizes["draw"]}
+    return {"unit": "L" if unit == "m" else unit} | dict(zip(BANDS, band.tolist(), strict=True)) | reached
 
 
 def _rows(
@@ -195,9 +250,7 @@ def _wrong_way(ships: xr.Dataset, manoeuvre: Manoeuvre) -> np.ndarray:
 
 def _summary(attrs: Mapping) -> str:
     """Say the shares in one sentence."""
-    away, wrong, unstable, sailed = (
-        f"{100.0 * attrs[f'share_{name}']:.3g} %" for name in ("ran_away", "wrong_way", "course_unstable", "sailed")
-    )
+    away, wrong, unstable, sailed = (f"{100.0 * attrs[f'share_{name}']:.3g} %" for name in SHARES)
     held = f", {', '.join(attrs['held'].split())} at reference values" if attrs["held"] else ""
     return (
         f"Of {attrs['draws']} ships of the prior in a {attrs['label']}{held}: {away} run away, {wrong} turn the wrong "

@@ -19,6 +19,12 @@ from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 LANES = 16
 """Ships integrated side by side by one kernel call."""
 
+STEPS = 240
+"""Steps in L/U of a manoeuvre that is simulated at the pace of a vessel: the rudder is reversed on one of them."""
+
+RECORDED = 4
+"""Steps between the samples of it that are kept."""
+
 
 class SimulationError(ValueError):
     """Settings that no simulation can run with."""
@@ -304,6 +310,12 @@ def simulate(
         diverged = np.concatenate(list(pool.map(run, blocks)))
     attrs = _attrs(vessel, manoeuvre, step, method)
     return _dataset(out, time, np.where(diverged >= 0, diverged * step, np.nan), attrs, coefficients is None)
+
+
+def simulation_settings(vessel: Vessel) -> dict:
+    """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
+    step = vessel.particulars.ship_time / STEPS
+    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
 
 
 def _grid(duration: float, step: float, record_interval: float | None, method: str) -> tuple[int, int]:

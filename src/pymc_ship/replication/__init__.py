@@ -2,6 +2,7 @@
 
 - `study`: the study in the paper's order.
 - `measurements`: discretisation, methods, published errors.
+- `prior_ships`: the ships that the study's own priors hold.
 - `findings`: what the study found, in sentences.
 - `bound_chapter`: the published errors beside the bound.
 - `tables`: tables of the page and as CSV.
