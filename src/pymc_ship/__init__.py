@@ -63,10 +63,11 @@ _PUBLIC = {
     "diagnostics.agreement": ("agreement",),
     "diagnostics.calibration": ("coverage", "geweke", "simulation_based_calibration"),
     "diagnostics.page": ("diagnostic_report",),
+    "frontier.estimates": ("Estimate",),
     "replication.page": ("study",),
     "replication.study": ("StudyResult", "run_study"),
-    "experiments.grid": ("MonteCarloError",),
     "experiments.run": ("montecarlo",),
+    "experiments.task": ("MonteCarloError",),
 }
 """Public names of each room; editors and type checkers read the same table in ``__init__.pyi``."""
 
