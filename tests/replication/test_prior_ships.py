@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from pymc_ship.regression import identify as identification
 from pymc_ship.regression.tune import tune_prior
 from pymc_ship.replication.measurements import PUBLISHED_PRIORS
 from pymc_ship.replication.prior_ships import prior_ship_rows, study_priors
+from pymc_ship.replication.tables import _prior_ship_table
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +91,14 @@ def test_a_prior_has_its_own_generator(container, found, trial):
 
     prior_ship_rows(container, found, trial, rng, ships=2)
     assert asked == [*study_priors(container, found, trial), ("conjugate", "posterior")]
+
+
+def test_the_table_shows_shares_and_bands():
+    """A prior of which no ship reaches the index has a dash."""
+    shares = {"ran_away": 100.0, "wrong_way": 0.0, "course_unstable": 50.0, "sailed": 0.0, "reached": 0.0}
+    row = {"family": "conjugate", "choice": "chosen", "manoeuvre": "turning circle 35 port", "index": "advance"}
+    row |= {"unit": "L", "lower": np.nan, "median": np.nan, "upper": np.nan, **shares}
+    other = row | {"lower": 4.0, "median": 5.0, "upper": 6.0, "reached": 80.0}
+    found = _prior_ship_table(SimpleNamespace(tables={"prior_ships": [row, other]}))
+    assert [cells[-2:] for cells in found.cells] == [["advance [L]: –", "0.0"], ["advance [L]: 5 (4 to 6)", "80.0"]]
+    assert found.cells[0][3:7] == ["100.0", "0.0", "50.0", "0.0"]
