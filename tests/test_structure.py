@@ -29,10 +29,10 @@ WINGS = {
     "regression": "machine forces vessel rows",
     "trajectory": "machine forces vessel trial motion regression",
     "sampling": "machine vessel motion rows regression trajectory",
-    "forecasting": "machine pages forces vessel trial manoeuvre motion",
+    "forecasting": "machine pages forces vessel trial manoeuvre motion rows regression trajectory sampling",
     "design": "vessel trial manoeuvre motion trajectory forecasting",
     "ship": "machine pages forces vessel trial manoeuvre motion checks rows regression trajectory forecasting",
-    "diagnostics": "machine pages vessel trial rows regression trajectory sampling design",
+    "diagnostics": "machine pages vessel trial rows regression trajectory sampling forecasting design",
     "frontier": "machine pages vessel trial denoising manoeuvre motion regression trajectory forecasting design",
     "replication": "machine pages vessel trial denoising manoeuvre motion rows regression trajectory sampling "
     "forecasting diagnostics frontier",

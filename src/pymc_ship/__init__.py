@@ -61,6 +61,7 @@ _PUBLIC = {
     "sampling.trajectory_model": ("trajectory_model", "trajectory_nuts_posterior"),
     "forecasting.extrapolation": ("extrapolation",),
     "forecasting.forecast": ("forecast",),
+    "forecasting.prior_ships": ("prior_ships",),
     "design.candidates": ("candidate_trials",),
     "design.identifiability": ("fisher_information", "fitted_identifiability", "identifiability"),
     "design.trial_design": ("TrialDesignError", "design_trials"),
@@ -69,10 +70,11 @@ _PUBLIC = {
     "diagnostics.agreement": ("agreement",),
     "diagnostics.calibration": ("coverage", "geweke", "simulation_based_calibration"),
     "diagnostics.page": ("diagnostic_report",),
+    "frontier.estimates": ("Estimate",),
     "replication.page": ("study",),
     "replication.study": ("StudyResult", "run_study"),
-    "experiments.grid": ("MonteCarloError",),
     "experiments.run": ("montecarlo",),
+    "experiments.task": ("MonteCarloError",),
 }
 """Public names of each room; editors and type checkers read the same table in ``__init__.pyi``."""
 

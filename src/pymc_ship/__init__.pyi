@@ -22,10 +22,12 @@ from pymc_ship.diagnostics.calibration import coverage as coverage
 from pymc_ship.diagnostics.calibration import geweke as geweke
 from pymc_ship.diagnostics.calibration import simulation_based_calibration as simulation_based_calibration
 from pymc_ship.diagnostics.page import diagnostic_report as diagnostic_report
-from pymc_ship.experiments.grid import MonteCarloError as MonteCarloError
 from pymc_ship.experiments.run import montecarlo as montecarlo
+from pymc_ship.experiments.task import MonteCarloError as MonteCarloError
 from pymc_ship.forecasting.extrapolation import extrapolation as extrapolation
 from pymc_ship.forecasting.forecast import forecast as forecast
+from pymc_ship.forecasting.prior_ships import prior_ships as prior_ships
+from pymc_ship.frontier.estimates import Estimate as Estimate
 from pymc_ship.machine.files import OutputError as OutputError
 from pymc_ship.manoeuvre.criteria import imo_criteria as imo_criteria
 from pymc_ship.manoeuvre.criteria import imo_probabilities as imo_probabilities

@@ -25,6 +25,7 @@ TITLES = [
     "Residuals",
     "Leave-one-out cross-validation",
     "Sensitivity to prior and likelihood",
+    "Ships of the prior and of the posterior",
 ]
 
 
@@ -76,7 +77,7 @@ def test_the_page_is_one_file_that_needs_no_other(page):
 def test_the_page_states_its_defaults_and_shows_every_figure(page):
     whole, _, _ = page
     figures = set(Tags(whole).ids) - {"posterior-1", "repeat"}
-    kinds = "forest trace rank ess noise predictive pair correlation residuals pareto pit"
+    kinds = "forest trace rank ess noise predictive pair correlation residuals pareto pit ships"
     assert figures == {f"posterior-1-{kind}" for kind in kinds.split()}
     for text in (
         "ci_kind eti",
@@ -98,7 +99,7 @@ def test_a_torn_posterior_heads_its_page_with_the_failing_gate_and_says_what_is_
     assert "1 a &lt; b</h2>" in bare
     assert "(a gate fails)" in bare
     assert re.search(r"<li>A convergence gate fails: largest R-hat [1-9.e]+.* \(Yv\), to be &lt; 1.01", bare)
-    assert bare.count("Not shown: the tree has no") == 6
+    assert bare.count("Not shown: the tree has no") == 7
     assert "Not shown: no draws of the same data and prior by another method are given." in bare
     assert "the tree has no constant_data/design_matrix and no observed_data/response." in bare
     assert "the tree has no log_prior/coefficients and no log_likelihood/response." in bare

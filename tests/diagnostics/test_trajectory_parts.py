@@ -28,6 +28,7 @@ TITLES = [
     "Correlation of the coefficients",
     "Leave-one-out by block",
     "Sensitivity to prior and likelihood",
+    "Ships of the prior and of the posterior",
 ]
 
 
@@ -133,7 +134,7 @@ def test_the_page_has_every_part_and_figure_and_states_its_defaults(page):
     assert re.findall(r"<h3>(.*)</h3>", page) == TITLES
     figures = re.findall(r'<figure id="posterior-1-(.*?)">', page)
     forests = ["forest-surge", "forest-sway", "forest-yaw"]
-    rest = ["contraction", "directions", "pair", "correlation", "pareto"]
+    rest = ["contraction", "directions", "pair", "correlation", "pareto", "ships"]
     assert figures == ["motion-1", "motion-2", "autocorrelation", "quantiles", *forests, *rest]
     for text in (
         "ci_prob 0.95",
@@ -213,9 +214,9 @@ def test_a_part_whose_variables_are_missing_says_so_in_one_sentence():
     found = parts_of(without(short_posterior(), *groups))
     assert list(found) == TITLES
     said = [found[title].text for title in TITLES if title not in ("Gates", "Correlation of the coefficients")]
-    assert len(said) == 7
+    assert len(said) == 8
     assert all(re.fullmatch(r"Not shown: the tree has no [\w/]+( and no [\w/]+)*\.", text) for text in said)
-    assert said[-1] == "Not shown: the tree has no log_prior/coefficients and no log_likelihood/response."
+    assert said[-2] == "Not shown: the tree has no log_prior/coefficients and no log_likelihood/response."
 
 
 def test_a_sampler_shows_chains_and_energy():

@@ -38,6 +38,10 @@ TABLES = {
     "differencing": (3 * 2, SUMMARY | {"derivative", "interval"}),
     "discretisation": (3, {"differences", "worst", *DOFS}),
     "priors": (2 * 4 * 4, {"family", "dof", "choice", "shape", "scale", "kappa", "score", "score_se", "log_evidence"}),
+    "prior_ships": (
+        2 * (2 * 4 + 1),
+        {"family", "choice", "manoeuvre", "ran_away", "wrong_way", "course_unstable", "sailed", "index", "reached"},
+    ),
     "printed_errors": (4, {"dof", "printed", "fit_own", "fit_other"}),
     "full_conditional": (4, {"dof", "mcmc", "mcse", "z_marginal", "z_full_conditional"}),
     "forecast_zigzag": (4, FORECAST | {"family", "first_overshoot_angle_median", "second_overshoot_angle_reference"}),
@@ -73,14 +77,15 @@ TABLES = {
     "data": (4, {"dof", "rows", "terms", "condition", "vif_median", "vif_largest", "largest"}),
 }
 UNKNOWN = {
+    "prior_ships": {"lower", "median", "upper"},
     "published": {"coverage"},
     "agreement": {"divergences"},
     "coefficients": {f"{name}_{family}" for name in ("published", "published_error", "error") for family in FAMILIES}
     | {"bound", "bound_literal"},
     "methods": {"coverage", "median", "under_5", "under_20", "under_50"},
 }
-"""What may be NaN: no intervals are printed, nor are there of the bound, Gibbs knows no divergence, a zero has no
-relative error, a fit without prior may fail under the literal noise."""
+"""What may be NaN: no ship of a wide prior may reach an index, no intervals are printed, nor are there of the bound,
+Gibbs knows no divergence, a zero has no relative error, a fit without prior may fail under the literal noise."""
 
 
 def median_errors(result):

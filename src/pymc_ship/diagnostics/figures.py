@@ -235,3 +235,18 @@ def residuals(values: xr.DataArray, band: float) -> Figure:
         axes[0, 1].set_ylabel("autocorrelation")
         axes[0, 1].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return fig
+
+
+def index_bands(rows: Sequence[tuple[str, Mapping[str, Mapping[str, float]]]]) -> Figure:
+    """Bands of indices, a panel each: ``lower``, ``median`` and ``upper`` under prior and posterior."""
+    colours = {"prior": NOISE, "posterior": BLUE}
+    with matplotlib.rc_context(STYLE):
+        fig, axes = subplots(8.0, 1.7 * ((len(rows) + 1) // 2), (len(rows) + 1) // 2, 2)
+        for ax, (label, bands) in zip(axes.flat, rows, strict=False):
+            for height, (of, band) in enumerate(reversed(bands.items())):
+                ax.plot([band["lower"], band["upper"]], [height, height], color=colours[of], lw=5.0)
+                ax.plot(band["median"], height, "|", color="black", ms=11.0)
+            ax.set_yticks(range(len(bands)), [*reversed(bands)])
+            ax.set_ylim(-0.6, len(bands) - 0.4)
+            ax.set_xlabel(label)
+    return fig

@@ -11,9 +11,42 @@ from matplotlib.figure import Figure
 
 from pymc_ship.diagnostics import figures, numbers
 from pymc_ship.diagnostics.agreement import Comparison
-from pymc_ship.diagnostics.numbers import ENVELOPE
-from pymc_ship.pages.tables import Table, fixed, number, table
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.diagnostics.numbers import CI_PROB, ENVELOPE
+from pymc_ship.forecasting.draws import coefficient_draws
+from pymc_ship.forecasting.prior_ships import (
+    STANDARD,
+    RegressionPrior,
+    index_row,
+    prior_ships,
+    share_row,
+    simulated_ships,
+)
+from pymc_ship.pages.tables import Table, fixed, number, percent, table
+from pymc_ship.trajectory.prior import CoefficientPrior
+from pymc_ship.vessel.vessel import Vessel, VesselError
+
+SHIPS = 200
+"""Ships of the prior, and of the posterior, in each manoeuvre of a section: a share of a half is known to 3.5 %."""
+
+SHIPS_TITLE = "Ships of the prior and of the posterior"
+"""Title of the part on the ships that a prior holds."""
+
+_SHARES = {
+    "manoeuvre": ("manoeuvre", str),
+    "of": ("ships of the", str),
+    "ran_away": ("ran away %", fixed(1)),
+    "wrong_way": ("wrong way %", fixed(1)),
+    "course_unstable": ("course-unstable %", fixed(1)),
+    "sailed": ("none of these %", fixed(1)),
+}
+_BANDS = {
+    "index": ("index", str),
+    "manoeuvre": ("manoeuvre", str),
+    "prior": ("prior", str),
+    "prior_reached": ("reached %", fixed(1)),
+    "posterior": ("posterior", str),
+    "posterior_reached": ("reached %", fixed(1)),
+}
 
 
 @dataclass(frozen=True)
@@ -150,3 +183,56 @@ def pareto_sentence(loo: object, unit: str) -> str:
         f"{int(np.sum(k > loo.good_k))} of {k.size} {unit}s have a Pareto k above {loo.good_k:.2f}; the largest is "
         f"{number(3)(float(k[worst]))}, row {worst}."
     )
+
+
+def ships_part(
+    tree: xr.DataTree,
+    ship: Vessel | None,
+    prior: CoefficientPrior | dict[str, RegressionPrior],
+    rng: np.random.Generator,
+) -> Part:
+    """How ships of the prior and of the posterior end in the standard manoeuvres, and bands of their indices.
+
+    The degrees of freedom that a regression does not have keep the vessel's reference values on both sides.
+    """
+    if ship is None:
+        return Part(SHIPS_TITLE, "Not shown: no vessel was given, whose hull and inertia ships are made with.")
+    try:
+        ship.check_model()
+    except VesselError as error:
+        return Part(SHIPS_TITLE, f"Not shown: {error}")
+    posterior = tree if isinstance(prior, CoefficientPrior) else dict.fromkeys(prior, tree)
+    shares, bands, drawn = [], [], []
+    for manoeuvre, names in STANDARD.items():
+        rows = coefficient_draws(ship, posterior, SHIPS, rng)
+        both = {
+            "prior": prior_ships(ship, prior, manoeuvre, draws=SHIPS, rng=rng),
+            "posterior": simulated_ships(ship, rows, manoeuvre, rng),
+        }
+        shares += [{"of": of, **share_row(ships)} for of, ships in both.items()]
+        for name in names:
+            one = {of: index_row(ships, name, ship.particulars.L, ci_prob=CI_PROB) for of, ships in both.items()}
+            label = f"{name.replace('_', ' ')} [{one['prior']['unit']}]"
+            bands.append({"index": label, "manoeuvre": manoeuvre.label} | _beside(one))
+            drawn.append((f"{label}\n{manoeuvre.label}", one))
+    held = both["prior"].attrs["held"].split()
+    beside = f" {', '.join(held).capitalize()} keep the reference values of the vessel." if held else ""
+    text = (
+        f"One ship for each of {SHIPS} draws. Course-unstable: a small disturbance of the straight course grows. Wrong "
+        f"way: the heading changes against the rudder first.{beside}"
+    )
+    tables = [
+        (table(shares, _SHARES), "Shares of the ships; one may count in several of the first three."),
+        (table(bands, _BANDS), f"Equal-tailed bands of {percent(CI_PROB)} over the ships that reach the index."),
+    ]
+    caption = f"Median and equal-tailed {percent(CI_PROB)} of the indices under prior (grey) and posterior (blue)."
+    return Part(SHIPS_TITLE, text, tables, [("ships", figures.index_bands(drawn), caption)])
+
+
+def _beside(one: dict[str, dict]) -> dict:
+    """Band of an index under prior and posterior as the cells of one row."""
+    n, cells = number(3), {}
+    for of, row in one.items():
+        band = f"{n(row['median'])} ({n(row['lower'])} to {n(row['upper'])})"
+        cells |= {of: band if np.isfinite(row["median"]) else "–", f"{of}_reached": row["reached"]}
+    return cells

@@ -14,6 +14,7 @@ from pymc_ship.diagnostics import figures, numbers, regression
 from pymc_ship.diagnostics.agreement import LEVEL, Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.parts import (
+    SHIPS_TITLE,
     Part,
     Subject,
     chain_images,
@@ -24,6 +25,7 @@ from pymc_ship.diagnostics.parts import (
     pareto_image,
     pareto_sentence,
     record_remarks,
+    ships_part,
 )
 from pymc_ship.diagnostics.tables import (
     AGREEMENT,
@@ -122,6 +124,7 @@ def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> li
         _residuals(tree),
         _leave_one_out(tree, rng),
         _sensitivity(tree),
+        _ships(tree, ship, rng),
     ]
 
 
@@ -321,6 +324,15 @@ def _sensitivity(tree: xr.DataTree) -> Part:
     text = f"{len(moved)} of {len(rows)} quantities move with the prior{': ' + ', '.join(moved) if moved else ''}."
     caption = f"Power-scaling sensitivity by 0.99 and 1.01 (psense); above {PSENSE_LIMIT:g} a quantity is moved."
     return Part(title, text, [(sensitivity_table(rows, "quantity"), caption)])
+
+
+def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Part:
+    """Ships of the prior: that of the tree's own group where there is one, otherwise that which it records."""
+    if numbers.has(tree, "prior/coefficients"):
+        return ships_part(tree, ship, {tree.attrs["dof"]: tree}, rng)
+    if lacking := missing_sentence(tree, *DESIGN):
+        return Part(SHIPS_TITLE, f"Not shown: {lacking}")
+    return ships_part(tree, ship, {tree.attrs["dof"]: (regression.data_of(tree), regression.prior_of(tree))}, rng)
 
 
 def _coefficient_names(vessel: Vessel, tree: xr.DataTree) -> list[str]:

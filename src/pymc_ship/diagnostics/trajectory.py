@@ -14,6 +14,7 @@ from pymc_ship.design.identifiability import UNKNOWN
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT, check_draws
 from pymc_ship.trajectory.fit import whiten
+from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.vessel.vessel import LETTER
 
@@ -74,6 +75,13 @@ def contraction(tree: xr.DataTree) -> xr.Dataset:
         "determined": narrowed & (np.abs(mean) > SD_LIMIT * sd),
     }
     return xr.Dataset(values).assign_coords(dof=("coefficient", dofs(tree)))
+
+
+def prior_of(tree: xr.DataTree) -> CoefficientPrior:
+    """Prior that a posterior records, its factors tau included in the scale."""
+    recorded, sd = json.loads(tree.attrs["prior"]), tree["constant_data"]["prior_sd"].values
+    stated = np.zeros(sd.size, dtype=bool)
+    return CoefficientPrior(np.array(recorded["mean"], dtype=float), sd, sd, stated, recorded["family"])
 
 
 def dofs(tree: xr.DataTree) -> list[str]:

@@ -12,6 +12,7 @@ from pymc_ship.diagnostics import numbers, trajectory, trajectory_figures
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.parts import (
+    SHIPS_TITLE,
     Part,
     Subject,
     chain_images,
@@ -22,6 +23,7 @@ from pymc_ship.diagnostics.parts import (
     pareto_image,
     pareto_sentence,
     record_remarks,
+    ships_part,
 )
 from pymc_ship.diagnostics.tables import prior_posterior_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
@@ -130,7 +132,7 @@ def _origin(one: Comparison) -> str:
     )
 
 
-def _parts(one: Comparison, ship: Vessel | None, _: np.random.Generator) -> list[Part]:
+def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
     """Every part of a section, in order; a part whose variables the tree lacks says so."""
     tree = one.posterior
     sampled = [_chains(tree), energy_part(tree)] if tree.attrs["method"] != "trajectory" else []
@@ -145,6 +147,7 @@ def _parts(one: Comparison, ship: Vessel | None, _: np.random.Generator) -> list
         correlation_part(tree, trajectory_figures.correlation, _HEAT_MAP),
         _leave_one_out(tree),
         _sensitivity(tree),
+        _ships(tree, ship, rng),
     ]
 
 
@@ -329,6 +332,18 @@ def _sensitivity(tree: xr.DataTree) -> Part:
         f"{PSENSE_LIMIT:g} a coefficient is moved."
     )
     return Part(title, text, [(sensitivity_table(shown, "coefficient"), caption)])
+
+
+def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Part:
+    """Ships of the prior, factors tau included."""
+    if lacking := missing_sentence(tree, *PRIOR):
+        return Part(SHIPS_TITLE, f"Not shown: {lacking}")
+    prior = trajectory.prior_of(tree)
+    if not np.isfinite(prior.scale).all():
+        return Part(SHIPS_TITLE, "Not shown: a coefficient with a flat prior has no draws.")
+    part = ships_part(tree, ship, prior, rng)
+    part.text += " The factors tau of the prior come from the evidence of the records." * bool(part.tables)
+    return part
 
 
 def _coefficient_names(vessel: Vessel, _: xr.DataTree) -> list[str]:

@@ -2,6 +2,7 @@
 
 - `grid`: ships x manoeuvres x noise x methods x seeds, read from TOML.
 - `task`: one seed of one cell: simulated, polluted, fitted, scored.
+- `methods`: methods of the user's own.
 - `store`: results kept one by one and merged into Parquet.
 - `run`: the tasks of a grid handed to workers.
 - `tables`: scores of cells, costs and a plan.

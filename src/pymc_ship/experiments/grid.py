@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from urllib.parse import quote
 
 from pymc_ship import __version__
-from pymc_ship.experiments.task import METHODS, Task
+from pymc_ship.experiments.methods import import_path, own_methods, recorded
+from pymc_ship.experiments.task import METHODS, Method, MonteCarloError, Task
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
@@ -25,10 +26,6 @@ PART_SEEDS = 1000
 _KEYS = ("title", "ships", "manoeuvres", "methods", "seeds", "root_seed", "duration", "noise")
 _OPTIONAL = ("title", "duration")
 _LISTS = ("ships", "manoeuvres", "methods")
-
-
-class MonteCarloError(ValueError):
-    """A study that cannot be run; the sentence says why."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +58,15 @@ class Grid:
     noise : dict of str to tuple of float
         Levels of each kind of :data:`pymc_ship.trial.noise.NOISES`.
     methods : tuple of str
-        Keys of :data:`pymc_ship.experiments.task.METHODS`.
+        Keys of :data:`pymc_ship.experiments.task.METHODS` or of ``own``.
     seeds : int
         Data sets of each cell.
     root_seed : int
         Root of every random number.
     duration : float
         Of each record [s].
+    own : dict of str to callable
+        Methods of the user's own by name.
     """
 
     title: str
@@ -78,6 +77,7 @@ class Grid:
     seeds: int
     root_seed: int
     duration: float
+    own: dict[str, Method] = field(default_factory=dict)
 
     @property
     def n_tasks(self) -> int:
@@ -106,7 +106,7 @@ class Grid:
     def task(self, cell: Cell, seed: int, block: str = "") -> Task:
         """Task of one seed of a cell."""
         ship, manoeuvre = self.ships[cell.ship], self.manoeuvres[cell.manoeuvre]
-        kind = {"noise": cell.noise, "level": cell.level, "method": cell.method}
+        kind = {"noise": cell.noise, "level": cell.level, "method": cell.method, "own": self.own.get(cell.method)}
         return Task(ship, manoeuvre, **kind, seed=seed, root=self.root_seed, duration=self.duration, block=block)
 
     def record(self) -> dict:
@@ -120,7 +120,7 @@ class Grid:
             "ships": digests,
             "manoeuvres": {label: _in_full(manoeuvre) for label, manoeuvre in self.manoeuvres.items()},
             "noise": {kind: list(levels) for kind, levels in self.noise.items()},
-            "methods": list(self.methods),
+            "methods": [recorded(name, self.own.get(name)) for name in self.methods],
         }
 
 
@@ -149,13 +149,15 @@ def difference(old: Mapping, new: Mapping) -> str:
     return ""
 
 
-def read_grid(source: str | Path | Mapping) -> Grid:
+def read_grid(source: str | Path | Mapping, methods: Mapping[str, Method] | None = None) -> Grid:
     """Read the grid of a study.
 
     Parameters
     ----------
     source : str, Path or mapping
         TOML file, or a table of the same form. Paths of ships in a file count from its folder.
+    methods : mapping of str to callable, optional
+        Methods of the user's own by name, beside those that the study names.
 
     Returns
     -------
@@ -168,22 +170,24 @@ def read_grid(source: str | Path | Mapping) -> Grid:
         key.
     """
     if isinstance(source, Mapping):
-        return _grid(Entry(source, "The study", MonteCarloError), Path())
-    return _grid(toml_file(source, "The study", MonteCarloError), Path(source).parent)
+        return _grid(Entry(source, "The study", MonteCarloError), Path(), methods or {})
+    return _grid(toml_file(source, "The study", MonteCarloError), Path(source).parent, methods or {})
 
 
-def _grid(file: Entry, folder: Path) -> Grid:
+def _grid(file: Entry, folder: Path, own: Mapping[str, Method]) -> Grid:
     file.check_keys(_KEYS, [key for key in _KEYS if key not in _OPTIONAL])
     ships, manoeuvres, methods = (file.at(key) for key in _LISTS)
+    names = _methods(methods, own)
     return Grid(
         title=file.at("title", "Monte-Carlo study").text(),
         ships=_ships(ships, folder),
         manoeuvres=_manoeuvres(manoeuvres),
         noise=_noise(file.at("noise")),
-        methods=_methods(methods),
+        methods=names,
         seeds=file.at("seeds").whole(least=1),
         root_seed=file.at("root_seed").whole(least=0),
         duration=file.at("duration", 400.0).number(least=RECORD_STEP),
+        own=own_methods(names, own, file.file),
     )
 
 
@@ -202,11 +206,13 @@ def _check_once(entry: Entry, values: Sequence) -> None:
             entry.fail(f"must name everything once, found {value!r} twice; leave one out.")
 
 
-def _methods(entry: Entry) -> tuple[str, ...]:
+def _methods(entry: Entry, own: Mapping[str, Method]) -> tuple[str, ...]:
+    """Names of the methods that a study lists, and those of the user's own that it does not."""
     names = _texts(entry)
     for name in names:
-        check_choice(f"{entry.file}: a method", name, METHODS, MonteCarloError)
-    return tuple(names)
+        if not import_path(name):
+            check_choice(f"{entry.file}: a method", name, (*METHODS, *own, "module:function"), MonteCarloError)
+    return tuple(dict.fromkeys([*names, *own]))
 
 
 def _noise(table: Entry) -> dict[str, tuple[float, ...]]:

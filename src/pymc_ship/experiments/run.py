@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pymc_ship.experiments.grid import MonteCarloError, read_grid
+from pymc_ship.experiments.grid import read_grid
 from pymc_ship.experiments.page import write_report
 from pymc_ship.experiments.store import Store, opened
-from pymc_ship.experiments.task import Task, measure, nothing
+from pymc_ship.experiments.task import Method, MonteCarloError, Task, measure, nothing
 from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, bar, completed
 
 REHEARSED = 200
@@ -26,6 +26,7 @@ def montecarlo(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
+    methods: Mapping[str, Method] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Run a Monte-Carlo study, or go on with one, and write its tables and page.
@@ -43,6 +44,10 @@ def montecarlo(
         Processes on this machine, one for each core by default; 1 works in this process.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers do the tasks instead.
+    methods : mapping of str to callable, optional
+        Methods of your own by name, beside those that the study names. Each takes a noisy record, a Dataset with dims
+        (time,), and the vessel, and returns a :class:`pymc_ship.Estimate`. A study can also name one by its import
+        path, ``module:function``.
     progress : callable, optional
         Called now and then with a short text.
 
@@ -54,12 +59,13 @@ def montecarlo(
     Raises
     ------
     MonteCarloError
-        For a study that cannot be read or that another one in the folder does not allow, no scheduler that answers,
-        and workers that die again and again.
+        For a study that cannot be read or that another one in the folder does not allow, a method that cannot be called
+        or returns no Estimate, no scheduler that answers, and workers that die again and again.
     OutputError
         For a folder that cannot be written; what was kept before stays.
     """
-    return reported_montecarlo(study, out, workers=workers, scheduler=scheduler, progress=progress)[1]
+    where = {"workers": workers, "scheduler": scheduler}
+    return reported_montecarlo(study, out, **where, methods=methods, progress=progress)[1]
 
 
 def reported_montecarlo(
@@ -68,6 +74,7 @@ def reported_montecarlo(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
+    methods: Mapping[str, Method] | None = None,
     progress: Callable[[str], None] = lambda _: None,
     work: Callable[[Task], dict] = measure,
 ) -> tuple[list[dict], Path]:
@@ -76,7 +83,7 @@ def reported_montecarlo(
         raise MonteCarloError(
             "The workers of a cluster are started beside its scheduler, found --workers; leave it out."
         )
-    grid = read_grid(study)
+    grid = read_grid(study, methods)
     error = MonteCarloError
     executor = Cluster(scheduler, error=error) if scheduler else LocalCores(workers, error=error)
     with opened(out, grid) as store:

@@ -20,8 +20,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pymc_ship.experiments.grid import Cell, Grid, MonteCarloError, difference
-from pymc_ship.experiments.task import PARTS, SCORES
+from pymc_ship.experiments.grid import Cell, Grid, difference
+from pymc_ship.experiments.task import PARTS, SCORES, MonteCarloError
 from pymc_ship.machine.files import OutputError, staged, writable_folder
 
 RESULTS = ("seed", "status", "sentence", *SCORES)

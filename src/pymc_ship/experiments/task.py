@@ -56,7 +56,10 @@ def _trajectory(noisy: xr.Dataset, vessel: Vessel, prior: str) -> Estimate:
     return trajectory_estimate(trajectory_mode(noisy, vessel, prior, method="euler").choice.fit)
 
 
-METHODS: dict[str, Callable[[xr.Dataset, Vessel], Estimate]] = {
+Method = Callable[[xr.Dataset, Vessel], Estimate]
+"""What a method is: it takes a noisy record and the vessel and returns coefficients with their intervals."""
+
+METHODS: dict[str, Method] = {
     "paper's pipeline": partial(_differences, derivative="euler", interval=1.0),
     **{name: partial(_differences, derivative=how[0], interval=how[1]) for name, how in DIFFERENCES.items()},
     "weak form": partial(weak_form_estimate, method="euler"),
@@ -65,6 +68,10 @@ METHODS: dict[str, Callable[[xr.Dataset, Vessel], Estimate]] = {
 }
 """Ways from a noisy record of Euler steps to coefficients, all with the settings of
 :mod:`pymc_ship.frontier.measure`."""
+
+
+class MonteCarloError(ValueError):
+    """A study that cannot be run; the sentence says why."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +88,7 @@ class Task:
     level : float
         Noise level, as :func:`pymc_ship.pollute` takes it.
     method : str
-        Key of :data:`METHODS`.
+        Key of :data:`METHODS`, or the name of ``own``.
     seed : int
         Number of the data set.
     root : int
@@ -90,6 +97,8 @@ class Task:
         Of the record [s].
     block : str
         Where the result belongs.
+    own : callable or None
+        Method of the user's own; None for one of :data:`METHODS`.
     """
 
     vessel: Vessel
@@ -101,6 +110,7 @@ class Task:
     root: int
     duration: float
     block: str = ""
+    own: Method | None = None
 
     def rng(self) -> np.random.Generator:
         """Generator of the noise: that of every method on this data set."""
@@ -115,7 +125,8 @@ class _NoCoefficientsError(ValueError):
 def measure(task: Task) -> dict:
     """Simulate, pollute, fit and score; a method that fails is a result like any other.
 
-    Errors of the machine, :data:`pymc_ship.machine.workers.MACHINE`, are not: they are raised.
+    Errors of the machine, :data:`pymc_ship.machine.workers.MACHINE`, are not, nor is a method that returns no
+    :class:`Estimate` of the vessel, which is a MonteCarloError: they are raised.
 
     Parameters
     ----------
@@ -132,7 +143,7 @@ def measure(task: Task) -> dict:
         warnings.simplefilter("ignore")
         try:
             status, sentence = _measured(task, parts, scores)
-        except MACHINE:  # says nothing of the method
+        except (*MACHINE, MonteCarloError):  # says nothing of how well the method does
             raise
         except Exception as error:  # whatever goes wrong in a method is what the study is to find out
             scores, status = dict.fromkeys(SCORES, float("nan")), "failed"
@@ -156,7 +167,8 @@ def _measured(task: Task, parts: dict[str, float], scores: dict[str, float]) -> 
     with _timed(parts, "pollute"):
         noisy = noisy_trial(clean, task.level, task.noise, task.rng())
     with _timed(parts, "fit"):
-        estimate = METHODS[task.method](noisy, task.vessel)
+        estimate = (task.own or METHODS[task.method])(noisy, task.vessel)
+    _check_estimate(task, estimate)
     with _timed(parts, "score"):
         found = estimate.scores(task.vessel)
         if not np.isfinite(estimate.coefficients).all():
@@ -166,6 +178,21 @@ def _measured(task: Task, parts: dict[str, float], scores: dict[str, float]) -> 
     if np.isfinite(diverged_at):
         return "diverged", f"the identified ship diverged in the {TURN.label} at t = {diverged_at:g} s"
     return "ok", ""
+
+
+def _check_estimate(task: Task, estimate: object) -> None:
+    """Raise unless a method has returned coefficients and ends of intervals of the vessel."""
+    size = reference_coefficients(task.vessel).size
+    found = f"a {type(estimate).__name__}"
+    if isinstance(estimate, Estimate):
+        shapes = [np.shape(value) for value in (estimate.coefficients, estimate.lower, estimate.upper)]
+        if shapes == 3 * [(size,)]:
+            return
+        found = f"shapes {', '.join(map(str, shapes))}"
+    raise MonteCarloError(
+        f"The method {task.method!r} must return an Estimate whose coefficients, lower and upper have shape ({size},) "
+        f"for {task.vessel.name!r}, found {found}; correct it."
+    )
 
 
 def turn_error(vessel: Vessel, coefficients: np.ndarray) -> tuple[float, float]:

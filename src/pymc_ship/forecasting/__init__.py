@@ -2,6 +2,7 @@
 
 - `draws`: coefficient draws from posteriors, with motion and noise of their data.
 - `forecast`: simulated ships of the draws, their bands and indices.
+- `prior_ships`: simulated ships of a prior, before there is a fit.
 - `extrapolation`: how far a forecast leaves the motion of the data.
 - `index_error`: model error of indices from held-out manoeuvres.
 - `figures`: heading, rudder and motion of a forecast.

@@ -11,7 +11,12 @@ from pymc_ship.vessel.vessel import Vessel, VesselError
 
 
 def coefficient_draws(
-    vessel: Vessel, posteriors: Mapping[str, xr.DataTree] | xr.DataTree, draws: int, rng: np.random.Generator
+    vessel: Vessel,
+    posteriors: Mapping[str, xr.DataTree] | xr.DataTree,
+    draws: int,
+    rng: np.random.Generator,
+    *,
+    group: str = "posterior",
 ) -> np.ndarray:
     """Draw whole parameter vectors from a joint posterior, or from the posteriors of the degrees of freedom.
 
@@ -23,6 +28,8 @@ def coefficient_draws(
         keeps the vessel's reference values.
     draws : int
     rng : numpy.random.Generator
+    group : {"posterior", "prior"}, optional
+        Group of the trees that holds the draws.
 
     Returns
     -------
@@ -37,7 +44,7 @@ def coefficient_draws(
     """
     if isinstance(posteriors, xr.DataTree):
         names = [name for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
-        return _rows(posteriors, names, f"The joint posterior lacks {{}} of {vessel.name!r}", draws, rng)
+        return _rows(posteriors[group], names, f"The joint {group} lacks {{}} of {vessel.name!r}", draws, rng)
     unknown = [dof for dof in posteriors if dof not in vessel.dofs]
     if unknown:
         raise VesselError(f"{vessel.name!r} has the degrees of freedom {', '.join(vessel.dofs)}; found {unknown[0]!r}.")
@@ -45,16 +52,16 @@ def coefficient_draws(
     for dof in vessel.dofs:
         reference = vessel.coefficients(dof)
         if dof in posteriors:
-            lacks = f"The {dof} posterior lacks {{}} of {vessel.name!r}"
-            blocks.append(_rows(posteriors[dof], reference["coefficient"].values, lacks, draws, rng))
+            lacks = f"The {dof} {group} lacks {{}} of {vessel.name!r}"
+            blocks.append(_rows(posteriors[dof][group], reference["coefficient"].values, lacks, draws, rng))
         else:
             blocks.append(np.tile(reference.values, (draws, 1)))
     return np.concatenate(blocks, axis=1)
 
 
-def _rows(tree: xr.DataTree, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Draws of the named coefficients of one posterior, each row from one draw of it."""
-    sample = tree["posterior"]["coefficients"].stack(sample=("chain", "draw"))
+def _rows(held: xr.DataTree, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws of the named coefficients of one group, each row from one draw of it."""
+    sample = held["coefficients"].stack(sample=("chain", "draw"))
     lacking = sorted(set(names) - set(sample["coefficient"].values))
     if lacking:
         raise VesselError(f"{lacks.format(', '.join(lacking))}; use its own terms.")

@@ -102,12 +102,15 @@ class LocalCores:
         self.workers = workers or joblib.cpu_count()
 
     def run(self, work: Callable, tasks: Iterable) -> Iterator:
-        """Yield the result of each task; no other is begun after one that the machine failed.
+        """Yield the result of each task; no other is begun after one that raised an error.
 
         Raises
         ------
         WorkersLostError
             When a process was killed, or a task raised one of :data:`MACHINE`.
+        Exception
+            Any other error of a task, when the tasks begun are done: raised in a worker process, joblib may wait for
+            ever.
         """
         import joblib
 
@@ -128,8 +131,10 @@ class LocalCores:
                     yield result
         except BrokenProcessPool:
             raise WorkersLostError from None
-        if failures:
-            raise WorkersLostError(failures[0].reason)
+        for failure in failures:
+            if isinstance(failure.error, MACHINE):
+                raise WorkersLostError(_told(failure.error))
+            raise failure.error
 
     def __enter__(self) -> LocalCores:
         self._warnings = warnings.catch_warnings()
@@ -148,16 +153,16 @@ class LocalCores:
 
 @dataclass(frozen=True)
 class _Failure:
-    """What a worker returns of a task that the machine failed."""
+    """What a worker returns of a task that raised an error."""
 
-    reason: str
+    error: Exception
 
 
 def _tried(work: Callable, task: object) -> object:
     try:
         return work(task)
-    except MACHINE as error:
-        return _Failure(_told(error))
+    except Exception as error:  # the parent raises it
+        return _Failure(error)
 
 
 def _belong_to(parent: int) -> None:

@@ -4,6 +4,7 @@
 - `prime_record`: the motion of a record in prime quantities.
 - `stepping`: the steps of the integrators, and the range of motions in which the model is valid.
 - `controlled`: the motion of one ship with controlled error, the reference of the steps.
+- `stability`: how a small disturbance of a straight course grows.
 - `simulation`: a manoeuvre or a rudder record, integrated.
 - `sensitivities`: derivatives of a simulated motion by coefficients and initial state.
 - `weak_form`: the equations times test functions, and the start of a trajectory fit.

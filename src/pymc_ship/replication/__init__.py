@@ -3,6 +3,7 @@
 - `study`: the study in the paper's order.
 - `denoisers`: methods of denoising, and draws of the denoised record carried into the regression.
 - `measurements`: discretisation, methods, published errors.
+- `prior_ships`: the ships that the study's own priors hold.
 - `findings`: what the study found, in sentences.
 - `bound_chapter`: the published errors beside the bound.
 - `tables`: tables of the page and as CSV.

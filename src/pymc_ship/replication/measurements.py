@@ -20,6 +20,7 @@ from pymc_ship.frontier.scores import relative_error, summary_rows
 from pymc_ship.regression.cross_validation import cross_validation
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.identify import Identification, identify
+from pymc_ship.regression.priors import Prior
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.trajectory.posterior import TrajectoryMode
 from pymc_ship.trial.noise import LITERAL_LEVEL, pollute
@@ -48,6 +49,14 @@ BOUND = "Cramer-Rao bound"
 """Name of the bound among the methods."""
 
 
+def published_prior(vessel: Vessel, family: str, dof: str) -> Prior | None:
+    """Prior of the paper's Table 4; None for a vessel without published estimates of the DOF."""
+    if not np.isfinite(vessel.published(dof, family)).any():
+        return None
+    shape, reciprocal, kappa = PUBLISHED_PRIORS[family][dof]
+    return prior_family(family)(kappa=kappa, shape=shape, scale=1.0 / reciprocal)
+
+
 def prior_rows(vessel: Vessel, found: Identification) -> list[dict]:
     """Table 4: hyperparameters by how they were chosen, each with its cross-validated score and its log evidence.
 
@@ -71,9 +80,8 @@ def prior_rows(vessel: Vessel, found: Identification) -> list[dict]:
                 "optimum of the surrogate": tuned.surrogate_prior,
                 "evidence maximum": tuned.evidence_prior,
             }
-            if np.isfinite(vessel.published(dof, family)).any():
-                shape, reciprocal, kappa = PUBLISHED_PRIORS[family][dof]
-                choices["published"] = prior_family(family)(kappa=kappa, shape=shape, scale=1.0 / reciprocal)
+            if (published := published_prior(vessel, family, dof)) is not None:
+                choices["published"] = published
             validation = cross_validation(found.data[dof])
             for choice, prior in choices.items():
                 score = validation.score(prior)

@@ -24,6 +24,7 @@ from pymc_ship.regression.identify import Identification, identify
 from pymc_ship.replication import denoisers
 from pymc_ship.replication import measurements as replication
 from pymc_ship.replication.measurements import PAPER_FAMILIES
+from pymc_ship.replication.prior_ships import prior_ship_rows
 from pymc_ship.sampling.gibbs import gibbs_posterior
 from pymc_ship.sampling.regression_model import nuts_posterior
 from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior
@@ -189,6 +190,10 @@ def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable
         result.trial, vessel, sweep, rng=generator(result.seed, "sweep"), progress=progress
     )
     result.tables["priors"] = replication.prior_rows(vessel, found)
+    progress("ships of the priors")
+    result.tables["prior_ships"] = prior_ship_rows(
+        vessel, found, result.noisy[result.level], lambda *words: generator(result.seed, "prior ships", *words)
+    )
     result.tables["published"] = published_rows(vessel, PAPER_FAMILIES)
     result.tables["printed_errors"] = replication.printed_error_rows(vessel, PAPER_FAMILIES)
     result.tables["full_conditional"] = replication.full_conditional_rows(found, result.draws["conjugate"]["nuts"])

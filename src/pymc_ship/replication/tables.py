@@ -141,6 +141,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
                 "log_evidence": ("log evidence", p),
             },
         ),
+        "prior_ships": _prior_ship_table(result),
         "errors": table(
             [
                 row
@@ -167,6 +168,27 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
             },
         ),
     }
+
+
+def _prior_ship_table(result: StudyResult) -> Table:
+    """Shares of the ships of each prior, and the band of an index of each manoeuvre."""
+    n, share = number(3), fixed(1)
+    rows = []
+    for row in result.tables["prior_ships"]:
+        band = f"{n(row['median'])} ({n(row['lower'])} to {n(row['upper'])})" if np.isfinite(row["median"]) else "–"
+        rows.append({**row, "band": f"{row['index']} [{row['unit']}]: {band}"})
+    columns = {
+        "family": ("family", str),
+        "choice": ("prior", str),
+        "manoeuvre": ("manoeuvre", str),
+        "ran_away": ("ran away %", share),
+        "wrong_way": ("wrong way %", share),
+        "course_unstable": ("course-unstable %", share),
+        "sailed": ("none of these %", share),
+        "band": ("index of those that reach it", str),
+        "reached": ("reach it %", share),
+    }
+    return table(rows, columns)
 
 
 def _index_table(result: StudyResult) -> Table:

@@ -18,7 +18,7 @@ import xarray as xr
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.measured import measured_indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.simulation import simulate
+from pymc_ship.motion.simulation import simulate, simulation_settings
 from pymc_ship.trajectory.windows import Window, WindowFit, restarted
 from pymc_ship.trial.channels import sensors
 from pymc_ship.vessel.vessel import Vessel
@@ -27,11 +27,6 @@ JUDGED = sensors(rolling=False)
 """Channels of the score, the same for a model that rolls and one that does not."""
 
 _LOG_2PI = np.log(2.0 * np.pi)
-STEPS = 240
-"""Steps in L/U of a simulated manoeuvre: the rudder is reversed on one of them."""
-
-RECORDED = 4
-"""Steps between the samples that are kept."""
 
 
 @dataclass(frozen=True)
@@ -105,12 +100,6 @@ def forecast_indices(
     settings = simulation_settings(vessel)
     found = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
     return {name: found[name].values for name in manoeuvre.traits.scored}
-
-
-def simulation_settings(vessel: Vessel) -> dict:
-    """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
-    step = vessel.particulars.ship_time / STEPS
-    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
 
 
 def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre, rudder_delay: float = 0.0) -> dict[str, float]:

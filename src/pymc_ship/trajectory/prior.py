@@ -42,6 +42,22 @@ class CoefficientPrior:
     tuned: np.ndarray
     kind: str
 
+    def draw(self, draws: int, rng: np.random.Generator) -> np.ndarray:
+        """Independent draws with every factor tau at 1, shape (draws, n_coefficients).
+
+        Raises
+        ------
+        PriorError
+            Where a scale is infinite.
+        """
+        flat = int(np.sum(~np.isfinite(self.scale)))
+        if flat:
+            raise PriorError(
+                f"Draws need a prior with a standard deviation of every coefficient, found {flat} of {self.scale.size} "
+                f"without (prior {self.kind}); use order_damped or sister_ship, or state them in a table."
+            )
+        return self.mean + self.scale * rng.standard_normal((draws, self.mean.size))
+
 
 def coefficient_names(vessel: Vessel) -> list[str]:
     """Names of all coefficients, DOFs one after the other in the vessel's order."""

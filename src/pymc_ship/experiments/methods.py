@@ -1,0 +1,95 @@
+"""Methods of the user's own in a grid: given as functions, or named by an import path ``module:function``."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import re
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+
+from pymc_ship.experiments.task import METHODS, Method, MonteCarloError
+from pymc_ship.machine.arguments import shown
+
+_IMPORT_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
+
+
+def import_path(name: str) -> bool:
+    """Whether the name of a method is an import path, ``package.module:function``."""
+    return _IMPORT_PATH.fullmatch(name) is not None
+
+
+def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -> dict[str, Method]:
+    """Methods of the user's own by name: those given, and those that a study names by an import path.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of all methods of the study.
+    given : mapping of str to callable
+    study : str
+        What the study is called in errors.
+
+    Returns
+    -------
+    dict of str to callable
+        Each takes a noisy record and a vessel and returns a :class:`pymc_ship.Estimate`.
+
+    Raises
+    ------
+    MonteCarloError
+        For an import path that leads to no function, a name that the package has already, and what cannot be called or
+        handed to another process.
+    """
+    found = {name: _imported(name, study) for name in names if import_path(name) and name not in given}
+    for name, method in {**given, **found}.items():
+        if not isinstance(name, str) or not name or name in METHODS:
+            raise MonteCarloError(
+                f"{study}: a method of your own has a name that the package does not have, found {shown(name)}; rename "
+                "it."
+            )
+        if not callable(method):
+            raise MonteCarloError(
+                f"{study}: the method {name!r} must be a function of a noisy record and a vessel, found "
+                f"{shown(method)}; give the function."
+            )
+        _check_handed_on(name, method, study)
+    return {**given, **found}
+
+
+def recorded(name: str, own: Method | None) -> str:
+    """What a folder of results keeps of a method: its name and, of one of the user's own, a digest of its source.
+
+    The source is that of the function alone, not of what it calls.
+    """
+    if own is None:
+        return name
+    try:
+        source = inspect.getsource(own)
+    except (OSError, TypeError):  # an object, or a function that was typed in
+        source = ""
+    return f"{name} (own, {hashlib.sha256(source.encode()).hexdigest()[:12]})"
+
+
+def _imported(name: str, study: str) -> Method:
+    module, _, function = name.partition(":")
+    try:
+        return getattr(import_module(module), function)
+    except AttributeError:
+        reason, remedy = f"{module} has no {function}", "correct the name"
+    except Exception as error:  # whatever the user's module raises
+        reason, remedy = " ".join(f"{type(error).__name__}: {error}".split()), "put its folder on PYTHONPATH or mend it"
+    raise MonteCarloError(f"{study}: methods cannot have {name!r}: {reason}; {remedy}.")
+
+
+def _check_handed_on(name: str, method: Method, study: str) -> None:
+    from joblib.externals.loky.backend.reduction import dumps
+
+    try:
+        dumps(method)
+    except Exception as error:  # whatever the method holds
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise MonteCarloError(
+            f"{study}: the method {name!r} cannot be handed to the workers: {reason}; give a function that holds "
+            "nothing but data."
+        ) from None

@@ -1,0 +1,102 @@
+"""The study's own priors, judged by the ships that they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forecasting.draws import coefficient_draws
+from pymc_ship.forecasting.prior_ships import STANDARD, index_row, prior_ships, share_row, simulated_ships
+from pymc_ship.regression.identify import Identification
+from pymc_ship.replication.measurements import published_prior
+from pymc_ship.trajectory.prior import coefficient_prior
+from pymc_ship.vessel.vessel import Vessel
+
+SHIPS = 200
+"""Ships of each prior in each manoeuvre: a share of a half has a standard error of 3.5 %."""
+
+CI_PROB = 0.9
+"""Probability of the bands of the indices, as that of the study's forecasts."""
+
+POSTERIOR = "posterior"
+"""Choice under which the ships of a family's posterior stand beside those of its priors."""
+
+
+def study_priors(vessel: Vessel, found: Identification, trial: xr.Dataset) -> dict[tuple[str, str], object]:
+    """Priors of all degrees of freedom that the study uses or compares, as :func:`pymc_ship.prior_ships` takes them.
+
+    Parameters
+    ----------
+    vessel : Vessel
+        The published choice is among them where every DOF has published estimates.
+    found : Identification
+        Tuned by Bayesian optimisation.
+    trial : Dataset, dims (time,)
+        Gives the order-damped prior of the trajectory fits the size of each coefficient.
+
+    Returns
+    -------
+    dict of (str, str) to CoefficientPrior or mapping
+        By family and choice.
+    """
+    priors: dict[tuple[str, str], object] = {}
+    for family, by_dof in found.tuned.items():
+        choices = {
+            "chosen": found.priors[family],
+            "evidence maximum": {dof: tuned.evidence_prior for dof, tuned in by_dof.items()},
+            "published": {dof: published_prior(vessel, family, dof) for dof in by_dof},
+        }
+        for choice, chosen in choices.items():
+            if None not in chosen.values():
+                priors[family, choice] = {dof: (found.data[dof], prior) for dof, prior in chosen.items()}
+    priors["trajectory fit", "order-damped, factors 1"] = coefficient_prior([trial], vessel, "order_damped")
+    return priors
+
+
+def prior_ship_rows(
+    vessel: Vessel,
+    found: Identification,
+    trial: xr.Dataset,
+    rng: Callable[[str, str], np.random.Generator],
+    *,
+    ships: int = SHIPS,
+) -> list[dict]:
+    """How the ships of each prior end in the standard manoeuvres, and those of each family's posterior beside them.
+
+    Parameters
+    ----------
+    vessel, found, trial
+        As :func:`study_priors`.
+    rng : callable
+        Generator of a family and a choice.
+    ships : int, optional
+        Of each prior.
+
+    Returns
+    -------
+    list of dict
+        ``family``, ``choice``, those of :func:`pymc_ship.forecasting.prior_ships.share_row`, and the first index of the
+        manoeuvre that IMO limits, ``index``, with those of :func:`pymc_ship.forecasting.prior_ships.index_row`.
+    """
+    rows = []
+    for (family, choice), prior in study_priors(vessel, found, trial).items():
+        generator = rng(family, choice)
+        held = {of: prior_ships(vessel, prior, of, draws=ships, rng=generator) for of in STANDARD}
+        rows += _rows(vessel, held, family, choice)
+    for family in found.exact:
+        generator = rng(family, POSTERIOR)
+        drawn = coefficient_draws(vessel, found.posteriors(family, draws=400, rng=generator), ships, generator)
+        held = {of: simulated_ships(vessel, drawn, of, generator) for of in STANDARD}
+        rows += _rows(vessel, held, family, POSTERIOR)
+    return rows
+
+
+def _rows(vessel: Vessel, held: dict, family: str, choice: str) -> list[dict]:
+    L, rows = vessel.particulars.L, []
+    for manoeuvre, ships in held.items():
+        index = STANDARD[manoeuvre][0]
+        band = index_row(ships, index, L, ci_prob=CI_PROB)
+        rows.append({"family": family, "choice": choice, **share_row(ships), "index": index.replace("_", " "), **band})
+    return rows

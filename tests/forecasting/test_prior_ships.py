@@ -1,0 +1,169 @@
+"""Ships of a prior: how each ends, whose draws they are, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.sampling.predictive import prior_draws
+from pymc_ship.trajectory.prior import coefficient_names
+from pymc_ship.vessel.vessel import reference_coefficients
+
+QUICK = {"step": 0.1, "method": "rk4", "record_interval": 0.5}
+ZIGZAG = ps.zigzag(10, 10)
+
+
+def drawn(vessel, rows):
+    """Tree whose group prior holds the given draws."""
+    names = coefficient_names(vessel)
+    group = xr.Dataset({"coefficients": (("chain", "draw", "coefficient"), rows[None])}, {"coefficient": names})
+    return xr.DataTree.from_dict({"prior": group})
+
+
+def rows_of(vessel, *changes):
+    """Reference coefficients, and copies in which those with one of some names are multiplied."""
+    names, rows = np.array(coefficient_names(vessel)), [reference_coefficients(vessel)]
+    for factors in changes:
+        row = rows[0].copy()
+        for name, factor in factors.items():
+            row[names == name] *= factor
+        rows.append(row)
+    return np.stack(rows)
+
+
+def against_the_rudder(vessel):
+    """Changes of sign of all terms that hold the rudder angle."""
+    return {name: -1.0 for name in coefficient_names(vessel) if "delta" in name}
+
+
+def ships(vessel, prior, manoeuvre=ZIGZAG, seed=1, **settings):
+    return ps.prior_ships(vessel, prior, manoeuvre, rng=np.random.default_rng(seed), **(QUICK | settings))
+
+
+@pytest.mark.parametrize("manoeuvre", [ZIGZAG, ps.zigzag(20, 20, side="starboard"), ps.turning_circle(35)])
+def test_each_ship_ends_as_she_was_made(container, manoeuvre):
+    """A ship as she is, one steered the wrong way round, one whose drift turns her further, one that accelerates."""
+    rows = rows_of(container, against_the_rudder(container), {"Nv": 2.0}, {"Xu": -500.0})
+    found = ships(container, drawn(container, rows), manoeuvre, draws=4)
+    order = [int(np.flatnonzero((found["coefficients"].values == row).all(axis=1))[0]) for row in rows]
+    ended = found.isel(draw=order)
+    assert ended["status"].values.tolist() == ["sailed", "wrong way", "course-unstable", "ran away"]
+    assert ended["wrong_way"].values.tolist()[:3] == [False, True, False]
+    assert ended["course_unstable"].values.tolist() == [False, False, True, False]
+    assert ended["diverged"].values.tolist() == [False, False, False, True]
+    np.testing.assert_array_equal(ended["growth_rate"] > 0.0, ended["course_unstable"])
+    shares = {name: found.attrs[f"share_{name}"] for name in ("ran_away", "wrong_way", "course_unstable", "sailed")}
+    assert shares == dict.fromkeys(shares, 0.25)
+    assert found.attrs["summary"] == (
+        f"Of 4 ships of the prior in a {manoeuvre.label}: 25 % run away, 25 % turn the wrong way, 25 % are "
+        "course-unstable straight ahead; 25 % do none of this."
+    )
+
+
+def test_a_ship_of_a_small_zigzag_has_turned_at_its_heading(container):
+    """She swings beyond 10 deg to the other side later, which is her second overshoot."""
+    right, wrong = rows_of(container, against_the_rudder(container))
+    rows = np.stack([right, wrong])
+    found = ships(container, drawn(container, rows), ps.zigzag(20, 5), draws=2)
+    assert found["second_overshoot_angle"].max() > 5.0
+    assert sorted(found["wrong_way"].values.tolist()) == [False, True]
+
+
+def test_a_rudder_that_never_moves_turns_nobody(container):
+    found = ships(
+        container, drawn(container, rows_of(container, {"Y0": 3.0})), ps.rudder_programme([0.0], [0.0]), draws=2
+    )
+    assert not found["wrong_way"].any()
+    assert "first_overshoot_angle" not in found
+
+
+def test_the_indices_are_those_of_the_drawn_ships(container):
+    found = ships(container, drawn(container, rows_of(container, {"Nr": 1.1})), draws=2, duration=300.0)
+    runs = ps.simulate(container, ZIGZAG, duration=300.0, coefficients=found["coefficients"].values, **QUICK)
+    expected = ps.indices(runs)
+    assert set(expected.data_vars) <= set(found.data_vars)
+    for name, values in expected.data_vars.items():
+        np.testing.assert_array_equal(found[name], values)
+    assert np.isfinite(found["first_overshoot_angle"]).all()
+
+
+def test_it_lasts_as_long_as_a_forecast_of_its_kind(container):
+    """40 L/U; 5 L/U hold no second overshoot."""
+    prior, unit = drawn(container, rows_of(container, {"Nr": 1.1})), container.particulars.ship_time
+    long, short = (ships(container, prior, draws=2, duration=duration) for duration in (None, 5.0 * unit))
+    assert np.isfinite(long["second_overshoot_angle"]).all()
+    assert np.isnan(short["second_overshoot_angle"]).all()
+
+
+# whose draws ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_prior_of_coefficients_is_drawn_with_its_mean_and_scale(container, zigzag_trial):
+    prior = ps.coefficient_prior([zigzag_trial], container, "sister_ship", relative_sd=0.05)
+    rows = prior.draw(4000, np.random.default_rng(2))
+    score = (rows - prior.mean) / prior.scale
+    assert np.abs(score.mean(axis=0)).max() < 4.5 / np.sqrt(4000)
+    assert np.abs(score.std(axis=0) - 1.0).max() < 4.5 / np.sqrt(8000)
+    found = ships(container, prior, draws=20, duration=100.0, seed=3)
+    np.testing.assert_array_equal(found["coefficients"], prior.draw(20, np.random.default_rng(3)))
+    assert found.attrs["held"] == ""
+
+
+def test_regression_priors_are_drawn_on_the_columns_of_their_data(container, zigzag_trial):
+    data = {dof: ps.regression_data(zigzag_trial, container, dof, interval=1.0) for dof in ("sway", "yaw")}
+    prior = ps.SemiConjugatePrior(kappa=0.01)
+    found = ships(container, {dof: (one, prior) for dof, one in data.items()}, draws=50, duration=100.0)
+    expected = prior_draws(data["sway"], prior, 50, rng=np.random.default_rng(1))["coefficients"].values[0]
+    sway = found["coefficients"].sel(coefficient=list(data["sway"].coefficients)).values
+    np.testing.assert_array_equal(np.sort(sway, axis=0), np.sort(expected, axis=0))
+    held = found["coefficients"].sel(coefficient=container.coefficients("roll")["coefficient"].values)
+    np.testing.assert_array_equal(held, np.tile(container.coefficients("roll").values, (50, 1)))
+    assert found.attrs["held"] == "surge roll"
+    assert "in a zigzag 10/10 port, surge, roll at reference values: " in found.attrs["summary"]
+
+
+def test_a_tree_gives_the_draws_of_its_group_prior(container, zigzag_trial):
+    data, prior, rng = ps.regression_data(zigzag_trial, container, "yaw", interval=1.0), ps.ConjugatePrior(), 5
+    tree = ps.conjugate_posterior(data, prior, draws=40, rng=np.random.default_rng(rng))
+    tree = ps.with_predictive(tree, data, prior, rng=np.random.default_rng(rng), draws=30)
+    found = ships(container, {"yaw": tree}, draws=30, duration=100.0)
+    names = list(data.coefficients)
+    given = tree["prior"]["coefficients"].values[0]
+    np.testing.assert_array_equal(
+        np.sort(found["coefficients"].sel(coefficient=names).values, axis=0), np.sort(given, axis=0)
+    )
+
+
+# refusals -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("prior", "sentence"),
+    [
+        ("flat", "a tree with the group prior or a mapping of DOFs, found str; make one, for example with"),
+        ({"sway": "flat"}, "The prior of sway is a pair of RegressionData and Prior or a tree .*, found str; give the"),
+        ({"sway": (ps.ConjugatePrior(), ps.ConjugatePrior())}, "pair of RegressionData and Prior .*, found tuple"),
+        ({"sway": xr.DataTree()}, "The tree of sway has no coefficients in a group prior; add the group with"),
+        (xr.DataTree(), "The tree has no coefficients in a group prior; add the group with with_predictive"),
+    ],
+)
+def test_what_is_no_prior_is_refused_in_a_sentence(container, prior, sentence):
+    with pytest.raises(ps.PriorError, match=sentence):
+        ships(container, prior)
+
+
+def test_priors_without_ships_are_refused(container, zigzag_trial, small):
+    flat = ps.coefficient_prior([zigzag_trial], container, "flat", table={"Yv": (-0.01, 0.001)})
+    with pytest.raises(ps.PriorError, match=r"found 101 of 102 without \(prior flat\); use order_damped or"):
+        ships(container, flat)
+    with pytest.raises(ps.PriorError, match="A prior of 'small' has 10 coefficients, found 102; make it with"):
+        ships(small, ps.coefficient_prior([zigzag_trial], container))
+    with pytest.raises(ValueError, match="two or more, found 1; raise"):
+        ships(container, flat, draws=1)
+    with pytest.raises(ps.VesselError, match="found 'heave'"):
+        ships(container, {"heave": drawn(container, rows_of(container))})
+    lacking = drawn(container, rows_of(container)).isel(coefficient=slice(1, None))
+    with pytest.raises(ps.VesselError, match="The joint prior lacks"):
+        ships(container, lacking)
