@@ -330,7 +330,7 @@ def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> 
     """Ships of the prior: that of the tree's own group where there is one, otherwise that which it records."""
     if numbers.has(tree, "prior/coefficients"):
         return ships_part(tree, ship, {tree.attrs["dof"]: tree}, rng)
-    if lacking := missing_sentence(tree, *DESIGN):
+    if lacking := missing_sentence(tree, *regression.needed(tree)):
         return Part(SHIPS_TITLE, f"Not shown: {lacking}")
     return ships_part(tree, ship, {tree.attrs["dof"]: (regression.data_of(tree), regression.prior_of(tree))}, rng)
 

@@ -10,8 +10,8 @@ import xarray as xr
 from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.forecasting.forecast import BANDS, pooled_forecast
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
-from pymc_ship.motion.simulation import simulation_settings
 from pymc_ship.motion.stability import growth_rates
+from pymc_ship.motion.stepping import simulation_settings
 from pymc_ship.regression.priors import Prior, PriorError
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.predictive import prior_draws

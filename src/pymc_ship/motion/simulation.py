@@ -23,12 +23,6 @@ INTEGRATORS = (*METHODS, "dop853")
 LANES = 16
 """Ships integrated side by side by one kernel call."""
 
-STEPS = 240
-"""Steps in L/U of a manoeuvre that is simulated at the pace of a vessel: the rudder is reversed on one of them."""
-
-RECORDED = 4
-"""Steps between the samples of it that are kept."""
-
 
 class SimulationError(ValueError):
     """Settings that no simulation can run with."""
@@ -343,12 +337,6 @@ def _controlled(
     settings = {"speed": _approach_speed(vessel, manoeuvre), "tolerance": tolerance}
     runs = [course(one, scheme(vessel), manoeuvre, gear, time, **settings) for one in draws]
     return np.stack([run.samples for run in runs], axis=1), np.array([run.diverged_at for run in runs])
-
-
-def simulation_settings(vessel: Vessel) -> dict:
-    """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
-    step = vessel.particulars.ship_time / STEPS
-    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
 
 
 def _grid(duration: float, step: float, record_interval: float | None, method: str) -> tuple[int, int]:

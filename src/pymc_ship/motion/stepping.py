@@ -11,11 +11,18 @@ import numpy as np
 from numba import njit
 
 from pymc_ship.motion.equations import INLINED, KERNEL, PART, STATE, Work, state_derivative
+from pymc_ship.vessel.vessel import Vessel
 
 METHODS = ("euler", "rk4")
 """Integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta."""
 
 STATE_ROWS = len(STATE)
+
+STEPS = 240
+"""Steps in L/U of a manoeuvre that is simulated at the pace of a vessel: the rudder is reversed on one of them."""
+
+RECORDED = 4
+"""Steps between the samples of it that are kept."""
 
 _STAGES = {
     "euler": np.array([[0.0, 1.0]]),
@@ -113,3 +120,9 @@ def increase(target, factor, rate):
     for row in range(target.shape[0]):
         for k in range(target.shape[1]):
             target[row, k] += factor * rate[row, k]
+
+
+def simulation_settings(vessel: Vessel) -> dict:
+    """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
+    step = vessel.particulars.ship_time / STEPS
+    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}

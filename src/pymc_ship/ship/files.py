@@ -14,7 +14,7 @@ from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.files import settle, staged
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.simulation import simulation_settings
+from pymc_ship.motion.stepping import simulation_settings
 from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.model import ShipModel

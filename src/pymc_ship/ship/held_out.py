@@ -18,7 +18,8 @@ import xarray as xr
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.measured import measured_indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.simulation import simulate, simulation_settings
+from pymc_ship.motion.simulation import simulate
+from pymc_ship.motion.stepping import simulation_settings
 from pymc_ship.trajectory.windows import Window, WindowFit, restarted
 from pymc_ship.trial.channels import sensors
 from pymc_ship.vessel.vessel import Vessel
