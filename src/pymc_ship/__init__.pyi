@@ -18,9 +18,6 @@ from pymc_ship.design.identifiability import identifiability as identifiability
 from pymc_ship.design.trial_design import TrialDesignError as TrialDesignError
 from pymc_ship.design.trial_design import design_trials as design_trials
 from pymc_ship.diagnostics.agreement import agreement as agreement
-from pymc_ship.diagnostics.calibration import coverage as coverage
-from pymc_ship.diagnostics.calibration import geweke as geweke
-from pymc_ship.diagnostics.calibration import simulation_based_calibration as simulation_based_calibration
 from pymc_ship.diagnostics.page import diagnostic_report as diagnostic_report
 from pymc_ship.experiments.run import montecarlo as montecarlo
 from pymc_ship.experiments.task import MonteCarloError as MonteCarloError
@@ -43,6 +40,9 @@ from pymc_ship.motion.simulation import SimulationError as SimulationError
 from pymc_ship.motion.simulation import simulate as simulate
 from pymc_ship.motion.weak_form import coefficient_scales as coefficient_scales
 from pymc_ship.motion.weak_form import weak_form_start as weak_form_start
+from pymc_ship.regression.calibration import coverage as coverage
+from pymc_ship.regression.calibration import geweke as geweke
+from pymc_ship.regression.calibration import simulation_based_calibration as simulation_based_calibration
 from pymc_ship.regression.conjugate import ConjugatePrior as ConjugatePrior
 from pymc_ship.regression.conjugate import conjugate as conjugate
 from pymc_ship.regression.conjugate import conjugate_posterior as conjugate_posterior

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pymc_ship.diagnostics.calibration import coverage, exact_draws, geweke, rank_p_value, simulation_based_calibration
+from pymc_ship.regression.calibration import coverage, exact_draws, geweke, rank_p_value, simulation_based_calibration
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.gibbs import gibbs

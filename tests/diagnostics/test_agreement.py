@@ -6,7 +6,8 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from pymc_ship.diagnostics.agreement import LEVEL, agreement
+from pymc_ship.diagnostics.agreement import agreement
+from pymc_ship.regression.calibration import LEVEL
 from pymc_ship.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
 from pymc_ship.regression.tree import draws_tree
 from pymc_ship.rows.data import RegressionData

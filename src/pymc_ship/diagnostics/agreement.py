@@ -12,15 +12,13 @@ import xarray as xr
 
 from pymc_ship.diagnostics.numbers import R_HAT_LIMIT, gates, missing, quantities, summary
 from pymc_ship.diagnostics.regression import DESIGN, data_of, prior_of
+from pymc_ship.regression.calibration import LEVEL
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.priors import ExactPosterior
 from pymc_ship.sampling.error_laws import errors_of
 
 PROBABILITIES = (0.05, 0.5, 0.95)
 """Probabilities of the quantiles compared."""
-
-LEVEL = 1e-3
-"""Chance that one of all the comparisons of a table exceeds its limit when every chain is right."""
 
 _SAMPLE = ("chain", "draw")
 

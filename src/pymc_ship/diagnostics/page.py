@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics import numbers
-from pymc_ship.diagnostics.agreement import LEVEL, Comparison, comparisons
+from pymc_ship.diagnostics.agreement import Comparison, comparisons
 from pymc_ship.diagnostics.numbers import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.parts import Subject
 from pymc_ship.diagnostics.regression_parts import REGRESSION
@@ -19,6 +19,7 @@ from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import percent
+from pymc_ship.regression.calibration import LEVEL
 from pymc_ship.vessel.reading import load_vessel
 from pymc_ship.vessel.vessel import Vessel, VesselError
 

@@ -11,7 +11,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics import figures, numbers, regression
-from pymc_ship.diagnostics.agreement import LEVEL, Comparison
+from pymc_ship.diagnostics.agreement import Comparison
+from pymc_ship.diagnostics.group_parts import groups_part
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.parts import (
     SHIPS_TITLE,
@@ -36,6 +37,7 @@ from pymc_ship.diagnostics.tables import (
     sensitivity_table,
 )
 from pymc_ship.pages.tables import fixed, number, percent, table
+from pymc_ship.regression.calibration import LEVEL
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.sampling.error_laws import errors_of
 from pymc_ship.vessel.vessel import Vessel
@@ -115,6 +117,7 @@ def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> li
         _convergence(one),
         _agreement(one),
         _coefficients(tree, ship),
+        *groups_part(tree),
         _chains(chains, one.sampler if len(one.trees) > 1 else ""),
         energy_part(chains),
         _noise_variance(tree, rng),

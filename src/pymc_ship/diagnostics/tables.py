@@ -143,7 +143,7 @@ def _coefficient_rows(
 ) -> list[dict]:
     rows, words = [], [] if narrowing is None else judged(narrowing)
     for k, name in enumerate(map(str, summary["quantity"].values)):
-        last = k == summary.sizes["quantity"] - 1
+        last = name == "noise_variance"
         scale = 1e10 if last else 1e5
         row = {key: float(summary[key].values[k]) for key in ("r_hat", "ess_bulk", "ess_tail")}
         row |= {key: scale * float(summary[key].values[k]) for key in _SCALED}

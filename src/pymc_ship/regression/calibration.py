@@ -15,9 +15,11 @@ import numpy as np
 import xarray as xr
 from scipy import special, stats
 
-from pymc_ship.diagnostics.agreement import LEVEL
 from pymc_ship.regression.priors import Prior
 from pymc_ship.rows.data import RegressionData
+
+LEVEL = 1e-3
+"""Chance that one of all the comparisons of a table exceeds its limit when every draw is right."""
 
 Draws = tuple[np.ndarray, np.ndarray]
 """Coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""

@@ -1,0 +1,125 @@
+"""Part of a section of the diagnostic page: what differs between the groups of a hierarchical posterior."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from pymc_ship.diagnostics.numbers import CI_PROB, ESS_LIMIT, R_HAT_LIMIT, has
+from pymc_ship.diagnostics.parts import Part
+from pymc_ship.pages.drawing import BLUE, NOISE, RUST, subplots
+from pymc_ship.pages.tables import Table, number, percent, table
+
+_SAMPLE = ("chain", "draw")
+_TAILS = (0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB)
+_COLOURS = (BLUE, RUST, "#3a8f4d", "#8a5fbf", "#c08a1e", "#4d4d4d")
+
+
+def group_differences(tree: xr.DataTree) -> xr.Dataset:
+    """Differences of every coefficient between two groups, the second taken from the first.
+
+    Parameters
+    ----------
+    tree : DataTree
+        From :func:`~pymc_ship.sampling.hierarchical_model.hierarchical_posterior`.
+
+    Returns
+    -------
+    Dataset, dims (pair, coefficient)
+        ``mean``, ``sd``, ``lower`` and ``upper`` (equal-tailed 95 %), prime values, and the flag ``differs``: the
+        interval does not hold zero.
+    """
+    draws = tree["posterior"]["group_coefficients"]
+    pairs = list(combinations(draws["group"].values.tolist(), 2))
+    apart = xr.concat([draws.sel(group=a, drop=True) - draws.sel(group=b, drop=True) for a, b in pairs], "pair")
+    apart = apart.assign_coords(pair=[f"{a} - {b}" for a, b in pairs])
+    low, high = (apart.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in _TAILS)
+    moments = {"mean": apart.mean(_SAMPLE), "sd": apart.std(_SAMPLE, ddof=1), "lower": low, "upper": high}
+    return xr.Dataset(moments).assign(differs=(low > 0.0) | (high < 0.0))
+
+
+def groups_part(tree: xr.DataTree) -> list[Part]:
+    """What differs between groups, for a posterior that has groups; nothing for others."""
+    if not has(tree, "posterior/group_coefficients"):
+        return []
+    found, draws = group_differences(tree), tree["posterior"]["group_coefficients"]
+    said = [
+        f"{name}: {', '.join(differing)} differ{'s' * (len(differing) == 1)}"
+        for name in found["pair"].values.tolist()
+        if (differing := found["coefficient"].values[found["differs"].sel(pair=name).values].tolist())
+    ]
+    interval = percent(CI_PROB)
+    text = (
+        f"Intervals of {interval} of the differences that do not hold zero: {'; '.join(said)}. "
+        if said
+        else f"Every interval of {interval} of a difference between groups holds zero. "
+    )
+    count = found["differs"].size
+    text += (
+        f"Of {count} intervals of {interval}, about {count * (1.0 - CI_PROB):.1f} would miss zero by chance if no "
+        f"group differed and nothing were pooled; pooling makes that rarer. {_mixed(tree)}"
+    )
+    caption = (
+        "Prime values times 1e5: mean ± sd of each group, sd between groups, and differences with their intervals."
+    )
+    figure = ("groups", _figure(draws), f"Mean and {interval} interval of each group over the sd of their mean.")
+    return [Part("Groups", text, [(_table(tree, found), caption)], [figure])]
+
+
+def _mixed(tree: xr.DataTree) -> str:
+    """Whether the chains of the groups have mixed."""
+    import arviz as az
+
+    posterior = tree["posterior"].dataset[["group_coefficients", "group_sd"]]
+    r_hat = max(float(values.max()) for values in az.rhat(posterior).data_vars.values())
+    ess = min(float(values.min()) for values in az.ess(posterior).data_vars.values())
+    holds = r_hat < R_HAT_LIMIT and ess > ESS_LIMIT
+    said = f"Largest R-hat of groups and their spread {r_hat:.3f}, least bulk ESS {ess:.0f}"
+    return f"{said}." if holds else f"{said}: these do NOT pass the gates; draw longer chains."
+
+
+def _table(tree: xr.DataTree, found: xr.Dataset) -> Table:
+    posterior = tree["posterior"].dataset
+    groups = posterior["group"].values.tolist()
+    mean = 1e5 * posterior["group_coefficients"].mean(_SAMPLE)
+    sd = 1e5 * posterior["group_coefficients"].std(_SAMPLE, ddof=1)
+    between = 1e5 * posterior["group_sd"].mean(_SAMPLE)
+    n, rows = number(3), []
+    for name in posterior["coefficient"].values.tolist():
+        one = {"coefficient": name, "between": float(between.sel(coefficient=name))}
+        for group in groups:
+            at = {"group": group, "coefficient": name}
+            one[f"of {group}"] = f"{n(float(mean.sel(at)))} ± {n(float(sd.sel(at)))}"
+        for pair in found["pair"].values.tolist():
+            apart = found.sel(pair=pair, coefficient=name)
+            low, high = (n(1e5 * float(apart[side])) for side in ("lower", "upper"))
+            one[pair] = f"{n(1e5 * float(apart['mean']))} ({low} to {high}){' *' * bool(apart['differs'])}"
+        rows.append(one)
+    columns = {"coefficient": ("coefficient", str)} | {f"of {group}": (group, str) for group in groups}
+    columns |= {"between": ("sd between groups", n)} | {pair: (pair, str) for pair in found["pair"].values.tolist()}
+    return table(rows, columns)
+
+
+def _figure(draws: xr.DataArray) -> Figure:
+    """Every group's interval of each coefficient, about the mean over groups, in units of its sd."""
+    middle = draws.mean("group")
+    unit = middle.std(_SAMPLE, ddof=1)
+    scaled = (draws - middle.mean(_SAMPLE)) / unit
+    low, high = (scaled.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in _TAILS)
+    names, groups = draws["coefficient"].values.tolist(), draws["group"].values.tolist()
+    fig, axes = subplots(8.0, 1.2 + 0.3 * len(names) * max(1.0, 0.35 * len(groups)))
+    ax = axes[0, 0]
+    for k, group in enumerate(groups):
+        height = np.arange(len(names))[::-1] - 0.6 * (k / max(len(groups) - 1, 1) - 0.5)
+        at = {"group": group}
+        colour = _COLOURS[k % len(_COLOURS)]
+        ax.hlines(height, low.sel(at), high.sel(at), color=colour, lw=1.4)
+        ax.plot(scaled.sel(at).mean(_SAMPLE), height, "o", color=colour, ms=3.5, label=group)
+    ax.axvline(0.0, color=NOISE, lw=0.8, zorder=0)
+    ax.set_yticks(np.arange(len(names))[::-1], names)
+    ax.set_xlabel("(coefficient of the group − mean over groups) / sd of that mean")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False)
+    return fig
