@@ -14,7 +14,7 @@ from pymc_ship.denoising.ebayes import PRIORS, RULES, fit_prior, mad, shrink
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.trial.channels import channel_names
-from pymc_ship.trial.record import check_trial
+from pymc_ship.trial.record import check_trial, one_trial
 
 MIN_LENGTH = 16
 """Fewest samples that can be denoised: one level of wavelets and eight coefficients above it."""
@@ -67,6 +67,7 @@ def denoise(
     14 mm/s
     3 mm/s
     """
+    trial = one_trial(trial)
     known = channel_names(lambda channel: channel.denoised)
     chosen = [name for name in known if name in trial] if channels is None else list(channels)
     if not chosen:

@@ -10,10 +10,11 @@ from numba import njit
 
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.equations import INLINED, KERNEL, PART, scheme
 from pymc_ship.motion.stepping import METHODS, STATE_ROWS, advance, in_range, integration, lanes_at_rest
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 LANES = 16
@@ -232,7 +233,7 @@ def check_replay(
 
 
 def simulate(
-    vessel: Vessel,
+    vessel: VesselLike,
     manoeuvre: Manoeuvre,
     *,
     duration: float,
@@ -245,7 +246,7 @@ def simulate(
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
     manoeuvre : Manoeuvre
     duration : float
         [s].
@@ -284,6 +285,7 @@ def simulate(
     >>> print(f"{turn['u'][-1]:.2f} m/s, {np.rad2deg(turn['r'][-1]):.2f} deg/s")
     2.34 m/s, -0.30 deg/s
     """
+    vessel, manoeuvre = as_vessel(vessel), one_manoeuvre(manoeuvre)
     n_steps, stride = _grid(duration, step, record_interval, method)
     reference = reference_coefficients(vessel)
     draws = reference[None] if coefficients is None else np.asarray(coefficients, dtype=float)

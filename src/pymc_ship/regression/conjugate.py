@@ -16,7 +16,8 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, rotate
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, check_prior, rotate
 from pymc_ship.regression.tree import independent_posterior
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
@@ -163,8 +164,9 @@ class NormalInverseGamma(ExactPosterior):
         """Prior density of the noise variance at the given values, same shape."""
         return _inverse_gamma_density(noise_variance, self.prior_shape, self.prior_scale)
 
-    def draw(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
         """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
+        rng = random_generator(rng)
         noise_variance = self.scale / rng.standard_gamma(self.shape, draws)
         columns = np.ascontiguousarray(self.basis.T)
         return _draws(rng, noise_variance, (self.location, self.spread), columns, self.center), noise_variance
@@ -248,6 +250,7 @@ def conjugate(data: RegressionData, prior: ConjugatePrior) -> NormalInverseGamma
     >>> print(f"{vessel.coefficients('yaw')[-1]:.5f}")
     -0.00198
     """
+    check_prior(prior)
     if not isinstance(prior, ConjugatePrior):
         raise PriorError(
             f"The conjugate posterior takes a ConjugatePrior, found {type(prior).__name__}; give one or use the "
@@ -276,7 +279,7 @@ def conjugate(data: RegressionData, prior: ConjugatePrior) -> NormalInverseGamma
 
 
 def conjugate_posterior(
-    data: RegressionData, prior: ConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: np.random.Generator
+    data: RegressionData, prior: ConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: Seed
 ) -> xr.DataTree:
     """Independent draws from the exact posterior, laid out as a DataTree.
 
@@ -286,7 +289,7 @@ def conjugate_posterior(
     prior : ConjugatePrior
     draws, chains : int, optional
         Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
@@ -314,6 +317,7 @@ def conjugate_posterior(
     >>> print(f"{tree['posterior']['coefficients'].sel(coefficient='Ngdelta').mean():.4f}")
     -0.0020
     """
+    rng = random_generator(rng)
     return independent_posterior(data, prior, conjugate(data, prior).draw, draws=draws, chains=chains, rng=rng)
 
 

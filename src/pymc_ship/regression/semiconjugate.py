@@ -17,7 +17,8 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, rotate
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, check_prior, rotate
 from pymc_ship.regression.quadrature import log_kernels, quadrature
 from pymc_ship.regression.tree import independent_posterior
 from pymc_ship.rows.data import RegressionData
@@ -187,8 +188,9 @@ class NormalMixture(ExactPosterior):
         kernel, constant = _kernel(s, z, self.residual_square, self.n_rows, prior)
         return log_kernels(t, kernel) + constant - self.log_evidence
 
-    def draw(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
         """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
+        rng = random_generator(rng)
         inside = self.log_noise_variance[self.weights > 1e-16 * self.weights.max()]
         t = np.linspace(inside[0], inside[-1], 2049)
         density = np.exp(self._log_density(t))
@@ -273,6 +275,7 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
     >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.4f}, sd {exact.sd[-1]:.5f}")
     Ngdelta = -0.0020, sd 0.00001
     """
+    check_prior(prior)
     if not isinstance(prior, SemiConjugatePrior):
         raise PriorError(
             f"The semi-conjugate posterior takes a SemiConjugatePrior, found {type(prior).__name__}; give one or use "
@@ -299,7 +302,7 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
 
 
 def semiconjugate_posterior(
-    data: RegressionData, prior: SemiConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: np.random.Generator
+    data: RegressionData, prior: SemiConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: Seed
 ) -> xr.DataTree:
     """Independent draws from the exact posterior, laid out as a DataTree.
 
@@ -309,7 +312,7 @@ def semiconjugate_posterior(
     prior : SemiConjugatePrior
     draws, chains : int, optional
         Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
@@ -324,6 +327,7 @@ def semiconjugate_posterior(
     ValueError
         When ``draws`` is no positive multiple of ``chains``.
     """
+    rng = random_generator(rng)
     return independent_posterior(data, prior, semiconjugate(data, prior).draw, draws=draws, chains=chains, rng=rng)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from pymc_ship.regression.priors import Prior
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import Prior, check_prior
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.error_laws import error_law, errors_of
 
@@ -95,7 +96,7 @@ def with_predictive(
     data: RegressionData,
     prior: Prior,
     *,
-    rng: np.random.Generator,
+    rng: Seed,
     draws: int = PREDICTIVE_DRAWS,
 ) -> xr.DataTree:
     """Posterior with the groups of ArviZ's prior and posterior predictive checks.
@@ -108,7 +109,7 @@ def with_predictive(
         What it was fitted to.
     prior : Prior
         What it was fitted with.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     draws : int, optional
         Draws from the prior. Every draw of the posterior makes a prediction, so that ArviZ finds the same chains and
         draws in all groups of the posterior.
@@ -136,6 +137,8 @@ def with_predictive(
     >>> dict(checked["posterior_predictive"]["response"].sizes)
     {'chain': 4, 'draw': 50, 'row': 300}
     """
+    rng = random_generator(rng)
+    check_prior(prior)
     if draws < 1:
         raise ValueError(f"The predictive draws must be positive, found {draws}; raise them to 1 or more.")
     posterior, fitted = tree["posterior"].to_dataset(), tree["observed_data"].dataset

@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, sensors
-from pymc_ship.trial.record import TrialError, check_trial
+from pymc_ship.trial.record import TrialError, check_trial, one_trial
 
 LITERAL_LEVEL = 0.2**0.5
 """The paper's literal level: xi has variance 0.2, that is a standard deviation of 0.447."""
@@ -77,7 +78,7 @@ def pollute(
     trial: xr.Dataset,
     *,
     level: float | str,
-    rng: np.random.Generator,
+    rng: Seed,
     factors: Mapping[str, float] | None = None,
 ) -> xr.Dataset:
     """Add white Gaussian noise of standard deviation level * k * max|channel| to each channel.
@@ -87,7 +88,7 @@ def pollute(
     trial : Dataset, dims (time,)
     level : float or "literal"
         Standard deviation of xi; ``"literal"`` is sqrt(0.2) = 0.447, as the paper prints it.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     factors : mapping of str to float, optional
         k of each channel that carries noise, by default those of :func:`pymc_ship.trial.noise.noise_factors`; channels
         the trial does not have are left out.
@@ -118,6 +119,7 @@ def pollute(
     >>> print(f"{noise.std():.4f} rad; {noisy.attrs['noise_sd_psi']:.4f} rad")
     0.0019 rad; 0.0019 rad
     """
+    rng, trial = random_generator(rng), one_trial(trial)
     size, known = noise_sd(level), noise_factors()
     factors = known if factors is None else factors
     noisy = dict.fromkeys((*SIMULATED, *known))
