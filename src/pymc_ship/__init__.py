@@ -52,7 +52,7 @@ _PUBLIC = {
     "trajectory.prior": ("CoefficientPrior", "coefficient_prior", "posterior_prior"),
     "sampling.gibbs": ("gibbs", "gibbs_posterior"),
     "sampling.own_tree": ("posterior_tree",),
-    "sampling.predictive": ("with_predictive",),
+    "sampling.predictive": ("predict", "with_predictive"),
     "sampling.regression_model": ("nuts_posterior", "pymc_model"),
     "sampling.trajectory_model": ("trajectory_model", "trajectory_nuts_posterior"),
     "forecasting.extrapolation": ("extrapolation",),

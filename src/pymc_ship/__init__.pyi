@@ -71,6 +71,7 @@ from pymc_ship.rows.streamed import stream_regression as stream_regression
 from pymc_ship.sampling.gibbs import gibbs as gibbs
 from pymc_ship.sampling.gibbs import gibbs_posterior as gibbs_posterior
 from pymc_ship.sampling.own_tree import posterior_tree as posterior_tree
+from pymc_ship.sampling.predictive import predict as predict
 from pymc_ship.sampling.predictive import with_predictive as with_predictive
 from pymc_ship.sampling.regression_model import nuts_posterior as nuts_posterior
 from pymc_ship.sampling.regression_model import pymc_model as pymc_model

@@ -10,16 +10,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from numba import njit
 
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, check_prior, rotate
+from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, check_prior, rotate, warn_of_uneven_columns
 from pymc_ship.regression.tree import independent_posterior
 from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.frames import Formula, new_design
 from pymc_ship.rows.scaling import RegressionDataError
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -96,6 +97,8 @@ class NormalInverseGamma(ExactPosterior):
         The same a priori.
     log_evidence : float
         Log density of the original response, p(y).
+    formula : Formula or None
+        What made the columns of the data, for predictions.
 
     References
     ----------
@@ -113,6 +116,7 @@ class NormalInverseGamma(ExactPosterior):
     prior_shape: float
     prior_scale: float
     log_evidence: float
+    formula: Formula | None = None
 
     @cached_property
     def mean(self) -> np.ndarray:
@@ -171,9 +175,14 @@ class NormalInverseGamma(ExactPosterior):
         columns = np.ascontiguousarray(self.basis.T)
         return _draws(rng, noise_variance, (self.location, self.spread), columns, self.center), noise_variance
 
-    def predict(self, design_matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included."""
-        rotated, middle = self._rotate_rows(design_matrix)
+    def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
+
+        New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
+        from a formula, a DataFrame of its variables. RegressionDataError for another shape, columns that are missing
+        and values that are no finite numbers.
+        """
+        rotated, middle = self._rotate_rows(new_rows)
         variance = (1.0 + rotated**2 @ self.spread) * self.noise_variance_mean
         return middle + rotated @ self.location, np.sqrt(variance)
 
@@ -204,11 +213,8 @@ class NormalInverseGamma(ExactPosterior):
         constant = math.lgamma(shape) - math.lgamma(self.shape) - 0.5 * n_rows * (_LOG_2PI + math.log(self.scale))
         return constant - 0.5 * log_determinant - shape * np.log1p(0.5 * distance / self.scale)
 
-    def _rotate_rows(self, design_matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        X = np.asarray(design_matrix, dtype=float)
-        n_terms = len(self.center)
-        if X.ndim != 2 or X.shape[1] != n_terms or not np.isfinite(X).all():
-            raise RegressionDataError(f"New rows are finite, of shape (rows, {n_terms}), found {X.shape}; check them.")
+    def _rotate_rows(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        X = new_design(new_rows, self.coefficients, self.formula)
         return X @ self.basis.T, X @ self.center
 
 
@@ -256,6 +262,7 @@ def conjugate(data: RegressionData, prior: ConjugatePrior) -> NormalInverseGamma
             f"The conjugate posterior takes a ConjugatePrior, found {type(prior).__name__}; give one or use the "
             "semi-conjugate posterior."
         )
+    warn_of_uneven_columns(data, prior)
     rotation, unit = rotate(data, prior), data.response_scale
     s, z = rotation.singular_values, unit * rotation.projection
     spread = 1.0 / (1.0 + s**2)
@@ -274,6 +281,7 @@ def conjugate(data: RegressionData, prior: ConjugatePrior) -> NormalInverseGamma
         scale=scale,
         prior_shape=prior.shape,
         prior_scale=prior_scale,
+        formula=data.formula,
         log_evidence=float(log_evidence),
     )
 

@@ -13,6 +13,7 @@ response with a large offset.
 from __future__ import annotations
 
 import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -244,6 +245,12 @@ def check_prior(prior: object, *, own: str = "") -> None:
             f"The prior of a regression is a Prior such as ConjugatePrior(kappa=100.0){own}, found {shown(prior)}; "
             "make one, or choose one by maximise_evidence."
         )
+
+
+def warn_of_uneven_columns(data: RegressionData, prior: Prior) -> None:
+    """Warn where columns of very different size meet a prior whose kappa is the default; a public fit calls it."""
+    if np.ndim(prior.kappa) == 0 and prior.kappa == type(prior).kappa and data.uneven:
+        warnings.warn(data.uneven, UserWarning, stacklevel=3)
 
 
 def _numbers(name: str, value: object) -> np.ndarray:

@@ -11,17 +11,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from numba import njit
 
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, check_prior, rotate
+from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, check_prior, rotate, warn_of_uneven_columns
 from pymc_ship.regression.quadrature import log_kernels, quadrature
 from pymc_ship.regression.tree import independent_posterior
 from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.frames import Formula, new_design
 from pymc_ship.rows.scaling import RegressionDataError
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -97,6 +98,8 @@ class NormalMixture(ExactPosterior):
         Equidistant nodes in log sigma2 and their posterior weights, which add up to 1.
     log_evidence : float
         Log density of the original response, p(y).
+    formula : Formula or None
+        What made the columns of the data, for predictions.
     """
 
     coefficients: tuple[str, ...]
@@ -111,6 +114,7 @@ class NormalMixture(ExactPosterior):
     log_noise_variance: np.ndarray
     weights: np.ndarray
     log_evidence: float
+    formula: Formula | None = None
 
     @cached_property
     def noise_variances(self) -> np.ndarray:
@@ -199,9 +203,14 @@ class NormalMixture(ExactPosterior):
         rotated, columns = (self.singular_values, self.projections), np.ascontiguousarray(self.basis.T)
         return _draws(rng, noise_variance, rotated, columns, self.center), noise_variance
 
-    def predict(self, design_matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included."""
-        rotated, middle = self._rotate_rows(design_matrix)
+    def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
+
+        New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
+        from a formula, a DataFrame of its variables. RegressionDataError for another shape, columns that are missing
+        and values that are no finite numbers.
+        """
+        rotated, middle = self._rotate_rows(new_rows)
         locations, variances = self._components
         location = self.weights @ locations
         variance = rotated**2 @ (self.weights @ variances) + self.weights @ ((locations - location) @ rotated.T) ** 2
@@ -238,10 +247,8 @@ class NormalMixture(ExactPosterior):
         n_rows = self.n_rows + len(residual)
         return _integrate(s, z, residual_square, n_rows, (self.prior_shape, self.prior_scale))[2] - self.log_evidence
 
-    def _rotate_rows(self, design_matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        X, n_terms = np.asarray(design_matrix, dtype=float), len(self.center)
-        if X.ndim != 2 or X.shape[1] != n_terms or not np.isfinite(X).all():
-            raise RegressionDataError(f"New rows are finite, of shape (rows, {n_terms}), found {X.shape}; check them.")
+    def _rotate_rows(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        X = new_design(new_rows, self.coefficients, self.formula)
         return X @ self.basis.T, X @ self.center
 
 
@@ -281,6 +288,7 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
             f"The semi-conjugate posterior takes a SemiConjugatePrior, found {type(prior).__name__}; give one or use "
             "the conjugate posterior."
         )
+    warn_of_uneven_columns(data, prior)
     rotation, unit = rotate(data, prior), data.response_scale
     s, z = unit * rotation.singular_values, unit * rotation.projection
     residual_square, scale = unit**2 * rotation.residual_square, prior.scale * unit**2
@@ -297,6 +305,7 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
         prior_scale=scale,
         log_noise_variance=log_noise_variance,
         weights=weights,
+        formula=data.formula,
         log_evidence=log_evidence,
     )
 

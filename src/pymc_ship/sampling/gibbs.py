@@ -16,7 +16,7 @@ import xarray as xr
 from numba import njit
 
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.regression.priors import Prior, PriorError, check_prior, rotate
+from pymc_ship.regression.priors import Prior, PriorError, check_prior, rotate, warn_of_uneven_columns
 from pymc_ship.regression.tree import draws_tree, rng_state
 from pymc_ship.rows.data import RegressionData
 
@@ -113,6 +113,7 @@ def gibbs(
             f"independent of it, found its power {prior.noise_power:g} in the {prior.family} family; use "
             "nuts_posterior."
         )
+    warn_of_uneven_columns(data, prior)
     rotation, unit = rotate(data, prior), data.response_scale
     s, z = unit * rotation.singular_values, unit * rotation.projection
     residual_square, scale = unit**2 * rotation.residual_square, unit**2 * prior.scale

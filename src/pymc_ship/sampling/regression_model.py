@@ -17,7 +17,7 @@ import xarray as xr
 
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.regression.priors import Prior, check_prior
+from pymc_ship.regression.priors import Prior, check_prior, warn_of_uneven_columns
 from pymc_ship.regression.tree import draws_tree, rng_state
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling import rows_model, whitened_model
@@ -101,7 +101,8 @@ def pymc_model(
     >>> sorted(variable.name for variable in model.free_RVs)
     ['scaled_coefficients', 'scaled_noise_variance']
     """
-    _is_own(prior)
+    if not _is_own(prior):
+        warn_of_uneven_columns(data, prior)
     check_choice("A parametrisation", parametrisation, PARAMETRISATIONS)
     if not callable(errors):
         error_law(errors, data)
@@ -267,6 +268,7 @@ def _compiled(model: pm.Model):
 
 def _compiled_whitened(data: RegressionData, prior: Prior, errors: str):
     """Whitened model with data and prior, compiled once for a number of terms and a law of the errors."""
+    warn_of_uneven_columns(data, prior)
     error_law(errors, data)
     if errors == "normal":
         return whitened_model.compiled_whitened(data.n_terms).with_data(
