@@ -69,9 +69,9 @@ def _listed(names: Sequence[str]) -> str:
 def check_same_rows(design_matrix: Any, response: Any) -> None:
     """Raise a RegressionDataError where a table and a column of another table do not have the same index."""
     index, other = getattr(design_matrix, "index", None), getattr(response, "index", None)
-    if index is None or not hasattr(response, "to_numpy") or other is None:
+    if index is None or other is None or not hasattr(response, "to_numpy"):
         return
-    if not np.array_equal(np.asarray(index), np.asarray(other)):
+    if not np.array_equal(index, other):
         raise RegressionDataError(
             "The table and the response must have the same index, found two that differ; take both from one table."
         )
