@@ -30,7 +30,7 @@ WINGS = {
     "trajectory": "machine forces vessel trial motion regression",
     "sampling": "machine vessel motion rows regression trajectory",
     "forecasting": "machine pages forces vessel trial manoeuvre motion rows regression trajectory sampling",
-    "design": "vessel trial manoeuvre motion trajectory forecasting",
+    "design": "machine vessel trial manoeuvre motion trajectory forecasting",
     "ship": "machine pages forces vessel trial manoeuvre motion checks rows regression trajectory forecasting",
     "diagnostics": "machine pages vessel trial rows regression trajectory sampling forecasting design",
     "frontier": "machine pages vessel trial denoising manoeuvre motion regression trajectory forecasting design",

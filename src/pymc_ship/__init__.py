@@ -56,7 +56,7 @@ _PUBLIC = {
     "sampling.gibbs": ("gibbs", "gibbs_posterior"),
     "sampling.hierarchical_model": ("hierarchical_model", "hierarchical_posterior"),
     "sampling.own_tree": ("posterior_tree",),
-    "sampling.predictive": ("with_predictive",),
+    "sampling.predictive": ("predict", "with_predictive"),
     "sampling.prior_laws": ("horseshoe", "r2d2", "student_t_prior"),
     "sampling.regression_model": ("nuts_posterior", "pymc_model"),
     "sampling.trajectory_model": ("trajectory_model", "trajectory_nuts_posterior"),

@@ -79,6 +79,7 @@ from pymc_ship.sampling.gibbs import gibbs_posterior as gibbs_posterior
 from pymc_ship.sampling.hierarchical_model import hierarchical_model as hierarchical_model
 from pymc_ship.sampling.hierarchical_model import hierarchical_posterior as hierarchical_posterior
 from pymc_ship.sampling.own_tree import posterior_tree as posterior_tree
+from pymc_ship.sampling.predictive import predict as predict
 from pymc_ship.sampling.predictive import with_predictive as with_predictive
 from pymc_ship.sampling.prior_laws import horseshoe as horseshoe
 from pymc_ship.sampling.prior_laws import r2d2 as r2d2

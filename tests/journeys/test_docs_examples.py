@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import matplotlib
 import numpy as np
 import pytest
@@ -16,9 +18,10 @@ from tests.journeys.markdown import ROOT, Page, pages
 VESSEL = Page("docs/how_to/write_a_vessel.md")
 FORMAT = Page("docs/how_to/read_a_trial_file.md")
 PAPER = Page("docs/tutorials/paper_in_python.md")
+FORMULAS = "regress_a_table"
 
 QUICK = {
-    *(f"docs/how_to/{task}.md" for task in ("read_a_trial_file", "write_a_vessel", "choose_a_prior")),
+    *(f"docs/how_to/{task}.md" for task in ("read_a_trial_file", "write_a_vessel", "choose_a_prior", FORMULAS)),
     *(f"docs/how_to/{task}.md" for task in ("denoise_a_record", "simulate_what_sensors_read")),
     *(f"docs/how_to/add_a_{thing}.md" for thing in ("term", "prior", "manoeuvre", "channel", "page")),
     "docs/reference/posterior_tree.md",
@@ -28,8 +31,13 @@ QUICK = {
 
 def with_python():
     """Every page that has Python, the slow ones marked; that of the paper has a test of its own."""
+    parser = pytest.mark.skipif(find_spec("formulae") is None, reason="installed by pymc-ship[formula]")
     return [
-        pytest.param(page, id=page.path, marks=() if page.path in QUICK else pytest.mark.slow)
+        pytest.param(
+            page,
+            id=page.path,
+            marks=[parser] * (FORMULAS in page.path) + [pytest.mark.slow] * (page.path not in QUICK),
+        )
         for page in pages()
         if page.blocks("python") and page != PAPER
     ]

@@ -16,7 +16,7 @@ import xarray as xr
 
 from pymc_ship.checks.track import TrackBlocks, body_velocity, earth_velocity, lever_fit, track_blocks, turned_to_earth
 from pymc_ship.checks.verdicts import SIGNIFICANT, Check, ShipScale, needed, not_checked, regressed
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import TrialError, sampling_interval
 
 LAG = 0.01
 """Lag over L/U from which it matters: in a turn of rL/U = 0.5, v is then off by 0.5 % of U."""
@@ -181,14 +181,22 @@ def common_lag(checked: Iterable[Sequence[Check]]) -> VelocityLag | None:
     Parameters
     ----------
     checked : iterable of sequence of Check
-        Checks of each run, from :func:`pymc_ship.trial_checks`.
+        Checks of each run, or of one, from :func:`pymc_ship.trial_checks`.
 
     Returns
     -------
     VelocityLag or None
         None where no run shows a lag that matters.
+
+    Raises
+    ------
+    TrialError
+        For what is no check.
     """
-    found = [check for checks in checked for check in checks if check.name == NAME and check.numbers]
+    every = [check for checks in checked for check in ([checks] if isinstance(checks, Check) else checks)]
+    if not all(isinstance(check, Check) for check in every):
+        raise TrialError("A common lag is told from the checks of the runs, found something else; give trial_checks.")
+    found = [check for check in every if check.name == NAME and check.numbers]
     if not any(check.mendable for check in found):
         return None
     kind = min(READINGS, key=lambda name: sum(np.log(check.value(f"misfit, {name}")) for check in found))

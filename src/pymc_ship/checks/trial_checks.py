@@ -39,7 +39,8 @@ from pymc_ship.checks.verdicts import Check, not_checked, ship_scale
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.trial.channels import SIMULATED
 from pymc_ship.trial.judgement import judged, worst
-from pymc_ship.trial.record import TrialError, check_trial
+from pymc_ship.trial.record import TrialError, check_trial, one_trial
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
 _LARGEST = 1e12
@@ -50,7 +51,7 @@ class TrialRefusedError(TrialError):
 
 
 def trial_checks(
-    trial: xr.Dataset, vessel: Vessel | None = None, *, lag: VelocityLag | None = None
+    trial: xr.Dataset, vessel: VesselLike | None = None, *, lag: VelocityLag | None = None
 ) -> tuple[Check, ...]:
     """Check a trial: record, kinematic closure, rudder, approach and excitation.
 
@@ -59,7 +60,7 @@ def trial_checks(
     trial : Dataset, dims (time,)
         Any of u, v [m/s], r, p [rad/s], phi, psi, delta [rad], x, y [m], and ``delta_command`` [rad]; uniform time [s].
         Checks that need a missing channel are not made and say so; p and phi that are 0 throughout count as missing.
-    vessel : Vessel, optional
+    vessel : Vessel, str or Path, optional
         Gives L, speed, rudder rate and terms. Without it, L/U is taken from the tightest turn.
     lag : VelocityLag, optional
         Lag of the velocities behind the track in all runs of the facility, see :func:`pymc_ship.common_lag`; by default
@@ -89,7 +90,8 @@ def trial_checks(
     ...         print(f"{check.name}: {check.sentence}")
     gyro offset: r has an offset of +0.0573 deg/s against psi, 16 deg in 5 L/U; subtract it.
     """
-    _check_record(trial)
+    vessel = None if vessel is None else as_vessel(vessel)
+    _check_record(one_trial(trial))
     trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in present(trial)])
     found = [spike_check(trial), wrap_check(trial)]
     trial = _mended(trial, found)
@@ -220,7 +222,7 @@ def _said(check: Check) -> str:
 
 
 def judged_trial(
-    trial: xr.Dataset, vessel: Vessel, overrule: Collection[str] = (), *, lag: VelocityLag | None = None
+    trial: xr.Dataset, vessel: VesselLike, overrule: Collection[str] = (), *, lag: VelocityLag | None = None
 ) -> xr.Dataset:
     """Check a trial, refuse it or mend it: what every command does with a record before it fits it.
 
@@ -228,7 +230,7 @@ def judged_trial(
     ----------
     trial : Dataset, dims (time,)
         As for :func:`trial_checks`.
-    vessel : Vessel
+    vessel : Vessel, str or Path
     overrule : collection of str, optional
         Names of checks whose verdict "bad" does not refuse the trial.
     lag : VelocityLag, optional
@@ -262,6 +264,7 @@ def judged_trial(
     pymc_ship.checks.trial_checks.TrialRefusedError: The trial cannot be fitted: rudder sign: A positive delta turns \
 the ship to starboard, it should turn her to port; flip the sign of delta.
     """
+    vessel = as_vessel(vessel)
     return corrected_trial(trial, trial_checks(trial, vessel, lag=lag), overrule)
 
 
@@ -307,7 +310,7 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     >>> print(f"{(measured['r'] - corrected['r']).mean():.5f} rad/s")
     0.00100 rad/s
     """
-    checks = list(checks)
+    trial, checks = one_trial(trial), list(checks)
     for name in overrule:
         check_choice("A check to overrule", name, [check.name for check in checks], TrialError)
     if sentence := failed_checks(checks, overrule):

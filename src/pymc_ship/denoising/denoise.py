@@ -16,7 +16,7 @@ from pymc_ship.denoising.smoothers import SMOOTHERS, smoothed
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.trial.channels import channel_names
-from pymc_ship.trial.record import check_trial
+from pymc_ship.trial.record import check_trial, one_trial
 
 METHODS = ("wavelet", *SMOOTHERS)
 """Methods of :func:`denoise`."""
@@ -75,6 +75,7 @@ def denoise(
     14 mm/s
     3 mm/s
     """
+    trial = one_trial(trial)
     choice = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant}
     _check_method(method, denoise, choice | options)
     chosen = denoised_channels(trial, channels)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from pymc_ship.denoising.denoise import denoised_channels, finite_signal
 from pymc_ship.denoising.shrinkage import shrinkage
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.machine.threads import thread_pool
 
 
@@ -21,7 +22,7 @@ def denoise_draws(
     translation_invariant: bool = True,
     *,
     draws: int = 200,
-    rng: np.random.Generator,
+    rng: Seed,
     channels: Sequence[str] | None = None,
     **options: Any,
 ) -> xr.Dataset:
@@ -32,7 +33,7 @@ def denoise_draws(
     trial, wavelet, prior, translation_invariant, channels
         As for :func:`pymc_ship.denoise`.
     draws : int, optional
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     **options
         ``scale``, ``levels``, ``boundary`` of :func:`pymc_ship.denoise_signal`.
 
@@ -67,7 +68,7 @@ def denoise_draws(
         return _drawn(trial[name].to_numpy(), f"channel {name}", draws, rng, settings)
 
     with thread_pool(2) as pool:
-        results = list(pool.map(drawn, chosen, rng.spawn(len(chosen))))
+        results = list(pool.map(drawn, chosen, random_generator(rng).spawn(len(chosen))))
     found = trial.assign_coords(draw=np.arange(draws))
     for name, values in zip(chosen, results, strict=True):
         found[name] = (("draw", "time"), values, trial[name].attrs)
@@ -81,7 +82,7 @@ def denoise_signal_draws(
     translation_invariant: bool = True,
     *,
     draws: int = 200,
-    rng: np.random.Generator,
+    rng: Seed,
     **options: Any,
 ) -> np.ndarray:
     """Draw a signal from the posterior that :func:`pymc_ship.denoise_signal` estimates it by.
@@ -97,7 +98,7 @@ def denoise_signal_draws(
     y, wavelet, prior, translation_invariant
         As for :func:`pymc_ship.denoise_signal`.
     draws : int, optional
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     **options
         ``scale``, ``levels``, ``boundary`` of :func:`pymc_ship.denoise_signal`.
 
@@ -129,7 +130,7 @@ def denoise_signal_draws(
     0.96
     """
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
-    return _drawn(y, "signal", draws, rng, settings)
+    return _drawn(y, "signal", draws, random_generator(rng), settings)
 
 
 def _drawn(y: ArrayLike, what: str, draws: int, rng: np.random.Generator, settings: dict) -> np.ndarray:

@@ -6,22 +6,23 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.standard import Manoeuvre, rudder_programme, turning_circle, zigzag
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 _JUMP = 0.1  # s, from one angle to the next; the rudder follows at its own rate
 
 
-def candidate_trials(vessel: Vessel, *, duration: float = 400.0, rng: np.random.Generator) -> dict[str, Manoeuvre]:
+def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) -> dict[str, Manoeuvre]:
     """Manoeuvres worth considering for a next run, by label.
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Its nominal speed, and half of it, are the approach speeds.
     duration : float, optional
         Of the rudder programmes [s].
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
         Draws the programmes: angles of up to 35 deg held for 8 to 30 s, and 20 deg to either side held for multiples
         of 10 s, in whole degrees and seconds.
 
@@ -37,6 +38,8 @@ def candidate_trials(vessel: Vessel, *, duration: float = 400.0, rng: np.random.
     >>> candidates["zigzag 35/20 port"].heading_deg, len(candidates)
     (20.0, 9)
     """
+    rng = random_generator(rng)
+    vessel = as_vessel(vessel)
     half = 0.5 * vessel.particulars.nominal_speed
     manoeuvres = [
         *(zigzag(*angles) for angles in ((35, 35), (35, 20), (20, 20), (10, 10))),

@@ -17,6 +17,7 @@ import xarray as xr
 from pymc_ship.trajectory.fit import Noise, TrajectoryError, TrajectoryFit, run_rows, white_noise
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_dofs, coefficient_names
 from pymc_ship.trajectory.runs import Run, trajectory_run
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 UNKNOWN = 0.5
@@ -56,7 +57,7 @@ def information_root(
 
 def fisher_information(
     runs: xr.Dataset | Run | Sequence[xr.Dataset | Run],
-    vessel: Vessel,
+    vessel: VesselLike,
     coefficients: np.ndarray | None = None,
     *,
     noise_sd: Mapping[str, float] | None = None,
@@ -69,7 +70,7 @@ def fisher_information(
     ----------
     runs : Dataset, Run, or sequence of them
         Measured trials, or simulated ones with ``noise_sd``; see :func:`pymc_ship.trajectory.runs.trajectory_run`.
-    vessel : Vessel
+    vessel : Vessel, str or Path
     coefficients : array_like, shape (n_coefficients,), optional
         Where to linearise, DOFs one after the other; the vessel's reference values by default.
     noise_sd : mapping of str to float, optional
@@ -96,6 +97,7 @@ def fisher_information(
     ----------
     Maine & Iliff (1986), NASA RP-1168; Goodwin & Payne (1977), Dynamic System Identification, ch. 6.
     """
+    vessel = as_vessel(vessel)
     root = _root(runs, vessel, coefficients, noise_sd, noise, initial_states)
     names = coefficient_names(vessel)
     return xr.DataArray(root.T @ root, {"coefficient": names, "other": names}, ("coefficient", "other"))
@@ -103,7 +105,7 @@ def fisher_information(
 
 def identifiability(
     runs: xr.Dataset | Run | Sequence[xr.Dataset | Run],
-    vessel: Vessel,
+    vessel: VesselLike,
     prior: CoefficientPrior | None = None,
     *,
     coefficients: np.ndarray | None = None,
@@ -154,6 +156,7 @@ def identifiability(
     Nr: 4 %
     Nrrr: 3236 %
     """
+    vessel = as_vessel(vessel)
     root = _root(runs, vessel, coefficients, noise_sd, noise, initial_states)
     reference, flat = reference_coefficients(vessel), np.full(root.shape[1], np.inf)
     prior_sd = flat if prior is None else prior.scale

@@ -18,6 +18,7 @@ from pymc_ship.design.candidates import candidate_trials, labelled_trials
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities, straight_course
 from pymc_ship.design.identifiability import information_root
 from pymc_ship.forecasting.draws import coefficient_draws
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.simulation import simulate
@@ -27,6 +28,7 @@ from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.channels import channel_names, sensors
 from pymc_ship.trial.noise import noise_factors
 from pymc_ship.trial.noise import noise_sd as noise_size
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 CRITERIA = ("information", "forecast")
@@ -72,12 +74,12 @@ class _Sensors:
 
 
 def design_trials(
-    vessel: Vessel,
+    vessel: VesselLike,
     posterior: xr.DataTree | TrajectoryFit | tuple[np.ndarray, np.ndarray],
     candidates: Mapping[str, Manoeuvre] | Sequence[Manoeuvre] | None = None,
     n: int = 2,
     *,
-    rng: np.random.Generator,
+    rng: Seed,
     criterion: str = "information",
     interest: Sequence[Manoeuvre] | None = None,
     level: float | None = None,
@@ -90,7 +92,7 @@ def design_trials(
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Its reference coefficients are the scale of relative accuracies only.
     posterior : DataTree, TrajectoryFit or (mean, covariance)
         What is known of the coefficients of all DOFs: joint draws, a fit, or shapes (n,) and (n, n).
@@ -98,7 +100,7 @@ def design_trials(
         :func:`candidate_trials` by default. A candidate can be chosen again.
     n : int, optional
         Runs to choose.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     criterion : {"information", "forecast"}, optional
         Greatest expected log determinant of the posterior precision, or least expected variance of the forecast
         trajectories of ``interest``: u, v, r, phi and psi relative to their ranges, mean over channels and time.
@@ -155,6 +157,8 @@ def design_trials(
     >>> plan["chosen"].item()
     'zigzag 20/20 port'
     """
+    rng = random_generator(rng)
+    vessel = as_vessel(vessel)
     if criterion not in CRITERIA or n < 1 or draws < 1:
         raise TrialDesignError(
             f"A design needs a criterion of {', '.join(CRITERIA)} and one run and draw or more, found {criterion!r}, "

@@ -20,7 +20,7 @@ from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import percent
 from pymc_ship.regression.calibration import LEVEL
-from pymc_ship.vessel.reading import load_vessel
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, VesselError
 
 PAGE = Page(
@@ -52,7 +52,7 @@ SUBJECTS = dict.fromkeys(METHODS, TRAJECTORIES)
 def diagnostic_report(
     trees: Mapping[str, xr.DataTree],
     out: str | Path,
-    vessel: Vessel | str | Path | None = None,
+    vessel: VesselLike | None = None,
     *,
     seed: int = 2020,
     progress: Callable[[str], None] = lambda _: None,
@@ -89,7 +89,7 @@ def diagnostic_report(
     OutputError
         When the folder cannot be written.
     """
-    ship = load_vessel(vessel) if isinstance(vessel, str | Path) else vessel
+    ship = None if vessel is None else as_vessel(vessel)
     check_trees(trees, ship)
     return write_diagnostics(comparisons(trees), writable_folder(out), ship, seed=seed, progress=progress)
 

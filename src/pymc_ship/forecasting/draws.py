@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import shown
 from pymc_ship.vessel.vessel import Vessel, VesselError
 
 
@@ -42,6 +43,11 @@ def coefficient_draws(
     VesselError
         For a DOF the vessel does not have or a posterior that lacks one of the coefficients it is to have.
     """
+    if not isinstance(posteriors, Mapping) or not all(isinstance(tree, xr.DataTree) for tree in _trees(posteriors)):
+        raise VesselError(
+            f"A forecast takes one joint posterior or posteriors by degree of freedom, found {shown(posteriors)}; give "
+            "a DataTree, or DataTrees under the names of the DOFs."
+        )
     if isinstance(posteriors, xr.DataTree):
         names = [name for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
         return _rows(posteriors[group], names, f"The joint {group} lacks {{}} of {vessel.name!r}", draws, rng)

@@ -24,6 +24,7 @@ from pymc_ship.machine.threads import thread_pool
 from pymc_ship.motion.equations import KERNEL, STATE
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.trial.record import TrialError
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
 UNKNOWN = "Extrapolation is unknown: the posterior does not hold the motion it was fitted to."
@@ -56,12 +57,12 @@ class _Direction(NamedTuple):
     delta: float
 
 
-def extrapolation(vessel: Vessel, ships: xr.Dataset, motion: xr.DataArray) -> xr.Dataset:
+def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -> xr.Dataset:
     """Distance of simulated ships from the motion of a training record, at every instant.
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
     ships : Dataset, dims (time,) or (draw, time)
         u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; NaN where a ship does not
         run any more.
@@ -83,6 +84,7 @@ def extrapolation(vessel: Vessel, ships: xr.Dataset, motion: xr.DataArray) -> xr
     TrialError
         When the ships lack a channel, or the motion a dimension, a symbol, a row or a finite value.
     """
+    vessel = as_vessel(vessel)
     trained = _trained(motion)
     least, most = trained.min(axis=0), trained.max(axis=0)
     unit = np.where(most > least, most - least, 1.0)

@@ -10,10 +10,12 @@ import xarray as xr
 from pymc_ship.forecasting.draws import coefficient_draws, fitted_motion, sensor_noise
 from pymc_ship.forecasting.extrapolation import UNKNOWN, extrapolation, sentence
 from pymc_ship.forecasting.index_error import with_model_error
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
 BANDS = ("lower", "median", "upper")
@@ -24,12 +26,12 @@ NO_ROLL = "The model has no roll: there is no forecast of roll angles."
 
 
 def forecast(
-    vessel: Vessel,
+    vessel: VesselLike,
     posteriors: Mapping[str, xr.DataTree] | xr.DataTree,
     manoeuvre: Manoeuvre,
     *,
     draws: int = 300,
-    rng: np.random.Generator,
+    rng: Seed,
     duration: float = 400.0,
     ci_prob: float = 0.9,
     noise_sd: Mapping[str, float] | None = None,
@@ -39,14 +41,14 @@ def forecast(
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
     posteriors : DataTree or mapping of str to DataTree
         Joint posterior of all coefficients, or the posterior of each DOF, of any method; a DOF that a mapping leaves
         out keeps the vessel's reference values.
     manoeuvre : Manoeuvre
     draws : int, optional
         Simulated ships.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     duration : float, optional
         [s].
     ci_prob : float, optional
@@ -93,6 +95,7 @@ def forecast(
     >>> turn.attrs["share_diverged"], bool(lower < truth < upper)
     (0.0, True)
     """
+    rng, vessel, manoeuvre = random_generator(rng), as_vessel(vessel), one_manoeuvre(manoeuvre)
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
     noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)

@@ -9,6 +9,7 @@ import xarray as xr
 
 from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.forecasting.forecast import BANDS, pooled_forecast
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.stability import growth_rates
 from pymc_ship.motion.stepping import simulation_settings
@@ -44,7 +45,7 @@ def prior_ships(
     manoeuvre: Manoeuvre,
     *,
     draws: int = 300,
-    rng: np.random.Generator,
+    rng: Seed,
     duration: float | None = None,
     **settings,
 ) -> xr.Dataset:
@@ -60,7 +61,7 @@ def prior_ships(
     manoeuvre : Manoeuvre
     draws : int, optional
         Simulated ships.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     duration : float, optional
         [s]; by default what a forecast of this kind of manoeuvre lasts, 40 L/U for the standard ones.
     **settings
@@ -107,6 +108,7 @@ def prior_ships(
     """
     if draws < 2:
         raise ValueError(f"The ships of a prior are two or more, found {draws}; raise the draws.")
+    rng = random_generator(rng)
     ships = simulated_ships(vessel, _rows(vessel, prior, draws, rng), manoeuvre, rng, duration=duration, **settings)
     attrs = {**ships.attrs, "held": _held(vessel, prior)}
     return ships.assign_attrs(attrs | {"summary": _summary(attrs)})

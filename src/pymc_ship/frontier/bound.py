@@ -12,6 +12,7 @@ from scipy.special import erf
 from pymc_ship.design.identifiability import identifiability
 from pymc_ship.frontier.scores import SHARES
 from pymc_ship.trajectory.runs import trajectory_run
+from pymc_ship.trial.record import trial_list
 from pymc_ship.vessel.vessel import Vessel
 
 
@@ -39,7 +40,7 @@ def cramer_rao_bound(
     DataArray, dims (coefficient,)
         Prime values; see :func:`pymc_ship.identifiability`.
     """
-    trials = [trials] if isinstance(trials, xr.Dataset) else list(trials)
+    trials = trial_list(trials)
     noises = [noise_sd] * len(trials) if isinstance(noise_sd, Mapping) else list(noise_sd)
     runs, states = [], []
     for trial, noise in zip(trials, noises, strict=True):

@@ -1,4 +1,4 @@
-"""Random generators, one for each purpose."""
+"""Random generators: of a seed that a caller gives, and one for each purpose."""
 
 from __future__ import annotations
 
@@ -6,8 +6,32 @@ from hashlib import sha256
 
 import numpy as np
 
+from pymc_ship.machine.arguments import shown
+
+Seed = int | np.random.SeedSequence | np.random.Generator
+"""What public functions take as ``rng``: an integer from 0 up, a SeedSequence, or a generator that goes on."""
+
 
 def generator(seed: int, *purpose: float | str) -> np.random.Generator:
     """Generator of one purpose, independent of what else runs and in which order."""
     digest = sha256("\n".join(map(str, purpose)).encode()).digest()
     return np.random.default_rng([seed, int.from_bytes(digest, "little")])
+
+
+def random_generator(rng: object) -> np.random.Generator:
+    """Generator of a :data:`Seed`; a generator is returned as it is.
+
+    Raises
+    ------
+    ValueError
+        For anything else, such as None, a truth value, a text or a negative number.
+    """
+    if isinstance(rng, np.random.Generator):
+        return rng
+    number = isinstance(rng, int | np.integer) and not isinstance(rng, bool) and rng >= 0
+    if not number and not isinstance(rng, np.random.SeedSequence):
+        raise ValueError(
+            f"Random draws need a seed: rng is a whole number from 0 up, a SeedSequence or a Generator of numpy, found "
+            f"{shown(rng)}; give one such as rng=1."
+        )
+    return np.random.default_rng(rng)

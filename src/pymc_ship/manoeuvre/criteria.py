@@ -8,13 +8,14 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.manoeuvre.registry import kind_named
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
 SURE = 0.95
 """Probability from which a forecast says that a ship passes, and below 1 minus which that she fails."""
 
 
-def imo_probabilities(tree: xr.DataTree, vessel: Vessel) -> list[dict]:
+def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict]:
     """Probability that each criterion of IMO MSC.137(76) which applies to a forecast manoeuvre is passed.
 
     Parameters
@@ -22,7 +23,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: Vessel) -> list[dict]:
     tree : DataTree
         From :func:`pymc_ship.forecast`: groups ``trajectories`` (``diverged`` by draw), ``indices`` (dims draw) and
         ``index_bands`` (dims band).
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Gives L; the speed is the approach speed of the manoeuvre.
 
     Returns
@@ -55,6 +56,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: Vessel) -> list[dict]:
     advance passes 1.0
     tactical diameter passes 1.0
     """
+    vessel = as_vessel(vessel)
     if "indices" not in tree.children:
         return []
     found, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
@@ -121,14 +123,14 @@ def imo_limits(attrs: Mapping, vessel: Vessel) -> list[tuple[str, float, float, 
     return [(name, limit, L if units == "L" else 1.0, units) for name, limit, units in limits]
 
 
-def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:
+def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict]:
     """Compare indices with the limits of IMO MSC.137(76) that apply to the manoeuvre.
 
     Parameters
     ----------
     found : Dataset, dims ()
         From :func:`indices` of a 10/10 or 20/20 zigzag or of a turning circle at 35 deg or more.
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Gives L; the speed is the approach speed of the trial.
 
     Returns
@@ -147,6 +149,7 @@ def imo_criteria(found: xr.Dataset, vessel: Vessel) -> list[dict]:
     advance: 3.10 L, limit 4.5: True
     tactical diameter: 3.56 L, limit 5.0: True
     """
+    vessel = as_vessel(vessel)
     rows = []
     for name, limit, unit, units in imo_limits(found.attrs, vessel):
         value = float(found[name]) / unit

@@ -11,7 +11,7 @@ from pymc_ship.manoeuvre.events import Record
 from pymc_ship.manoeuvre.kinds import SIDES, Index
 from pymc_ship.manoeuvre.registry import KINDS, either
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import TrialError, check_trial
+from pymc_ship.trial.record import TrialError, check_trial, one_trial
 
 
 def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
@@ -50,7 +50,7 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     >>> print(f"{overshoot:.1f} {overshoot.attrs['units']}")
     10.1 deg
     """
-    name = manoeuvre or trial.attrs.get("manoeuvre", "")
+    name = manoeuvre or one_trial(trial).attrs.get("manoeuvre", "")
     known = [kind.name for kind in KINDS.values() if kind.indices]
     if name not in known:
         raise TrialError(f"Indices exist for {either(known)}, found {name!r}; name the manoeuvre.")

@@ -15,7 +15,8 @@ import xarray as xr
 from pymc_ship.manoeuvre.helm import Helm, Swings, approach_speed, rudder_reversals, swings, unsteered, whole_heading
 from pymc_ship.manoeuvre.registry import KINDS, either
 from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre
-from pymc_ship.trial.record import check_trial
+from pymc_ship.trial.record import check_trial, trial_list
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
 STEERED = ("u", "r", "psi", "delta")
@@ -37,14 +38,14 @@ class Steering:
     n_reversals: int
 
 
-def recognise(trials: Sequence[xr.Dataset], vessel: Vessel) -> tuple[list[Manoeuvre | None], Steering]:
+def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Manoeuvre | None], Steering]:
     """Recognise the standard manoeuvres among trials and measure how the rudder was steered.
 
     Parameters
     ----------
     trials : sequence of Dataset, dims (time,)
         With u, r, psi and delta.
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Gives L and the nominal speed, in which the longest delay is measured.
 
     Returns
@@ -71,6 +72,7 @@ def recognise(trials: Sequence[xr.Dataset], vessel: Vessel) -> tuple[list[Manoeu
     >>> print(f"{steering.rudder_rate_deg:.2f} deg/s")
     2.35 deg/s
     """
+    vessel, trials = as_vessel(vessel), trial_list(trials)
     for trial in trials:
         check_trial(trial, STEERED, uniform=False)
     found = [rudder_reversals(trial) for trial in trials]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.arguments import check_choice, shown
 from pymc_ship.manoeuvre.kinds import SIDES, ManoeuvreError, ManoeuvreKind
 from pymc_ship.manoeuvre.registry import KINDS, kind_named
 
@@ -86,6 +86,16 @@ class Manoeuvre:
         if self.time:
             return np.interp(time, self.time, self.delta)
         return np.full(np.shape(time), -SIDES[self.side] * np.deg2rad(self.rudder_deg))
+
+
+def one_manoeuvre(manoeuvre: object) -> Manoeuvre:
+    """Manoeuvre as it is; ManoeuvreError for a list of manoeuvres, a text, or anything else."""
+    if not isinstance(manoeuvre, Manoeuvre):
+        raise ManoeuvreError(
+            f"One manoeuvre is meant, made by zigzag, turning_circle or rudder_programme, found {shown(manoeuvre)}; "
+            "give one of these."
+        )
+    return manoeuvre
 
 
 def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_speed: float | None = None) -> Manoeuvre:

@@ -3,8 +3,7 @@
 The states obey x' = f(x, delta; theta) with f linear in theta, so S = dx/d(theta, x_0) obeys S' = f_x S + f_theta. The
 integrator is applied to both together, which makes S the exact derivative of the simulated record. f itself comes from
 :mod:`pymc_ship.motion.equations` and :mod:`pymc_ship.forces.terms`; here are only the derivatives of its parts along a
-change of one state. The motion does not depend on S: a stretch of it is integrated first, then f_x and f_theta are
-evaluated at all its instants side by side, then S follows.
+change of one state. A stretch of the motion comes first, then f_x and f_theta at all its instants, then S along it.
 """
 
 from __future__ import annotations
@@ -46,7 +45,8 @@ from pymc_ship.motion.stepping import (
     integration,
     lanes_at_rest,
 )
-from pymc_ship.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.vessel.reading import VesselLike, as_vessel
+from pymc_ship.vessel.vessel import reference_coefficients
 
 INSTANTS = 32
 """Evaluations of the equations of motion that are linearised side by side."""
@@ -337,7 +337,7 @@ def _integrate(coefficients, scheme, initial, record, motion, jacobian):
 
 
 def sensitivities(
-    vessel: Vessel,
+    vessel: VesselLike,
     delta: np.ndarray,
     initial_state: np.ndarray,
     coefficients: np.ndarray | None = None,
@@ -351,7 +351,7 @@ def sensitivities(
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
     delta : array_like, shape (n_time,)
         Rudder angle at the samples [rad], linear between them.
     initial_state : array_like, shape (n_states,)
@@ -388,7 +388,8 @@ def sensitivities(
     >>> motion.shape, jacobian.shape
     ((5, 600), (5, 600, 30))
     """
-    delta, initial = np.ascontiguousarray(delta, dtype=float), np.array(initial_state, dtype=float)
+    vessel, initial = as_vessel(vessel), np.array(initial_state, dtype=float)
+    delta = np.ascontiguousarray(delta, dtype=float)
     theta = reference_coefficients(vessel) if coefficients is None else np.array(coefficients, dtype=float)
     check_replay(vessel, delta, initial, theta, interval=interval, method=method, substeps=substeps, block=block)
     record = Record(delta, integration(method, interval / substeps, substeps), int(block))

@@ -10,11 +10,12 @@ from numba import njit
 
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.controlled import Gear, course
 from pymc_ship.motion.equations import INLINED, KERNEL, PART, scheme
 from pymc_ship.motion.stepping import METHODS, STATE_ROWS, Integration, advance, in_range, integration, lanes_at_rest
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 INTEGRATORS = (*METHODS, "dop853")
@@ -236,7 +237,7 @@ def check_replay(
 
 
 def simulate(
-    vessel: Vessel,
+    vessel: VesselLike,
     manoeuvre: Manoeuvre,
     *,
     duration: float,
@@ -250,7 +251,7 @@ def simulate(
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
     manoeuvre : Manoeuvre
     duration : float
         [s].
@@ -293,6 +294,7 @@ def simulate(
     >>> print(f"{turn['u'][-1]:.2f} m/s, {np.rad2deg(turn['r'][-1]):.2f} deg/s")
     2.34 m/s, -0.30 deg/s
     """
+    vessel, manoeuvre = as_vessel(vessel), one_manoeuvre(manoeuvre)
     n_steps, stride = _grid(duration, step, record_interval, method)
     reference = reference_coefficients(vessel)
     draws = reference[None] if coefficients is None else np.asarray(coefficients, dtype=float)

@@ -23,7 +23,8 @@ from pymc_ship.forces.terms import evaluate
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.motion.equations import VELOCITIES
 from pymc_ship.motion.prime_record import motion_record, prime_record
-from pymc_ship.trial.record import TrialError, sampling_interval
+from pymc_ship.trial.record import TrialError, sampling_interval, trial_list
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
 RADIUS = 5.0
@@ -151,7 +152,7 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
 
 def weak_form_start(
     trials: xr.Dataset | Sequence[xr.Dataset],
-    vessel: Vessel,
+    vessel: VesselLike,
     mean: np.ndarray,
     scale: np.ndarray,
     *,
@@ -166,7 +167,7 @@ def weak_form_start(
     ----------
     trials : Dataset or sequence of Dataset, dims (time,)
         One or many runs, as they were measured; see :func:`weak_form`.
-    vessel : Vessel
+    vessel : Vessel, str or Path
     mean, scale : ndarray, shape (n_coefficients,)
         Prior of all coefficients, DOF after DOF in the order of :func:`~equations_of_motion.reference_coefficients`.
         A scale of infinity leaves a coefficient free, 0 holds it at its mean.
@@ -184,6 +185,7 @@ def weak_form_start(
     ValueError
         For a mean or scale of another shape, not finite or negative, or an unknown method.
     """
+    vessel = as_vessel(vessel)
     n_terms = [len(vessel.terms(dof)) for dof in vessel.dofs]
     mean, scale = np.asarray(mean, dtype=float), np.asarray(scale, dtype=float)
     if not mean.shape == scale.shape == (sum(n_terms),) or not np.isfinite(mean).all() or not (scale >= 0.0).all():
@@ -198,7 +200,7 @@ def weak_form_start(
 
 
 def coefficient_scales(
-    trials: xr.Dataset | Sequence[xr.Dataset], vessel: Vessel, *, method: str = "euler"
+    trials: xr.Dataset | Sequence[xr.Dataset], vessel: VesselLike, *, method: str = "euler"
 ) -> np.ndarray:
     """Size at which each coefficient alone would make the whole hydrodynamic force of its DOF.
 
@@ -219,6 +221,7 @@ def coefficient_scales(
     TrialError
         As :func:`weak_form`, and for terms that no trial excites.
     """
+    vessel = as_vessel(vessel)
     scales = []
     for dof, (X, y) in _stacked(trials, vessel, method).items():
         size = _rms(X)
@@ -266,7 +269,7 @@ def _stacked(
     trials: xr.Dataset | Sequence[xr.Dataset], vessel: Vessel, method: str
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Design matrix and response of each DOF over the rows of all trials."""
-    runs = [trials] if isinstance(trials, xr.Dataset) else list(trials)
+    runs = trial_list(trials)
     if not runs:
         raise TrialError("The weak form needs at least one trial, found none; give one.")
     forms = [weak_form(run, vessel, method=method) for run in runs]

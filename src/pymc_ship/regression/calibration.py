@@ -15,7 +15,8 @@ import numpy as np
 import xarray as xr
 from scipy import special, stats
 
-from pymc_ship.regression.priors import Prior
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import Prior, check_prior
 from pymc_ship.rows.data import RegressionData
 
 LEVEL = 1e-3
@@ -39,7 +40,7 @@ def simulation_based_calibration(
     *,
     simulations: int = 1000,
     draws: int = 99,
-    rng: np.random.Generator,
+    rng: Seed,
 ) -> xr.Dataset:
     """Ranks of the truth among posterior draws, and whether they are uniform.
 
@@ -67,6 +68,8 @@ def simulation_based_calibration(
     ----------
     Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), doi:10.1214/23-BA1404; :func:`rank_p_value`.
     """
+    rng = random_generator(rng)
+    check_prior(prior)
     _at_least(1, simulations=simulations, draws=draws)
     ranks = np.empty((simulations, data.n_terms + 2), dtype=int)
     for k in range(simulations):
@@ -85,7 +88,7 @@ def coverage(
     *,
     probabilities: Sequence[float] = (0.5, 0.8, 0.95),
     simulations: int = 200,
-    rng: np.random.Generator,
+    rng: Seed,
 ) -> xr.Dataset:
     """Share of simulated data sets whose central intervals hold the truth, against their probability.
 
@@ -105,6 +108,8 @@ def coverage(
     Dataset
         Dims interval, quantity: ``share``, and ``z`` from the binomial test; attrs as in the calibration by ranks.
     """
+    rng = random_generator(rng)
+    check_prior(prior)
     _at_least(1, simulations=simulations)
     level = np.asarray(probabilities, dtype=float)
     ends = np.concatenate([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
@@ -125,7 +130,7 @@ def geweke(
     *,
     chains: int = 200,
     steps: int = 100,
-    rng: np.random.Generator,
+    rng: Seed,
 ) -> xr.Dataset:
     """Joint-distribution test of a Gibbs sampler ("getting it right").
 
@@ -151,6 +156,8 @@ def geweke(
     ----------
     Geweke (2004), JASA 99(467):799, doi:10.1198/016214504000001132.
     """
+    rng = random_generator(rng)
+    check_prior(prior)
     _at_least(2, chains=chains, steps=steps)
     direct, means = np.empty((chains * 10, 2 * data.n_terms + 3)), np.empty((chains, 2 * data.n_terms + 3))
     for k in range(len(direct)):

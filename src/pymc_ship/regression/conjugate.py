@@ -10,15 +10,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, rotate
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, check_prior, rotate, warn_of_uneven_columns
 from pymc_ship.regression.tree import independent_posterior
 from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.frames import Formula, new_design
 from pymc_ship.rows.scaling import RegressionDataError
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -95,6 +97,8 @@ class NormalInverseGamma(ExactPosterior):
         The same a priori.
     log_evidence : float
         Log density of the original response, p(y).
+    formula : Formula or None
+        What made the columns of the data, for predictions.
 
     References
     ----------
@@ -112,6 +116,7 @@ class NormalInverseGamma(ExactPosterior):
     prior_shape: float
     prior_scale: float
     log_evidence: float
+    formula: Formula | None = None
 
     @cached_property
     def mean(self) -> np.ndarray:
@@ -163,15 +168,21 @@ class NormalInverseGamma(ExactPosterior):
         """Prior density of the noise variance at the given values, same shape."""
         return _inverse_gamma_density(noise_variance, self.prior_shape, self.prior_scale)
 
-    def draw(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
         """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
+        rng = random_generator(rng)
         noise_variance = self.scale / rng.standard_gamma(self.shape, draws)
         columns = np.ascontiguousarray(self.basis.T)
         return _draws(rng, noise_variance, (self.location, self.spread), columns, self.center), noise_variance
 
-    def predict(self, design_matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included."""
-        rotated, middle = self._rotate_rows(design_matrix)
+    def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
+
+        New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
+        from a formula, a DataFrame of its variables. RegressionDataError for another shape, columns that are missing
+        and values that are no finite numbers.
+        """
+        rotated, middle = self._rotate_rows(new_rows)
         variance = (1.0 + rotated**2 @ self.spread) * self.noise_variance_mean
         return middle + rotated @ self.location, np.sqrt(variance)
 
@@ -202,11 +213,8 @@ class NormalInverseGamma(ExactPosterior):
         constant = math.lgamma(shape) - math.lgamma(self.shape) - 0.5 * n_rows * (_LOG_2PI + math.log(self.scale))
         return constant - 0.5 * log_determinant - shape * np.log1p(0.5 * distance / self.scale)
 
-    def _rotate_rows(self, design_matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        X = np.asarray(design_matrix, dtype=float)
-        n_terms = len(self.center)
-        if X.ndim != 2 or X.shape[1] != n_terms or not np.isfinite(X).all():
-            raise RegressionDataError(f"New rows are finite, of shape (rows, {n_terms}), found {X.shape}; check them.")
+    def _rotate_rows(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        X = new_design(new_rows, self.coefficients, self.formula)
         return X @ self.basis.T, X @ self.center
 
 
@@ -248,11 +256,13 @@ def conjugate(data: RegressionData, prior: ConjugatePrior) -> NormalInverseGamma
     >>> print(f"{vessel.coefficients('yaw')[-1]:.5f}")
     -0.00198
     """
+    check_prior(prior)
     if not isinstance(prior, ConjugatePrior):
         raise PriorError(
             f"The conjugate posterior takes a ConjugatePrior, found {type(prior).__name__}; give one or use the "
             "semi-conjugate posterior."
         )
+    warn_of_uneven_columns(data, prior)
     rotation, unit = rotate(data, prior), data.response_scale
     s, z = rotation.singular_values, unit * rotation.projection
     spread = 1.0 / (1.0 + s**2)
@@ -271,12 +281,13 @@ def conjugate(data: RegressionData, prior: ConjugatePrior) -> NormalInverseGamma
         scale=scale,
         prior_shape=prior.shape,
         prior_scale=prior_scale,
+        formula=data.formula,
         log_evidence=float(log_evidence),
     )
 
 
 def conjugate_posterior(
-    data: RegressionData, prior: ConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: np.random.Generator
+    data: RegressionData, prior: ConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: Seed
 ) -> xr.DataTree:
     """Independent draws from the exact posterior, laid out as a DataTree.
 
@@ -286,7 +297,7 @@ def conjugate_posterior(
     prior : ConjugatePrior
     draws, chains : int, optional
         Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
@@ -314,6 +325,7 @@ def conjugate_posterior(
     >>> print(f"{tree['posterior']['coefficients'].sel(coefficient='Ngdelta').mean():.4f}")
     -0.0020
     """
+    rng = random_generator(rng)
     return independent_posterior(data, prior, conjugate(data, prior).draw, draws=draws, chains=chains, rng=rng)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.priors import ExactPosterior, Prior
 from pymc_ship.regression.tree import independent_posterior
@@ -15,7 +16,7 @@ from pymc_ship.regression.tune import TunedPrior, maximise_evidence, on_edge, tu
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.rows.scaling import RegressionDataError
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 SELECTIONS = ("evidence", "bayesian_optimisation")
 """Ways to choose the hyperparameters."""
@@ -47,8 +48,9 @@ class Identification:
         ]
         return "\n".join([head, *lines])
 
-    def posteriors(self, family: str, *, draws: int, rng: np.random.Generator) -> dict[str, xr.DataTree]:
+    def posteriors(self, family: str, *, draws: int, rng: Seed) -> dict[str, xr.DataTree]:
         """Independent draws of every DOF under a family, by DOF."""
+        rng = random_generator(rng)
         priors, exact = self.priors[family], self.exact[family]
         return {
             dof: independent_posterior(data, priors[dof], exact[dof].draw, draws=draws, rng=rng)
@@ -67,13 +69,13 @@ class Identification:
 
 def identify(
     trial: xr.Dataset,
-    vessel: Vessel,
+    vessel: VesselLike,
     *,
     families: Sequence[str] = ("conjugate", "semiconjugate"),
     selection: str = "evidence",
     interval: float | None = 1.0,
     derivative: str = "euler",
-    rng: np.random.Generator | None = None,
+    rng: Seed | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identify a vessel's coefficients from a trial.
@@ -82,7 +84,7 @@ def identify(
     ----------
     trial : Dataset, dims (time,)
         Denoised for differences, as it was measured for the weak form.
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Gives particulars, inertia and terms.
     families : sequence of str, optional
         Names of prior families; see :func:`~pymc_ship.regression.families.register_family` for one of your own.
@@ -94,7 +96,7 @@ def identify(
         when its windows overlap more.
     derivative : str, optional
         See :func:`pymc_ship.regression_data`.
-    rng : numpy.random.Generator, optional
+    rng : int, SeedSequence or Generator, optional
     progress : callable, optional
         Called with a short text before each step.
 
@@ -125,6 +127,8 @@ def identify(
     Ygdelta = 0.00554, sd 0.00047
     Ngdelta = -0.00195, sd 0.00002
     """
+    rng = None if rng is None else random_generator(rng)
+    vessel = as_vessel(vessel)
     if selection not in SELECTIONS or (selection == "bayesian_optimisation" and rng is None):
         raise ValueError(
             f"Hyperparameters are selected by {' or '.join(SELECTIONS)} (which needs rng), found {selection!r}."
@@ -148,7 +152,7 @@ def identify(
 
 
 def regression_draws(
-    drawn: xr.Dataset, vessel: Vessel, dof: str, *, interval: float | None = None, derivative: str = "euler"
+    drawn: xr.Dataset, vessel: VesselLike, dof: str, *, interval: float | None = None, derivative: str = "euler"
 ) -> list[RegressionData]:
     """Design matrix and response of one degree of freedom for each draw of a denoised trial.
 

@@ -18,10 +18,10 @@ import xarray as xr
 
 from pymc_ship.forces.terms import UnknownTerm, order
 from pymc_ship.machine.arguments import finite_number
-from pymc_ship.regression.priors import Prior, PriorError
+from pymc_ship.regression.priors import Prior, PriorError, check_prior
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 
 def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple[float, float]]) -> Prior:
@@ -64,6 +64,7 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
     >>> print(f"{ps.semiconjugate(data, prior).mean[data.coefficients.index('Nr')]:.5f}")
     -0.00230
     """
+    check_prior(prior)
     _check_names(table, data.coefficients, PriorError)
     mean, kappa = prior.means(data.n_terms).copy(), prior.kappas(data.n_terms).copy()
     unit = prior.variance_factor(prior.noise_variance_mean)
@@ -240,6 +241,7 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
     Nr: 100.00
     Nvvr: 0.81
     """
+    check_prior(prior)
     factor = _given("damping", damping, PriorError)
     if not 0.0 < factor <= 1.0:
         raise PriorError(f"The damping lies in (0, 1], found {damping}; 1 leaves the prior as it is.")
@@ -251,7 +253,7 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
 
 
 def sister_ship_table(
-    vessel: Vessel,
+    vessel: VesselLike,
     dof: str,
     *,
     relative_sd: float = 0.3,
@@ -262,7 +264,7 @@ def sister_ship_table(
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
         The sister ship; prime values, so its size and speed may differ.
     dof : {"surge", "sway", "yaw", "roll"}
     relative_sd : float, optional
@@ -294,6 +296,7 @@ def sister_ship_table(
     Nv = -0.00300, sd 0.00090
     Nr = -0.00290, sd 0.00087
     """
+    vessel = as_vessel(vessel)
     reference = vessel.coefficients(dof)
     values = reference.values
     relative = _given("relative_sd", relative_sd, PriorError)

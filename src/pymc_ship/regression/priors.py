@@ -13,6 +13,7 @@ response with a large offset.
 from __future__ import annotations
 
 import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -20,6 +21,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.rows.data import RegressionData
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -150,12 +153,14 @@ class Prior(ABC):
         """Prior variance of the scaled coefficients given the noise variance, a number or of shape (..., 1)."""
         return self.kappas(n_terms) * self.variance_factor(noise_variance)
 
-    def draw_noise_variance(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> np.ndarray:
+    def draw_noise_variance(self, rng: Seed, size: tuple[int, ...] = ()) -> np.ndarray:
         """Draws of the noise variance on the scaled response from the prior, of the given shape."""
+        rng = random_generator(rng)
         return self.scale / np.maximum(rng.standard_gamma(self.shape, size), _SMALLEST_GAMMA)
 
-    def draw(self, n_terms: int, rng: np.random.Generator, size: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+    def draw(self, n_terms: int, rng: Seed, size: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
         """Draws from the prior: scaled coefficients, shape (..., n_terms), and noise variance, shape ``size``."""
+        rng = random_generator(rng)
         noise_variance = self.draw_noise_variance(rng, size)
         spread = np.sqrt(self.coefficient_variance(noise_variance[..., None], n_terms))
         return self.means(n_terms) + spread * rng.standard_normal((*size, n_terms)), noise_variance
@@ -231,6 +236,21 @@ class ExactPosterior(ABC):
         self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
     ) -> float | np.ndarray:
         """Log density of new rows given the data: of all jointly, or of each by itself when ``pointwise``."""
+
+
+def check_prior(prior: object, *, own: str = "") -> None:
+    """Raise a PriorError unless a prior of a regression is given; ``own`` are words on what else is taken."""
+    if not isinstance(prior, Prior):
+        raise PriorError(
+            f"The prior of a regression is a Prior such as ConjugatePrior(kappa=100.0){own}, found {shown(prior)}; "
+            "make one, or choose one by maximise_evidence."
+        )
+
+
+def warn_of_uneven_columns(data: RegressionData, prior: Prior) -> None:
+    """Warn where columns of very different size meet a prior whose kappa is the default; a public fit calls it."""
+    if np.ndim(prior.kappa) == 0 and prior.kappa == type(prior).kappa and data.uneven:
+        warnings.warn(data.uneven, UserWarning, stacklevel=3)
 
 
 def _numbers(name: str, value: object) -> np.ndarray:

@@ -11,16 +11,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, rotate
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import ExactPosterior, Prior, PriorError, check_prior, rotate, warn_of_uneven_columns
 from pymc_ship.regression.quadrature import log_kernels, quadrature
 from pymc_ship.regression.tree import independent_posterior
 from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.frames import Formula, new_design
 from pymc_ship.rows.scaling import RegressionDataError
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -96,6 +98,8 @@ class NormalMixture(ExactPosterior):
         Equidistant nodes in log sigma2 and their posterior weights, which add up to 1.
     log_evidence : float
         Log density of the original response, p(y).
+    formula : Formula or None
+        What made the columns of the data, for predictions.
     """
 
     coefficients: tuple[str, ...]
@@ -110,6 +114,7 @@ class NormalMixture(ExactPosterior):
     log_noise_variance: np.ndarray
     weights: np.ndarray
     log_evidence: float
+    formula: Formula | None = None
 
     @cached_property
     def noise_variances(self) -> np.ndarray:
@@ -187,8 +192,9 @@ class NormalMixture(ExactPosterior):
         kernel, constant = _kernel(s, z, self.residual_square, self.n_rows, prior)
         return log_kernels(t, kernel) + constant - self.log_evidence
 
-    def draw(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
         """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
+        rng = random_generator(rng)
         inside = self.log_noise_variance[self.weights > 1e-16 * self.weights.max()]
         t = np.linspace(inside[0], inside[-1], 2049)
         density = np.exp(self._log_density(t))
@@ -197,9 +203,14 @@ class NormalMixture(ExactPosterior):
         rotated, columns = (self.singular_values, self.projections), np.ascontiguousarray(self.basis.T)
         return _draws(rng, noise_variance, rotated, columns, self.center), noise_variance
 
-    def predict(self, design_matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included."""
-        rotated, middle = self._rotate_rows(design_matrix)
+    def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
+
+        New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
+        from a formula, a DataFrame of its variables. RegressionDataError for another shape, columns that are missing
+        and values that are no finite numbers.
+        """
+        rotated, middle = self._rotate_rows(new_rows)
         locations, variances = self._components
         location = self.weights @ locations
         variance = rotated**2 @ (self.weights @ variances) + self.weights @ ((locations - location) @ rotated.T) ** 2
@@ -236,10 +247,8 @@ class NormalMixture(ExactPosterior):
         n_rows = self.n_rows + len(residual)
         return _integrate(s, z, residual_square, n_rows, (self.prior_shape, self.prior_scale))[2] - self.log_evidence
 
-    def _rotate_rows(self, design_matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        X, n_terms = np.asarray(design_matrix, dtype=float), len(self.center)
-        if X.ndim != 2 or X.shape[1] != n_terms or not np.isfinite(X).all():
-            raise RegressionDataError(f"New rows are finite, of shape (rows, {n_terms}), found {X.shape}; check them.")
+    def _rotate_rows(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        X = new_design(new_rows, self.coefficients, self.formula)
         return X @ self.basis.T, X @ self.center
 
 
@@ -273,11 +282,13 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
     >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.4f}, sd {exact.sd[-1]:.5f}")
     Ngdelta = -0.0020, sd 0.00001
     """
+    check_prior(prior)
     if not isinstance(prior, SemiConjugatePrior):
         raise PriorError(
             f"The semi-conjugate posterior takes a SemiConjugatePrior, found {type(prior).__name__}; give one or use "
             "the conjugate posterior."
         )
+    warn_of_uneven_columns(data, prior)
     rotation, unit = rotate(data, prior), data.response_scale
     s, z = unit * rotation.singular_values, unit * rotation.projection
     residual_square, scale = unit**2 * rotation.residual_square, prior.scale * unit**2
@@ -294,12 +305,13 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
         prior_scale=scale,
         log_noise_variance=log_noise_variance,
         weights=weights,
+        formula=data.formula,
         log_evidence=log_evidence,
     )
 
 
 def semiconjugate_posterior(
-    data: RegressionData, prior: SemiConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: np.random.Generator
+    data: RegressionData, prior: SemiConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: Seed
 ) -> xr.DataTree:
     """Independent draws from the exact posterior, laid out as a DataTree.
 
@@ -309,7 +321,7 @@ def semiconjugate_posterior(
     prior : SemiConjugatePrior
     draws, chains : int, optional
         Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
@@ -324,6 +336,7 @@ def semiconjugate_posterior(
     ValueError
         When ``draws`` is no positive multiple of ``chains``.
     """
+    rng = random_generator(rng)
     return independent_posterior(data, prior, semiconjugate(data, prior).draw, draws=draws, chains=chains, rng=rng)
 
 

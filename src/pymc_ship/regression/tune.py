@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.regression.cross_validation import cross_validation
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.priors import Prior
@@ -94,7 +95,7 @@ def tune_prior(
     folds: int = 5,
     split: str = "blocks",
     box: dict[str, tuple[float, float]] | None = None,
-    rng: np.random.Generator,
+    rng: Seed,
 ) -> TunedPrior:
     """Hyperparameters by Bayesian optimisation of the K-fold log predictive density; the prior mean is zero.
 
@@ -115,7 +116,7 @@ def tune_prior(
     box : dict of str to (float, float), optional
         Bounds of the names that the ``box`` of the family has, which for both families of the paper are ``shape``,
         ``noise_variance`` (scale / shape) and ``kappa``; that box by default.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
@@ -135,6 +136,7 @@ def tune_prior(
     Xue et al. (2020), Algorithm 2, doi:10.1016/j.oceaneng.2019.106612; Jones, Schonlau & Welch (1998),
     doi:10.1023/A:1008306431147.
     """
+    rng = random_generator(rng)
     prior_type = prior_family(family)
     bounds = _log_bounds(prior_type, box)
     if evaluations < 6:

@@ -21,7 +21,7 @@ from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.study import DURATION, STEP, StudyResult, run_study
 from pymc_ship.replication.tables import agreement_blocks, csv_tables, dof_block, page_tables
 from pymc_ship.trial.noise import noise_sd
-from pymc_ship.vessel.reading import load_vessel
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 PAGE = Page(
     "index.html",
@@ -44,7 +44,7 @@ _ARVIZ_PLOTS = {
 def study(
     out: str | Path,
     *,
-    vessel: str | Path = "container",
+    vessel: VesselLike = "container",
     level: float = 0.01,
     seed: int = 2020,
     progress: Callable[[str], None] = lambda _: None,
@@ -78,10 +78,10 @@ def study(
 
 
 def reported_study(
-    out: str | Path, *, vessel: str | Path, level: float, seed: int, progress: Callable[[str], None]
+    out: str | Path, *, vessel: VesselLike, level: float, seed: int, progress: Callable[[str], None]
 ) -> tuple[StudyResult, Path]:
     """Result and page of a study; parameters and errors as :func:`study`."""
-    ship, level = load_vessel(vessel), noise_sd(level)  # before the folder is made
+    ship, level = as_vessel(vessel), noise_sd(level)  # before the folder is made
     out = writable_folder(out)
     result = run_study(ship, level=level, seed=seed, progress=progress)
     return result, write_study(result, out, progress=progress)

@@ -30,6 +30,7 @@ from pymc_ship.sampling.regression_model import nuts_posterior
 from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior
 from pymc_ship.trial.channels import sensors
 from pymc_ship.trial.noise import LITERAL_LEVEL, noise_factors, noise_sd, pollute
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
@@ -85,7 +86,7 @@ class StudyResult:
 
 
 def run_study(
-    vessel: Vessel,
+    vessel: VesselLike,
     *,
     level: float = 0.01,
     seed: int = 2020,
@@ -94,6 +95,7 @@ def run_study(
     progress: Callable[[str], None] = lambda _: None,
 ) -> StudyResult:
     """Run the study in memory; parameters as :func:`pymc_ship.study`, with the levels of the tables and the sweep."""
+    vessel = as_vessel(vessel)
     level = noise_sd(level)
     progress("reference trial")
     trial = simulate(vessel, zigzag(20, 20), duration=DURATION, step=STEP)

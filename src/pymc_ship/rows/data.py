@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.rows.frames import Formula, check_same_rows, formula_rows, frame_columns, frame_names, is_frame
 from pymc_ship.rows.scaling import SCALINGS, RegressionDataError, ScaledRegression
 
 
@@ -36,6 +38,8 @@ class RegressionData(ScaledRegression):
         Run that each row is of; all are of run 1 where one trial was given.
     dof, vessel, derivative, record_verdict, record_remarks : str
         What the rows were made from, and what :func:`pymc_ship.judged_trial` said of the trial.
+    formula : Formula or None
+        What made the columns, for :meth:`from_formula`.
     """
 
     design_matrix: np.ndarray
@@ -53,11 +57,49 @@ class RegressionData(ScaledRegression):
     derivative: str = ""
     record_verdict: str = "not checked"
     record_remarks: str = ""
+    formula: Formula | None = None
+
+    @classmethod
+    def from_formula(
+        cls, formula: str, frame: Any, *, scaling: str = "none", time: np.ndarray | None = None, **labels: str
+    ) -> RegressionData:
+        """Regression data from a formula as Bambi writes it, and a table of its variables.
+
+        The formula is read by formulae, the parser of Bambi, which ``pymc-ship[formula]`` installs. Posteriors of these
+        data predict the response of new tables of the variables.
+
+        Parameters
+        ----------
+        formula : str
+            Such as ``"Y ~ v + r + v:r + I(delta**2)"``; the intercept is there unless ``0 +`` takes it off.
+        frame : DataFrame
+            Without gaps in the columns that the formula names.
+        scaling, time, **labels
+            As :meth:`from_arrays`.
+
+        Returns
+        -------
+        RegressionData
+            With the names of formulae, such as ``Intercept`` and ``v:r``.
+
+        Raises
+        ------
+        RegressionDataError
+            Where formulae is not installed, for a formula that does not fit the table or has terms that vary by group,
+            and as :meth:`from_arrays`.
+
+        References
+        ----------
+        Capretto et al. (2022), Bambi, Journal of Statistical Software 103(15), doi:10.18637/jss.v103.i15.
+        """
+        design_matrix, response, read = formula_rows(formula, frame)
+        data = cls.from_arrays(design_matrix, response, read.names, scaling=scaling, time=time, **labels)
+        return replace(data, formula=read)
 
     @classmethod
     def from_arrays(
         cls,
-        design_matrix: np.ndarray,
+        design_matrix: Any,
         response: np.ndarray,
         coefficients: Sequence[str] | None = None,
         *,
@@ -66,14 +108,14 @@ class RegressionData(ScaledRegression):
         run: Sequence[str] | None = None,
         **labels: str,
     ) -> RegressionData:
-        """Regression data from plain arrays.
+        """Regression data from plain arrays, or from a table.
 
         Parameters
         ----------
-        design_matrix : array_like, shape (n_rows, n_terms)
+        design_matrix : array_like, shape (n_rows, n_terms), or DataFrame
         response : array_like, shape (n_rows,)
         coefficients : sequence of str, optional
-            Names of the columns; ``x1``, ``x2``, ... by default.
+            Names of the columns; ``x1``, ``x2``, ... by default. Of a DataFrame they choose columns, all by default.
         scaling : {"none", "zscore"}, optional
             Whether priors live on the columns as they are or on columns (and response) of unit mean square, centred
             where the design holds a constant column.
@@ -91,8 +133,13 @@ class RegressionData(ScaledRegression):
         Raises
         ------
         RegressionDataError
-            For wrong shapes, values that are not finite, duplicate names, columns without variation.
+            For wrong shapes, values that are not finite, names that are missing or there twice, columns without
+            variation, a table and a response that do not have the same index.
         """
+        if is_frame(design_matrix):
+            check_same_rows(design_matrix, response)
+            coefficients = frame_names(design_matrix) if coefficients is None else tuple(coefficients)
+            design_matrix = frame_columns(design_matrix, coefficients, "The rows")
         X = np.array(design_matrix, dtype=float, order="C")
         y = np.array(response, dtype=float)
         if X.ndim != 2 or X.size == 0:

@@ -17,6 +17,7 @@ from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import sampling_interval
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
@@ -28,7 +29,7 @@ WEAK = {"weak": "rk4", "weak_euler": "euler"}
 
 def regression_data(
     trial: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset],
-    vessel: Vessel,
+    vessel: VesselLike,
     dof: str,
     *,
     interval: float | None = None,
@@ -46,7 +47,7 @@ def regression_data(
     trial : Dataset, dims (time,), or sequence or mapping of such
         u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; uniform time [s]. The rows
         of several trials stand below each other, under one scaling; ``run`` has the key of a mapping, else 1, 2, ...
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Gives particulars, inertia and the terms of the DOF; its reference coefficients are not used.
     dof : {"surge", "sway", "yaw", "roll"}
     interval : float, optional
@@ -87,6 +88,7 @@ def regression_data(
     >>> data.design_matrix.shape, data.coefficients[:3]
     ((119, 10), ('N0', 'Nv', 'Nr'))
     """
+    vessel = as_vessel(vessel)
     from pymc_ship.denoising.derivative import DERIVATIVES
 
     check_choice("The derivative", derivative, (*DERIVATIVES, *WEAK))

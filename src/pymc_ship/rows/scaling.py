@@ -11,6 +11,14 @@ SCALINGS = ("none", "zscore")
 """How columns and response are scaled: not at all, or to zero mean and unit standard deviation."""
 
 
+UNEVEN = 30.0
+"""Ratio of the largest to the smallest column from which an unscaled design is ill-conditioned for that alone.
+
+The ratio is a lower bound of the condition number, and a condition number of 30 is where Belsley, Kuh & Welsch (1980),
+Regression Diagnostics, doi:10.1002/0471725153, ch. 3, see harm; they scale the columns to equal length first.
+"""
+
+
 class RegressionDataError(ValueError):
     """Data that no regression can use; the sentence says why."""
 
@@ -23,8 +31,10 @@ class ScaledRegression:
     :class:`RegressionData`.
     """
 
+    formula = None
+
     def __repr__(self) -> str:
-        """Size, origin, names and scaling; no array is written out."""
+        """Size, origin, names, scaling, and a remark on uneven columns; no array is written out."""
         labels = ", ".join(filter(None, [self.dof, self.vessel, self.derivative]))
         centred = f"centred on {self.coefficients[self.constant]}" if self.column_center.any() else "not centred"
         return (
@@ -32,6 +42,20 @@ class ScaledRegression:
             f"  terms     {shorten(', '.join(self.coefficients), 100, placeholder=' ...')}\n"
             f"  columns   {centred}, scales {self.column_scale.min():.4g} to {self.column_scale.max():.4g}\n"
             f"  response  centre {self.response_center:.4g}, scale {self.response_scale:.4g}"
+            + (f"\n  remark    {self.uneven}" if self.uneven else "")
+        )
+
+    @cached_property
+    def uneven(self) -> str:
+        """Sentence on columns of very different size, for which one prior variance is no default; else empty."""
+        size = np.sqrt(np.sum(self.scaled_design_matrix**2, axis=0) / self.n_rows)
+        small, large = min(size[size > 0.0], default=0.0), size.max()
+        if large <= UNEVEN * small:
+            return ""
+        names = [self.coefficients[list(size).index(value)] for value in (small, large)]
+        return (
+            f"The columns must be of one size where all have the same prior, found {names[0]} of {small:.2g} and "
+            f"{names[1]} of {large:.2g}; take scaling='zscore' or a kappa for each column."
         )
 
     @property

@@ -15,7 +15,8 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.regression.priors import Prior, PriorError, rotate
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import Prior, PriorError, check_prior, rotate, warn_of_uneven_columns
 from pymc_ship.regression.tree import draws_tree, rng_state
 from pymc_ship.rows.data import RegressionData
 
@@ -62,7 +63,7 @@ def gibbs(
     draws: int = 1000,
     chains: int = 4,
     tune: int = 500,
-    rng: np.random.Generator,
+    rng: Seed,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gibbs draws, without the layout.
 
@@ -78,7 +79,7 @@ def gibbs(
         conditional of sigma2 can have to three times the largest.
     tune : int, optional
         Draws of each chain that are made first and thrown away.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
@@ -99,6 +100,8 @@ def gibbs(
     Xue et al. (2020), Algorithm 1 and Eq. 19-20, doi:10.1016/j.oceaneng.2019.106612; Gelfand & Smith (1990),
     doi:10.1080/01621459.1990.10476213.
     """
+    rng = random_generator(rng)
+    check_prior(prior)
     if draws < 1 or chains < 1 or tune < 0:
         raise ValueError(
             f"The sampler makes at least one draw in one chain, found draws {draws}, chains {chains}, tune {tune}; "
@@ -110,6 +113,7 @@ def gibbs(
             f"independent of it, found its power {prior.noise_power:g} in the {prior.family} family; use "
             "nuts_posterior."
         )
+    warn_of_uneven_columns(data, prior)
     rotation, unit = rotate(data, prior), data.response_scale
     s, z = unit * rotation.singular_values, unit * rotation.projection
     residual_square, scale = unit**2 * rotation.residual_square, unit**2 * prior.scale
@@ -132,7 +136,7 @@ def gibbs_posterior(
     draws: int = 1000,
     chains: int = 4,
     tune: int = 500,
-    rng: np.random.Generator,
+    rng: Seed,
 ) -> xr.DataTree:
     """Gibbs draws, laid out as a DataTree.
 
@@ -142,7 +146,7 @@ def gibbs_posterior(
     prior : Prior
     draws, chains, tune : int, optional
         Draws kept of each chain, chains, and draws of each chain thrown away first; as :func:`gibbs`.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
@@ -168,6 +172,7 @@ def gibbs_posterior(
     >>> dict(tree["posterior"]["coefficients"].sizes)
     {'chain': 4, 'draw': 200, 'coefficient': 10}
     """
+    rng = random_generator(rng)
     state = rng_state(rng)
     coefficients, noise_variance = gibbs(data, prior, draws=draws, chains=chains, tune=tune, rng=rng)
     return draws_tree(data, prior, coefficients, noise_variance, method="gibbs", rng_state=state)

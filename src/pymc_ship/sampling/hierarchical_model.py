@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import finite_number
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.rows.data import RegressionData
@@ -121,7 +122,7 @@ def hierarchical_posterior(
     chains: int = 4,
     tune: int = 1000,
     target_accept: float = 0.9,
-    rng: np.random.Generator,
+    rng: Seed,
     progress: bool = False,
 ) -> xr.DataTree:
     """Draws of NUTS from the posterior of :func:`hierarchical_model`, laid out as a DataTree.
@@ -132,7 +133,7 @@ def hierarchical_posterior(
         As :func:`hierarchical_model`.
     draws, chains, tune, target_accept, progress : optional
         As :func:`~pymc_ship.sampling.regression_model.nuts_posterior`.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
@@ -164,7 +165,7 @@ def hierarchical_posterior(
     """
     model = hierarchical_model(data, prior, groups, spread=spread)
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept}
-    seed = int(rng.integers(2**31))
+    seed = int(random_generator(rng).integers(2**31))
     sampled = sample_model(model, settings, seed, progress)
     return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
 

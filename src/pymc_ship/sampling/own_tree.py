@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from pymc_ship.regression.priors import Prior
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import Prior, check_prior
 from pymc_ship.regression.tree import data_groups, rng_state, tree_attrs
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.predictive import PREDICTIVE_DRAWS
@@ -30,7 +31,7 @@ def posterior_tree(
     model: pm.Model | None = None,
     *,
     prior: Prior | None = None,
-    rng: np.random.Generator | None = None,
+    rng: Seed | None = None,
 ) -> xr.DataTree:
     """Lay out the draws of your own PyMC model as a posterior of this package.
 
@@ -51,7 +52,7 @@ def posterior_tree(
         posterior_predictive. Its one observed variable becomes ``response``; it is to be on the original scale.
     prior : Prior, optional
         Where the model states exactly this prior; its draws are then compared with its exact posterior.
-    rng : numpy.random.Generator, optional
+    rng : int, SeedSequence or Generator, optional
         Needed with a model, for its predictive draws.
 
     Returns
@@ -84,6 +85,9 @@ def posterior_tree(
     >>> dict(tree["log_likelihood"]["response"].sizes)
     {'chain': 2, 'draw': 200, 'row': 40}
     """
+    rng = None if rng is None else random_generator(rng)
+    if prior is not None:
+        check_prior(prior)
     if model is not None and rng is None:
         raise ValueError("Predictive draws of a model need a generator, found none; give rng.")
     groups = {name: node.to_dataset() for name, node in sampled.children.items() if name in _KEPT}

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 
-from pymc_ship.regression.priors import Prior
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import Prior, check_prior
 from pymc_ship.rows.data import RegressionData
+from pymc_ship.rows.frames import new_design
 from pymc_ship.sampling.error_laws import error_law, errors_of
 
 PREDICTIVE_DRAWS = 500
@@ -90,12 +94,75 @@ def predictive(
     return xr.Dataset({"response": (("chain", "draw", "row"), response)}, coords)
 
 
+def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = None, rng: Seed) -> xr.Dataset:
+    """Predict the response of new rows by every draw of a posterior.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Posterior of a regression, by any path. Its errors are those that it records, normal where it records none.
+    new_rows : array_like, shape (n_new, n_terms), or DataFrame
+        The columns of the fitted data, in their order; or a table with them in any order or, for data from a formula,
+        with the variables of the formula. Columns that are not needed are left aside.
+    data : RegressionData, optional
+        What was fitted; needed for the variables of a formula, which no tree holds.
+    rng : int, SeedSequence or Generator
+
+    Returns
+    -------
+    Dataset
+        ``expected`` (dims chain, draw, row), the response without its error; ``response`` (likewise), with an error
+        drawn for each row; ``mean`` and ``sd`` (dims row) of the response over the draws.
+
+    Raises
+    ------
+    RegressionDataError
+        For new rows of another shape, columns that are missing, values that are no finite numbers.
+    ValueError
+        For a posterior of something else than the regression of one response, or other data.
+
+    Examples
+    --------
+    The yaw moment of a ship in rows that were not fitted, and the share of them inside intervals of 90 %:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(ps.pollute(trial, level=0.01, rng=1), "kvlcc2", "yaw", derivative="weak")
+    >>> old, new = data.rows(np.arange(100)), data.rows(np.arange(100, data.n_rows))
+    >>> tree = ps.conjugate_posterior(old, ps.ConjugatePrior(), rng=1)
+    >>> found = ps.predict(tree, new.design_matrix, rng=1)
+    >>> lower, upper = found["response"].quantile([0.05, 0.95], ("chain", "draw"))
+    >>> print(f"{np.mean((lower < new.response) & (new.response < upper)):.2f}")
+    0.9
+    """
+    rng, posterior = random_generator(rng), tree["posterior"].to_dataset()
+    dims = posterior["coefficients"].dims if "coefficients" in posterior else ()
+    if dims != ("chain", "draw", "coefficient") or "noise_variance" not in posterior:
+        raise ValueError(
+            "A prediction needs coefficients (dims chain, draw, coefficient) and a noise_variance in the posterior, "
+            f"found {', '.join(map(str, posterior.data_vars))}; give the posterior of a regression."
+        )
+    names = [str(name) for name in posterior["coefficient"].values]
+    if data is not None and list(data.coefficients) != names:
+        raise ValueError(
+            f"The data must be those of the posterior, of {', '.join(names)}, found {', '.join(data.coefficients)}; "
+            "give the data that it was fitted to."
+        )
+    design_matrix = new_design(new_rows, names, None if data is None else data.formula)
+    rows = RegressionData.from_arrays(design_matrix, np.zeros(len(design_matrix)), names)
+    found = predictive(rows, posterior, rng=rng, errors=errors_of(tree))
+    expected = found["response"].copy(data=posterior["coefficients"].to_numpy() @ design_matrix.T)
+    sample = ("chain", "draw")
+    return found.assign(expected=expected, mean=expected.mean(sample), sd=found["response"].std(sample))
+
+
 def with_predictive(
     tree: xr.DataTree,
     data: RegressionData,
     prior: Prior,
     *,
-    rng: np.random.Generator,
+    rng: Seed,
     draws: int = PREDICTIVE_DRAWS,
 ) -> xr.DataTree:
     """Posterior with the groups of ArviZ's prior and posterior predictive checks.
@@ -108,7 +175,7 @@ def with_predictive(
         What it was fitted to.
     prior : Prior
         What it was fitted with.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     draws : int, optional
         Draws from the prior. Every draw of the posterior makes a prediction, so that ArviZ finds the same chains and
         draws in all groups of the posterior.
@@ -136,6 +203,8 @@ def with_predictive(
     >>> dict(checked["posterior_predictive"]["response"].sizes)
     {'chain': 4, 'draw': 50, 'row': 300}
     """
+    rng = random_generator(rng)
+    check_prior(prior)
     if draws < 1:
         raise ValueError(f"The predictive draws must be positive, found {draws}; raise them to 1 or more.")
     posterior, fitted = tree["posterior"].to_dataset(), tree["observed_data"].dataset

@@ -16,7 +16,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.regression.priors import Prior
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.regression.priors import Prior, check_prior, warn_of_uneven_columns
 from pymc_ship.regression.tree import draws_tree, rng_state
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling import whitened_model
@@ -100,6 +101,8 @@ def pymc_model(
     >>> sorted(variable.name for variable in model.free_RVs)
     ['scaled_coefficients', 'scaled_noise_variance']
     """
+    if not _is_own(prior):
+        warn_of_uneven_columns(data, prior)
     check_choice("A parametrisation", parametrisation, PARAMETRISATIONS)
     if not callable(errors):
         error_law(errors, data)
@@ -121,7 +124,7 @@ def nuts_posterior(
     draws: int = 1000,
     chains: int = 4,
     tune: int = 1000,
-    rng: np.random.Generator,
+    rng: Seed,
     parametrisation: str | None = None,
     errors: str | Callable = "normal",
     sampler: str | None = None,
@@ -141,7 +144,7 @@ def nuts_posterior(
     chains : int, optional
     tune : int, optional
         Draws of each chain that adapt step size and mass matrix and are dropped.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
         Gives the integer seed of the sampler, from which the predictive draws are seeded too.
     parametrisation : {"whitened", "direct"}, optional
         See :func:`pymc_model`; whitened for the priors and errors of this package, direct for your own. The whitened
@@ -194,8 +197,9 @@ def nuts_posterior(
     >>> tree["sample_stats"]["diverging"].sum().item()
     0
     """
+    rng = random_generator(rng)
     sampler = _installed(sampler)
-    own = callable(prior) or callable(errors)
+    own = _is_own(prior) or callable(errors)
     parametrisation = parametrisation or ("direct" if own else "whitened")
     check_choice("A parametrisation", parametrisation, PARAMETRISATIONS)
     if not 0.0 < target_accept < 1.0:
@@ -259,6 +263,14 @@ def _with_named_statistics(drawn: xr.DataTree, tune: int, sampler: str) -> xr.Da
     return xr.DataTree.from_dict({"posterior": drawn["posterior"].to_dataset(), "sample_stats": statistics})
 
 
+def _is_own(prior: Prior | Callable) -> bool:
+    """Whether a prior is a function; PriorError for what is neither a prior nor a function, such as a name or class."""
+    own = callable(prior) and not isinstance(prior, type)
+    if not own:
+        check_prior(prior, own=" or a function prior(data, given)")
+    return own
+
+
 def _installed(sampler: str | None) -> str:
     """Name of a sampler that is installed."""
     if sampler is None:
@@ -272,6 +284,7 @@ def _installed(sampler: str | None) -> str:
 
 def _compiled_whitened(data: RegressionData, prior: Prior, errors: str):
     """Whitened model with data and prior, compiled once for a number of terms and a law of the errors."""
+    warn_of_uneven_columns(data, prior)
     error_law(errors, data)
     if errors == "normal":
         return whitened_model.compiled_whitened(data.n_terms).with_data(

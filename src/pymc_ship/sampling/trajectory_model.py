@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.motion.equations import STATE
 from pymc_ship.regression.tree import rng_state
 from pymc_ship.sampling.regression_model import nuts_sample_stats
@@ -27,7 +28,7 @@ from pymc_ship.trajectory.posterior import (
     trajectory_tree,
 )
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 if TYPE_CHECKING:
     import pymc as pm
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 def trajectory_model(
     trials: xr.Dataset | Sequence[xr.Dataset],
-    vessel: Vessel,
+    vessel: VesselLike,
     prior: str | CoefficientPrior = "order_damped",
     **settings,
 ) -> pm.Model:
@@ -48,7 +49,7 @@ def trajectory_model(
     ----------
     trials : Dataset or sequence of Dataset, dims (time,)
         Raw records with ``delta`` and any of u, v, r, p, phi, psi, x, y; each run has its own initial state.
-    vessel : Vessel
+    vessel : Vessel, str or Path
     prior : {"order_damped", "sister_ship", "flat"} or CoefficientPrior, optional
         See :func:`pymc_ship.coefficient_prior`.
     **settings
@@ -75,6 +76,7 @@ def trajectory_model(
     ----------
     Maine & Iliff (1986), NASA RP-1168; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516.
     """
+    vessel = as_vessel(vessel)
     return mode_model(trajectory_mode(trials, vessel, prior, **settings))
 
 
@@ -164,13 +166,13 @@ def _response(problem: Problem, k: int, coefficients, nuisances) -> None:
 
 def trajectory_nuts_posterior(
     trials: xr.Dataset | Sequence[xr.Dataset],
-    vessel: Vessel,
+    vessel: VesselLike,
     prior: str | CoefficientPrior = "order_damped",
     *,
     draws: int = 500,
     chains: int = 2,
     tune: int = 100,
-    rng: np.random.Generator,
+    rng: Seed,
     **settings,
 ) -> xr.DataTree:
     """Draws of the No-U-Turn sampler from the posterior of whole trajectories, for where it is not normal.
@@ -189,7 +191,7 @@ def trajectory_nuts_posterior(
         Chains, run side by side on the cores there are.
     tune : int, optional
         Draws of each chain that adapt step size and mass matrix and are dropped.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
         Gives the integer seed of the sampler.
 
     Returns
@@ -212,6 +214,8 @@ def trajectory_nuts_posterior(
     ----------
     Hoffman & Gelman (2014), JMLR 15:1593; Maine & Iliff (1986), NASA RP-1168.
     """
+    rng = random_generator(rng)
+    vessel = as_vessel(vessel)
     _check_counts(draws, chains, tune)
     mode = trajectory_mode(trials, vessel, prior, **settings)
     return mode_nuts_posterior(mode, draws=draws, chains=chains, tune=tune, rng=rng)

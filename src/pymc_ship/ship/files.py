@@ -13,7 +13,8 @@ import xarray as xr
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.files import settle, staged
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.stepping import simulation_settings
 from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.ship.candidates import Candidate
@@ -54,7 +55,7 @@ def forecast_ship(
     ship: ShipModel | IdentifiedShip,
     manoeuvre: Manoeuvre,
     *,
-    rng: np.random.Generator,
+    rng: Seed,
     draws: int = 1000,
     duration: float | None = None,
     ci_prob: float = 0.95,
@@ -66,7 +67,7 @@ def forecast_ship(
     ship : ShipModel or IdentifiedShip
         From :func:`pymc_ship.identify_ship` or :func:`pymc_ship.load_ship`.
     manoeuvre : Manoeuvre
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     draws : int, optional
         At most; term sets keep their share of them.
     duration : float, optional
@@ -87,6 +88,7 @@ def forecast_ship(
     ValueError
         For fewer than two draws or ``ci_prob`` not in (0, 1).
     """
+    rng, manoeuvre = random_generator(rng), one_manoeuvre(manoeuvre)
     total = sum(len(rows) for _, rows in ship.models)
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")

@@ -16,6 +16,7 @@ import xarray as xr
 
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import index_sd, model_error
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
@@ -28,8 +29,9 @@ from pymc_ship.trajectory.windows import (
     thinned,
 )
 from pymc_ship.trial.judgement import judgement
-from pymc_ship.trial.record import TrialError
+from pymc_ship.trial.record import TrialError, trial_list
 from pymc_ship.vessel.plausibility import remarks as vessel_remarks
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.term_sets import term_sets
 from pymc_ship.vessel.vessel import Vessel
 
@@ -87,13 +89,13 @@ class ShipModel:
 
 def identify_ship(
     trials: Sequence[xr.Dataset],
-    vessel: Vessel,
+    vessel: VesselLike,
     *,
     names: Sequence[str] | None = None,
     terms: Sequence[str] | None = None,
     prior: str | None = None,
     draws: int = 1000,
-    rng: np.random.Generator,
+    rng: Seed,
     progress: Callable[[str], None] = lambda _: None,
 ) -> ShipModel:
     """Identify a real ship from several trials, with intervals that hold model error.
@@ -102,7 +104,7 @@ def identify_ship(
     ----------
     trials : sequence of Dataset, dims (time,)
         Checked and corrected records with u, v, r, psi and delta; p and phi where the vessel rolls.
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Particulars, inertia, propeller. Coefficients with an ``sd`` are taken as known so far.
     names : sequence of str, optional
         Of the trials; numbers by default.
@@ -115,7 +117,7 @@ def identify_ship(
         else.
     draws : int, optional
         Of the whole ensemble.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     progress : callable, optional
         Called with a short text before each step.
 
@@ -145,6 +147,7 @@ def identify_ship(
     >>> [(manoeuvre.kind, manoeuvre.rudder_deg) for manoeuvre in ship.manoeuvres]
     [('zigzag', 10.0), ('zigzag', 20.0)]
     """
+    rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)
     prior = chosen_prior(vessel, prior)
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     if not trials or len(names) != len(trials) or draws < 2:

@@ -8,14 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import shown
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.simulation import replay
 from pymc_ship.motion.weak_form import weak_form_start
+from pymc_ship.regression.priors import PriorError
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory
 from pymc_ship.trajectory.noise import NoiseChoice, fit_with_noise
-from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
+from pymc_ship.trajectory.prior import KINDS, CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.judgement import judgement
+from pymc_ship.trial.record import trial_list
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 _SAME_MODE = 0.5  # posterior standard deviations
@@ -63,7 +66,7 @@ def trajectory_mode(
     -------
     TrajectoryMode
     """
-    trials = [trials] if isinstance(trials, xr.Dataset) else list(trials)
+    trials = trial_list(trials)
     if not trials:
         raise TrajectoryError("A trajectory fit needs at least one trial, found none; give one.")
     said = judgement(trials)
@@ -71,6 +74,11 @@ def trajectory_mode(
     trials = [_completed(trial, run, vessel) for trial, run in zip(trials, runs, strict=True)]
     if isinstance(prior, str):
         prior = coefficient_prior(trials, vessel, prior)
+    if not isinstance(prior, CoefficientPrior):
+        raise PriorError(
+            f"The prior of a trajectory fit is a CoefficientPrior or one of {', '.join(KINDS)}, found "
+            f"{shown(type(prior))}; make one by coefficient_prior."
+        )
     damped = prior if np.isfinite(prior.scale).all() else coefficient_prior(trials, vessel)
     scales = damped.scale, coefficient_prior(trials, vessel, damping=1.0).scale
     first, second = (weak_form_start(trials, vessel, damped.mean, scale, method=method) for scale in scales)

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.motion.simulation import replay
@@ -18,7 +19,7 @@ from pymc_ship.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.trajectory.noise import sample_residuals
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
 from pymc_ship.trajectory.runs import Run
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 KHAT_LIMIT = 0.7
 """Pareto k-hat above which the normal approximation is not to be trusted (Vehtari et al. 2024)."""
@@ -28,12 +29,12 @@ _LOG_2PI = np.log(2.0 * np.pi)
 
 def trajectory_posterior(
     trials: xr.Dataset | Sequence[xr.Dataset],
-    vessel: Vessel,
+    vessel: VesselLike,
     prior: str | CoefficientPrior = "order_damped",
     *,
     draws: int = 1000,
     chains: int = 4,
-    rng: np.random.Generator,
+    rng: Seed,
     **settings,
 ) -> xr.DataTree:
     """Posterior of all coefficients of a vessel from whole trajectories (output-error method, Laplace approximation).
@@ -46,13 +47,13 @@ def trajectory_posterior(
     ----------
     trials : Dataset or sequence of Dataset, dims (time,)
         Raw records with ``delta`` and any of u, v, r, p, phi, psi, x, y; each run has its own initial state.
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Its reference coefficients are looked at under the prior ``"sister_ship"`` only.
     prior : {"order_damped", "sister_ship", "flat"} or CoefficientPrior, optional
         See :func:`pymc_ship.coefficient_prior`.
     draws, chains : int, optional
         Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     **settings
         ``channels`` to fit (default: those of u, v, r, p, phi there are), ``noise_sd`` of single samples by channel
         (default: from second differences), ``noise`` ("auto", "white", "ar1", "student_t"), ``offsets`` (True, False;
@@ -98,6 +99,8 @@ def trajectory_posterior(
     >>> print(f"{draws.mean():.5f}, {vessel.coefficients('yaw').sel(coefficient='Ngdelta'):.5f}")
     -0.00198, -0.00198
     """
+    rng = random_generator(rng)
+    vessel = as_vessel(vessel)
     if draws < 1 or chains < 1 or draws % chains:
         raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
     mode = trajectory_mode(trials, vessel, prior, **settings)

@@ -14,6 +14,7 @@ import xarray as xr
 from pymc_ship.forces.terms import order
 from pymc_ship.motion.weak_form import coefficient_scales
 from pymc_ship.regression.priors import PriorError
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 KINDS = ("flat", "order_damped", "sister_ship")
@@ -71,7 +72,7 @@ def coefficient_dofs(vessel: Vessel) -> np.ndarray:
 
 def coefficient_prior(
     trials: Sequence[xr.Dataset],
-    vessel: Vessel,
+    vessel: VesselLike,
     kind: str = "order_damped",
     *,
     table: Mapping[str, tuple[float, float]] | None = None,
@@ -84,7 +85,7 @@ def coefficient_prior(
     ----------
     trials : sequence of Dataset
         Give the typical size of each coefficient: rms force of the DOF over rms term.
-    vessel : Vessel
+    vessel : Vessel, str or Path
         Its reference coefficients are looked at for ``"sister_ship"`` only, but for those with an ``sd`` in the file:
         they are N(value, sd) whatever the kind.
     kind : {"order_damped", "sister_ship", "flat"}, optional
@@ -120,6 +121,7 @@ def coefficient_prior(
     >>> prior.mean.shape, float(prior.mean[0]), bool(prior.tuned[0])
     ((25,), 0.001, False)
     """
+    vessel = as_vessel(vessel)
     if kind not in KINDS or not 0.0 < damping <= 1.0 or not 0.0 < relative_sd < np.inf:
         raise PriorError(
             f"A prior of coefficients is one of {', '.join(KINDS)} with damping in (0, 1] and a positive relative sd, "
@@ -151,7 +153,7 @@ def _stated(vessel: Vessel) -> dict[str, tuple[float, float]]:
     return {c.name: (c.value, c.sd) for force in vessel.forces.values() for c in force if c.sd > 0.0}
 
 
-def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel: Vessel) -> CoefficientPrior:
+def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel: VesselLike) -> CoefficientPrior:
     """Prior with the means and standard deviations of the posterior of another trial.
 
     Parameters
@@ -159,7 +161,7 @@ def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel:
     posteriors : DataTree or mapping of str to DataTree
         Posterior of all coefficients of the vessel from whole trajectories, or the regression posterior of every DOF.
         Of the same trial they would count its data twice.
-    vessel : Vessel
+    vessel : Vessel, str or Path
 
     Returns
     -------
@@ -171,6 +173,7 @@ def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel:
     PriorError
         When a DOF or a coefficient is missing, or a coefficient does not vary.
     """
+    vessel = as_vessel(vessel)
     trees = posteriors
     if isinstance(posteriors, xr.DataTree):  # which is a mapping, too: of its groups
         trees = dict.fromkeys(vessel.dofs, posteriors)

@@ -17,7 +17,7 @@ from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.stepping import METHODS
 from pymc_ship.trial.channels import CHANNELS, channel_names, sensors
 from pymc_ship.trial.noise import second_difference_sd
-from pymc_ship.trial.record import TrialError, check_trial, sampling_interval
+from pymc_ship.trial.record import TrialError, check_trial, one_trial, sampling_interval
 from pymc_ship.vessel.vessel import Vessel
 
 BLOCK = 0.2
@@ -156,6 +156,7 @@ def trajectory_run(
         For a channel that is missing, named twice or no state, values that are not finite, fewer than 20 blocks, a
         channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
     """
+    trial = one_trial(trial)
     wanted = tuple(channels) if channels is not None else tuple(name for name in sensors() if name in trial)
     if "roll" not in vessel.dofs:
         rolling = channel_names(lambda channel: channel.rolling)

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, sensors
 from pymc_ship.trial.instruments import Noise, measured
-from pymc_ship.trial.record import TrialError, check_trial
+from pymc_ship.trial.record import TrialError, check_trial, one_trial
 
 LITERAL_LEVEL = 0.2**0.5
 """The paper's literal level: xi has variance 0.2, that is a standard deviation of 0.447."""
@@ -79,7 +80,7 @@ def pollute(
     *,
     level: float | str | None = None,
     noise: str | Noise | Sequence[str | Noise] | None = None,
-    rng: np.random.Generator,
+    rng: Seed,
     factors: Mapping[str, float] | None = None,
 ) -> xr.Dataset:
     """Add white Gaussian noise of standard deviation level * k * max|channel| to each channel, or another kind.
@@ -92,7 +93,7 @@ def pollute(
     noise : str, callable or sequence of them, optional
         In place of a level: instruments by their names in :data:`pymc_ship.trial.instruments.INSTRUMENTS` or of your
         own (:class:`pymc_ship.Instrument`), or any function ``(clean trial, rng) -> trial``, one after the other.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
     factors : mapping of str to float, optional
         k of each channel that carries noise, by default those of :func:`pymc_ship.trial.noise.noise_factors`; channels
         the trial does not have are left out.
@@ -126,6 +127,7 @@ def pollute(
     >>> print(f"{noise.std():.4f} rad; {noisy.attrs['noise_sd_psi']:.4f} rad")
     0.0019 rad; 0.0019 rad
     """
+    rng, trial = random_generator(rng), one_trial(trial)
     if (level is None) == (noise is None) or (noise is not None and factors is not None):
         raise TrialError("A trial is polluted by a level (with factors) or by kinds of noise; give one of the two.")
     if noise is not None:

@@ -2,18 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.files import staged
 from pymc_ship.trial.channels import CHANNELS
 
 
 class TrialError(ValueError):
     """A record that cannot be used; the sentence names the channel and the place."""
+
+
+def one_trial(trial: object) -> xr.Dataset:
+    """Trial as it is; TrialError for a list of trials, or anything else that is no Dataset."""
+    if isinstance(trial, xr.Dataset):
+        return trial
+    found = f"{len(trial)} in a list" if isinstance(trial, list | tuple) else shown(type(trial))
+    raise TrialError(f"One trial is meant, a Dataset of xarray over time, found {found}; give one trial at a time.")
+
+
+def trial_list(trials: object) -> list[xr.Dataset]:
+    """Trials as a list, in which one trial stands alone; TrialError for anything that holds no trials."""
+    if isinstance(trials, xr.Dataset):
+        return [trials]
+    if not isinstance(trials, Iterable) or isinstance(trials, str | Mapping):
+        raise TrialError(f"A list of trials is meant, found {shown(type(trials))}; give Datasets in a list.")
+    return [one_trial(trial) for trial in trials]
 
 
 def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = True) -> xr.Dataset:
@@ -35,8 +53,8 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
     Raises
     ------
     TrialError
-        For channels that are missing or depend on more than time, NaN or infinity, times that do not increase or are
-        not uniform.
+        For what is no trial, channels that are missing or depend on more than time, NaN or infinity, times that do not
+        increase or are not uniform.
 
     Examples
     --------
@@ -49,7 +67,7 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
         ...
     pymc_ship.trial.record.TrialError: The trial needs the channels u, psi; psi missing; add them.
     """
-    if "time" not in trial.coords:
+    if "time" not in one_trial(trial).coords:
         raise TrialError("A trial is a Dataset over the coordinate time [s], found none; add it.")
     missing = [name for name in channels if name not in trial]
     if missing:
@@ -126,7 +144,7 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     >>> ps.read_trial(path)["psi"].equals(trial["psi"])
     True
     """
-    path = Path(path)
+    path, trial = Path(path), one_trial(trial)
     names = [name for name in CHANNELS if name in trial]
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
     with staged(path) as partial, partial.open("w", encoding="utf-8") as file:

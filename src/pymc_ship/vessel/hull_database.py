@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Coefficient, Vessel, VesselError
 
 SOURCE = "hull database of Yoshimura & Masumoto (2012)"
@@ -41,12 +42,12 @@ formulae, the others 1.2 at most. Nvrr is taken as 0: codings of its formula at 
 """
 
 
-def hull_coefficients(vessel: Vessel) -> dict[str, tuple[float, float]]:
+def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of the hull's coefficients by name, prime values.
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
         L, B, draught d and volume of its particulars.
 
     Returns
@@ -70,6 +71,7 @@ def hull_coefficients(vessel: Vessel) -> dict[str, tuple[float, float]]:
     >>> print(f"Nr = {mean:.4f}, sd {sd:.4f}")
     Nr = -0.0035, sd 0.0010
     """
+    vessel = as_vessel(vessel)
     s = vessel.particulars
     if s.d <= 0.0:
         raise VesselError(

@@ -30,6 +30,9 @@ _LONGEST = 60
 _PACKAGE = Path(__file__).parents[1]
 SHIPPED = _PACKAGE / "models" if (_PACKAGE / "models").is_dir() else _PACKAGE.parents[1] / "models"
 
+VesselLike = Vessel | str | Path
+"""What public functions take as ``vessel``: a vessel, the name of a shipped one, or the path of a vessel file."""
+
 
 def shipped_vessels() -> tuple[str, ...]:
     """Names of the vessels that come with the package.
@@ -77,6 +80,24 @@ def load_vessel(source: str | Path) -> Vessel:
             )
         path = SHIPPED / f"{source}.toml"
     return _vessel(toml_file(path, "The vessel file", VesselError))
+
+
+def as_vessel(vessel: object) -> Vessel:
+    """Vessel of a :data:`VesselLike`; a vessel is returned as it is.
+
+    Raises
+    ------
+    VesselError
+        As :func:`load_vessel`, and for anything that is neither a vessel nor a text or path.
+    """
+    if isinstance(vessel, Vessel):
+        return vessel
+    if not isinstance(vessel, str | Path):
+        raise VesselError(
+            f"A vessel is a Vessel, the name of a shipped one ({', '.join(shipped_vessels())}) or the path of a .toml "
+            f"file, found {shown(vessel)}; give one of these."
+        )
+    return load_vessel(vessel)
 
 
 def _vessel(file: Entry) -> Vessel:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import LETTER, Coefficient, Vessel, VesselError
 
 OWN = "own terms"
@@ -79,7 +80,7 @@ TERM_SETS = {
 """Term sets by name."""
 
 
-def term_sets(vessel: Vessel) -> tuple[str, ...]:
+def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     """Names of the sets a vessel can have.
 
     Those by the propeller's loading where it states its propeller, the plain ones else; before them its own terms where
@@ -96,6 +97,7 @@ def term_sets(vessel: Vessel) -> tuple[str, ...]:
     hull and loading, cubic rudder
     hull beside loading
     """
+    vessel = as_vessel(vessel)
     wanted = vessel.propeller is not None
     names = tuple(name for name, terms in TERM_SETS.items() if terms.propeller == wanted)
     own = {c.name for force in vessel.forces.values() for c in force}
@@ -105,12 +107,12 @@ def term_sets(vessel: Vessel) -> tuple[str, ...]:
     return names if held else (OWN, *names)
 
 
-def with_terms(vessel: Vessel, name: str) -> Vessel:
+def with_terms(vessel: VesselLike, name: str) -> Vessel:
     """Vessel with the terms of a set in place of its own.
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
     name : str
         One of :data:`TERM_SETS`, or :data:`OWN` for the vessel as it is.
 
@@ -132,6 +134,7 @@ def with_terms(vessel: Vessel, name: str) -> Vessel:
     >>> print(*(coefficient.name for coefficient in vessel.forces["yaw"]))
     N0 Ngv Ngr Ngv|v| Ngv|r| Ngr|v| Ngr|r| Ngdelta
     """
+    vessel = as_vessel(vessel)
     if name == OWN:
         if lacking := [dof for dof, force in vessel.forces.items() if not force]:
             raise VesselError(

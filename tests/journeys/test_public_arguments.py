@@ -1,0 +1,171 @@
+"""What every public function takes as seed, vessel, trial and prior, and the sentence on anything else."""
+
+from __future__ import annotations
+
+import inspect
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+
+FUNCTIONS = {name: inspect.signature(getattr(ps, name)) for name in ps.__all__ if name[0].islower()}
+
+
+def taking(argument):
+    """Names of the public functions that have an argument."""
+    found = [name for name, signature in FUNCTIONS.items() if argument in signature.parameters]
+    assert len(found) > 3
+    return found
+
+
+def called(name, **given):
+    """Call a public function; an argument that is needed and not given is an object that nothing can be done with."""
+    needed = [
+        entry.name
+        for entry in FUNCTIONS[name].parameters.values()
+        if entry.default is entry.empty and entry.kind is not entry.VAR_KEYWORD
+    ]
+    given = {word: value for word, value in given.items() if word in FUNCTIONS[name].parameters}
+    return getattr(ps, name)(**{word: object() for word in needed} | given)
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=300, step=0.5)
+
+
+@pytest.fixture(scope="module")
+def data():
+    rng = np.random.default_rng(1)
+    columns = rng.standard_normal((30, 2))
+    return ps.RegressionData.from_arrays(columns, columns @ [1.0, 2.0] + 0.1 * rng.standard_normal(30))
+
+
+# seeds ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [True, "3", -1, 3.0, "None"])
+@pytest.mark.parametrize("name", taking("rng"))
+def test_what_is_no_seed_is_refused_with_a_sentence(name, bad):
+    optional = FUNCTIONS[name].parameters["rng"].default is None
+    bad = None if bad == "None" and not optional else bad
+    found = re.escape(repr(bad))
+    with pytest.raises(ValueError, match=rf"^Random draws need a seed: .*, found {found}; give one such as rng=1\.$"):
+        called(name, rng=bad)
+
+
+def test_an_integer_and_a_seed_sequence_stand_for_their_generators(trial, data):
+    def noisy(rng):
+        return ps.pollute(trial, level=0.01, rng=rng)
+
+    assert noisy(3).identical(noisy(np.random.default_rng(3)))
+    assert noisy(np.random.SeedSequence(3)).identical(noisy(np.int64(3)))
+    assert not noisy(3).identical(noisy(4))
+    prior = ps.ConjugatePrior()
+    for posterior in (ps.conjugate_posterior, ps.gibbs_posterior):
+        trees = [posterior(data, prior, draws=40, rng=rng) for rng in (3, np.random.default_rng(3))]
+        assert trees[0].identical(trees[1])
+    exact, (scaled, _) = ps.conjugate(data, prior), prior.draw(2, 3, (5,))
+    np.testing.assert_array_equal(exact.draw(5, 3)[0], exact.draw(5, np.random.default_rng(3))[0])
+    np.testing.assert_array_equal(scaled, prior.draw(2, np.random.default_rng(3), (5,))[0])
+
+
+def test_a_generator_goes_on(trial):
+    rng = np.random.default_rng(3)
+    first, second = (ps.pollute(trial, level=0.01, rng=rng) for _ in range(2))
+    assert not first.identical(second)
+
+
+# vessels --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", taking("vessel"))
+def test_what_is_no_vessel_is_refused_with_a_sentence(name, tmp_path):
+    rest = {"rng": 1, "out": tmp_path, "trials": [], "trial": xr.Dataset(), "manoeuvre": ps.zigzag(20, 20)}
+    with pytest.raises(ps.VesselError, match=r"^A vessel is .*container, kvlcc2.* found 3; give one of these\.$"):
+        called(name, vessel=3, **rest)
+    with pytest.raises(ps.VesselError, match=r"^A vessel is .*found 'titanic'\.$"):
+        called(name, vessel="titanic", **rest)
+
+
+def test_a_vessel_by_its_name_is_the_vessel(trial):
+    vessel = ps.load_vessel("kvlcc2")
+    assert ps.simulate(vessel, ps.zigzag(20, 20), duration=300, step=0.5).identical(trial)
+    assert ps.term_sets("kvlcc2") == ps.term_sets(vessel)
+    named, given = (ps.regression_data(trial, ship, "yaw", interval=2.0) for ship in ("kvlcc2", vessel))
+    np.testing.assert_array_equal(named.design_matrix, given.design_matrix)
+    assert ps.trial_checks(trial, "kvlcc2") == ps.trial_checks(trial, vessel)
+
+
+# trials ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", taking("trial"))
+def test_a_list_where_one_trial_is_meant_is_refused_with_a_sentence(name, trial):
+    """Or accepted, by those that can put several trials together."""
+    rest = {"vessel": "kvlcc2", "rng": 1, "level": 0.01, "dof": "yaw", "channels": ["u"], "path": "t.csv", "checks": []}
+    sentence = r"^One trial is meant, a Dataset of xarray over time, found {}; give one trial at a time\.$"
+    several = "Sequence" in str(FUNCTIONS[name].parameters["trial"].annotation)
+    if not several:
+        with pytest.raises(ps.TrialError, match=sentence.format("2 in a list")):
+            called(name, trial=[trial, trial], **rest)
+    with pytest.raises(ps.TrialError, match=r"^(One trial|A list of trials) is meant"):
+        called(name, trial="zigzag.csv", **rest)
+
+
+@pytest.mark.parametrize("name", taking("trials"))
+def test_what_holds_no_trials_is_refused_with_a_sentence(name, trial):
+    rest = {"vessel": "kvlcc2", "rng": 1, "mean": np.zeros(25), "scale": np.ones(25)}
+    with pytest.raises(
+        ps.TrialError, match=r"^A list of trials is meant, found <class 'int'>; give Datasets in a list"
+    ):
+        called(name, trials=3, **rest)
+    with pytest.raises(ps.TrialError, match=r"^One trial is meant, a Dataset of xarray over time, found 1 in a list"):
+        called(name, trials=[[trial]], **rest)
+
+
+def test_one_trial_where_a_list_is_meant_is_a_list_of_it(trial):
+    recognised, steering = ps.recognise(trial, "kvlcc2")
+    assert (recognised, steering) == ps.recognise([trial], "kvlcc2")
+    priors = [ps.coefficient_prior(given, "kvlcc2") for given in (trial, [trial])]
+    np.testing.assert_array_equal(priors[0].scale, priors[1].scale)
+    with pytest.raises(ps.TrialError, match="found 1 trials, 1 names and 1 draws"):
+        ps.identify_ship(trial, "kvlcc2", draws=1, rng=1)
+    checks = ps.trial_checks(trial, "kvlcc2")
+    assert ps.common_lag(checks) == ps.common_lag([checks])
+
+
+def test_several_manoeuvres_or_posteriors_are_refused_with_a_sentence(data):
+    turns = [ps.zigzag(20, 20), ps.zigzag(10, 10)]
+    rest = {"vessel": "kvlcc2", "rng": 1, "duration": 100.0}
+    for name in ("simulate", "forecast", "forecast_ship"):
+        for given in (turns, "zigzag"):
+            with pytest.raises(ps.ManoeuvreError, match=r"^One manoeuvre is meant, made by .*; give one of these\.$"):
+                called(name, manoeuvre=given, **rest)
+    tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
+    for given in ([tree], {"yaw": "posterior.nc"}, "posterior.nc"):
+        with pytest.raises(ps.VesselError, match=r"^A forecast takes one joint posterior or posteriors by degree of"):
+            ps.forecast(posteriors=given, manoeuvre=turns[0], **rest)
+
+
+# priors ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", ["flat", ps.ConjugatePrior, None])
+@pytest.mark.parametrize("name", [name for name in taking("prior") if "data" in FUNCTIONS[name].parameters])
+def test_what_is_no_prior_of_a_regression_is_refused_with_a_sentence(name, bad, data):
+    if bad is None and FUNCTIONS[name].parameters["prior"].default is None:
+        bad = "conjugate"
+    with pytest.raises(
+        ps.PriorError, match=r"^The prior of a regression is a Prior such as Conj.*; make one, or choose"
+    ):
+        called(name, prior=bad, data=data, rng=1)
+
+
+@pytest.mark.parametrize("name", ["trajectory_posterior", "trajectory_nuts_posterior", "trajectory_model"])
+def test_a_prior_of_a_regression_is_refused_by_a_trajectory_fit(name, trial):
+    with pytest.raises(ps.PriorError, match=r"^The prior of a trajectory fit is a CoefficientPrior or one of flat, "):
+        called(name, prior=ps.ConjugatePrior(), trials=ps.pollute(trial, level=0.01, rng=1), vessel="kvlcc2", rng=1)
