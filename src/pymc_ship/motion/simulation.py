@@ -13,7 +13,16 @@ from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.controlled import Gear, course
 from pymc_ship.motion.equations import INLINED, KERNEL, PART, scheme
-from pymc_ship.motion.stepping import METHODS, STATE_ROWS, Integration, advance, in_range, integration, lanes_at_rest
+from pymc_ship.motion.stepping import (
+    METHODS,
+    STATE_ROWS,
+    Integration,
+    advance,
+    in_range,
+    integration,
+    lanes_at_rest,
+    rudder_rate,
+)
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
@@ -305,8 +314,9 @@ def simulate(
         out, diverged_at = _controlled(vessel, manoeuvre, draws, time, tolerance)
     else:
         out, diverged_at = _stepped(vessel, manoeuvre, draws, integration(method, step, stride), n_steps)
-    settings = {"step": step, "method": method} | ({"tolerance": tolerance} if method == "dop853" else {})
-    attrs = _attrs(vessel, manoeuvre, **settings)
+    attrs = _attrs(vessel, manoeuvre, step=step, method=method)
+    if method == "dop853":
+        attrs["tolerance"] = tolerance
     return _dataset(out, time, diverged_at, attrs, coefficients is None)
 
 
@@ -335,9 +345,9 @@ def _controlled(
     """The same by steps of controlled error, one ship after the other."""
     if not 1e-13 <= tolerance < 1.0:
         raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {tolerance}; correct it.")
-    gear = Gear(_rudder_rate(vessel, manoeuvre), vessel.particulars.rudder_delay)
-    settings = {"speed": _approach_speed(vessel, manoeuvre), "tolerance": tolerance}
-    runs = [course(one, scheme(vessel), manoeuvre, gear, time, **settings) for one in draws]
+    gear = Gear(rudder_rate(vessel, manoeuvre), vessel.particulars.rudder_delay)
+    known = {"speed": _approach_speed(vessel, manoeuvre), "tolerance": tolerance}
+    runs = [course(one, scheme(vessel), manoeuvre, gear, time, **known) for one in draws]
     return np.stack([run.samples for run in runs], axis=1), np.array([run.diverged_at for run in runs])
 
 
@@ -362,16 +372,11 @@ def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float) -
     heading, factor = manoeuvre.switch
     return Steering(
         command=manoeuvre.command(np.arange(n_steps) * step),
-        travel=_rudder_rate(vessel, manoeuvre) * step,
+        travel=rudder_rate(vessel, manoeuvre) * step,
         heading=float(heading),
         factor=float(factor),
         delay=round(vessel.particulars.rudder_delay / step),
     )
-
-
-def _rudder_rate(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
-    """Rate of the rudder [rad/s], infinite for one that is where the command is."""
-    return float(np.deg2rad(vessel.particulars.rudder_rate_deg)) if manoeuvre.rate_limited else np.inf
 
 
 def _approach_speed(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
@@ -394,9 +399,9 @@ def _dataset(out: np.ndarray, time: np.ndarray, diverged_at: np.ndarray, attrs: 
     variables = {
         name: (("draw", "time"), out[row], {"units": CHANNELS[name].unit.name}) for row, name in enumerate(SIMULATED)
     }
-    variables["diverged"] = ("draw", np.isfinite(diverged_at))
-    variables["diverged_at"] = ("draw", diverged_at, {"units": "s"})
-    coords = {"time": ("time", time, {"units": "s"})}
+    seconds = {"units": "s"}
+    variables |= {"diverged": ("draw", np.isfinite(diverged_at)), "diverged_at": ("draw", diverged_at, seconds)}
+    coords = {"time": ("time", time, seconds)}
     if single:
         return xr.Dataset(variables, coords, attrs).isel(draw=0)
     return xr.Dataset(variables, coords | {"draw": np.arange(out.shape[1])}, attrs)

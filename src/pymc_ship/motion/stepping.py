@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.equations import INLINED, KERNEL, PART, STATE, Work, state_derivative
 from pymc_ship.vessel.vessel import Vessel
 
@@ -126,3 +127,8 @@ def simulation_settings(vessel: Vessel) -> dict:
     """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
     step = vessel.particulars.ship_time / STEPS
     return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
+
+
+def rudder_rate(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
+    """Rate of the rudder [rad/s], infinite for one that is where the command is."""
+    return float(np.deg2rad(vessel.particulars.rudder_rate_deg)) if manoeuvre.rate_limited else np.inf
