@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 import pymc_ship as ps
 from benchmarks.table import Row, median_seconds
 from pymc_ship.forecasting.draws import coefficient_draws
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.trajectory.fit import fit_trajectory, initial_problem
 from pymc_ship.trajectory.prior import coefficient_prior

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import pymc_ship as ps
 from benchmarks import kvlcc2
 from benchmarks.table import Row, imported, median_seconds
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.motion import plain_hull
 

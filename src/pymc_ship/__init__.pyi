@@ -36,8 +36,8 @@ from pymc_ship.manoeuvre.standard import rudder_programme as rudder_programme
 from pymc_ship.manoeuvre.standard import turning_circle as turning_circle
 from pymc_ship.manoeuvre.standard import zigzag as zigzag
 from pymc_ship.motion.sensitivities import sensitivities as sensitivities
-from pymc_ship.motion.simulation import SimulationError as SimulationError
 from pymc_ship.motion.simulation import simulate as simulate
+from pymc_ship.motion.stepping import SimulationError as SimulationError
 from pymc_ship.motion.weak_form import coefficient_scales as coefficient_scales
 from pymc_ship.motion.weak_form import weak_form_start as weak_form_start
 from pymc_ship.regression.calibration import coverage as coverage

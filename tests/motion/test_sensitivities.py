@@ -9,8 +9,9 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.forces.propeller import Propeller
 from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.replay import replay
 from pymc_ship.motion.sensitivities import sensitivities
-from pymc_ship.motion.simulation import SimulationError, replay
+from pymc_ship.motion.stepping import SimulationError
 from pymc_ship.vessel.vessel import reference_coefficients
 
 SETTINGS = {"interval": 0.5, "substeps": 2, "block": 5}

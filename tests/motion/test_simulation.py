@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import cumulative_simpson, solve_ivp
 
 import pymc_ship as ps
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.motion import plain_hull
 
@@ -353,7 +353,7 @@ class TestErrors:
     @pytest.mark.parametrize(
         ("settings", "message"),
         [
-            ({"method": "rk45"}, "one of euler, rk4; found 'rk45'"),
+            ({"method": "rk45"}, "one of euler, rk4, dop853; found 'rk45'"),
             ({"duration": 0.0}, "duration must be positive, found 0.0 s"),
             ({"duration": -1.0}, "duration must be positive, found -1.0 s"),
             ({"duration": np.nan}, "duration must be positive, found nan s"),

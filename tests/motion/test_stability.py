@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.motion.stability import growth_rates
 from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.vessel import reference_coefficients

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.replay import replay
 from pymc_ship.motion.sensitivities import sensitivities
-from pymc_ship.motion.simulation import replay
 from pymc_ship.motion.stepping import in_range
 from pymc_ship.vessel.vessel import reference_coefficients
 

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 import pymc_ship as ps
 from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.trajectory.fit import Problem, initial_problem
 from pymc_ship.vessel.vessel import reference_coefficients
 

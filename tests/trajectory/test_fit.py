@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, linearise, whiten
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
 from pymc_ship.vessel.vessel import reference_coefficients

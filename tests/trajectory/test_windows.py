@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.trajectory import windows as window_fit
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
 from pymc_ship.trajectory.prior import coefficient_prior

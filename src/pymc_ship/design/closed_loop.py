@@ -14,8 +14,9 @@ import xarray as xr
 
 from pymc_ship.manoeuvre.kinds import SIDES
 from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.motion.replay import replay
 from pymc_ship.motion.sensitivities import sensitivities
-from pymc_ship.motion.simulation import replay, simulate
+from pymc_ship.motion.simulation import simulate
 from pymc_ship.vessel.vessel import Vessel
 
 STEP = 0.1

@@ -5,7 +5,8 @@
 - `stepping`: the steps of the integrators, and the range of motions in which the model is valid.
 - `controlled`: the motion of one ship with controlled error, the reference of the steps.
 - `stability`: how a small disturbance of a straight course grows.
-- `simulation`: a manoeuvre or a rudder record, integrated.
+- `simulation`: a manoeuvre, integrated.
+- `replay`: the motion along a rudder record.
 - `sensitivities`: derivatives of a simulated motion by coefficients and initial state.
 - `weak_form`: the equations times test functions, and the start of a trajectory fit.
 """

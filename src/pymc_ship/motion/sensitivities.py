@@ -33,7 +33,7 @@ from pymc_ship.motion.equations import (
     sin_cos,
     state_derivative,
 )
-from pymc_ship.motion.simulation import check_replay
+from pymc_ship.motion.replay import check_replay
 from pymc_ship.motion.stepping import (
     STATE_ROWS,
     Integration,

@@ -12,15 +12,17 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.controlled import Gear, course
-from pymc_ship.motion.equations import INLINED, KERNEL, PART, scheme
+from pymc_ship.motion.equations import KERNEL, PART, scheme
 from pymc_ship.motion.stepping import (
+    LANES,
     METHODS,
     STATE_ROWS,
     Integration,
-    advance,
-    in_range,
+    SimulationError,
+    advance_along,
     integration,
     lanes_at_rest,
+    mark_divergence,
     rudder_rate,
 )
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
@@ -29,13 +31,6 @@ from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 INTEGRATORS = (*METHODS, "dop853")
 """Methods of :func:`simulate`: those with a fixed step, and one whose steps have a controlled error."""
-
-LANES = 16
-"""Ships integrated side by side by one kernel call."""
-
-
-class SimulationError(ValueError):
-    """Settings that no simulation can run with."""
 
 
 class Steering(NamedTuple):
@@ -80,36 +75,6 @@ def _steer(steering, psi, command, helm):
         helm.following[lane] = helm.delta[lane] + change
 
 
-@njit(**PART)
-def _mark_divergence(state, nominal_speed, step, diverged):
-    """Note the step at which a lane leaves the model's range and park it there; count the lanes still running."""
-    n_lanes = state.shape[1]
-    n_in_range = 0
-    for lane in range(n_lanes):
-        n_in_range += in_range(state, nominal_speed, lane)
-    if n_in_range < n_lanes:
-        for lane in range(n_lanes):
-            if not in_range(state, nominal_speed, lane):
-                if diverged[lane] < 0:
-                    diverged[lane] = step
-                state[:, lane] = 0.0
-                state[0, lane] = nominal_speed
-    running = 0
-    for lane in range(n_lanes):
-        running += diverged[lane] < 0
-    return running
-
-
-@njit(**INLINED)
-def _advance(lanes, delta, following, coefficients, scheme, integration):
-    """One step while the rudder moves from one angle to another."""
-    for stage in range(integration.stages.shape[0]):
-        fraction = integration.stages[stage, 0]
-        for lane in range(delta.size):
-            lanes.delta[stage, lane] = delta[lane] + fraction * (following[lane] - delta[lane])
-    advance(lanes, coefficients, scheme, integration)
-
-
 @njit(**KERNEL)
 def _integrate(coefficients, scheme, initial, steering, integration, out):
     """Integrate the lanes; write samples to ``out`` (9, n_lanes, n_saved), return the steps at which they diverged."""
@@ -121,7 +86,7 @@ def _integrate(coefficients, scheme, initial, steering, integration, out):
     helm = Helm(delta, delta.copy(), np.ones(n_lanes), np.full(n_lanes, -1))
     diverged = np.full(n_lanes, -1)
     for k in range(command.size):
-        if _mark_divergence(lanes.state, scheme.hull.nominal_speed, k, diverged) == 0:
+        if mark_divergence(lanes.state, scheme.hull.nominal_speed, k, diverged) == 0:
             break
         if k % integration.substeps == 0:
             for lane in range(n_lanes):
@@ -130,119 +95,9 @@ def _integrate(coefficients, scheme, initial, steering, integration, out):
                     out[-1, lane, k // integration.substeps] = delta[lane]
         ahead = command[min(k + 1, command.size - 1)] if steering.travel == np.inf else command[k]
         _steer(steering, lanes.state[5], ahead, helm)
-        _advance(lanes, delta, helm.following, coefficients, scheme, integration)
+        advance_along(lanes, delta, helm.following, coefficients, scheme, integration)
         delta[:] = helm.following
     return diverged
-
-
-@njit(**KERNEL)
-def _replay(coefficients, scheme, initial, record, integration, out):
-    """Integrate the lanes along a rudder record; write block means to ``out`` (n_states, n_lanes, n_blocks)."""
-    n_states, n_lanes, n_blocks = out.shape
-    block, substeps = record.size // n_blocks, integration.substeps
-    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme.n_rows)
-    lanes.state[:n_states] = initial
-    delta, following = np.empty(n_lanes), np.empty(n_lanes)
-    diverged = np.full(n_lanes, -1)
-    for k in range(n_blocks * block):
-        if _mark_divergence(lanes.state, scheme.hull.nominal_speed, k, diverged) == 0:
-            break
-        for row in range(n_states):
-            for lane in range(n_lanes):
-                out[row, lane, k // block] += lanes.state[row, lane] / block
-        change = (record[min(k + 1, record.size - 1)] - record[k]) / substeps
-        for part in range(substeps):
-            delta[:] = record[k] + part * change
-            following[:] = record[k] + (part + 1) * change
-            _advance(lanes, delta, following, coefficients, scheme, integration)
-    for lane in range(n_lanes):
-        if diverged[lane] >= 0:
-            out[:, lane] = np.nan
-
-
-def replay(
-    vessel: Vessel,
-    delta: np.ndarray,
-    initial_state: np.ndarray,
-    coefficients: np.ndarray,
-    *,
-    interval: float,
-    method: str = "rk4",
-    substeps: int = 1,
-    block: int = 1,
-) -> np.ndarray:
-    """Motion of many ships along one recorded rudder, each with its own coefficients and initial state.
-
-    Parameters
-    ----------
-    vessel : Vessel
-    delta : array_like, shape (n_time,)
-        Rudder angle at the samples [rad], linear between them.
-    initial_state : array_like, shape (n_draws, n_states)
-        The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m].
-    coefficients : array_like, shape (n_draws, n_coefficients)
-        DOFs one after the other in the vessel's order.
-    interval : float
-        Sampling interval of the rudder [s].
-    method : {"euler", "rk4"}, optional
-    substeps : int, optional
-        Integration steps for each interval.
-    block : int, optional
-        Samples averaged into one; samples beyond the last whole block are left out.
-
-    Returns
-    -------
-    ndarray, shape (n_states, n_draws, n_blocks)
-        Block means, SI units and rad; a ship that left the model's range is NaN throughout.
-
-    Raises
-    ------
-    SimulationError
-        For an unknown method, arrays of the wrong shape, counts below one or a record shorter than a block.
-    """
-    record = np.ascontiguousarray(delta, dtype=float)
-    draws = np.atleast_2d(np.asarray(coefficients, dtype=float))
-    initial = np.atleast_2d(np.asarray(initial_state, dtype=float))
-    check_replay(vessel, record, initial[0], draws[0], interval=interval, method=method, substeps=substeps, block=block)
-    if len(initial) != len(draws):
-        raise SimulationError(f"Each draw has its initial state, found {len(draws)} and {len(initial)}; match them.")
-    out = np.zeros((initial.shape[1], len(draws), record.size // block))
-    equations, steps = scheme(vessel), integration(method, interval * (1.0 / substeps), substeps)
-    blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
-
-    def run(lanes: slice) -> None:
-        coefficients, states = (np.ascontiguousarray(values[lanes].T) for values in (draws, initial))
-        _replay(coefficients, equations, states, record, steps, out[:, lanes])
-
-    with thread_pool(len(blocks)) as pool:
-        list(pool.map(run, blocks))
-    return out
-
-
-def check_replay(
-    vessel: Vessel,
-    delta: np.ndarray,
-    initial_state: np.ndarray,
-    coefficients: np.ndarray,
-    *,
-    interval: float,
-    method: str,
-    substeps: int,
-    block: int,
-) -> None:
-    """Raise SimulationError for settings that no rudder record can be replayed with; see :func:`replay`."""
-    n_coefficients = sum(len(vessel.terms(dof)) for dof in vessel.dofs)
-    shapes = coefficients.shape, initial_state.shape, delta.shape
-    if shapes[0] != (n_coefficients,) or shapes[1] not in ((5,), (6,), (8,)) or delta.ndim != 1:
-        raise SimulationError(
-            f"A replay needs {n_coefficients} coefficients, 5, 6 or 8 initial states and a rudder record, found shapes "
-            f"{', '.join(map(str, shapes))}; reshape them."
-        )
-    if method not in METHODS or substeps < 1 or not 1 <= block <= delta.size or not 0.0 < interval < np.inf:
-        raise SimulationError(
-            f"A replay needs a method of {', '.join(METHODS)}, a positive interval, substeps from 1 and a block from 1 "
-            f"to the record's length, found {method!r}, {interval}, {substeps} and {block}; correct them."
-        )
 
 
 def simulate(

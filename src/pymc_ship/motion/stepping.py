@@ -25,10 +25,17 @@ STEPS = 240
 RECORDED = 4
 """Steps between the samples of it that are kept."""
 
+LANES = 16
+"""Ships integrated side by side by one kernel call."""
+
 _STAGES = {
     "euler": np.array([[0.0, 1.0]]),
     "rk4": np.column_stack([[0.0, 0.5, 0.5, 1.0], np.array([1.0, 2.0, 2.0, 1.0]) / 6.0]),
 }
+
+
+class SimulationError(ValueError):
+    """Settings that no simulation can run with."""
 
 
 class Integration(NamedTuple):
@@ -121,6 +128,36 @@ def increase(target, factor, rate):
     for row in range(target.shape[0]):
         for k in range(target.shape[1]):
             target[row, k] += factor * rate[row, k]
+
+
+@njit(**PART)
+def mark_divergence(state, nominal_speed, step, diverged):
+    """Note the step at which a lane leaves the model's range and park it there; count the lanes still running."""
+    n_lanes = state.shape[1]
+    n_in_range = 0
+    for lane in range(n_lanes):
+        n_in_range += in_range(state, nominal_speed, lane)
+    if n_in_range < n_lanes:
+        for lane in range(n_lanes):
+            if not in_range(state, nominal_speed, lane):
+                if diverged[lane] < 0:
+                    diverged[lane] = step
+                state[:, lane] = 0.0
+                state[0, lane] = nominal_speed
+    running = 0
+    for lane in range(n_lanes):
+        running += diverged[lane] < 0
+    return running
+
+
+@njit(**INLINED)
+def advance_along(lanes, delta, following, coefficients, scheme, integration):
+    """One step while the rudder moves from one angle to another."""
+    for stage in range(integration.stages.shape[0]):
+        fraction = integration.stages[stage, 0]
+        for lane in range(delta.size):
+            lanes.delta[stage, lane] = delta[lane] + fraction * (following[lane] - delta[lane])
+    advance(lanes, coefficients, scheme, integration)
 
 
 def simulation_settings(vessel: Vessel) -> dict:

@@ -10,7 +10,7 @@ import xarray as xr
 
 from pymc_ship.machine.arguments import shown
 from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory

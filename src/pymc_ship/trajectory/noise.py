@@ -15,7 +15,7 @@ import numpy as np
 from scipy import stats
 
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.trajectory.fit import (
     Noise,
     Problem,

@@ -12,7 +12,7 @@ from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.prime_record import prime_record
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.regression.tree import CITATIONS, provenance, rng_state
 from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit, whiten
 from pymc_ship.trajectory.mode import TrajectoryMode, trajectory_mode

@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 from scipy.signal import savgol_filter
 
-from pymc_ship.motion.simulation import replay
+from pymc_ship.motion.replay import replay
 from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryFit, fit_trajectory, initial_problem, run_rows
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import Run, trajectory_run
