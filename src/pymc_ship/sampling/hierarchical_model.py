@@ -6,16 +6,18 @@ coefficient j between groups:
     m_j ~ N(mean_j, kappa_j),  tau_j ~ HalfNormal(spread),  b_gj ~ N(m_j, tau_j^2),
     sigma2_g ~ IG(shape, scale),  y ~ N(X b_g, sigma2_g) in each row of group g.
 
-The model is not centred: m and b are linear in standard normal variables (Papaspiliopoulos, Roberts & Skoeld 2007). At
-given tau and sigma2 these are jointly normal a posteriori; NUTS moves in coordinates that make them independent at a
-plug-in estimate of tau and sigma2, found by expectation maximisation (Laird & Ware 1982, Biometrics 38(4):963,
-doi:10.2307/2529876).
+:func:`hierarchical_model` states it for users to change, not centred: m and b are linear in standard normal variables
+(Papaspiliopoulos, Roberts & Skoeld 2007). NUTS is slow there, since the width of what many rows determine is as narrow
+as tau is wide. :func:`hierarchical_posterior` therefore draws tau and sigma2 from their marginal posterior, in which m
+and b are integrated out (Lindley & Smith 1972, JRSS B 34(1):1, doi:10.1111/j.2517-6161.1972.tb00885.x), and then m and
+b exactly, given these. With the triangles R of the rows of each group, S = sigma2 I + R diag(tau^2) R' is the variance
+of their projections about R m, and the rest of the rows speaks of sigma2 alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -31,9 +33,6 @@ from pymc_ship.sampling.regression_model import sample_model
 
 if TYPE_CHECKING:
     import pymc as pm
-
-_STEPS = 50
-_LEAST = 1e-3  # smallest spread of the plug-in estimate, over that of the prior
 
 
 def hierarchical_model(
@@ -80,15 +79,7 @@ def hierarchical_model(
     import pymc as pm
     import pytensor.tensor as pt
 
-    from pymc_ship.sampling.linear_transform import LinearTransform
-
-    prior = SemiConjugatePrior() if prior is None else prior
-    if prior.noise_power != 0:
-        raise PriorError(
-            f"The groups of a hierarchical model have noise variances of their own, which a {prior.family} prior of "
-            "the means cannot depend on; give a SemiConjugatePrior."
-        )
-    spread = finite_number("The spread between groups", spread, PriorError, least=1e-12)
+    prior, spread = _checked(prior, spread)
     labels, group = group_of_rows(data, groups)
     offset, transformation = data.transformation
     mean, root = prior.means(data.n_terms), np.sqrt(prior.kappas(data.n_terms))
@@ -98,8 +89,7 @@ def hierarchical_model(
         response = pm.Data("observed_response", data.response, dims="row")
         group_sd = pm.HalfNormal("scaled_group_sd", spread, dims="coefficient")
         variance = pm.InverseGamma("scaled_noise_variance", prior.shape, prior.scale, dims="group")
-        transform = LinearTransform(*_coordinates(data, prior, group, spread))
-        standard = pm.Normal("standardised", 0.0, 1.0, dims=("level", "coefficient"), transform=transform)
+        standard = pm.Normal("standardised", 0.0, 1.0, dims=("level", "coefficient"))
         means = mean + root * standard[0]
         scaled = means + group_sd * standard[1:]
         pm.Deterministic("coefficients", offset + pt.dot(transformation, means), dims="coefficient")
@@ -125,7 +115,9 @@ def hierarchical_posterior(
     rng: Seed,
     progress: bool = False,
 ) -> xr.DataTree:
-    """Draws of NUTS from the posterior of :func:`hierarchical_model`, laid out as a DataTree.
+    """Draws from the posterior of :func:`hierarchical_model`, laid out as a DataTree.
+
+    NUTS draws the spreads between groups and the noise variances; the coefficients are drawn exactly, given these.
 
     Parameters
     ----------
@@ -163,11 +155,21 @@ def hierarchical_posterior(
     >>> dict(tree["posterior"]["group_coefficients"].sizes)
     {'chain': 2, 'draw': 100, 'group': 2, 'coefficient': 10}
     """
-    model = hierarchical_model(data, prior, groups, spread=spread)
+    prior, spread = _checked(prior, spread)
+    labels, group = group_of_rows(data, groups)
+    reduced = _reduced(data, prior, group)
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept}
     seed = int(random_generator(rng).integers(2**31))
-    sampled = sample_model(model, settings, seed, progress)
-    return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
+    sampled = sample_model(_marginal_model(reduced, prior, spread), settings, seed, progress)
+    rng = np.random.default_rng([seed, 1])
+    tau, variance = (sampled["posterior"][name].to_numpy() for name in ("scaled_group_sd", "scaled_noise_variance"))
+    flat = _standardised(reduced, prior, tau.reshape(-1, data.n_terms), variance.reshape(-1, len(reduced)), rng)
+    groups_sampled = {
+        "posterior": _posterior(data, prior, labels, (tau, variance, flat)),
+        "sample_stats": sampled["sample_stats"].to_dataset(),
+    }
+    model = hierarchical_model(data, prior, groups, spread=spread)
+    return posterior_tree(xr.DataTree.from_dict(groups_sampled), data, model, rng=rng)
 
 
 def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tuple[list[str], np.ndarray]:
@@ -192,25 +194,114 @@ def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tup
     return labels, np.array([labels.index(str(groups[run])) for run in data.run])
 
 
-def _coordinates(
-    data: RegressionData, prior: SemiConjugatePrior, group: np.ndarray, spread: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Posterior mean, shape (1 + n_groups, n_terms), and a root of the covariance of the standard normal variables."""
-    n_groups, p = group.max() + 1, data.n_terms
-    X, y = data.scaled_design_matrix, data.scaled_response - data.scaled_design_matrix @ prior.means(p)
-    tau, variance = np.full(p, 0.5 * spread), np.ones(n_groups)
-    for _ in range(_STEPS):
-        rows = np.zeros((data.n_rows, 1 + n_groups, p))
-        rows[:, 0] = X * np.sqrt(prior.kappas(p))
-        rows[np.arange(data.n_rows), 1 + group] = X * tau
-        rows = rows.reshape(data.n_rows, -1)
-        weight = 1.0 / np.sqrt(variance[group])
-        # stacked on the identity, the rows have the triangle of the posterior precision, without forming X'X
-        triangle = np.linalg.qr(np.vstack([rows * weight[:, None], np.eye(rows.shape[1])]), mode="r")
-        root = np.linalg.inv(triangle)
-        center = root @ (root.T @ (rows.T @ (weight**2 * y)))
-        moment = (center**2 + np.sum(root**2, axis=1)).reshape(1 + n_groups, p)[1:]
-        tau = np.maximum(tau * np.sqrt(moment.mean(axis=0)), _LEAST * spread)
-        error = np.bincount(group, (y - rows @ center) ** 2) + 2.0 * prior.scale
-        variance = error / (np.bincount(group) + 2.0 * prior.shape)
-    return center.reshape(1 + n_groups, p), root
+def _checked(prior: SemiConjugatePrior | None, spread: float) -> tuple[SemiConjugatePrior, float]:
+    """Prior, the default where none is given, and spread of a hierarchical model."""
+    prior = SemiConjugatePrior() if prior is None else prior
+    if prior.noise_power != 0:
+        raise PriorError(
+            f"The groups of a hierarchical model have noise variances of their own, which a {prior.family} prior of "
+            "the means cannot depend on; give a SemiConjugatePrior."
+        )
+    return prior, finite_number("The spread between groups", spread, PriorError, least=1e-12)
+
+
+class _Group(NamedTuple):
+    """Rows of a group, less the prior mean of the coefficients: triangle R, projection, and what lies outside."""
+
+    triangle: np.ndarray
+    projection: np.ndarray
+    residual_square: float
+    n_rows: int
+
+
+def _reduced(data: RegressionData, prior: SemiConjugatePrior, group: np.ndarray) -> list[_Group]:
+    """Triangle of the rows of each group, of n_terms rows also where the group has fewer."""
+    X, p = data.scaled_design_matrix, data.n_terms
+    y = data.scaled_response - X @ prior.means(p)
+    found = []
+    for g in range(group.max() + 1):
+        rows, target = X[group == g], y[group == g]
+        left, triangle = np.linalg.qr(rows)
+        projection, lacking = left.T @ target, max(0, p - len(rows))
+        residual = target - left @ projection
+        padded = np.pad(triangle, ((0, lacking), (0, 0))), np.pad(projection, (0, lacking))
+        found.append(_Group(*padded, float(residual @ residual), len(rows)))
+    return found
+
+
+def _marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: float) -> pm.Model:
+    """PyMC model of tau and sigma2 with the density of the rows of all groups, coefficients integrated out."""
+    import pymc as pm
+    import pytensor.tensor as pt
+
+    p = reduced[0].projection.size
+    with pm.Model() as model:
+        tau = pm.HalfNormal("scaled_group_sd", spread, shape=p)
+        variance = pm.InverseGamma("scaled_noise_variance", prior.shape, prior.scale, shape=len(reduced))
+        precision, shift, density = pt.as_tensor(np.diag(1.0 / prior.kappas(p))), pt.zeros(p), 0.0
+        for g, one in enumerate(reduced):
+            own = one.triangle * tau
+            root = pt.linalg.cholesky(variance[g] * pt.eye(p) + pt.dot(own, own.T))
+            stacked = np.column_stack([one.triangle, one.projection])
+            whitened = pt.linalg.solve_triangular(root, stacked, lower=True)
+            rows, target = whitened[:, :-1], whitened[:, -1]
+            precision += pt.dot(rows.T, rows)
+            shift += pt.dot(rows.T, target)
+            # a group of fewer rows than terms has rows of zeros; their density is taken off again here
+            rest = (one.n_rows - p) * pt.log(variance[g]) + one.residual_square / variance[g]
+            density -= pt.log(pt.diag(root)).sum() + 0.5 * (target**2).sum() + 0.5 * rest
+        root = pt.linalg.cholesky(precision)
+        center = pt.linalg.solve_triangular(root, shift, lower=True)
+        pm.Potential("rows", density + 0.5 * (center**2).sum() - pt.log(pt.diag(root)).sum())
+    return model
+
+
+def _standardised(
+    reduced: list[_Group], prior: SemiConjugatePrior, tau: np.ndarray, variance: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Exact draws of the standard normal variables, shape (n_draws, 1 + n_groups, n_terms), given tau and sigma2."""
+    n_draws, p = tau.shape
+    eye, root_kappa = np.eye(p), np.sqrt(prior.kappas(p))
+    precision, shift = np.tile(np.diag(1.0 / prior.kappas(p)), (n_draws, 1, 1)), np.zeros((n_draws, p))
+    for g, one in enumerate(reduced):
+        own = one.triangle * tau[:, None, :]
+        root = np.linalg.cholesky(variance[:, g, None, None] * eye + own @ own.transpose(0, 2, 1))
+        whitened = np.linalg.solve(root, np.column_stack([one.triangle, one.projection]))
+        rows, target = whitened[..., :-1], whitened[..., -1]
+        precision += rows.transpose(0, 2, 1) @ rows
+        shift += np.einsum("nij,ni->nj", rows, target)
+    out = np.empty((n_draws, 1 + len(reduced), p))
+    means = _normal(precision, shift, rng)
+    out[:, 0] = means / root_kappa
+    for g, one in enumerate(reduced):
+        own = one.triangle * tau[:, None, :] / np.sqrt(variance[:, g, None, None])
+        error = (one.projection - means @ one.triangle.T) / np.sqrt(variance[:, g, None])
+        out[:, 1 + g] = _normal(eye + own.transpose(0, 2, 1) @ own, np.einsum("nij,ni->nj", own, error), rng)
+    return out
+
+
+def _normal(precision: np.ndarray, shift: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """One draw each of normal vectors with these precisions, and the precisions times the means."""
+    root = np.linalg.cholesky(precision)
+    half = np.linalg.solve(root, shift[..., None]) + rng.standard_normal((*shift.shape, 1))
+    return np.linalg.solve(root.transpose(0, 2, 1), half)[..., 0]
+
+
+def _posterior(data: RegressionData, prior: SemiConjugatePrior, labels: list[str], drawn: tuple) -> xr.Dataset:
+    """Free and deterministic variables of :func:`hierarchical_model`, from draws of tau, sigma2 and standard values."""
+    tau, variance, flat = drawn
+    standard = flat.reshape(*tau.shape[:2], *flat.shape[1:])
+    means = prior.means(data.n_terms) + np.sqrt(prior.kappas(data.n_terms)) * standard[:, :, 0]
+    scaled = means[:, :, None] + tau[:, :, None] * standard[:, :, 1:]
+    sample, of_group = ("chain", "draw"), ("group", "coefficient")
+    values = {
+        "standardised": ((*sample, "level", "coefficient"), standard),
+        "scaled_group_sd": ((*sample, "coefficient"), tau),
+        "scaled_noise_variance": ((*sample, "group"), variance),
+        "coefficients": ((*sample, "coefficient"), data.to_original(means)),
+        "group_coefficients": ((*sample, *of_group), data.to_original(scaled)),
+        "group_sd": ((*sample, "coefficient"), np.sqrt(tau**2 @ (data.transformation[1] ** 2).T)),
+        "group_noise_variance": ((*sample, "group"), data.response_scale**2 * variance),
+    }
+    coords = {"chain": np.arange(tau.shape[0]), "draw": np.arange(tau.shape[1]), "group": labels}
+    return xr.Dataset(values, coords | {"level": ["mean", *labels], "coefficient": list(data.coefficients)})
