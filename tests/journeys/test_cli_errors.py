@@ -116,7 +116,7 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
         ("simulate container --turn 35 --noise -1 --duration 9 --out {out}", "The noise level is a number from 0 up"),
         (
             "simulate container --turn 35 --noise loud --out {out}",
-            "a noise level is a number or 'literal', found 'loud'",
+            "a noise level is a number or 'literal', or instruments of .*, found 'loud'",
         ),
         ("simulate container --turn 35 --seed -1 --out {out}", "a seed is a whole number from 0 up, found '-1'"),
         ("simulate container --programme {tmp}/none.csv --out {out}", "none.csv cannot be read: No such file"),

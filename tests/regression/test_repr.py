@@ -71,7 +71,9 @@ def test_a_tuned_prior():
     found = ps.tune_prior(data(), evaluations=6, rng=np.random.default_rng(1))
     head, *lines = short(repr(found))
     assert head == "TunedPrior of the conjugate family, 6 evaluations"
-    assert [line.split("shape")[0].strip() for line in lines] == ["prior", "best point", "surrogate", "evidence"]
+    rows = ["prior", "best point", "surrogate", "evidence"]
+    assert [line.split("shape")[0].strip() for line in lines[:4]] == rows
+    assert [line.split()[0] for line in lines[4:]] == list(found.edges)
     assert lines[0].endswith(f", kappa {found.prior.kappa:.4g}, score {found.score:.5g} ± {found.score_se:.2g}")
     assert lines[3].endswith(f", kappa {found.evidence_prior.kappa:.4g}, score {found.evidence_score:.5g}")
 

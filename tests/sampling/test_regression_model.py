@@ -105,7 +105,7 @@ def test_models_name_their_dims():
         assert model.coords["row"] == tuple(range(data.n_rows))
         assert model.named_vars_to_dims["coefficients"] == ("coefficient",)
     assert model.named_vars_to_dims["response"] == ("row",)
-    assert np.array_equal(model.rvs_to_values[model["response"]].data, data.response)
+    assert np.array_equal(model["observed_response"].get_value(), data.response)
 
 
 @cache
@@ -240,9 +240,9 @@ def test_sampling_is_silent(capfd, caplog):
 
 def test_what_cannot_be_sampled_is_named():
     data, rng = regression("tall"), np.random.default_rng(1)
-    with pytest.raises(ValueError, match="whitened or direct, found 'centred'"):
+    with pytest.raises(ValueError, match="one of direct, whitened; found 'centred'"):
         pymc_model(data, ConjugatePrior(), "centred")
-    with pytest.raises(ValueError, match="whitened or direct, found 'centred'"):
+    with pytest.raises(ValueError, match="one of direct, whitened; found 'centred'"):
         nuts_posterior(data, ConjugatePrior(), rng=rng, parametrisation="centred")
     with pytest.raises(ValueError, match="found 'stan'"):
         nuts_posterior(data, ConjugatePrior(), rng=rng, sampler="stan")

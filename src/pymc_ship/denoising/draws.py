@@ -13,6 +13,7 @@ from pymc_ship.denoising.denoise import denoised_channels, finite_signal
 from pymc_ship.denoising.shrinkage import shrinkage
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.machine.threads import thread_pool
+from pymc_ship.trial.record import one_trial
 
 
 def denoise_draws(
@@ -61,6 +62,7 @@ def denoise_draws(
     >>> print(f"{1e3 * sd:.1f} mm/s, {1e3 * error:.1f} mm/s")
     4.4 mm/s, 3.1 mm/s
     """
+    rng, trial = random_generator(rng), one_trial(trial)
     chosen = denoised_channels(trial, channels)
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
 
@@ -68,7 +70,7 @@ def denoise_draws(
         return _drawn(trial[name].to_numpy(), f"channel {name}", draws, rng, settings)
 
     with thread_pool(2) as pool:
-        results = list(pool.map(drawn, chosen, random_generator(rng).spawn(len(chosen))))
+        results = list(pool.map(drawn, chosen, rng.spawn(len(chosen))))
     found = trial.assign_coords(draw=np.arange(draws))
     for name, values in zip(chosen, results, strict=True):
         found[name] = (("draw", "time"), values, trial[name].attrs)

@@ -22,13 +22,14 @@ from pymc_ship.sampling.own_tree import OWN
 from pymc_ship.sampling.predictive import predictive, prior_draws
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
+_NOISE = {"noise_variance": ("chain", "draw")}  # checked where a tree has it
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
 _ONE_SD = (0.158655, 0.841345)  # probabilities of a normal variable one sd below and above its mean
 
 
 def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
     """Raise a ValueError that says what a tree lacks to be a posterior of this package."""
-    check_draws(tree, name, REQUIRED, _ATTRS)
+    check_draws(tree, name, REQUIRED | (_NOISE if numbers.has(tree, "posterior/noise_variance") else {}), _ATTRS)
     try:
         prior_of(tree)
         json.loads(tree.attrs["scaling"])["response_scale"]

@@ -10,13 +10,14 @@ import xarray as xr
 from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.forecasting.forecast import BANDS, pooled_forecast
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
+from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.stability import growth_rates
 from pymc_ship.motion.stepping import simulation_settings
 from pymc_ship.regression.priors import Prior, PriorError
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.predictive import prior_draws
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
+from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
 STATUSES = ("ran away", "wrong way", "course-unstable", "sailed")
@@ -40,7 +41,7 @@ RegressionPrior = tuple[RegressionData, Prior] | xr.DataTree
 
 
 def prior_ships(
-    vessel: Vessel,
+    vessel: VesselLike,
     prior: CoefficientPrior | xr.DataTree | Mapping[str, RegressionPrior],
     manoeuvre: Manoeuvre,
     *,
@@ -106,9 +107,9 @@ def prior_ships(
     >>> ships.attrs["share_wrong_way"] > near.attrs["share_wrong_way"] == 0.0
     True
     """
+    rng, vessel, manoeuvre = random_generator(rng), as_vessel(vessel), one_manoeuvre(manoeuvre)
     if draws < 2:
         raise ValueError(f"The ships of a prior are two or more, found {draws}; raise the draws.")
-    rng = random_generator(rng)
     ships = simulated_ships(vessel, _rows(vessel, prior, draws, rng), manoeuvre, rng, duration=duration, **settings)
     attrs = {**ships.attrs, "held": _held(vessel, prior)}
     return ships.assign_attrs(attrs | {"summary": _summary(attrs)})

@@ -16,6 +16,7 @@ from pymc_ship.regression.tune import TunedPrior, maximise_evidence, on_edge, tu
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.rows.scaling import RegressionDataError
+from pymc_ship.trial.record import one_trial
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 SELECTIONS = ("evidence", "bayesian_optimisation")
@@ -128,7 +129,7 @@ def identify(
     Ngdelta = -0.00195, sd 0.00002
     """
     rng = None if rng is None else random_generator(rng)
-    vessel = as_vessel(vessel)
+    vessel, trial = as_vessel(vessel), one_trial(trial)
     if selection not in SELECTIONS or (selection == "bayesian_optimisation" and rng is None):
         raise ValueError(
             f"Hyperparameters are selected by {' or '.join(SELECTIONS)} (which needs rng), found {selection!r}."
@@ -173,6 +174,7 @@ def regression_draws(
     RegressionDataError
         For a trial without draws, and as :func:`pymc_ship.regression_data`.
     """
+    vessel = as_vessel(vessel)
     if "draw" not in drawn.dims:
         raise RegressionDataError(
             "Regression draws need a trial with the dimension draw, found none; make it by `denoise_draws`."
@@ -181,9 +183,7 @@ def regression_draws(
     return [regression_data(drawn.isel(draw=k, drop=True), vessel, dof, **settings) for k in range(drawn.sizes["draw"])]
 
 
-def pooled_coefficients(
-    rows: Sequence[RegressionData], prior: Prior, *, draws: int = 4000, rng: np.random.Generator
-) -> xr.Dataset:
+def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: int = 4000, rng: Seed) -> xr.Dataset:
     """Coefficients under the mixture of the posteriors of every draw of the rows, as in multiple imputation.
 
     Parameters
@@ -194,7 +194,7 @@ def pooled_coefficients(
         Of the scaled coefficients, the same for all.
     draws : int, optional
         From the mixture, for its quantiles; shared evenly.
-    rng : numpy.random.Generator
+    rng : int, SeedSequence or Generator
 
     Returns
     -------
@@ -225,9 +225,9 @@ def pooled_coefficients(
     >>> prior, _ = ps.maximise_evidence(rows[0])
     >>> found = ps.pooled_coefficients(rows, prior, rng=rng).sel(coefficient="Ngdelta")
     >>> print(f"{1e5 * found['mean']:.0f}, sd {1e5 * found['within_sd']:.1f} and {1e5 * found['sd']:.1f}")
-    -197, sd 4.9 and 6.7
+    -197, sd 5.0 and 6.7
     """
-    names = {data.coefficients for data in rows}
+    rng, names = random_generator(rng), {data.coefficients for data in rows}
     if len(rows) < 2 or len(names) > 1:
         raise RegressionDataError(
             f"Pooling needs two or more draws of one regression, found {len(rows)} with {len(names)} sets of "

@@ -16,7 +16,7 @@ from pymc_ship.motion.weak_form import INDEPENDENT, weak_form
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.trial.judgement import judgement
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import one_trial, sampling_interval, trial_list
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
@@ -121,14 +121,13 @@ def regression_data(
 
 def _by_run(trials: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
     """Trials by the label of their run."""
-    if isinstance(trials, xr.Dataset):
-        return {"1": trials}
-    by_run = dict(trials) if isinstance(trials, Mapping) else {str(k): one for k, one in enumerate(trials, 1)}
-    strange = [type(one).__name__ for one in by_run.values() if not isinstance(one, xr.Dataset)]
-    if strange or not by_run:
-        found = strange[0] if strange else "nothing"
-        raise RegressionDataError(f"Rows come from trials, each an xarray.Dataset; found {found}: give one or several.")
-    return {str(run): one for run, one in by_run.items()}
+    if isinstance(trials, Mapping) and not isinstance(trials, xr.Dataset):
+        by_run = {str(run): one_trial(trial) for run, trial in trials.items()}
+    else:
+        by_run = {str(k): trial for k, trial in enumerate(trial_list(trials), 1)}
+    if not by_run:
+        raise RegressionDataError("Rows come from one trial or several, found none; give them.")
+    return by_run
 
 
 def _difference_rows(

@@ -24,7 +24,7 @@ import xarray as xr
 
 from pymc_ship.machine.arguments import finite_number
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.regression.priors import PriorError
+from pymc_ship.regression.priors import PriorError, check_prior
 from pymc_ship.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 def hierarchical_model(
     data: RegressionData,
-    prior: SemiConjugatePrior | None = None,
+    prior: SemiConjugatePrior,
     groups: Mapping[str, str] | None = None,
     *,
     spread: float = 1.0,
@@ -48,7 +48,7 @@ def hierarchical_model(
     ----------
     data : RegressionData
         Of several trials, from :func:`pymc_ship.regression_data`.
-    prior : SemiConjugatePrior, optional
+    prior : SemiConjugatePrior
         Of the means over groups on the scaled columns, and of the noise variance of each group.
     groups : mapping of str to str, optional
         Group of each run, such as its side or facility; by default each run is a group.
@@ -79,7 +79,7 @@ def hierarchical_model(
     import pymc as pm
     import pytensor.tensor as pt
 
-    prior, spread = _checked(prior, spread)
+    spread = _checked(prior, spread)
     labels, group = group_of_rows(data, groups)
     offset, transformation = data.transformation
     mean, root = prior.means(data.n_terms), np.sqrt(prior.kappas(data.n_terms))
@@ -104,7 +104,7 @@ def hierarchical_model(
 
 def hierarchical_posterior(
     data: RegressionData,
-    prior: SemiConjugatePrior | None = None,
+    prior: SemiConjugatePrior,
     groups: Mapping[str, str] | None = None,
     *,
     spread: float = 1.0,
@@ -151,19 +151,19 @@ def hierarchical_posterior(
     >>> trials = {side: ps.simulate(vessel, zigzags[side], duration=600, step=0.5) for side in sides}
     >>> noisy = {side: ps.pollute(trial, level=0.01, rng=rng) for side, trial in trials.items()}
     >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
-    >>> tree = ps.hierarchical_posterior(data, draws=100, tune=200, chains=2, rng=rng)
+    >>> tree = ps.hierarchical_posterior(data, ps.SemiConjugatePrior(), draws=100, tune=200, chains=2, rng=rng)
     >>> dict(tree["posterior"]["group_coefficients"].sizes)
     {'chain': 2, 'draw': 100, 'group': 2, 'coefficient': 10}
     """
-    prior, spread = _checked(prior, spread)
+    rng, spread = random_generator(rng), _checked(prior, spread)
     labels, group = group_of_rows(data, groups)
-    reduced = _reduced(data, prior, group)
+    reduced = reduced_groups(data, prior, group)
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept}
-    seed = int(random_generator(rng).integers(2**31))
-    sampled = sample_model(_marginal_model(reduced, prior, spread), settings, seed, progress)
+    seed = int(rng.integers(2**31))
+    sampled = sample_model(marginal_model(reduced, prior, spread), settings, seed, progress)
     rng = np.random.default_rng([seed, 1])
     tau, variance = (sampled["posterior"][name].to_numpy() for name in ("scaled_group_sd", "scaled_noise_variance"))
-    flat = _standardised(reduced, prior, tau.reshape(-1, data.n_terms), variance.reshape(-1, len(reduced)), rng)
+    flat = standardised_draws(reduced, prior, tau.reshape(-1, data.n_terms), variance.reshape(-1, len(reduced)), rng)
     groups_sampled = {
         "posterior": _posterior(data, prior, labels, (tau, variance, flat)),
         "sample_stats": sampled["sample_stats"].to_dataset(),
@@ -194,15 +194,15 @@ def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tup
     return labels, np.array([labels.index(str(groups[run])) for run in data.run])
 
 
-def _checked(prior: SemiConjugatePrior | None, spread: float) -> tuple[SemiConjugatePrior, float]:
-    """Prior, the default where none is given, and spread of a hierarchical model."""
-    prior = SemiConjugatePrior() if prior is None else prior
+def _checked(prior: SemiConjugatePrior, spread: float) -> float:
+    """Spread of a hierarchical model whose prior can be used."""
+    check_prior(prior)
     if prior.noise_power != 0:
         raise PriorError(
             f"The groups of a hierarchical model have noise variances of their own, which a {prior.family} prior of "
             "the means cannot depend on; give a SemiConjugatePrior."
         )
-    return prior, finite_number("The spread between groups", spread, PriorError, least=1e-12)
+    return finite_number("The spread between groups", spread, PriorError, least=1e-12)
 
 
 class _Group(NamedTuple):
@@ -214,7 +214,7 @@ class _Group(NamedTuple):
     n_rows: int
 
 
-def _reduced(data: RegressionData, prior: SemiConjugatePrior, group: np.ndarray) -> list[_Group]:
+def reduced_groups(data: RegressionData, prior: SemiConjugatePrior, group: np.ndarray) -> list[_Group]:
     """Triangle of the rows of each group, of n_terms rows also where the group has fewer."""
     X, p = data.scaled_design_matrix, data.n_terms
     y = data.scaled_response - X @ prior.means(p)
@@ -229,7 +229,7 @@ def _reduced(data: RegressionData, prior: SemiConjugatePrior, group: np.ndarray)
     return found
 
 
-def _marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: float) -> pm.Model:
+def marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: float) -> pm.Model:
     """PyMC model of tau and sigma2 with the density of the rows of all groups, coefficients integrated out."""
     import pymc as pm
     import pytensor.tensor as pt
@@ -238,17 +238,19 @@ def _marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: fl
     with pm.Model() as model:
         tau = pm.HalfNormal("scaled_group_sd", spread, shape=p)
         variance = pm.InverseGamma("scaled_noise_variance", prior.shape, prior.scale, shape=len(reduced))
+        # as data, so that a compiled model serves other responses of the same rows
+        projections = pm.Data("projection", np.array([one.projection for one in reduced]))
+        residuals = pm.Data("residual_square", np.array([one.residual_square for one in reduced]))
         precision, shift, density = pt.as_tensor(np.diag(1.0 / prior.kappas(p))), pt.zeros(p), 0.0
         for g, one in enumerate(reduced):
             own = one.triangle * tau
             root = pt.linalg.cholesky(variance[g] * pt.eye(p) + pt.dot(own, own.T))
-            stacked = np.column_stack([one.triangle, one.projection])
-            whitened = pt.linalg.solve_triangular(root, stacked, lower=True)
-            rows, target = whitened[:, :-1], whitened[:, -1]
+            rows = pt.linalg.solve_triangular(root, one.triangle, lower=True)
+            target = pt.linalg.solve_triangular(root, projections[g], lower=True)
             precision += pt.dot(rows.T, rows)
             shift += pt.dot(rows.T, target)
             # a group of fewer rows than terms has rows of zeros; their density is taken off again here
-            rest = (one.n_rows - p) * pt.log(variance[g]) + one.residual_square / variance[g]
+            rest = (one.n_rows - p) * pt.log(variance[g]) + residuals[g] / variance[g]
             density -= pt.log(pt.diag(root)).sum() + 0.5 * (target**2).sum() + 0.5 * rest
         root = pt.linalg.cholesky(precision)
         center = pt.linalg.solve_triangular(root, shift, lower=True)
@@ -256,7 +258,7 @@ def _marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: fl
     return model
 
 
-def _standardised(
+def standardised_draws(
     reduced: list[_Group], prior: SemiConjugatePrior, tau: np.ndarray, variance: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
     """Exact draws of the standard normal variables, shape (n_draws, 1 + n_groups, n_terms), given tau and sigma2."""

@@ -8,7 +8,7 @@ from pymc.distributions.transforms import Transform
 
 
 class LinearTransform(Transform):
-    """Coordinates c of an array x = center + basis c, its values in one line.
+    """Coordinates c of a vector x = center + basis c.
 
     Given as ``transform=`` to a PyMC variable, it changes the coordinates that NUTS moves in and nothing else: the
     density of x, and so the posterior, is the one that the model states. Where the basis is a root of about the
@@ -16,7 +16,7 @@ class LinearTransform(Transform):
 
     Parameters
     ----------
-    center : ndarray of any shape, of n values
+    center : ndarray, shape (n,)
     basis : ndarray, shape (n, n)
         Not singular.
     """
@@ -28,12 +28,12 @@ class LinearTransform(Transform):
         self.inverse, self.log_volume = np.linalg.inv(basis), float(np.linalg.slogdet(basis)[1])
 
     def forward(self, value, *_):
-        """Coordinates of an array, in its shape."""
-        return pt.dot(self.inverse, (value - self.center).ravel()).reshape(self.center.shape)
+        """Coordinates of a vector."""
+        return pt.dot(self.inverse, value - self.center)
 
     def backward(self, value, *_):
-        """Array at some coordinates."""
-        return self.center + pt.dot(self.basis, value.ravel()).reshape(self.center.shape)
+        """Vector at some coordinates."""
+        return self.center + pt.dot(self.basis, value)
 
     def log_jac_det(self, value, *_):
         """Log volume of the basis, whatever the coordinates."""

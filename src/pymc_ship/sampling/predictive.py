@@ -130,11 +130,12 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     >>> trial = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data = ps.regression_data(ps.pollute(trial, level=0.01, rng=1), "kvlcc2", "yaw", derivative="weak")
     >>> old, new = data.rows(np.arange(100)), data.rows(np.arange(100, data.n_rows))
-    >>> tree = ps.conjugate_posterior(old, ps.ConjugatePrior(), rng=1)
+    >>> prior, _ = ps.maximise_evidence(old)
+    >>> tree = ps.conjugate_posterior(old, prior, rng=1)
     >>> found = ps.predict(tree, new.design_matrix, rng=1)
     >>> lower, upper = found["response"].quantile([0.05, 0.95], ("chain", "draw"))
     >>> print(f"{np.mean((lower < new.response) & (new.response < upper)):.2f}")
-    0.9
+    0.98
     """
     rng, posterior = random_generator(rng), tree["posterior"].to_dataset()
     dims = posterior["coefficients"].dims if "coefficients" in posterior else ()
