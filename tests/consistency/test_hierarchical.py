@@ -29,7 +29,9 @@ def calibration(spread=SPREAD):
         given["residual_square"] = np.array([one.residual_square for one in reduced])
         settings = {"draws": 5 * KEPT, "tune": 300, "chains": 1, "target_accept": 0.9, "seed": k}
         drawn = nutpie.sample(compiled.with_data(**given), **settings, progress_bar=False)["posterior"]
-        of_tau, of_variance = (drawn[name].values[0, ::5] for name in ("scaled_group_sd", "scaled_noise_variance"))
+        of_tau, of_variance = (
+            drawn[name].values[0, ::5] for name in ("scaled_group_sd", "scaled_group_noise_variance")
+        )
         standard = standardised_draws(reduced, PRIOR, of_tau, of_variance, rng)
         of_means = standard[:, 0]
         of_each = of_means[:, None] + of_tau[:, None] * standard[:, 1:]

@@ -60,7 +60,7 @@ def hierarchical_model(
     -------
     pymc.Model
         Free variables ``standardised`` (dims level, coefficient), ``scaled_group_sd`` (coefficient) and
-        ``scaled_noise_variance`` (group); deterministic, on the original scale, ``coefficients`` (the means over
+        ``scaled_group_noise_variance`` (group); deterministic, on the original scale, ``coefficients`` (the means over
         groups), ``group_coefficients`` (group, coefficient), ``group_sd`` (coefficient) and ``group_noise_variance``
         (group); observed ``response`` (row).
 
@@ -88,7 +88,7 @@ def hierarchical_model(
         design = pm.Data("design_matrix", data.design_matrix, dims=("row", "coefficient"))
         response = pm.Data("observed_response", data.response, dims="row")
         group_sd = pm.HalfNormal("scaled_group_sd", spread, dims="coefficient")
-        variance = pm.InverseGamma("scaled_noise_variance", prior.shape, prior.scale, dims="group")
+        variance = pm.InverseGamma("scaled_group_noise_variance", prior.shape, prior.scale, dims="group")
         standard = pm.Normal("standardised", 0.0, 1.0, dims=("level", "coefficient"))
         means = mean + root * standard[0]
         scaled = means + group_sd * standard[1:]
@@ -162,7 +162,9 @@ def hierarchical_posterior(
     seed = int(rng.integers(2**31))
     sampled = sample_model(marginal_model(reduced, prior, spread), settings, seed, progress)
     rng = np.random.default_rng([seed, 1])
-    tau, variance = (sampled["posterior"][name].to_numpy() for name in ("scaled_group_sd", "scaled_noise_variance"))
+    tau, variance = (
+        sampled["posterior"][name].to_numpy() for name in ("scaled_group_sd", "scaled_group_noise_variance")
+    )
     flat = standardised_draws(reduced, prior, tau.reshape(-1, data.n_terms), variance.reshape(-1, len(reduced)), rng)
     groups_sampled = {
         "posterior": _posterior(data, prior, labels, (tau, variance, flat)),
@@ -237,7 +239,7 @@ def marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: flo
     p = reduced[0].projection.size
     with pm.Model() as model:
         tau = pm.HalfNormal("scaled_group_sd", spread, shape=p)
-        variance = pm.InverseGamma("scaled_noise_variance", prior.shape, prior.scale, shape=len(reduced))
+        variance = pm.InverseGamma("scaled_group_noise_variance", prior.shape, prior.scale, shape=len(reduced))
         # as data, so that a compiled model serves other responses of the same rows
         projections = pm.Data("projection", np.array([one.projection for one in reduced]))
         residuals = pm.Data("residual_square", np.array([one.residual_square for one in reduced]))
@@ -299,7 +301,7 @@ def _posterior(data: RegressionData, prior: SemiConjugatePrior, labels: list[str
     values = {
         "standardised": ((*sample, "level", "coefficient"), standard),
         "scaled_group_sd": ((*sample, "coefficient"), tau),
-        "scaled_noise_variance": ((*sample, "group"), variance),
+        "scaled_group_noise_variance": ((*sample, "group"), variance),
         "coefficients": ((*sample, "coefficient"), data.to_original(means)),
         "group_coefficients": ((*sample, *of_group), data.to_original(scaled)),
         "group_sd": ((*sample, "coefficient"), np.sqrt(tau**2 @ (data.transformation[1] ** 2).T)),
