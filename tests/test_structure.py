@@ -26,7 +26,7 @@ WINGS = {
     "motion": "machine forces vessel trial denoising manoeuvre",
     "checks": "machine forces vessel trial motion",
     "rows": "machine forces vessel trial denoising motion",
-    "regression": "machine forces vessel rows",
+    "regression": "machine forces vessel trial rows",
     "trajectory": "machine forces vessel trial motion regression",
     "sampling": "machine vessel motion rows regression trajectory",
     "forecasting": "machine pages forces vessel trial manoeuvre motion rows regression trajectory sampling",

@@ -337,7 +337,7 @@ def test_the_diagnostics_have_a_section_for_each_dof_and_family(diagnosed):
 
 
 def test_a_section_draws_the_exact_posterior_and_the_chains_of_nuts(diagnosed, result):
-    kinds = "forest trace rank ess energy noise predictive pair correlation residuals pareto pit"
+    kinds = "forest trace rank ess energy noise predictive pair correlation residuals pareto pit ships"
     assert [attrs["id"] for attrs in diagnosed.all("figure")] == [f"posterior-1-{kind}" for kind in kinds.split()]
     assert diagnosed.faults == []
     assert diagnosed.fetched == ["index.html"]

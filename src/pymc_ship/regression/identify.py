@@ -124,7 +124,7 @@ def identify(
     >>> found = ps.identify(noisy, vessel, families=["conjugate"], interval=None, derivative="weak")
     >>> for dof, exact in found.exact["conjugate"].items():
     ...     print(f"{found.data[dof].coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
-    Xgdeltadelta = -0.00145, sd 0.00068
+    Xgdeltadelta = -0.00145, sd 0.00069
     Ygdelta = 0.00554, sd 0.00047
     Ngdelta = -0.00195, sd 0.00002
     """
