@@ -135,7 +135,7 @@ class TestEvidence:
         assert max(others) <= log_evidence - prior.shape + 1e-6
         assert np.mean(np.array(others) < log_evidence - prior.shape - 1e-3) > 0.9
 
-    @pytest.mark.slow
+    @pytest.mark.consistency
     @pytest.mark.parametrize("family", FAMILIES)
     def test_the_noise_variance_is_covered(self, family, monkeypatch):
         """Intervals of 90 % over 200 simulated sets; without the hyperprior the noise variance is certain and wrong."""

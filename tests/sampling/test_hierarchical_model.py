@@ -40,7 +40,7 @@ def data_of(rng, coefficients, variance):
     return ps.RegressionData.from_arrays(X, response, run=[f"ship {g}" for g in group])
 
 
-@pytest.mark.slow
+@pytest.mark.consistency
 def test_the_collapsed_sampler_draws_from_the_model_that_users_change():
     rng = np.random.default_rng(3)
     _, _, each, variance = truth(rng)
@@ -63,7 +63,7 @@ def test_the_collapsed_sampler_draws_from_the_model_that_users_change():
     assert shift > 5.0 * float(error["coefficients"].max())
 
 
-@pytest.mark.slow
+@pytest.mark.consistency
 def test_the_page_says_which_coefficients_differ(tmp_path):
     """Groups 1 and 2 differ in the first coefficient alone."""
     rng = np.random.default_rng(4)

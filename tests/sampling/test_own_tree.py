@@ -72,7 +72,7 @@ def test_arviz_takes_the_tree(path):
     assert az.rhat(tree, var_names=["coefficients"])["coefficients"].max() < 1.05
 
 
-@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("path", ["own", "horseshoe"])
 def test_the_tree_is_reported(path, tmp_path):
     page = ps.diagnostic_report({path: tree_by(path)}, tmp_path)
     text = page.read_text(encoding="utf-8")

@@ -68,11 +68,15 @@ def staged(path: str | Path) -> Iterator[Path]:
     path = place_of(path)
     with _told(path), _box(path.parent) as box:
         yield box / _NEW / path.name
-        if path.is_dir():
-            with _turn(path.parent):
+        made = box / _NEW / path.name
+        if not made.is_dir() and not path.is_dir():
+            os.replace(made, path)
+            return
+        with _turn(path.parent):  # another writer may have made the folder since
+            if path.is_dir():
                 _swap(box, path)
-        else:
-            os.replace(box / _NEW / path.name, path)
+            else:
+                os.replace(made, path)
 
 
 @contextmanager
