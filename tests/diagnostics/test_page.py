@@ -99,7 +99,7 @@ def test_a_torn_posterior_heads_its_page_with_the_failing_gate_and_says_what_is_
     assert "1 a &lt; b</h2>" in bare
     assert "(a gate fails)" in bare
     assert re.search(r"<li>A convergence gate fails: largest R-hat [1-9.e]+.* \(Yv\), to be &lt; 1.01", bare)
-    assert bare.count("Not shown: the tree has no") == 7
+    assert bare.count("Not shown: the tree has no") == 8
     assert "Not shown: no draws of the same data and prior by another method are given." in bare
     assert "the tree has no constant_data/design_matrix and no observed_data/response." in bare
     assert "the tree has no log_prior/coefficients and no log_likelihood/response." in bare
