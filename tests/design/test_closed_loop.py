@@ -10,8 +10,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities, straight_course
 from pymc_ship.motion.sensitivities import sensitivities
-from pymc_ship.trajectory.prior import coefficient_names
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
 PSI = 5
 

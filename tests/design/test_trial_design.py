@@ -17,9 +17,9 @@ from pymc_ship.design.trial_design import CRITERIA
 from pymc_ship.motion.equations import STATE
 from pymc_ship.regression.tree import write_posterior
 from pymc_ship.trajectory.fit import fit_trajectory, initial_problem
-from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
+from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import trajectory_run
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
 SD = {"u": 0.02, "v": 0.02, "r": 2e-4}
 SHORT = {"duration": 60.0, "interval": 0.1, "draws": 2}

@@ -6,8 +6,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.motion.replay import replay
 from pymc_ship.motion.stability import growth_rates
-from pymc_ship.trajectory.prior import coefficient_names
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
 
 def criterion(vessel, rows):

@@ -13,8 +13,7 @@ from pymc_ship.checks.verdicts import Check
 from pymc_ship.ship.candidates import Refusal, TermSetsRefusedError
 from pymc_ship.ship.refusal_page import write_refusal_page
 from pymc_ship.ship.soundness import FASTEST, TIGHTEST, first_failure, sound
-from pymc_ship.trajectory.prior import coefficient_names
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.ship import soundness
 from pymc_ship.ship.soundness import sound
-from pymc_ship.trajectory.prior import coefficient_names
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.ship.cases import tanker
 
 UNSOUND = {

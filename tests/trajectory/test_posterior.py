@@ -22,8 +22,7 @@ from pymc_ship.trajectory.posterior import (
     trajectory_mode,
     trajectory_posterior,
 )
-from pymc_ship.trajectory.prior import coefficient_names
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.trajectory.cases import SD, problem_of, record, rough, truth
 
 

@@ -8,8 +8,8 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.forces.terms import order
-from pymc_ship.trajectory.prior import coefficient_dofs, coefficient_names
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.trajectory.prior import coefficient_dofs
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.trajectory.cases import record
 
 

@@ -10,9 +10,8 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.forces.terms import factors, loaded
-from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.term_sets import OWN, TERM_SETS, term_sets, with_terms
-from pymc_ship.vessel.vessel import Coefficient, VesselError, reference_coefficients
+from pymc_ship.vessel.vessel import Coefficient, VesselError, coefficient_names, reference_coefficients
 from tests.ship.cases import TRUE_TERMS, tanker, trial
 
 LOADED = tuple(name for name, terms in TERM_SETS.items() if terms.propeller)

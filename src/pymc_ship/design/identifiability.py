@@ -15,10 +15,10 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.trajectory.fit import Noise, TrajectoryError, TrajectoryFit, run_rows, white_noise
-from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_dofs, coefficient_names
+from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 UNKNOWN = 0.5
 """A direction stays unknown when the runs leave it more than this share of its prior variance."""

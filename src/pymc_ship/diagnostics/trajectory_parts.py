@@ -31,8 +31,7 @@ from pymc_ship.pages.tables import fixed, number, percent, table
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.trajectory.posterior import verdict as khat_verdict
-from pymc_ship.trajectory.prior import coefficient_names
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, coefficient_names
 
 _DEFAULTS = (
     f"Posteriors of whole trajectories: Pareto k-hat ≤ {KHAT_LIMIT:g} for draws of the normal approximation, the gates "

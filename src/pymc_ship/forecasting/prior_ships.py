@@ -16,9 +16,9 @@ from pymc_ship.motion.stepping import simulation_settings
 from pymc_ship.regression.priors import Prior, PriorError
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.sampling.predictive import prior_draws
-from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
+from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, coefficient_names
 
 STATUSES = ("ran away", "wrong way", "course-unstable", "sailed")
 """How a ship of a prior ends: the first that is true of her. `ran away`: she leaves the model's range. `wrong way`: she

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.equations import KERNEL, Scheme, state_derivative
+from pymc_ship.motion.equations import KERNEL, Scheme, set_parts, state_derivative
 from pymc_ship.motion.stepping import STATE_ROWS, in_range, lanes_at_rest
 
 
@@ -22,6 +22,13 @@ class Gear(NamedTuple):
 
     rate: float
     delay: float
+
+
+class Start(NamedTuple):
+    """State at time 0, (8,), and the inputs besides the rudder, (3,), which are constant."""
+
+    state: np.ndarray
+    others: np.ndarray
 
 
 class Course(NamedTuple):
@@ -36,8 +43,8 @@ def _rate(state, delta, coefficients, scheme, lanes):
     """Time derivative of the state of one ship, (8,), by the one evaluator of the equations of motion."""
     for row in range(state.size):
         lanes.inner[0, row, 0] = state[row]
-    lanes.delta[0, 0] = delta
-    state_derivative(lanes.inner[0], lanes.delta[0], coefficients, scheme, lanes.work, lanes.rate)
+    lanes.inputs[0, 0, 0] = delta
+    state_derivative(lanes.inner[0], lanes.inputs[0], coefficients, scheme, lanes.work, lanes.rate)
     return lanes.rate[:, 0].copy()
 
 
@@ -48,7 +55,7 @@ def course(
     gear: Gear,
     time: np.ndarray,
     *,
-    speed: float,
+    start: Start,
     tolerance: float,
 ) -> Course:
     """Run of a manoeuvre by the eighth-order method of Dormand & Prince with steps of controlled error.
@@ -61,8 +68,7 @@ def course(
     gear : Gear
     time : ndarray, shape (n_time,)
         Samples [s], from 0.
-    speed : float
-        At time 0 [m/s].
+    start : Start
     tolerance : float
         Error of a step, relative to the state or to U, U/L, 1 rad and L where the state is smaller.
 
@@ -77,20 +83,21 @@ def course(
     """
     from scipy.integrate import solve_ivp
 
-    hull, lanes, column = scheme.hull, lanes_at_rest(1, 1, scheme.n_rows), coefficients[:, None].copy()
+    hull, lanes, column = scheme.hull, lanes_at_rest(1, 1, scheme), coefficients[:, None].copy()
+    set_parts(column, scheme, lanes.work)
     U, turn = hull.nominal_speed, hull.nominal_speed / hull.L
     smallest = tolerance * np.array([U, U, turn, turn, 1.0, 1.0, hull.L, hull.L])
     heading, reversal = manoeuvre.switch
     end, now, factor, switch_at = float(time[-1]), 0.0, 1.0, np.inf
-    state, out = np.zeros(STATE_ROWS), np.full((STATE_ROWS + 1, time.size), np.nan)
-    state[0] = speed
+    state, out = start.state.copy(), np.full((STATE_ROWS + 1, time.size), np.nan)
+    lanes.inputs[0, 1:, 0] = start.others
     helm = _helm(manoeuvre, gear.rate, factor, (now, _first_angle(manoeuvre, gear.rate)), end)
 
     def motion(t: float, state: np.ndarray) -> np.ndarray:
         return _rate(state, np.interp(t, *helm), column, scheme, lanes)
 
     def leaves_the_range(t: float, state: np.ndarray) -> float:
-        return 1.0 if in_range(state[:, None], U, 0) else -1.0
+        return 1.0 if in_range(state[:, None], hull, 0) else -1.0
 
     def turned(t: float, state: np.ndarray) -> float:
         ordered = factor * manoeuvre.command(np.array([t]))[0]

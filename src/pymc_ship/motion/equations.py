@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from pymc_ship.forces.expressions import Program, run, set_parameters, sin_cos
+from pymc_ship.forces.hull import LOW_SPEED
 from pymc_ship.forces.prime_system import (
     acceleration_scale,
     angular_acceleration_scale,
@@ -24,6 +26,7 @@ from pymc_ship.forces.prime_system import (
 from pymc_ship.forces.propeller import PropellerConstants, loading
 from pymc_ship.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_products, plan
 from pymc_ship.trial.channels import channel_names
+from pymc_ship.vessel.parts import part_program
 from pymc_ship.vessel.vessel import DOFS, Vessel
 
 KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
@@ -46,11 +49,24 @@ HULL = np.dtype(
         np.record,
         [
             (name, float)
-            for name in ("L", "nominal_speed", "m", "x_G", "z_G", "volume", "GM", "BM", *PropellerConstants._fields)
+            for name in (
+                "L",
+                "nominal_speed",
+                "slowest",
+                "m",
+                "x_G",
+                "z_G",
+                "volume",
+                "GM",
+                "BM",
+                *PropellerConstants._fields,
+            )
         ],
     )
 )
 """Constants of a vessel: L, U_nom, volume, GM and BM in SI units, m, x_G and z_G prime, then those of the propeller.
+
+``slowest`` is the surge speed over U_nom above which her model means something.
 
 GM and BM are 0 without roll, the constants of the propeller without a propeller. The kernels read them from memory: as
 a NamedTuple they would be constants of the loops, and the compiler would multiply by 1/(L L) where it divides by L L,
@@ -63,7 +79,8 @@ class Scheme(NamedTuple):
 
     ``hull`` is a record of :data:`HULL`; ``left`` and ``right`` (n_products,) are the multiplication plan of the terms,
     ``rows`` and ``dof`` (n_coefficients,) the workspace row and the DOF of each coefficient, ``n_rows`` the rows of the
-    workspace; ``J_inverse`` (4, 4) is the inverse of the inertia matrix.
+    workspace; ``J_inverse`` (4, 4) is the inverse of the inertia matrix; ``program`` makes the accelerations by parts,
+    with ``n_part_rows`` rows of a workspace of its own.
     """
 
     hull: np.record
@@ -73,37 +90,22 @@ class Scheme(NamedTuple):
     dof: np.ndarray
     n_rows: int
     J_inverse: np.ndarray
+    program: Program
+    n_part_rows: int
 
 
 class Work(NamedTuple):
     """Arrays that the equations of motion fill.
 
     ``terms`` (n_rows, n_lanes) is the workspace of :func:`pymc_ship.forces.terms.fill_products`, ``speed`` (n_lanes,)
-    is U [m/s], ``force`` (4, n_lanes) are the prime forces and moments of surge, sway, yaw and roll.
+    is U [m/s], ``force`` (4, n_lanes) are the prime forces and moments of surge, sway, yaw and roll, ``parts``
+    (n_part_rows, n_lanes) is the workspace of :func:`pymc_ship.forces.expressions.run`.
     """
 
     terms: np.ndarray
     speed: np.ndarray
     force: np.ndarray
-
-
-@njit(**INLINED)
-def sin_cos(angle):
-    """Sine and cosine by the kernels of fdlibm after a three-part reduction; vectorises over lanes, good to 2 ulp."""
-    turns = np.rint(angle * (2.0 / math.pi))
-    x = (angle - turns * 1.57079632673412561417) - turns * 6.07710050630396597660e-11
-    x -= turns * 2.02226624879595063154e-21
-    z = x * x
-    s = 2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)
-    s = 8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * s)
-    s = x + x * z * (-1.66666666666666324348e-01 + z * s)
-    c = -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 - z * 1.13596475577881948265e-11)
-    c = 4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * c))
-    c = 1.0 - 0.5 * z + z * z * c
-    quadrant = turns - 4.0 * np.floor(turns * 0.25)
-    odd = (quadrant == 1.0) | (quadrant == 3.0)
-    sine, cosine = (c if odd else s), (s if odd else c)
-    return (-sine if quadrant >= 2.0 else sine), (-cosine if (quadrant == 1.0) | (quadrant == 2.0) else cosine)
+    parts: np.ndarray
 
 
 @njit(**INLINED)
@@ -180,13 +182,10 @@ def add_hydrodynamic_forces(coefficients, scheme, work):
 
 
 @njit(**INLINED)
-def state_derivative(state, delta, coefficients, scheme, work, rate):
-    """Time derivative of the states, written to ``rate`` (8, n_lanes).
-
-    ``state`` is (8, n_lanes), ``delta`` (n_lanes,) [rad], ``coefficients`` (n_coefficients, n_lanes).
-    """
+def _rates_of_terms(state, inputs, coefficients, scheme, work, rate):
+    """Write the accelerations by terms and by the known forces beside them."""
     hull, J_inverse, speed, force = scheme.hull, scheme.J_inverse, work.speed, work.force
-    prime_motion(state, delta, scheme, work)
+    prime_motion(state, inputs[0], scheme, work)
     known_forces(state, scheme, work)
     fill_products(work.terms, scheme.left, scheme.right)
     add_hydrodynamic_forces(coefficients, scheme, work)
@@ -196,6 +195,49 @@ def state_derivative(state, delta, coefficients, scheme, work, rate):
             acceleration = a * force[0, lane] + b * force[1, lane] + c * force[2, lane] + d * force[3, lane]
             linear, angular = acceleration_scale(speed[lane], hull.L), angular_acceleration_scale(speed[lane], hull.L)
             rate[row, lane] = acceleration * (linear if row < 2 else angular)
+
+
+@njit(**INLINED)
+def run_parts(state, inputs, scheme, work):
+    """Carry out the program of the parts at states and inputs; its parameters are set."""
+    U, turn = scheme.hull.nominal_speed, rate_scale(scheme.hull.nominal_speed, scheme.hull.L)
+    for lane in range(state.shape[1]):
+        work.parts[0, lane], work.parts[1, lane] = state[0, lane] / U, state[1, lane] / U
+        work.parts[2, lane], work.parts[3, lane] = state[2, lane] / turn, state[3, lane] / turn
+        work.parts[4, lane], work.parts[5, lane] = state[4, lane], state[5, lane]
+    for row in range(inputs.shape[0]):
+        for lane in range(state.shape[1]):
+            work.parts[6 + row, lane] = inputs[row, lane]
+    run(scheme.program, work.parts)
+
+
+@njit(**INLINED)
+def part_scale(scheme, row):
+    """Unit of the acceleration of a row of the states that a result of the program is measured in."""
+    U, L = scheme.hull.nominal_speed, scheme.hull.L
+    return acceleration_scale(U, L) if row < 2 else angular_acceleration_scale(U, L)
+
+
+@njit(**INLINED)
+def state_derivative(state, inputs, coefficients, scheme, work, rate):
+    """Time derivative of the states, written to ``rate`` (8, n_lanes).
+
+    ``state`` is (8, n_lanes), ``inputs`` (4, n_lanes) those of :data:`pymc_ship.forces.part.INPUTS`, ``coefficients``
+    (n_coefficients, n_lanes). The parameters of parts are those of :func:`set_parts`.
+    """
+    speed = work.speed
+    if scheme.program.results.size == 0 or scheme.rows.size > 0:
+        _rates_of_terms(state, inputs, coefficients, scheme, work, rate)
+    else:
+        for row in range(4):
+            for lane in range(state.shape[1]):
+                rate[row, lane] = 0.0
+    if scheme.program.results.size > 0:
+        run_parts(state, inputs, scheme, work)
+        for row in range(4):
+            result, scale = scheme.program.results[row], part_scale(scheme, row)
+            for lane in range(state.shape[1]):
+                rate[row, lane] += scale * work.parts[result, lane]
     for lane in range(state.shape[1]):
         _, cos_phi = sin_cos(state[4, lane])
         rate[4, lane] = state[3, lane]
@@ -207,6 +249,24 @@ def state_derivative(state, delta, coefficients, scheme, work, rate):
         rate[7, lane] = state[0, lane] * sin_psi + speed[lane] * cos_psi
 
 
+@njit(**PART)
+def set_parts(coefficients, scheme, work):
+    """Write the parameters of the parts, which follow those of the terms, to the workspace."""
+    if scheme.program.results.size > 0:
+        set_parameters(scheme.program, coefficients[scheme.rows.size :], work.parts)
+
+
+@njit(**KERNEL, forceinline=True)
+def workspace(n_lanes, scheme):
+    """Workspace of the equations of motion of so many ships; the kernel that inlines it knows their number."""
+    return Work(
+        np.zeros((scheme.n_rows, n_lanes)),
+        np.empty(n_lanes),
+        np.empty((4, n_lanes)),
+        np.zeros((scheme.n_part_rows, n_lanes)),
+    )
+
+
 def scheme(vessel: Vessel) -> Scheme:
     """Scheme of a vessel for :func:`state_derivative`; a force without terms is none."""
     terms = tuple(c.term for force in vessel.forces.values() for c in force)
@@ -215,6 +275,7 @@ def scheme(vessel: Vessel) -> Scheme:
     J_inverse = np.linalg.inv(vessel.inertia_matrix)
     if "roll" not in vessel.dofs:
         J_inverse[3] = 0.0
+    program = part_program(vessel)
     return Scheme(
         hull=hull(vessel),
         left=products.left,
@@ -223,6 +284,8 @@ def scheme(vessel: Vessel) -> Scheme:
         dof=dof.astype(np.int64),
         n_rows=products.n_rows,
         J_inverse=np.ascontiguousarray(J_inverse),
+        program=program,
+        n_part_rows=program.n_rows,
     )
 
 
@@ -231,5 +294,6 @@ def hull(vessel: Vessel) -> np.record:
     s = vessel.particulars
     GM, BM = (s.GM, s.BM) if "roll" in vessel.dofs else (0.0, 0.0)
     propeller = PropellerConstants() if vessel.propeller is None else vessel.propeller.constants(s.nominal_speed)
-    values = (s.L, s.nominal_speed, vessel.m, vessel.x_G, vessel.z_G, s.volume, GM, BM, *propeller)
+    slowest = -5.0 if LOW_SPEED.name in vessel.parts else 0.01
+    values = (s.L, s.nominal_speed, slowest, vessel.m, vessel.x_G, vessel.z_G, s.volume, GM, BM, *propeller)
     return np.rec.array(values, dtype=HULL)[()]

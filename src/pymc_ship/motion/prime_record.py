@@ -35,7 +35,10 @@ def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict, n
     for row, name in enumerate(STATE[:5]):
         if name in record:
             state[row] = record[name]
-    work, constants = Work(np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time))), scheme(vessel)
+    work, constants = (
+        Work(np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time)), np.empty((0, n_time))),
+        scheme(vessel),
+    )
     prime_motion(state, record["delta"], constants, work)
     known_forces(state, constants, work)
     motion = dict(zip(SYMBOLS, work.terms[ROW_SYMBOL:ROW_ABSOLUTE], strict=True))

@@ -1,4 +1,4 @@
-"""Motion along a rudder record: one ship, or one for each of many parameter vectors, in parallel."""
+"""Motion along recorded inputs: one ship, or one for each of many parameter vectors, in parallel."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import numpy as np
 from numba import njit
 
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.motion.equations import KERNEL, scheme
+from pymc_ship.motion.equations import KERNEL, scheme, set_parts
+from pymc_ship.motion.inputs import all_inputs
 from pymc_ship.motion.stepping import (
     LANES,
     METHODS,
+    N_INPUTS,
     SimulationError,
     advance_along,
     integration,
@@ -21,24 +23,26 @@ from pymc_ship.vessel.vessel import Vessel
 
 @njit(**KERNEL)
 def _replay(coefficients, scheme, initial, record, integration, out):
-    """Integrate the lanes along a rudder record; write block means to ``out`` (n_states, n_lanes, n_blocks)."""
+    """Integrate the lanes along a record of inputs; write block means to ``out`` (n_states, n_lanes, n_blocks)."""
     n_states, n_lanes, n_blocks = out.shape
-    block, substeps = record.size // n_blocks, integration.substeps
-    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme.n_rows)
+    block, substeps, n_time = record.shape[1] // n_blocks, integration.substeps, record.shape[1]
+    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme)
+    set_parts(coefficients, scheme, lanes.work)
     lanes.state[:n_states] = initial
-    delta, following = np.empty(n_lanes), np.empty(n_lanes)
+    inputs, following = np.empty((record.shape[0], n_lanes)), np.empty((record.shape[0], n_lanes))
     diverged = np.full(n_lanes, -1)
     for k in range(n_blocks * block):
-        if mark_divergence(lanes.state, scheme.hull.nominal_speed, k, diverged) == 0:
+        if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
             break
         for row in range(n_states):
             for lane in range(n_lanes):
                 out[row, lane, k // block] += lanes.state[row, lane] / block
-        change = (record[min(k + 1, record.size - 1)] - record[k]) / substeps
         for part in range(substeps):
-            delta[:] = record[k] + part * change
-            following[:] = record[k] + (part + 1) * change
-            advance_along(lanes, delta, following, coefficients, scheme, integration)
+            for row in range(record.shape[0]):
+                change = (record[row, min(k + 1, n_time - 1)] - record[row, k]) / substeps
+                inputs[row] = record[row, k] + part * change
+                following[row] = record[row, k] + (part + 1) * change
+            advance_along(lanes, inputs, following, coefficients, scheme, integration)
     for lane in range(n_lanes):
         if diverged[lane] >= 0:
             out[:, lane] = np.nan
@@ -46,7 +50,7 @@ def _replay(coefficients, scheme, initial, record, integration, out):
 
 def replay(
     vessel: Vessel,
-    delta: np.ndarray,
+    inputs: np.ndarray,
     initial_state: np.ndarray,
     coefficients: np.ndarray,
     *,
@@ -55,19 +59,20 @@ def replay(
     substeps: int = 1,
     block: int = 1,
 ) -> np.ndarray:
-    """Motion of many ships along one recorded rudder, each with its own coefficients and initial state.
+    """Motion of many ships along the same inputs, each with its own coefficients and initial state.
 
     Parameters
     ----------
     vessel : Vessel
-    delta : array_like, shape (n_time,)
-        Rudder angle at the samples [rad], linear between them.
+    inputs : array_like, shape (n_time,) or (4, n_time)
+        Rudder angle at the samples [rad], linear between them; or all inputs, see
+        :func:`pymc_ship.motion.inputs.recorded_inputs`.
     initial_state : array_like, shape (n_draws, n_states)
         The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m].
     coefficients : array_like, shape (n_draws, n_coefficients)
         DOFs one after the other in the vessel's order.
     interval : float
-        Sampling interval of the rudder [s].
+        Sampling interval of the inputs [s].
     method : {"euler", "rk4"}, optional
     substeps : int, optional
         Integration steps for each interval.
@@ -84,13 +89,13 @@ def replay(
     SimulationError
         For an unknown method, arrays of the wrong shape, counts below one or a record shorter than a block.
     """
-    record = np.ascontiguousarray(delta, dtype=float)
+    record = all_inputs(inputs)
     draws = np.atleast_2d(np.asarray(coefficients, dtype=float))
     initial = np.atleast_2d(np.asarray(initial_state, dtype=float))
     check_replay(vessel, record, initial[0], draws[0], interval=interval, method=method, substeps=substeps, block=block)
     if len(initial) != len(draws):
         raise SimulationError(f"Each draw has its initial state, found {len(draws)} and {len(initial)}; match them.")
-    out = np.zeros((initial.shape[1], len(draws), record.size // block))
+    out = np.zeros((initial.shape[1], len(draws), record.shape[1] // block))
     equations, steps = scheme(vessel), integration(method, interval * (1.0 / substeps), substeps)
     blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
@@ -105,7 +110,7 @@ def replay(
 
 def check_replay(
     vessel: Vessel,
-    delta: np.ndarray,
+    inputs: np.ndarray,
     initial_state: np.ndarray,
     coefficients: np.ndarray,
     *,
@@ -114,15 +119,15 @@ def check_replay(
     substeps: int,
     block: int,
 ) -> None:
-    """Raise SimulationError for settings that no rudder record can be replayed with; see :func:`replay`."""
-    n_coefficients = sum(len(vessel.terms(dof)) for dof in vessel.dofs)
-    shapes = coefficients.shape, initial_state.shape, delta.shape
-    if shapes[0] != (n_coefficients,) or shapes[1] not in ((5,), (6,), (8,)) or delta.ndim != 1:
+    """Raise SimulationError for settings that no record can be replayed with; see :func:`replay`."""
+    n_coefficients = sum(map(len, vessel.forces.values())) + len(vessel.parameters)
+    shapes = coefficients.shape, initial_state.shape, inputs.shape
+    if shapes[0] != (n_coefficients,) or shapes[1] not in ((5,), (6,), (8,)) or shapes[2][0] != N_INPUTS:
         raise SimulationError(
-            f"A replay needs {n_coefficients} coefficients, 5, 6 or 8 initial states and a rudder record, found shapes "
-            f"{', '.join(map(str, shapes))}; reshape them."
+            f"A replay needs {n_coefficients} coefficients, 5, 6 or 8 initial states and inputs of shape (time,) or "
+            f"(4, time), found shapes {', '.join(map(str, shapes))}; reshape them."
         )
-    if method not in METHODS or substeps < 1 or not 1 <= block <= delta.size or not 0.0 < interval < np.inf:
+    if method not in METHODS or substeps < 1 or not 1 <= block <= inputs.shape[1] or not 0.0 < interval < np.inf:
         raise SimulationError(
             f"A replay needs a method of {', '.join(METHODS)}, a positive interval, substeps from 1 and a block from 1 "
             f"to the record's length, found {method!r}, {interval}, {substeps} and {block}; correct them."

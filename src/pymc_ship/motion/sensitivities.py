@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from pymc_ship.forces.expressions import sin_cos, sweep
 from pymc_ship.forces.prime_system import (
     acceleration_scale,
     angular_acceleration_scale,
@@ -26,15 +27,18 @@ from pymc_ship.motion.equations import (
     INLINED,
     KERNEL,
     PART,
-    Work,
     add_hydrodynamic_forces,
+    part_scale,
     propeller_constants,
     scheme,
-    sin_cos,
+    set_parts,
     state_derivative,
+    workspace,
 )
+from pymc_ship.motion.inputs import all_inputs
 from pymc_ship.motion.replay import check_replay
 from pymc_ship.motion.stepping import (
+    N_INPUTS,
     STATE_ROWS,
     Integration,
     add,
@@ -53,9 +57,9 @@ INSTANTS = 32
 
 
 class Record(NamedTuple):
-    """Rudder record: ``delta`` (n_time,) [rad], how it is integrated, and ``block``, the samples averaged into one."""
+    """Inputs (4, n_time) of a record, how it is integrated, and ``block``, the samples averaged into one."""
 
-    delta: np.ndarray
+    inputs: np.ndarray
     integration: Integration
     block: int
 
@@ -73,17 +77,19 @@ class Change(NamedTuple):
 class Instants(NamedTuple):
     """Evaluations of the equations of motion in the order of the integration, and the linearisation at each of them.
 
-    ``state`` and ``rate`` (8, n_instants), ``delta`` (n_instants,) [rad]; ``f_x`` (n_states, n_states, n_instants) are
-    the derivatives of the rates by the states, ``features`` (n_instants, n_columns) the products U^2 term of the
-    coefficients; ``gain`` (4, n_columns) holds the accelerations by a feature of 1.
+    ``state`` and ``rate`` (8, n_instants), ``inputs`` (4, n_instants); ``f_x`` (n_states, n_states, n_instants) are the
+    derivatives of the rates by the states, ``features`` (n_instants, n_columns) the products U^2 term of the
+    coefficients; ``gain`` (4, n_columns) holds the accelerations by a feature of 1; ``by_parts`` (4, n_instants,
+    n_columns) are the derivatives of the accelerations by the parameters of parts, without rows where there are none.
     """
 
     state: np.ndarray
-    delta: np.ndarray
+    inputs: np.ndarray
     rate: np.ndarray
     f_x: np.ndarray
     features: np.ndarray
     gain: np.ndarray
+    by_parts: np.ndarray
 
 
 class Tangents(NamedTuple):
@@ -150,7 +156,7 @@ def _known_force_tangents(change, state, scheme, work, tangent):
 
 
 @njit(**PART)
-def _force_jacobian(instants, coefficients, scheme, work, tangent):
+def _terms_jacobian(instants, coefficients, scheme, work, tangent):
     """Derivatives of the rates of u, v, r, p by u, v, r, p, phi."""
     hull, J_inverse, force = scheme.hull, scheme.J_inverse, tangent.force
     for i in range(5):
@@ -161,7 +167,7 @@ def _force_jacobian(instants, coefficients, scheme, work, tangent):
         add_hydrodynamic_forces(coefficients, scheme, tangent)
         for k in range(4):
             a, b, c, d = J_inverse[k, 0], J_inverse[k, 1], J_inverse[k, 2], J_inverse[k, 3]
-            for lane in range(instants.delta.size):
+            for lane in range(instants.state.shape[1]):
                 U = work.speed[lane]
                 acceleration = a * force[0, lane] + b * force[1, lane]
                 acceleration += c * force[2, lane] + d * force[3, lane]
@@ -191,34 +197,70 @@ def _kinematic_jacobian(state, f_x):
 @njit(**PART)
 def _linearise(instants, coefficients, scheme, work, tangent):
     """Fill f_x and, row by row, the products U^2 term of all coefficients at the states and rudder angles."""
+    state_derivative(instants.state, instants.inputs, coefficients, scheme, work, instants.rate)
+    if scheme.rows.size > 0:
+        _linearise_terms(instants, coefficients, scheme, work, tangent)
+    else:
+        for k in range(4):
+            instants.f_x[k] = 0.0
+    if scheme.program.results.size > 0:
+        _add_parts(instants, scheme, work, tangent)
+    _kinematic_jacobian(instants.state, instants.f_x)
+
+
+@njit(**PART)
+def _linearise_terms(instants, coefficients, scheme, work, tangent):
+    """Derivatives of the accelerations by terms: f_x, and the features of the coefficients."""
     state, speed = instants.state, work.speed
-    state_derivative(state, instants.delta, coefficients, scheme, work, instants.rate)
     for lane in range(state.shape[1]):
         speed[lane] = np.sqrt(state[0, lane] ** 2 + state[1, lane] ** 2)
     for j in range(scheme.rows.size):
         for lane in range(state.shape[1]):
             instants.features[lane, j] = work.terms[scheme.rows[j], lane] * speed[lane] ** 2
-    _force_jacobian(instants, coefficients, scheme, work, tangent)
-    _kinematic_jacobian(state, instants.f_x)
+    _terms_jacobian(instants, coefficients, scheme, work, tangent)
+
+
+@njit(**PART)
+def _add_parts(instants, scheme, work, tangent):
+    """Add the derivatives of the accelerations by parts to f_x, and fill those by their parameters."""
+    program, slope, f_x = scheme.program, tangent.parts, instants.f_x
+    U, turn = scheme.hull.nominal_speed, rate_scale(scheme.hull.nominal_speed, scheme.hull.L)
+    first, n_states = scheme.rows.size, min(f_x.shape[0], 6)
+    for k in range(4):
+        if not program.needed[k].any():
+            continue
+        sweep(program, work.parts, k, slope)
+        scale = part_scale(scheme, k)
+        for i in range(n_states):
+            unit = scale / (U if i < 2 else turn if i < 4 else 1.0)
+            for lane in range(f_x.shape[2]):
+                f_x[k, i, lane] += unit * slope[i, lane]
+        for j in range(program.n_parameters):
+            row = program.n_inputs + j
+            for lane in range(f_x.shape[2]):
+                instants.by_parts[k, lane, first + j] = scale * slope[row, lane]
 
 
 @njit(**INLINED)
 def _march(ship, coefficients, scheme, record, steps, instants):
     """Integrate some steps, noting state and rudder at each evaluation; False when the ship diverged."""
-    delta, substeps, stages = record.delta, record.integration.substeps, record.integration.stages
+    inputs, substeps, stages = record.inputs, record.integration.substeps, record.integration.stages
     instant = 0
     for k in range(steps[0], steps[1]):
         sample, part = k // substeps, k % substeps
-        if part == 0 and not in_range(ship.state, scheme.hull.nominal_speed, 0):
+        if part == 0 and not in_range(ship.state, scheme.hull, 0):
             return False
-        change = (delta[min(sample + 1, delta.size - 1)] - delta[sample]) / substeps
-        for stage in range(stages.shape[0]):
-            ship.delta[stage, 0] = delta[sample] + (part + stages[stage, 0]) * change
+        following = min(sample + 1, inputs.shape[1] - 1)
+        for row in range(inputs.shape[0]):
+            change = (inputs[row, following] - inputs[row, sample]) / substeps
+            for stage in range(stages.shape[0]):
+                ship.inputs[stage, row, 0] = inputs[row, sample] + (part + stages[stage, 0]) * change
         advance(ship, coefficients, scheme, record.integration)
         for stage in range(stages.shape[0]):
             for row in range(ship.state.shape[0]):
                 instants.state[row, instant] = ship.inner[stage, row, 0]
-            instants.delta[instant] = ship.delta[stage, 0]
+            for row in range(inputs.shape[0]):
+                instants.inputs[row, instant] = ship.inputs[stage, row, 0]
             instant += 1
     return True
 
@@ -243,6 +285,13 @@ def _sensitivity_rate(S, instants, instant, rate):
         for j in range(n_columns):
             f = instants.gain[k, j] * instants.features[instant, j]
             rate[k, j] = a * S[0, j] + b * S[1, j] + c * S[2, j] + d * S[3, j] + e * S[4, j] + f
+        if instants.by_parts.size > 0:
+            for j in range(n_columns):
+                rate[k, j] += instants.by_parts[k, instant, j]
+            if S.shape[0] > 5:
+                turned = f_x[k, 5, instant]
+                for j in range(n_columns):
+                    rate[k, j] += turned * S[5, j]
     for j in range(n_columns):
         rate[4, j] = S[3, j]
     if S.shape[0] > 5:
@@ -292,19 +341,14 @@ def _forcing_gain(scheme, n_columns):
 
 
 @njit(**KERNEL, forceinline=True)
-def _instants(n_states, nominal_speed, gain):
+def _instants(n_states, scheme, gain):
     """Instants of a ship that sails straight ahead, which stand for those that no step has reached."""
     state = np.zeros((STATE_ROWS, INSTANTS))
-    state[0] = nominal_speed
-    delta, rate = np.zeros(INSTANTS), np.empty((STATE_ROWS, INSTANTS))
+    state[0] = scheme.hull.nominal_speed
+    inputs, rate = np.zeros((N_INPUTS, INSTANTS)), np.empty((STATE_ROWS, INSTANTS))
     f_x, features = np.zeros((n_states, n_states, INSTANTS)), np.zeros((INSTANTS, gain.shape[1]))
-    return Instants(state, delta, rate, f_x, features, gain)
-
-
-@njit(**KERNEL, forceinline=True)
-def _work(n_rows):
-    """Workspace of the instants."""
-    return Work(np.zeros((n_rows, INSTANTS)), np.empty(INSTANTS), np.empty((4, INSTANTS)))
+    by_parts = np.zeros((4 if scheme.program.results.size > 0 else 0, INSTANTS, gain.shape[1]))
+    return Instants(state, inputs, rate, f_x, features, gain, by_parts)
 
 
 @njit(**KERNEL)
@@ -313,14 +357,16 @@ def _integrate(coefficients, scheme, initial, record, motion, jacobian):
     n_states, n_blocks, n_columns = jacobian.shape
     n_coefficients, n_stages = coefficients.shape[0], record.integration.stages.shape[0]
     gain = _forcing_gain(scheme, -(-n_columns // 16) * 16)
-    ship, S = lanes_at_rest(1, n_stages, scheme.n_rows), np.zeros((n_states, gain.shape[1]))
+    ship, S = lanes_at_rest(1, n_stages, scheme), np.zeros((n_states, gain.shape[1]))
     for k in range(n_states):
         ship.state[k, 0], S[k, n_coefficients + k] = initial[k], 1.0
     many = np.empty((n_coefficients, INSTANTS))
     for j in range(n_coefficients):
         many[j] = coefficients[j, 0]
-    instants = _instants(n_states, scheme.hull.nominal_speed, gain)
-    work, tangent = _work(scheme.n_rows), _work(scheme.n_rows)
+    instants = _instants(n_states, scheme, gain)
+    work, tangent = workspace(INSTANTS, scheme), workspace(INSTANTS, scheme)
+    set_parts(coefficients, scheme, ship.work)
+    set_parts(many, scheme, work)
     tangents = Tangents(S, np.empty(S.shape), np.empty(S.shape), np.empty(S.shape), np.zeros(S.shape))
     motion[:] = 0.0
     n_steps, stride = n_blocks * record.block * record.integration.substeps, INSTANTS // n_stages
@@ -338,7 +384,7 @@ def _integrate(coefficients, scheme, initial, record, motion, jacobian):
 
 def sensitivities(
     vessel: VesselLike,
-    delta: np.ndarray,
+    inputs: np.ndarray,
     initial_state: np.ndarray,
     coefficients: np.ndarray | None = None,
     *,
@@ -347,13 +393,14 @@ def sensitivities(
     substeps: int = 1,
     block: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Motion along a rudder record and its exact derivatives by the coefficients and the initial state.
+    """Motion along a record of inputs and its exact derivatives by the coefficients and the initial state.
 
     Parameters
     ----------
     vessel : Vessel, str or Path
-    delta : array_like, shape (n_time,)
-        Rudder angle at the samples [rad], linear between them.
+    inputs : array_like, shape (n_time,) or (4, n_time)
+        Rudder angle at the samples [rad], linear between them; or all inputs, see
+        :func:`pymc_ship.motion.inputs.recorded_inputs`.
     initial_state : array_like, shape (n_states,)
         The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m]; the motion has as many rows.
     coefficients : array_like, shape (n_coefficients,), optional
@@ -389,11 +436,11 @@ def sensitivities(
     ((5, 600), (5, 600, 30))
     """
     vessel, initial = as_vessel(vessel), np.array(initial_state, dtype=float)
-    delta = np.ascontiguousarray(delta, dtype=float)
+    inputs = all_inputs(inputs)
     theta = reference_coefficients(vessel) if coefficients is None else np.array(coefficients, dtype=float)
-    check_replay(vessel, delta, initial, theta, interval=interval, method=method, substeps=substeps, block=block)
-    record = Record(delta, integration(method, interval / substeps, substeps), int(block))
-    motion = np.empty((initial.size, delta.size // block))
+    check_replay(vessel, inputs, initial, theta, interval=interval, method=method, substeps=substeps, block=block)
+    record = Record(inputs, integration(method, interval / substeps, substeps), int(block))
+    motion = np.empty((initial.size, inputs.shape[1] // block))
     jacobian = np.empty((*motion.shape, theta.size + initial.size))
     if not _integrate(theta[:, None].copy(), scheme(vessel), initial, record, motion, jacobian):
         motion[:], jacobian[:] = np.nan, np.nan

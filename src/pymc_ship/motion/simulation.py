@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,11 +12,13 @@ from numba import njit
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
-from pymc_ship.motion.controlled import Gear, course
-from pymc_ship.motion.equations import KERNEL, PART, scheme
+from pymc_ship.motion.controlled import Gear, Start, course
+from pymc_ship.motion.equations import KERNEL, PART, scheme, set_parts
+from pymc_ship.motion.inputs import steady_inputs, velocity
 from pymc_ship.motion.stepping import (
     LANES,
     METHODS,
+    N_INPUTS,
     STATE_ROWS,
     Integration,
     SimulationError,
@@ -38,10 +41,12 @@ class Steering(NamedTuple):
 
     ``travel`` [rad] is the most that the rudder moves in a step, infinity for a rudder that is where the command is.
     The command is multiplied by ``factor``, ``delay`` steps after the ship has turned by ``heading`` [rad] to the side
-    of the command; an infinite heading is never reached.
+    of the command; an infinite heading is never reached. ``others`` (3,) are the other inputs, which
+    are constant.
     """
 
     command: np.ndarray
+    others: np.ndarray
     travel: float
     heading: float
     factor: float
@@ -79,14 +84,19 @@ def _steer(steering, psi, command, helm):
 def _integrate(coefficients, scheme, initial, steering, integration, out):
     """Integrate the lanes; write samples to ``out`` (9, n_lanes, n_saved), return the steps at which they diverged."""
     n_lanes, command = coefficients.shape[1], steering.command
-    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme.n_rows)
+    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme)
+    set_parts(coefficients, scheme, lanes.work)
     for row in range(initial.size):
         lanes.state[row] = initial[row]
-    delta = np.full(n_lanes, command[0] if steering.travel == np.inf else 0.0)
-    helm = Helm(delta, delta.copy(), np.ones(n_lanes), np.full(n_lanes, -1))
+    inputs, following = np.zeros((N_INPUTS, n_lanes)), np.zeros((N_INPUTS, n_lanes))
+    inputs[0] = command[0] if steering.travel == np.inf else 0.0
+    for row in range(steering.others.size):
+        inputs[1 + row], following[1 + row] = steering.others[row], steering.others[row]
+    delta = inputs[0]
+    helm = Helm(delta, following[0], np.ones(n_lanes), np.full(n_lanes, -1))
     diverged = np.full(n_lanes, -1)
     for k in range(command.size):
-        if mark_divergence(lanes.state, scheme.hull.nominal_speed, k, diverged) == 0:
+        if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
             break
         if k % integration.substeps == 0:
             for lane in range(n_lanes):
@@ -95,7 +105,7 @@ def _integrate(coefficients, scheme, initial, steering, integration, out):
                     out[-1, lane, k // integration.substeps] = delta[lane]
         ahead = command[min(k + 1, command.size - 1)] if steering.travel == np.inf else command[k]
         _steer(steering, lanes.state[5], ahead, helm)
-        advance_along(lanes, delta, helm.following, coefficients, scheme, integration)
+        advance_along(lanes, inputs, following, coefficients, scheme, integration)
         delta[:] = helm.following
     return diverged
 
@@ -109,9 +119,13 @@ def simulate(
     method: str = "euler",
     record_interval: float | None = None,
     coefficients: np.ndarray | None = None,
+    initial_state: Sequence[float] | None = None,
+    n: float | None = None,
+    wind: tuple[float, float] | None = None,
+    current: tuple[float, float] | None = None,
     tolerance: float = 1e-9,
 ) -> xr.Dataset:
-    """Simulate a manoeuvre from a straight course at the approach speed.
+    """Simulate a manoeuvre, from a straight course at the approach speed unless another state is given.
 
     Parameters
     ----------
@@ -129,6 +143,14 @@ def simulate(
         Interval of the samples kept [s], a multiple of the step; every step by default.
     coefficients : array_like, shape (n_draws, n_coefficients), optional
         Parameter vectors, DOFs one after the other in the vessel's order; the vessel's reference values by default.
+    initial_state : sequence of float, optional
+        u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m] at time 0, in place of a straight course to the north.
+    n : float, optional
+        Revolutions [1/s]; those that hold the approach speed by default.
+    wind : (float, float), optional
+        True wind: its speed [m/s] and where it comes from [deg].
+    current : (float, float), optional
+        A uniform current: its speed [m/s] and where it goes [deg]. u and v are through the water, x and y over ground.
     tolerance : float, optional
         Relative error that a step of dop853 may have; the other methods do not use it.
 
@@ -142,7 +164,8 @@ def simulate(
     ------
     SimulationError
         For an unknown method, a step, duration or tolerance that is not positive, an interval that is no multiple of
-        the step, coefficients of the wrong shape.
+        the step, coefficients or an initial state of the wrong shape, revolutions of a ship whose thrust no part makes,
+        or wind on a ship without the part "wind".
 
     References
     ----------
@@ -165,29 +188,31 @@ def simulate(
     if draws.ndim != 2 or draws.shape[1] != reference.size or not draws.size:
         raise SimulationError(f"Coefficients have shape (draws, {reference.size}), found {draws.shape}; reorder them.")
     time = np.arange(0, n_steps, stride) * step
+    speed = _approach_speed(vessel, manoeuvre)
+    start = Start(_initial_state(initial_state, speed), steady_inputs(vessel, speed, n=n, wind=wind, current=current))
     if method == "dop853":
-        out, diverged_at = _controlled(vessel, manoeuvre, draws, time, tolerance)
+        out, diverged_at = _controlled(vessel, manoeuvre, draws, time, start, tolerance)
     else:
-        out, diverged_at = _stepped(vessel, manoeuvre, draws, integration(method, step, stride), n_steps)
-    attrs = _attrs(vessel, manoeuvre, step=step, method=method)
+        out, diverged_at = _stepped(vessel, manoeuvre, draws, integration(method, step, stride), n_steps, start)
+    for row, drift in zip(out[-3:-1], velocity(current), strict=True):
+        row += drift * time
+    attrs = _attrs(vessel, manoeuvre, step=step, method=method, **_told(n, wind, current))
     if method == "dop853":
         attrs["tolerance"] = tolerance
     return _dataset(out, time, diverged_at, attrs, coefficients is None)
 
 
 def _stepped(
-    vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, steps: Integration, n_steps: int
+    vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, steps: Integration, n_steps: int, start: Start
 ) -> tuple[np.ndarray, np.ndarray]:
     """Samples (9, n_draws, n_saved) of ships side by side by steps of one length, and when each diverged [s]."""
     out = np.full((len(SIMULATED), len(draws), -(-n_steps // steps.substeps)), np.nan)
-    equations, initial = scheme(vessel), np.zeros(STATE_ROWS)
-    steering = _steering(vessel, manoeuvre, n_steps, steps.step)
-    initial[0] = _approach_speed(vessel, manoeuvre)
+    equations, steering = scheme(vessel), _steering(vessel, manoeuvre, n_steps, steps.step, start.others)
     blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
     def run(lanes: slice) -> np.ndarray:
         coefficients = np.ascontiguousarray(draws[lanes].T)
-        return _integrate(coefficients, equations, initial, steering, steps, out[:, lanes])
+        return _integrate(coefficients, equations, start.state, steering, steps, out[:, lanes])
 
     with thread_pool(len(blocks)) as pool:
         diverged = np.concatenate(list(pool.map(run, blocks)))
@@ -195,13 +220,13 @@ def _stepped(
 
 
 def _controlled(
-    vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, time: np.ndarray, tolerance: float
+    vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, time: np.ndarray, start: Start, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same by steps of controlled error, one ship after the other."""
     if not 1e-13 <= tolerance < 1.0:
         raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {tolerance}; correct it.")
     gear = Gear(rudder_rate(vessel, manoeuvre), vessel.particulars.rudder_delay)
-    known = {"speed": _approach_speed(vessel, manoeuvre), "tolerance": tolerance}
+    known = {"start": start, "tolerance": tolerance}
     runs = [course(one, scheme(vessel), manoeuvre, gear, time, **known) for one in draws]
     return np.stack([run.samples for run in runs], axis=1), np.array([run.diverged_at for run in runs])
 
@@ -222,11 +247,12 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
     return round(duration / step), stride
 
 
-def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float) -> Steering:
+def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float, others: np.ndarray) -> Steering:
     """What steers a vessel through a manoeuvre in steps of so many seconds."""
     heading, factor = manoeuvre.switch
     return Steering(
         command=manoeuvre.command(np.arange(n_steps) * step),
+        others=others,
         travel=rudder_rate(vessel, manoeuvre) * step,
         heading=float(heading),
         factor=float(factor),
@@ -237,6 +263,28 @@ def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float) -
 def _approach_speed(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
     """Speed at time 0 [m/s]."""
     return float(manoeuvre.approach_speed or vessel.particulars.nominal_speed)
+
+
+def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:
+    """State at time 0, (8,)."""
+    state = np.zeros(STATE_ROWS)
+    state[0] = speed
+    if given is None:
+        return state
+    found = np.asarray(given, dtype=float)
+    if found.shape != state.shape or not np.isfinite(found).all():
+        raise SimulationError(
+            f"An initial state has 8 numbers, u, v, r, p, phi, psi, x and y, found {found.tolist()}; correct it."
+        )
+    return found
+
+
+def _told(n: float | None, wind: tuple[float, float] | None, current: tuple[float, float] | None) -> dict:
+    """Settings of the surroundings that are told with a record."""
+    found = {} if n is None else {"n": float(n)}
+    for name, given in (("wind", wind), ("current", current)):
+        found |= {} if given is None else {f"{name}_speed": float(given[0]), f"{name}_direction": float(given[1])}
+    return found
 
 
 def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, **settings: float | str) -> dict:

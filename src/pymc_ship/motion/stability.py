@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pymc_ship.forces.prime_system import rate_scale
-from pymc_ship.motion.equations import STATE, VELOCITIES, Work, scheme, state_derivative
+from pymc_ship.motion.equations import STATE, scheme, set_parts, state_derivative, workspace
+from pymc_ship.motion.inputs import all_inputs
 from pymc_ship.vessel.vessel import Vessel
 
 _SHARE = 1e-6
@@ -58,6 +59,7 @@ def _rates(vessel: Vessel, coefficients: np.ndarray, speed: float, row: int, cha
     state, rate = np.zeros((len(STATE), n_ships)), np.empty((len(STATE), n_ships))
     state[STATE.index("u")] = speed
     state[row] = change
-    work = Work(np.empty((constants.n_rows, n_ships)), np.empty(n_ships), np.empty((len(VELOCITIES), n_ships)))
-    state_derivative(state, np.zeros(n_ships), np.ascontiguousarray(coefficients.T), constants, work, rate)
+    columns, work = np.ascontiguousarray(coefficients.T), workspace(n_ships, constants)
+    set_parts(columns, constants, work)
+    state_derivative(state, all_inputs(np.zeros(n_ships)), columns, constants, work, rate)
     return rate

@@ -10,14 +10,17 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from pymc_ship.forces.part import INPUTS
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.equations import INLINED, KERNEL, PART, STATE, Work, state_derivative
+from pymc_ship.motion.equations import INLINED, KERNEL, PART, STATE, Work, state_derivative, workspace
 from pymc_ship.vessel.vessel import Vessel
 
 METHODS = ("euler", "rk4")
 """Integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta."""
 
 STATE_ROWS = len(STATE)
+
+N_INPUTS = len(INPUTS)
 
 STEPS = 240
 """Steps in L/U of a manoeuvre that is simulated at the pace of a vessel: the rudder is reversed on one of them."""
@@ -53,13 +56,13 @@ class Integration(NamedTuple):
 class Lanes(NamedTuple):
     """Ships side by side and what one step of them needs.
 
-    ``state`` (8, n_lanes) is where they are, ``inner`` (n_stages, 8, n_lanes) and ``delta`` (n_stages, n_lanes) are the
-    states and rudder angles at which the equations of motion are evaluated, ``rate`` (8, n_lanes) is their result.
+    ``state`` (8, n_lanes) is where they are, ``inner`` (n_stages, 8, n_lanes) and ``inputs`` (n_stages, 4, n_lanes) are
+    the states and inputs at which the equations of motion are evaluated, ``rate`` (8, n_lanes) is their result.
     """
 
     state: np.ndarray
     inner: np.ndarray
-    delta: np.ndarray
+    inputs: np.ndarray
     rate: np.ndarray
     work: Work
 
@@ -70,39 +73,41 @@ def integration(method: str, step: float, substeps: int) -> Integration:
 
 
 @njit(**KERNEL, forceinline=True)
-def lanes_at_rest(n_lanes, n_stages, n_rows):
-    """Lanes with all states at zero and a workspace of ``n_rows`` rows."""
+def lanes_at_rest(n_lanes, n_stages, scheme):
+    """Lanes with all states at zero and the workspace that a scheme needs."""
     return Lanes(
         np.zeros((STATE_ROWS, n_lanes)),
         np.empty((n_stages, STATE_ROWS, n_lanes)),
-        np.empty((n_stages, n_lanes)),
+        np.empty((n_stages, N_INPUTS, n_lanes)),
         np.empty((STATE_ROWS, n_lanes)),
-        Work(np.empty((n_rows, n_lanes)), np.empty(n_lanes), np.empty((4, n_lanes))),
+        workspace(n_lanes, scheme),
     )
 
 
 @njit(**INLINED)
 def advance(lanes, coefficients, scheme, integration):
-    """One step of the states, in place, with the rudder angles of its stages; ``inner`` keeps the states evaluated."""
+    """One step of the states, in place, with the inputs of its stages; ``inner`` keeps the states evaluated."""
     state, inner, rate = lanes.state, lanes.inner, lanes.rate
     stages, step = integration.stages, integration.step
     copy(inner[0], state)
     for stage in range(stages.shape[0]):
         if stage > 0:
             add(inner[stage], inner[0], stages[stage, 0] * step, rate)
-        state_derivative(inner[stage], lanes.delta[stage], coefficients, scheme, lanes.work, rate)
+        state_derivative(inner[stage], lanes.inputs[stage], coefficients, scheme, lanes.work, rate)
         increase(state, stages[stage, 1] * step, rate)
 
 
 @njit(**PART)
-def in_range(state, nominal_speed, lane):
+def in_range(state, hull, lane):
     """Whether the model is valid for the ship of a lane.
 
-    Her state is finite, she is upright and moves ahead at 1 to 500 % of the nominal speed.
+    Her state is finite, she is upright, no faster than 500 % of the nominal speed and, unless her hull is one for low
+    speed, makes way ahead at 1 % of it or more.
     """
+    nominal_speed = hull.nominal_speed
     speed2 = state[0, lane] ** 2 + state[1, lane] ** 2
     turning = abs(state[2, lane]) + abs(state[3, lane]) + abs(state[5, lane])
-    ahead = (state[0, lane] > 0.01 * nominal_speed) & (speed2 < 25.0 * nominal_speed**2)
+    ahead = (state[0, lane] > hull.slowest * nominal_speed) & (speed2 < 25.0 * nominal_speed**2)
     return ahead & (turning < np.inf) & (abs(state[4, lane]) < 0.5 * np.pi)
 
 
@@ -131,19 +136,19 @@ def increase(target, factor, rate):
 
 
 @njit(**PART)
-def mark_divergence(state, nominal_speed, step, diverged):
+def mark_divergence(state, hull, step, diverged):
     """Note the step at which a lane leaves the model's range and park it there; count the lanes still running."""
     n_lanes = state.shape[1]
     n_in_range = 0
     for lane in range(n_lanes):
-        n_in_range += in_range(state, nominal_speed, lane)
+        n_in_range += in_range(state, hull, lane)
     if n_in_range < n_lanes:
         for lane in range(n_lanes):
-            if not in_range(state, nominal_speed, lane):
+            if not in_range(state, hull, lane):
                 if diverged[lane] < 0:
                     diverged[lane] = step
                 state[:, lane] = 0.0
-                state[0, lane] = nominal_speed
+                state[0, lane] = hull.nominal_speed
     running = 0
     for lane in range(n_lanes):
         running += diverged[lane] < 0
@@ -151,12 +156,14 @@ def mark_divergence(state, nominal_speed, step, diverged):
 
 
 @njit(**INLINED)
-def advance_along(lanes, delta, following, coefficients, scheme, integration):
-    """One step while the rudder moves from one angle to another."""
+def advance_along(lanes, inputs, following, coefficients, scheme, integration):
+    """One step while the inputs (4, n_lanes) move from one value to another."""
     for stage in range(integration.stages.shape[0]):
         fraction = integration.stages[stage, 0]
-        for lane in range(delta.size):
-            lanes.delta[stage, lane] = delta[lane] + fraction * (following[lane] - delta[lane])
+        for row in range(inputs.shape[0]):
+            for lane in range(inputs.shape[1]):
+                change = following[row, lane] - inputs[row, lane]
+                lanes.inputs[stage, row, lane] = inputs[row, lane] + fraction * change
     advance(lanes, coefficients, scheme, integration)
 
 

@@ -161,7 +161,7 @@ def weak_form_start(
     """Coefficients of the weak form under the prior N(mean_j, (tau scale_j)^2): a start for a trajectory fit.
 
     tau and the noise variance of each DOF maximise the evidence of the rows of all trials, taken as independent and
-    equally noisy.
+    equally noisy. Parameters of parts stay at their means.
 
     Parameters
     ----------
@@ -188,15 +188,19 @@ def weak_form_start(
     vessel = as_vessel(vessel)
     n_terms = [len(vessel.terms(dof)) for dof in vessel.dofs]
     mean, scale = np.asarray(mean, dtype=float), np.asarray(scale, dtype=float)
-    if not mean.shape == scale.shape == (sum(n_terms),) or not np.isfinite(mean).all() or not (scale >= 0.0).all():
+    size = sum(n_terms) + len(vessel.parameters)
+    if not mean.shape == scale.shape == (size,) or not np.isfinite(mean).all() or not (scale >= 0.0).all():
         raise ValueError(
-            f"The prior has a finite mean and a scale from 0 up for each of {sum(n_terms)} coefficients, found shapes "
+            f"The prior has a finite mean and a scale from 0 up for each of {size} coefficients, found shapes "
             f"{mean.shape} and {scale.shape}, or values that are not so; correct them."
         )
-    cuts = np.cumsum(n_terms)[:-1]
+    if not sum(n_terms):
+        return mean.copy()
+    cuts = np.cumsum(n_terms)
     rows = _stacked(trials, vessel, method).values()
-    parts = zip(rows, np.split(mean, cuts), np.split(scale, cuts), strict=True)
-    return np.concatenate([evidence_posterior_mean(*data, *prior) for data, *prior in parts])
+    *means, parameters = np.split(mean, cuts)
+    parts = zip(rows, means, np.split(scale, cuts)[:-1], strict=True)
+    return np.concatenate([*(evidence_posterior_mean(*data, *prior) for data, *prior in parts), parameters])
 
 
 def coefficient_scales(

@@ -27,8 +27,9 @@ from pymc_ship.trajectory.posterior import (
     trajectory_mode,
     trajectory_tree,
 )
-from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
+from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.vessel.reading import VesselLike, as_vessel
+from pymc_ship.vessel.vessel import coefficient_names
 
 if TYPE_CHECKING:
     import pymc as pm

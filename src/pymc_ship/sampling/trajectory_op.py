@@ -43,7 +43,7 @@ class SimulatedMotion(Op):
         coefficients, initial_state = inputs
         run = self.run
         motion, jacobian = sensitivities(
-            self.vessel, run.delta, initial_state, coefficients, block=run.block, **run.integration
+            self.vessel, run.inputs, initial_state, coefficients, block=run.block, **run.integration
         )
         if not np.isfinite(motion).all():
             jacobian[:] = 0.0

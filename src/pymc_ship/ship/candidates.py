@@ -21,7 +21,7 @@ from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, normal_draws, prepared_windows, widened
 from pymc_ship.vessel.hull_database import with_hull_database
-from pymc_ship.vessel.term_sets import with_terms
+from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, term_sets, with_terms
 from pymc_ship.vessel.vessel import Vessel
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
@@ -29,6 +29,9 @@ PRIORS = ("hull_database", "order_damped", "sister_ship")
 
 LARGEST_INFLATION = 5.0
 """Bound of the factor on the standard deviations of the coefficients."""
+
+SLOW = 0.2
+"""Share of the nominal speed below which a model for a ship that makes way ahead means nothing."""
 
 _GROUPS = 4  # of the windows of a single run
 _TRIED = 100  # draws of a term set that are tried in the standard manoeuvres
@@ -79,12 +82,26 @@ def chosen_prior(vessel: Vessel, kind: str | None) -> str:
 
 def informed(vessel: Vessel, kind: str) -> Vessel:
     """Vessel whose coefficients hold what the prior of this kind knows of the hull; VesselError without a draught."""
-    return with_hull_database(vessel) if kind == "hull_database" else vessel
+    return with_hull_database(vessel) if kind == "hull_database" and not vessel.modular else vessel
 
 
 def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
     """Prior of a window fit of an informed vessel; a wide one for every coefficient, whatever its order."""
     return coefficient_prior(trials, vessel, "sister_ship" if kind == "sister_ship" else "order_damped", damping=1.0)
+
+
+def default_sets(training: Training) -> tuple[str, ...]:
+    """Term sets that can hold every piece of the runs.
+
+    Terms and the hull of the MMG standard method are for a ship that makes way ahead; a ship that stops, goes astern or
+    sails from rest needs parts that hold at any speed.
+    """
+    slow = SLOW * training.vessel.particulars.nominal_speed
+    for trial in training.trials:
+        astern = "n" in trial and bool((trial["n"].values < 0.0).any())
+        if astern or bool((trial["u"].values < slow).any()):
+            return ANY_SPEED_SETS
+    return term_sets(training.vessel)
 
 
 @dataclass(frozen=True)
@@ -127,7 +144,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         whole = _first_fit(training.trials, windows, vessel, prior, plain)
 
         def fit(windows: Sequence[Window]) -> WindowFit:
-            return fit_windows(windows, vessel, prior, whole.coefficients, whole.channel_sd)
+            return fit_windows(windows, vessel, prior, whole.coefficients, whole.spread)
 
         judged = held_out(held_together(runs), vessel, fit)
     except TrajectoryError as error:
@@ -157,6 +174,8 @@ def _first_fit(
     try:
         return from_weak_form(prior)
     except TrajectoryError:
+        if plain.modular:
+            raise
         return from_weak_form(coefficient_prior(trials, plain))
 
 

@@ -21,9 +21,8 @@ from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.model import ShipModel
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.vessel.reading import load_vessel
-from pymc_ship.vessel.vessel import Vessel, VesselError
+from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names
 
 FOLDER = "model"
 """Folder of an identified ship inside that of its report."""
@@ -238,19 +237,25 @@ def _vessel_text(candidate: Candidate) -> str:
     """TOML of a candidate's vessel, its coefficients at the estimates; what was known beforehand is in them."""
     vessel = candidate.vessel
     lines = [f"name = {json.dumps(vessel.name)}", f"title = {json.dumps(f'{vessel.title}; {candidate.name} terms')}"]
+    lines += [f"parts = {json.dumps(list(vessel.parts))}"] if vessel.parts else []
     tables: list[tuple[str, Mapping[str, float]]] = [("particulars", asdict(vessel.particulars))]
     inertia = {"m": vessel.m, "I_zz": vessel.I_zz} | ({"I_xx": vessel.I_xx} if "roll" in vessel.dofs else {})
     tables += [("inertia", inertia), ("added_mass", vessel.added_mass)]
     if vessel.propeller is not None:
         tables.append(("propeller", asdict(vessel.propeller)))
+    tables += [("rudder", asdict(vessel.rudder))] if vessel.rudder else []
+    tables += [("windage", asdict(vessel.windage))] if vessel.windage else []
     begin = 0
-    for dof in vessel.dofs:
+    for dof in vessel.dofs if not vessel.modular else ():
         names = [str(name) for name in vessel.coefficients(dof)["coefficient"].values]
         values = candidate.fit.coefficients[begin : begin + len(names)]
         begin += len(names)
         tables.append((f"coefficients.{dof}", dict(zip(names, values.tolist(), strict=True))))
     for head, table in tables:
         lines += ["", f"[{head}]", *_entries(table)]
+    lines += ["", "[parameters]"] if vessel.parameters else []
+    for parameter, value in zip(vessel.parameters, candidate.fit.coefficients[begin:].tolist(), strict=True):
+        lines.append(f"{json.dumps(parameter.name)} = {{ value = {value!r}, sd = {float(parameter.sd)!r} }}")
     return "\n".join(lines) + "\n"
 
 

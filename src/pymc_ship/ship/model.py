@@ -20,7 +20,7 @@ from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
-from pymc_ship.ship.candidates import Candidate, Training, candidates_of, chosen_prior
+from pymc_ship.ship.candidates import Candidate, Training, candidates_of, chosen_prior, default_sets
 from pymc_ship.ship.held_out_indices import index_rows, left_out
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
@@ -32,7 +32,6 @@ from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError, trial_list
 from pymc_ship.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.term_sets import term_sets
 from pymc_ship.vessel.vessel import Vessel
 
 _FORECASTS = 200  # draws of a held-out forecast
@@ -156,7 +155,7 @@ def identify_ship(
             f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
         )
     training = _prepared(trials, vessel, prior)
-    wanted = tuple(dict.fromkeys(terms)) if terms else term_sets(training.vessel)
+    wanted = tuple(dict.fromkeys(terms)) if terms else default_sets(training)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
     found, refused = candidates_of(wanted, training)
     remarks = [*vessel_remarks(vessel), *refused]

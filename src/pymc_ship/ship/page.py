@@ -27,12 +27,11 @@ from pymc_ship.ship.figures import (
 )
 from pymc_ship.ship.model import ShipModel
 from pymc_ship.ship.paths import coverage, held_out_rows, overshoot_errors
-from pymc_ship.trajectory.prior import coefficient_names
 from pymc_ship.trajectory.windows import LENGTH, thinned
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval
-from pymc_ship.vessel.term_sets import TERM_SETS
-from pymc_ship.vessel.vessel import LETTER, Vessel
+from pymc_ship.vessel.term_sets import PART_SETS, TERM_SETS
+from pymc_ship.vessel.vessel import LETTER, Vessel, coefficient_names
 
 CORRELATED = 0.95
 """Correlation of two coefficients from which the page warns of it."""
@@ -164,7 +163,8 @@ def term_set_rows(model: ShipModel) -> list[dict]:
         row |= {f"rms_{channel}": np.nan if lost else sd for channel, sd in candidate.held_out.rms.items()}
         row |= {"inflation": candidate.inflation, "dispersion": candidate.fit.dispersion, "draws": len(candidate.draws)}
         row["share_unsound"] = candidate.share_unsound if len(candidate.draws) else np.nan
-        about = TERM_SETS[candidate.name].about if candidate.name in TERM_SETS else "terms of the vessel file"
+        known = TERM_SETS | PART_SETS
+        about = known[candidate.name].about if candidate.name in known else "terms of the vessel file"
         rows.append(row | {"about": about.replace("`", '"')})
     return rows
 
@@ -172,7 +172,7 @@ def term_set_rows(model: ShipModel) -> list[dict]:
 def coefficient_rows(candidate: Candidate) -> list[dict]:
     """Estimate and sd (sandwich, widened) of each coefficient and what was known beforehand, prime values."""
     vessel, sd = candidate.vessel, np.sqrt(np.diag(candidate.fit.covariance))
-    held = {c.name: c for force in vessel.forces.values() for c in force}
+    held = {c.name: c for c in (*(c for force in vessel.forces.values() for c in force), *vessel.parameters)}
     pairs = correlation_rows(candidate)
     rows = []
     for name, value, spread in zip(coefficient_names(vessel), candidate.fit.coefficients, sd, strict=True):

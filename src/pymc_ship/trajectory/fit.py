@@ -17,7 +17,7 @@ from pymc_ship.trajectory.runs import Run
 from pymc_ship.vessel.vessel import Vessel
 
 CHANGE = 1e-4
-"""The fit has converged when the next step promises to lower the negative log posterior by less."""
+"""The fit has converged when the next step promises to lower the negative log posterior by less, unless told else."""
 
 TAU_RANGE = (0.05, 20.0)
 """Bounds of the factors of the prior scales."""
@@ -186,7 +186,7 @@ def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
 def run_rows(vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray):
     """Whitened misfit (n_blocks,) and design (n_blocks, n_local) of each channel of a run; None where it diverged."""
     start = nuisances[: run.n_states]
-    motion, jacobian = sensitivities(vessel, run.delta, start, coefficients, block=run.block, **run.integration)
+    motion, jacobian = sensitivities(vessel, run.inputs, start, coefficients, block=run.block, **run.integration)
     if not np.isfinite(motion).all():
         return None
     rows = []
@@ -237,7 +237,7 @@ def _cost(problem: Problem, unknowns: np.ndarray, point: Linearisation | None) -
     return -point.log_likelihood + 0.5 * float(np.sum(problem.precision * distance**2))
 
 
-def _descend(problem: Problem, start: np.ndarray) -> _Mode:
+def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
     """Levenberg-Marquardt with the damping in units of the prior."""
     unknowns, unit, center, precision = start.copy(), problem.unit, problem.center, problem.precision
     point = linearise(problem, unknowns)
@@ -252,7 +252,7 @@ def _descend(problem: Problem, start: np.ndarray) -> _Mode:
         slope = point.gradient + precision * (unknowns - center) / unit
         step = -_solve(point.matrix + np.diag(precision + damping), slope)
         expected = 0.5 * step @ (damping * step - slope)
-        if growth == 2.0 and expected < CHANGE:
+        if growth == 2.0 and expected < change:
             return _Mode(problem, unknowns, point, n_steps)
         trial = unknowns + unit * step
         ahead = linearise(problem, trial)
@@ -273,7 +273,7 @@ def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.linalg.solve(matrix / np.outer(size, size), vector / size) / size
 
 
-def fit_trajectory(problem: Problem, start: np.ndarray) -> TrajectoryFit:
+def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) -> TrajectoryFit:
     """Posterior mode from a start, with the factors tau of the prior by evidence, and its normal approximation.
 
     Levenberg-Marquardt in units of the prior; then, where the prior has scales to tune, tau of each DOF by MacKay's
@@ -284,6 +284,8 @@ def fit_trajectory(problem: Problem, start: np.ndarray) -> TrajectoryFit:
     problem : Problem
     start : ndarray, shape (n_unknowns,)
         Coefficients, then initial state and offsets of each run.
+    change : float, optional
+        Decrease of the negative log posterior that is not worth a step.
 
     Returns
     -------
@@ -299,12 +301,12 @@ def fit_trajectory(problem: Problem, start: np.ndarray) -> TrajectoryFit:
     Marquardt (1963), doi:10.1137/0111030, with the damping of Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986),
     NASA RP-1168, for the output-error method; MacKay (1992), doi:10.1162/neco.1992.4.3.415, for the scales.
     """
-    mode = _descend(problem, start)
+    mode = _descend(problem, start, change)
     n_steps = mode.n_steps
     for _ in range(_MOST_REFITS if problem.prior.tuned.any() else 0):
         tau = _tuned_tau(mode)
         settled = np.max(np.abs(np.log(tau / mode.problem.tau))) < 0.02
-        mode = _descend(replace(mode.problem, tau=tau), mode.unknowns)
+        mode = _descend(replace(mode.problem, tau=tau), mode.unknowns, change)
         n_steps += mode.n_steps
         if settled:
             break

@@ -110,7 +110,7 @@ def _completed(trial: xr.Dataset, run: Run, vessel: Vessel) -> xr.Dataset:
     if not missing:
         return trial
     start, theta = run.initial_state[0], reference_coefficients(vessel)
-    motion = replay(vessel, run.delta, start, theta, **run.integration)[:, 0]
+    motion = replay(vessel, run.inputs, start, theta, **run.integration)[:, 0]
     if not np.isfinite(motion).all():
         raise TrajectoryError(
             f"A fit starts from u, v, r (and p, phi where the ship rolls); {', '.join(missing)} not fitted and the "

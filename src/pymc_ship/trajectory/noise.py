@@ -176,7 +176,7 @@ def residual_tests(fit: TrajectoryFit) -> ResidualTests:
         problem.runs, problem.noise, fit.residuals, sample_residuals(fit), strict=True
     ):
         size = np.mean(white**2, axis=1) * (noise.sd / white_noise(run).sd) ** 2
-        spread = np.sqrt(2.0 / white.shape[1] + 5.4 / run.delta.size)
+        spread = np.sqrt(2.0 / white.shape[1] + 5.4 / run.inputs.shape[1])
         p_size += list(2.0 * stats.norm.sf(np.abs(size - 1.0) / spread))
         p_tails += list(stats.kurtosistest(samples, axis=1, alternative="greater").pvalue)
     return ResidualTests(serial_test(fit), offset_test(fit), _together(p_tails), _together(p_size))
@@ -233,7 +233,7 @@ def _residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
     for run, place, noise in zip(problem.runs, problem.nuisances, problem.noise, strict=True):
         nuisances = unknowns[place]
         start, theta = nuisances[: run.n_states], unknowns[: problem.n_coefficients]
-        motion = replay(problem.vessel, run.delta, start, theta, **run.integration)
+        motion = replay(problem.vessel, run.inputs, start, theta, **run.integration)
         offsets = nuisances[run.n_states :, None] if noise.offsets else 0.0
         residuals.append(run.samples - motion[list(run.rows), 0] - offsets)
     return residuals

@@ -17,9 +17,10 @@ from pymc_ship.regression.tree import CITATIONS, provenance, rng_state
 from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit, whiten
 from pymc_ship.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.trajectory.noise import sample_residuals
-from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_names
+from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import Run
 from pymc_ship.vessel.reading import VesselLike, as_vessel
+from pymc_ship.vessel.vessel import coefficient_names
 
 KHAT_LIMIT = 0.7
 """Pareto k-hat above which the normal approximation is not to be trusted (Vehtari et al. 2024)."""
@@ -149,7 +150,7 @@ def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
     for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
         nuisances = unknowns[:, place]
         start, theta = nuisances[:, : run.n_states], unknowns[:, : problem.n_coefficients]
-        motion = replay(problem.vessel, run.delta, start, theta, block=run.block, **run.integration)
+        motion = replay(problem.vessel, run.inputs, start, theta, block=run.block, **run.integration)
         offsets = nuisances[:, run.n_states :] if noise.offsets else np.zeros((len(unknowns), len(run.channels)))
         rows.append(_run_log_likelihood(run, noise, motion, offsets))
     return np.hstack(rows)
@@ -279,9 +280,9 @@ def _prior_sd(problem: Problem) -> xr.DataArray:
 def _record(fit: TrajectoryFit, run: Run, place: slice, channels: list[str], index: int) -> xr.Dataset:
     problem = fit.problem
     start = fit.unknowns[place][: run.n_states]
-    motion = replay(problem.vessel, run.delta, start, fit.coefficients, block=run.block, **run.integration)[:, 0]
+    motion = replay(problem.vessel, run.inputs, start, fit.coefficients, block=run.block, **run.integration)[:, 0]
     prime, _, _ = prime_record(
-        problem.vessel, dict(zip(STATE[:5], motion, strict=False)) | {"delta": run.block_means(run.delta)}
+        problem.vessel, dict(zip(STATE[:5], motion, strict=False)) | {"delta": run.block_means(run.inputs)}
     )
     response, fitted = np.full((2, run.n_blocks, len(channels)), np.nan)
     columns = [channels.index(name) for name in run.channels]

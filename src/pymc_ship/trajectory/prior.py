@@ -15,7 +15,7 @@ from pymc_ship.forces.terms import order
 from pymc_ship.motion.weak_form import coefficient_scales
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 KINDS = ("flat", "order_damped", "sister_ship")
 """Priors that need no numbers of the user's own."""
@@ -60,14 +60,13 @@ class CoefficientPrior:
         return self.mean + self.scale * rng.standard_normal((draws, self.mean.size))
 
 
-def coefficient_names(vessel: Vessel) -> list[str]:
-    """Names of all coefficients, DOFs one after the other in the vessel's order."""
-    return [str(name) for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
-
-
 def coefficient_dofs(vessel: Vessel) -> np.ndarray:
-    """Index of the degree of freedom of each coefficient among ``vessel.dofs``, shape (n_coefficients,)."""
-    return np.concatenate([np.full(len(vessel.terms(dof)), g) for g, dof in enumerate(vessel.dofs)])
+    """Index of the degree of freedom of each coefficient among ``vessel.dofs``, shape (n_coefficients,).
+
+    Parameters of parts act in all of them and count among the first; no factor tau changes them.
+    """
+    linear = [np.full(len(vessel.terms(dof)), g) for g, dof in enumerate(vessel.dofs)]
+    return np.concatenate([*linear, np.zeros(len(vessel.parameters), dtype=int)])
 
 
 def coefficient_prior(
@@ -127,10 +126,13 @@ def coefficient_prior(
             f"A prior of coefficients is one of {', '.join(KINDS)} with damping in (0, 1] and a positive relative sd, "
             f"found {kind!r}, {damping} and {relative_sd}; correct them."
         )
-    typical = coefficient_scales(trials, vessel)
+    known = np.array([parameter.sd for parameter in vessel.parameters])
+    typical = np.concatenate([coefficient_scales(trials, vessel) if any(vessel.forces.values()) else [], known])
     mean, names = np.zeros(typical.size), coefficient_names(vessel)
     if kind == "order_damped":
-        scale = 2.0 * typical * np.array([damping ** max(order(name[1:]) - 1, 0) for name in names])
+        terms = [term for dof in vessel.dofs for term in vessel.terms(dof)]
+        scale = 2.0 * typical[: len(terms)] * np.array([damping ** max(order(term) - 1, 0) for term in terms])
+        scale = np.concatenate([scale, known])
     elif kind == "sister_ship":
         mean = reference_coefficients(vessel)
         scale = relative_sd * np.hypot(mean, 0.05 * typical)
@@ -150,7 +152,8 @@ def coefficient_prior(
 
 def _stated(vessel: Vessel) -> dict[str, tuple[float, float]]:
     """Mean and sd of the coefficients that the vessel file knows beforehand."""
-    return {c.name: (c.value, c.sd) for force in vessel.forces.values() for c in force if c.sd > 0.0}
+    every = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
+    return {c.name: (c.value, c.sd) for c in every if c.sd > 0.0}
 
 
 def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel: VesselLike) -> CoefficientPrior:

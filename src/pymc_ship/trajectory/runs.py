@@ -13,7 +13,9 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 
+from pymc_ship.forces.surroundings import CURRENT, WIND
 from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.inputs import recorded_inputs
 from pymc_ship.motion.stepping import METHODS
 from pymc_ship.trial.channels import CHANNELS, channel_names, sensors
 from pymc_ship.trial.noise import second_difference_sd
@@ -40,8 +42,8 @@ class Run:
         Channels measured, of the states u, v, r, p, phi, psi, x, y.
     samples : ndarray, shape (n_channels, n_time)
         Raw values, SI units and rad.
-    delta : ndarray, shape (n_time,)
-        Rudder angle [rad], taken as exact.
+    inputs : ndarray, shape (4, n_time)
+        Rudder, revolutions and wind as the equations of motion take them, without error.
     start, interval : float
         Time of the first sample and sampling interval [s].
     block : int
@@ -55,11 +57,13 @@ class Run:
         First guess of u where it is not measured [m/s].
     rolls : bool
         Whether the vessel rolls; p and phi of one that does not are held at 0.
+    heads : bool
+        Whether forces depend on the heading, which is then a state.
     """
 
     channels: tuple[str, ...]
     samples: np.ndarray
-    delta: np.ndarray
+    inputs: np.ndarray
     start: float
     interval: float
     block: int
@@ -68,12 +72,13 @@ class Run:
     sample_sd: np.ndarray
     nominal_speed: float
     rolls: bool
+    heads: bool
 
     @property
     def n_states(self) -> int:
         """States to integrate: 5, or 6 with the heading, or 8 with the track."""
         last = max(self.rows)
-        return 5 if last < 5 else 6 if last == 5 else 8
+        return 8 if last > 5 else 6 if last == 5 or self.heads else 5
 
     @property
     def rows(self) -> tuple[int, ...]:
@@ -88,7 +93,7 @@ class Run:
     @property
     def n_blocks(self) -> int:
         """Whole blocks of the record."""
-        return self.delta.size // self.block
+        return self.inputs.shape[1] // self.block
 
     @cached_property
     def means(self) -> np.ndarray:
@@ -116,7 +121,7 @@ class Run:
         guess[0] = self.nominal_speed
         if not self.rolls:
             sd[3:5] = 1e-9
-        count = min(max(round(2.0 / self.interval), 2), self.delta.size)
+        count = min(max(round(2.0 / self.interval), 2), self.inputs.shape[1])
         for row, values, noise in zip(self.rows, self.samples, self.sample_sd, strict=True):
             guess[row] = np.polynomial.Polynomial.fit(np.arange(count), values[:count], 1)(0)
             sd[row] = np.ptp(values) + 10.0 * noise
@@ -179,7 +184,7 @@ def trajectory_run(
     return Run(
         channels=wanted,
         samples=samples,
-        delta=np.ascontiguousarray(trial["delta"].values, dtype=float),
+        inputs=recorded_inputs(trial, vessel),
         start=float(trial["time"].values[0]),
         interval=interval,
         block=block,
@@ -188,6 +193,7 @@ def trajectory_run(
         sample_sd=_sample_sd(wanted, samples, noise_sd or {}),
         nominal_speed=vessel.particulars.nominal_speed,
         rolls="roll" in vessel.dofs,
+        heads=bool({WIND.name, CURRENT.name} & set(vessel.parts)),
     )
 
 

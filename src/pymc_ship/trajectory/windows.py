@@ -17,6 +17,8 @@ import numpy as np
 import xarray as xr
 from scipy.signal import savgol_filter
 
+from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.inputs import recorded_inputs
 from pymc_ship.motion.replay import replay
 from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryFit, fit_trajectory, initial_problem, run_rows
 from pymc_ship.trajectory.prior import CoefficientPrior
@@ -28,15 +30,18 @@ from pymc_ship.vessel.vessel import Vessel
 LENGTH = 5.0
 """Length of a window in L/U_nom, which is about the ship lengths it covers."""
 
-SAMPLES = 120
+SAMPLES = 50
 """Samples in L/U_nom; a faster record is averaged over so many."""
+
+HEADING = STATE.index("psi")
 
 _BLOCKS = 30  # in L/U, of the comparison
 _STEPS = 60  # in L/U, of the integration at least
 _SMOOTHED = 0.5  # L/U, under which a local cubic gives the state a window restarts from
 _FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # by unit: of the speed, of U/L, or rad
+_CHANGE = 1e-2  # of the log posterior: no step for less
 _PASSES = 6
-_SETTLED = 0.01
+_SETTLED = 0.03
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,8 @@ class WindowFit:
         Curvature of the negative log posterior, the initial states profiled out.
     channel_sd : dict of str to float
         Root mean square that the windows leave of each channel, SI.
+    spread : dict of str to float
+        The same times the root of the dispersion: the spread under which the windows count.
     dispersion : float
         How many times less the windows count beside the prior than residuals independent of each other would.
     n_windows : int
@@ -73,6 +80,7 @@ class WindowFit:
     from_prior: np.ndarray
     information: np.ndarray
     channel_sd: dict[str, float]
+    spread: dict[str, float]
     dispersion: float
     n_windows: int
 
@@ -98,8 +106,9 @@ def thinned(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
             f"A run to identify a ship from lasts half a window of {LENGTH:g} L/U = {LENGTH * unit:.3g} s at least, "
             f"found {trial['time'].size * step:.3g} s; use a longer one."
         )
-    if "psi" in trial:
-        trial = trial.assign(psi=("time", np.unwrap(trial["psi"].values), trial["psi"].attrs))
+    for name in ("psi", "wind_direction"):
+        if name in trial:
+            trial = trial.assign({name: ("time", np.unwrap(trial[name].values), trial[name].attrs)})
     return trial if count == 1 else trial.coarsen(time=count, boundary="trim").mean(keep_attrs=True)
 
 
@@ -120,11 +129,16 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel) -> list[Window]:
     sd = {name: _FIRST_SD[of] * size[of] for name, of in units.items()}
     block, substeps = max(round(unit / _BLOCKS / step), 1), int(np.ceil(_STEPS * step / unit))
     smooth = trial.assign({name: ("time", _smoothed(trial[name].values, unit / step)) for name in channels})
+    inputs = xr.DataArray(recorded_inputs(trial, vessel), dims=("input", "time"))
+    smooth = smooth.assign(inputs=inputs)
     found = []
     for window, start in zip(window_records(trial, vessel), window_records(smooth, vessel), strict=True):
-        run = replace(trajectory_run(window, vessel, channels=channels, noise_sd=sd), block=block, substeps=substeps)
+        run = trajectory_run(window, vessel, channels=channels, noise_sd=sd)
+        run = replace(run, inputs=np.ascontiguousarray(start["inputs"].values), block=block, substeps=substeps)
         state = run.initial_state[0].copy()
         state[list(run.rows)] = [start[name].values[0] for name in channels]
+        if run.heads:
+            state[HEADING] = start["psi"].values[0]
         found.append(Window(run, state))
     return found
 
@@ -135,7 +149,7 @@ def restarted(window: Window, vessel: Vessel, coefficients: np.ndarray) -> np.nd
     NaN where the ship left the model's range.
     """
     run = window.run
-    motion = replay(vessel, run.delta, window.state, coefficients, block=run.block, **run.integration)
+    motion = replay(vessel, run.inputs, window.state, coefficients, block=run.block, **run.integration)
     return run.means - motion[list(run.rows), 0]
 
 
@@ -152,7 +166,7 @@ def fit_windows(
     start: np.ndarray,
     sd: dict[str, float] | None = None,
 ) -> WindowFit:
-    """Fit coefficients to windows, the noise of each channel being what they leave of it.
+    """Fit coefficients to windows, whose noise is what they leave of each channel times the dispersion of windows.
 
     Parameters
     ----------
@@ -163,7 +177,7 @@ def fit_windows(
         Taken as stated: its scales are not tuned.
     start : ndarray, shape (n_coefficients,)
     sd : dict of str to float, optional
-        First guess of the noise by channel, SI.
+        First guess of the spread under which windows count, by channel, SI; by default what the start leaves of them.
 
     Returns
     -------
@@ -178,16 +192,16 @@ def fit_windows(
     fixed = replace(prior, tuned=np.zeros_like(prior.tuned))
     problem = initial_problem(runs, vessel, fixed)
     unknowns = np.concatenate([start, *(window.state for window in windows)])
-    noise_sd = np.array([sd[name] for name in runs[0].channels]) if sd else runs[0].sample_sd
+    spread = np.array([sd[name] for name in runs[0].channels]) if sd else _left_by(windows, vessel, start)
     for _ in range(_PASSES):
-        fit = fit_trajectory(_with_noise(problem, noise_sd), unknowns)
+        fit = fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE)
         square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
-        ratio = np.sqrt(square / sum(run.n_blocks for run in runs))
-        unknowns, noise_sd = fit.unknowns, noise_sd * ratio
+        noise_sd = spread * np.sqrt(square / sum(run.n_blocks for run in runs))
+        dispersion = max(_dispersion(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
+        ratio = noise_sd * np.sqrt(dispersion) / spread
+        unknowns, spread = fit.unknowns, spread * ratio
         if np.max(np.abs(np.log(ratio))) < _SETTLED:
             break
-    dispersion = _dispersion(fit)
-    fit = fit_trajectory(_with_noise(problem, noise_sd * np.sqrt(dispersion)), unknowns)
     from_windows, from_prior = _sandwich(fit)
     return WindowFit(
         vessel=vessel,
@@ -196,9 +210,17 @@ def fit_windows(
         from_prior=from_prior,
         information=np.linalg.inv(fit.covariance),
         channel_sd=dict(zip(runs[0].channels, noise_sd.tolist(), strict=True)),
+        spread=dict(zip(runs[0].channels, spread.tolist(), strict=True)),
         dispersion=dispersion,
         n_windows=len(runs),
     )
+
+
+def _left_by(windows: Sequence[Window], vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
+    """Root mean square that coefficients leave of each channel in the windows that stay in the model's range."""
+    square = np.array([np.mean(restarted(window, vessel, coefficients) ** 2, axis=1) for window in windows])
+    stayed = np.isfinite(square).all(axis=1)
+    return np.sqrt(np.mean(square[stayed], axis=0)) if stayed.any() else windows[0].run.sample_sd
 
 
 def _with_noise(problem: Problem, sd: np.ndarray) -> Problem:
@@ -208,13 +230,13 @@ def _with_noise(problem: Problem, sd: np.ndarray) -> Problem:
 
 
 def _dispersion(fit: TrajectoryFit) -> float:
-    """Variance of the gradients of whole windows over that of residuals independent of each other, 1 or more.
+    """Variance of the gradients of whole windows over that of residuals independent of each other.
 
     The mean over the directions in which the windows, not the prior, determine the coefficients: tr(C G) / tr(C H),
     with G the sum of squared gradients and H = C^-1 - P the curvature that is the windows' own.
     """
     C, G, P = fit.covariance, _squared_gradients(fit), _prior_precision(fit)
-    return max(float(np.trace(C @ G) / (len(C) - np.trace(C @ P))), 1.0)
+    return float(np.trace(C @ G) / (len(C) - np.trace(C @ P)))
 
 
 def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:

@@ -197,8 +197,23 @@ _PROPELLER = (
     Channel("thrust", NEWTON, "propeller thrust", headings=("propeller thrust",)),
     Channel("torque", NEWTON_METRE, "propeller torque", headings=("propeller torque", "shaft torque")),
 )
+_WIND = (
+    Channel(
+        "wind_speed",
+        METRE_PER_SECOND,
+        "true wind speed",
+        headings=("true wind speed", "wind velocity true", "wind velo true"),
+    ),
+    Channel(
+        "wind_direction",
+        RADIAN,
+        "direction the true wind comes from",
+        short="wind from",
+        headings=("true wind direction", "wind direction true", "wind dir true"),
+    ),
+)
 
-CHANNELS = {channel.name: channel for channel in (*_MOTION, _RUDDER, *_PROPELLER)}
+CHANNELS = {channel.name: channel for channel in (*_MOTION, _RUDDER, *_PROPELLER, *_WIND)}
 """Every channel by name, in the order of a file; the states of the motion in the order of a state array."""
 
 

@@ -10,15 +10,27 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
+from pymc_ship.forces.hull import ROLL
 from pymc_ship.forces.propeller import Propeller
 from pymc_ship.forces.terms import UnknownTerm, factors, loaded
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.vessel.inertia import DIAGONAL, K_ZZ, displaced_mass, motora_added_mass, yaw_inertia
+from pymc_ship.vessel.parts import with_parts
 from pymc_ship.vessel.plausibility import Finding, findings, particulars_findings
-from pymc_ship.vessel.vessel import ADDED_MASS, DOFS, LETTER, Coefficient, Particulars, Vessel, VesselError
+from pymc_ship.vessel.vessel import (
+    ADDED_MASS,
+    DOFS,
+    LETTER,
+    Coefficient,
+    Particulars,
+    Rudder,
+    Vessel,
+    VesselError,
+    Windage,
+)
 
-_TABLES = ("particulars", "inertia", "added_mass", "propeller", "coefficients")
+_TABLES = ("particulars", "inertia", "added_mass", "propeller", "rudder", "windage", "coefficients", "parameters")
 _PARTICULARS = ("L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G")
 _OF_ROLL = ("z_G", "GM", "BM")
 _INERTIA = ("m", "I_zz", "I_xx")
@@ -101,10 +113,11 @@ def as_vessel(vessel: object) -> Vessel:
 
 
 def _vessel(file: Entry) -> Vessel:
-    file.check_keys(("name", "title", "sources", *_TABLES), ("name", "particulars"))
+    file.check_keys(("name", "title", "sources", "parts", *_TABLES), ("name", "particulars"))
     name, forces = _name(file.at("name")), file.at("coefficients", {})
     forces.check_keys(DOFS)
-    rolls = "roll" in forces
+    parts = _texts_of(file.at("parts", []))
+    rolls = "roll" in forces or ROLL.name in parts
     particulars = _particulars(file.at("particulars"), rolls=rolls)
     inertia = _numbers(file.at("inertia", {}), _INERTIA, _INERTIA[2:] if rolls else ())
     added_mass = _numbers(file.at("added_mass", {}), ADDED_MASS)
@@ -112,7 +125,7 @@ def _vessel(file: Entry) -> Vessel:
     vessel = Vessel(
         name=name,
         title=file.at("title", name).text(),
-        sources=_sources(file.at("sources", [])),
+        sources=_texts_of(file.at("sources", [])),
         particulars=particulars,
         m=inertia["m"],
         I_zz=inertia["I_zz"],
@@ -122,8 +135,15 @@ def _vessel(file: Entry) -> Vessel:
             dof: _force(forces.at(dof), dof) if dof in forces else () for dof in DOFS if dof in forces or dof != "roll"
         },
         propeller=_propeller(file.at("propeller")) if "propeller" in file else None,
+        rudder=_dimensions(file.at("rudder"), Rudder) if "rudder" in file else None,
+        windage=_dimensions(file.at("windage"), Windage) if "windage" in file else None,
         derived=derived,
     )
+    if parts or "parameters" in file:
+        try:
+            vessel = with_parts(vessel, parts, _parameters(file.at("parameters", {})))
+        except VesselError as error:
+            raise VesselError(f"{file.file}: {error}") from None
     idle = [c.name for force in vessel.forces.values() for c in force if loaded(c.term)] if not vessel.propeller else []
     if idle:
         raise VesselError(f"{file.file}: {', '.join(idle)} need the propeller's loading; add the table [propeller].")
@@ -164,7 +184,7 @@ def _derived(s: Particulars, inertia: dict[str, float], added_mass: dict[str, fl
     return told
 
 
-def _sources(entry: Entry) -> tuple[str, ...]:
+def _texts_of(entry: Entry) -> tuple[str, ...]:
     if not isinstance(entry.value, list) or not all(isinstance(text, str) for text in entry.value):
         entry.fail(f"must be a list of texts, found {shown(entry.value)}; correct it.")
     return tuple(entry.value)
@@ -180,6 +200,36 @@ def _particulars(table: Entry, *, rolls: bool) -> Particulars:
 def _propeller(table: Entry) -> Propeller:
     names = [field.name for field in fields(Propeller)]
     return Propeller(**_numbers(table, names, names))
+
+
+def _dimensions(table: Entry, kind: type):
+    """Table of positive numbers, all of them required."""
+    names = [field.name for field in fields(kind)]
+    found = _numbers(table, names, names)
+    for name, value in found.items():
+        if value <= 0.0:
+            table.at(name).fail(f"must be positive, found {value:g}; correct it.")
+    return kind(**found)
+
+
+def _parameters(table: Entry) -> dict[str, Coefficient]:
+    """Parameters of parts that the file states."""
+    table.check_table()
+    found = {}
+    for name in table:
+        entry = table.at(name)
+        value, (sd, texts) = _value(entry, ("sd", "unit")), _details(entry)
+        found[name] = Coefficient(name, value, **texts, sd=sd)
+    return found
+
+
+def _details(entry: Entry) -> tuple[float, dict[str, str]]:
+    """Standard deviation (NaN where none is stated) and texts of a number."""
+    more = entry if isinstance(entry.value, dict) else replace(entry, value={})
+    sd = more.at("sd").number() if "sd" in more else math.nan
+    if sd <= 0.0:
+        more.at("sd").fail(f"must be positive, found {sd:g}; leave out what is not known.")
+    return sd, _texts(more, _TEXTS)
 
 
 def _numbers(table: Entry, known: Sequence[str], required: Sequence[str] = ()) -> dict[str, float]:
@@ -222,12 +272,9 @@ def _coefficient(name: str, entry: Entry, dof: str, source: str) -> Coefficient:
     except UnknownTerm as error:
         entry.fail(f"is no coefficient. {error}")
     value = _value(entry, ("sd", *_PUBLISHED))
+    sd, texts = _details(entry)
     more = entry if isinstance(entry.value, dict) else replace(entry, value={})
-    sd = more.at("sd").number() if "sd" in more else math.nan
-    if sd <= 0.0:
-        more.at("sd").fail(f"must be positive, found {sd:g}; leave out what is not known.")
     published = {key: _estimates(more.at(key, {})) for key in _PUBLISHED}
-    texts = _texts(more, _TEXTS)
     texts["source"] = texts["source"] or source
     return Coefficient(name, value, **texts, **published, sd=sd)
 

@@ -10,7 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from pymc_ship.forces.hull import LOW_SPEED, MANOEUVRING
+from pymc_ship.forces.modular import ADDED_MASS
+from pymc_ship.forces.rudder import RUDDER
+from pymc_ship.forces.screw import PROPELLER
+from pymc_ship.forces.surroundings import CONSTANT, CURRENT, WIND
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.vessel.parts import with_parts
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import LETTER, Coefficient, Vessel, VesselError
 
@@ -19,6 +25,15 @@ OWN = "own terms"
 
 _SQUARES = ("v|v|", "v|r|", "r|v|", "r|r|")
 _CUBES = ("vvv", "vvr", "vrr", "rrr")
+
+
+@dataclass(frozen=True)
+class PartSet:
+    """Parts that make all forces, parameters that are held at their values, and a sentence on what they stand for."""
+
+    parts: tuple[str, ...]
+    held: tuple[str, ...]
+    about: str
 
 
 @dataclass(frozen=True)
@@ -79,18 +94,42 @@ TERM_SETS = {
 }
 """Term sets by name."""
 
+_BODY = (ADDED_MASS.name, PROPELLER.name, RUDDER.name)
+
+PART_SETS = {
+    "modular, rudder by side": PartSet(
+        (*_BODY, MANOEUVRING.name), ("dC2",), "MMG standard method, flow straightening that differs by side"
+    ),
+    "modular, wake by side": PartSet(
+        (*_BODY, MANOEUVRING.name), ("dgamma_R",), "MMG standard method, wake that differs by side"
+    ),
+    "modular at any speed, rudder by side": PartSet(
+        (*_BODY, LOW_SPEED.name), ("dC2",), "cross-flow hull, flow straightening that differs by side"
+    ),
+    "modular at any speed, wake by side": PartSet(
+        (*_BODY, LOW_SPEED.name), ("dgamma_R",), "cross-flow hull, wake that differs by side"
+    ),
+}
+"""Sets of parts by name."""
+
+AHEAD_SETS, ANY_SPEED_SETS = tuple(PART_SETS)[:2], tuple(PART_SETS)[2:]
+"""Sets for a ship that makes way ahead, and for one that stops, goes astern or sails from rest."""
+
 
 def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     """Names of the sets a vessel can have.
 
-    Those by the propeller's loading where it states its propeller, the plain ones else; before them its own terms where
-    it has some of every degree of freedom and no set holds them all: then the file is a model of its own.
+    Those of parts where it states its draught; those by the propeller's loading where it states its propeller, the
+    plain ones else; before them its own terms where it has some of every degree of freedom and no set holds them all:
+    then the file is a model of its own.
 
     Examples
     --------
     >>> import pymc_ship as ps
     >>> for name in ps.term_sets(ps.load_vessel("kvlcc2")):
     ...     print(name)
+    modular, rudder by side
+    modular, wake by side
     loading
     hull and loading
     hull and loading, cubic
@@ -99,11 +138,12 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     """
     vessel = as_vessel(vessel)
     wanted = vessel.propeller is not None
-    names = tuple(name for name, terms in TERM_SETS.items() if terms.propeller == wanted)
+    modular = tuple(AHEAD_SETS) if vessel.particulars.d > 0.0 and "roll" not in vessel.forces else ()
+    names = (*modular, *(name for name, terms in TERM_SETS.items() if terms.propeller == wanted))
     own = {c.name for force in vessel.forces.values() for c in force}
     if not all(vessel.forces.values()):
         return names
-    held = any(own <= set().union(*TERM_SETS[name].coefficients.values()) for name in names)
+    held = any(own <= set().union(*TERM_SETS[name].coefficients.values()) for name in TERM_SETS)
     return names if held else (OWN, *names)
 
 
@@ -141,7 +181,9 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
                 f"The file of {vessel.name!r} has no terms of {' and '.join(lacking)}; add some, or choose another set."
             )
         return vessel
-    check_choice("A term set", name, (OWN, *TERM_SETS), VesselError)
+    check_choice("A term set", name, (OWN, *TERM_SETS, *PART_SETS), VesselError)
+    if name in PART_SETS:
+        return _with_part_set(vessel, PART_SETS[name])
     chosen = TERM_SETS[name]
     if chosen.propeller and vessel.propeller is None:
         raise VesselError(f"The terms {name!r} need the propeller of {vessel.name!r}; add the table [propeller].")
@@ -149,3 +191,12 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
     names = chosen.coefficients
     forces = {dof: tuple(held.get(name, Coefficient(name, 0.0)) for name in row) for dof, row in names.items()}
     return replace(vessel, forces=forces)
+
+
+def _with_part_set(vessel: Vessel, chosen: PartSet) -> Vessel:
+    """Vessel whose forces the parts of a set make, with those of wind and current where she has them."""
+    around = [part for part in (WIND.name, CURRENT.name, CONSTANT.name) if part in vessel.parts]
+    around += [WIND.name] if vessel.windage is not None and WIND.name not in around else []
+    stated = {c.name: c for c in vessel.parameters}
+    bare = replace(vessel, forces=dict.fromkeys(vessel.forces, ()), parts=(), parameters=())
+    return with_parts(bare, (*chosen.parts, *around), stated, chosen.held)

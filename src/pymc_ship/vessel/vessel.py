@@ -29,7 +29,8 @@ class VesselError(ValueError):
 class Coefficient:
     """One hydrodynamic coefficient: name (``Yv|v|``), prime value and where both number and sign come from.
 
-    ``sd`` is the standard deviation of what is known of the value beforehand, NaN where nothing is.
+    ``sd`` is the standard deviation of what is known of the value beforehand, NaN where nothing is. A parameter of a
+    part is one, too: ``unit`` says what its number stands for, ``of_run`` that every run has its own.
     """
 
     name: str
@@ -40,6 +41,8 @@ class Coefficient:
     published: dict[str, float] = field(default_factory=dict)
     published_error: dict[str, float] = field(default_factory=dict)
     sd: float = math.nan
+    unit: str = "prime"
+    of_run: bool = False
 
     @property
     def term(self) -> str:
@@ -75,10 +78,27 @@ class Particulars:
 
 
 @dataclass(frozen=True)
+class Rudder:
+    """Rudder: ``area`` [m2] and ``aspect_ratio``, height over mean chord."""
+
+    area: float
+    aspect_ratio: float
+
+
+@dataclass(frozen=True)
+class Windage:
+    """Areas above the water [m2]: ``frontal_area`` meets a wind from ahead, ``lateral_area`` one from the side."""
+
+    frontal_area: float
+    lateral_area: float
+
+
+@dataclass(frozen=True)
 class Vessel:
     """A manoeuvring model: particulars, prime inertia, added mass, coefficients of each DOF, perhaps a propeller.
 
-    A degree of freedom without coefficients is one to be identified. ``derived`` says of each quantity that the file
+    A degree of freedom without coefficients is one to be identified, unless ``parts`` make the forces: names of
+    :data:`pymc_ship.forces.modular.PARTS`, with their ``parameters``. ``derived`` says of each quantity that the file
     leaves out, by its key, how it was derived.
     """
 
@@ -92,13 +112,18 @@ class Vessel:
     title: str = ""
     sources: tuple[str, ...] = ()
     propeller: Propeller | None = None
+    rudder: Rudder | None = None
+    windage: Windage | None = None
+    parts: tuple[str, ...] = ()
+    parameters: tuple[Coefficient, ...] = ()
     derived: dict[str, str] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
         s, words = self.particulars, "" if self.title in ("", self.name) else f": {self.title}"
         draught = f"d = {s.d:.4g} m" if s.d > 0.0 else "draught not stated"
         size = f"  L = {s.L:.4g} m, B = {s.B:.4g} m, {draught}, nominal speed {s.nominal_speed:.4g} m/s"
-        terms = [f"  {dof}: {len(force)} terms" for dof, force in self.forces.items()]
+        terms = [f"  {dof}: {len(force)} terms" for dof, force in self.forces.items() if force or not self.modular]
+        terms += [f"  parts: {', '.join(self.parts)}, {len(self.parameters)} parameters"] if self.parts else []
         propeller = f"  propeller: {'none' if self.propeller is None else 'yes'}>"
         return "\n".join([f"<Vessel {self.name!r}{words}", size, *terms, propeller])
 
@@ -107,8 +132,13 @@ class Vessel:
         """Degrees of freedom; roll may be missing."""
         return tuple(self.forces)
 
+    @property
+    def modular(self) -> bool:
+        """Whether parts make all her forces, so that she needs no terms."""
+        return bool(self.parts) and not any(self.forces.values())
+
     def check_model(self) -> None:
-        """Raise VesselError unless every degree of freedom has coefficients."""
+        """Raise VesselError unless every degree of freedom has coefficients, or parts make its force."""
         for dof in self.forces:
             self._force(dof)
 
@@ -194,7 +224,7 @@ class Vessel:
     def _force(self, dof: str) -> tuple[Coefficient, ...]:
         if dof not in self.forces:
             raise VesselError(f"{self.name!r} has the degrees of freedom {', '.join(self.forces)}; found {dof!r}.")
-        if not self.forces[dof]:
+        if not self.forces[dof] and not self.modular:
             raise VesselError(
                 f"{self.name!r} states no coefficients of {dof}; find them with `pymc-ship identify`, or add "
                 f"[coefficients.{dof}]."
@@ -203,5 +233,12 @@ class Vessel:
 
 
 def reference_coefficients(vessel: Vessel) -> np.ndarray:
-    """All coefficients of a vessel in the order of :func:`scheme`, shape (n_coefficients,)."""
-    return np.concatenate([vessel.coefficients(dof).values for dof in vessel.dofs])
+    """All coefficients of a vessel, shape (n_coefficients,): DOF after DOF, then the parameters of her parts."""
+    rows = [vessel.coefficients(dof).values for dof in vessel.dofs]
+    return np.concatenate([*rows, [parameter.value for parameter in vessel.parameters]])
+
+
+def coefficient_names(vessel: Vessel) -> list[str]:
+    """Names of all coefficients, in the order of :func:`reference_coefficients`."""
+    linear = [str(name) for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
+    return linear + [parameter.name for parameter in vessel.parameters]

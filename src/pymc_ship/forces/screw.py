@@ -1,0 +1,65 @@
+"""Propeller as a part: thrust by revolutions and inflow, wake by drift, the race on the rudder, side force and moment.
+
+Yasukawa & Yoshimura (2015), Eq. 10 to 16, with the wake by side, w_P = 1 - (1 - w_0) [1 + (1 - exp(-2 |beta_P|))
+(C_2 - 1)]. Thrust is measured in that of the straight course, which holds the resistance R_0 in balance. Astern,
+thrust goes as n^2 and n u with coefficients of its own, the rudder meets no race and the stern is pushed aside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from pymc_ship.forces.expressions import Expression, arctan2, exp, ramp, root, step
+from pymc_ship.forces.hull import MMG
+from pymc_ship.forces.part import Force, Motion, Parameter, Part, Ship
+
+X_P = -0.48
+"""Place of the propeller [L]."""
+
+_JUDGED = "by judgement"
+
+
+def _parameters(ship: Ship) -> tuple[Parameter, ...]:
+    side = ship.d / ship.L
+    stated = "vessel file" if ship.propeller_known else "Taylor, w = 0.5 C_B - 0.05"
+    astern = f"thrust astern at rest over that ahead, {_JUDGED}"
+    return (
+        Parameter("w0", ship.wake, 0.04 if ship.propeller_known else 0.08, stated, "wake fraction"),
+        Parameter("C2", 1.4, 0.25, f"{MMG}, 1.6 and 1.1", "wake by drift"),
+        Parameter("dC2", 0.0, 0.15, "half the difference between the sides", "wake by drift"),
+        Parameter("Y_P", 0.0, 1e-3 * side, "none on average", "at nominal thrust"),
+        Parameter("N_P", 0.0, 5e-4 * side, "none on average", "at nominal thrust"),
+        Parameter("T_nn", 0.7, 0.2, astern, "over k_0"),
+        Parameter("T_nu", 0.3, 0.3, f"how way ahead adds to thrust astern, {_JUDGED}", "over k_0 / J"),
+        Parameter("Y_nn", 0.0, 0.1, f"side force astern, {_JUDGED}", "over thrust astern"),
+        Parameter("N_nn", 0.0, 0.05, f"moment astern, {_JUDGED}", "over thrust astern"),
+    )
+
+
+def _propeller(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+    J, n = ship.J, motion.n
+    drift = arctan2(-1.0 * motion.v - X_P * motion.r, abs(motion.u) + 1e-3)
+    by_side = p["C2"] + p["dC2"] * (2.0 * step(drift) - 1.0)
+    u_P = (1.0 - p["w0"]) * (1.0 + (1.0 - exp(-2.0 * abs(drift))) * (by_side - 1.0)) * motion.u
+    u_0 = (1.0 - p["w0"]) / J
+
+    def curve(n: Expression | float, advance: Expression) -> Expression:
+        """K_T times (n / n_0)^2 of an advance u_P / (n_0 D)."""
+        return ship.k_0 * n * n + ship.k_1 * n * advance + ship.k_2 * advance * advance
+
+    nominal = curve(1.0, u_0)
+    advance = u_P / J
+    ahead = step(n)
+    thrust_ahead = curve(n, advance)
+    back = ship.k_0 * p["T_nn"] * n * n - p["T_nu"] * n * advance * ship.k_0
+    thrust = (ahead * thrust_ahead - (1.0 - ahead) * back) / nominal
+    u_jet = root(ramp(u_P * u_P + (8.0 / math.pi) * J * J * ahead * thrust_ahead) + 1e-12)
+    shared["u_P"], shared["u_jet"] = u_P, u_jet
+    X = p["R0"] * thrust
+    sideways = ahead * thrust * p["Y_P"] + (1.0 - ahead) * X * p["Y_nn"]
+    turning = ahead * thrust * p["N_P"] + (1.0 - ahead) * X * p["N_nn"]
+    return Force(X, sideways, turning)
+
+
+PROPELLER = Part("propeller", "thrust by revolutions and wake, race, side force", _parameters, _propeller, "propeller")
