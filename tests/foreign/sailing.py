@@ -114,9 +114,11 @@ def wind_push(
     """Force and moments of the wind about midship; the heeling arm is half the draught and half the mean height."""
     if not weather.wind:
         return 0.0, 0.0, 0.0, 0.0
-    u, v = over_ground(motion[0], motion[1], psi, weather)
-    angle = math.radians(weather.wind_from_deg) - psi
-    ahead, abeam = u + weather.wind * math.cos(angle), v + weather.wind * math.sin(angle)
+    angle = math.radians(weather.wind_from_deg)
+    north, east = weather.drift
+    north, east = north + weather.wind * math.cos(angle), east + weather.wind * math.sin(angle)
+    cosine, sine = math.cos(psi), math.sin(psi)
+    ahead, abeam = motion[0] + north * cosine + east * sine, motion[1] - north * sine + east * cosine
     speed, side = math.hypot(ahead, abeam), math.atan2(abeam, ahead)
     pressure = 0.5 * AIR * speed * speed
     x = -CX * pressure * papers.frontal_area * math.cos(side)
