@@ -55,6 +55,12 @@ def test_the_papers_are_a_vessel_file_without_coefficients(tmp_path, name):
         assert (vessel.propeller is not None) is propeller
 
 
+def test_only_a_case_without_a_propeller_states_none():
+    assert [name for name, case in CASES.items() if "[propeller]" not in case.vessel_file()] == [
+        f"{ship}-no-propeller" for ship in ("kvlcc2", "cargo", "mariner", "s175")
+    ]
+
+
 def test_the_records_of_a_case_are_trials_of_the_package_with_noise_by_seed():
     case = replace(CASES["mariner-wind"], trials=FOUR[:1])
     (record,) = case.records(seed=3)
