@@ -4,13 +4,16 @@ PYTHON := $(VENV)/bin/python
 STAMP  := $(VENV)/.installed
 BENCH  := $(VENV)/.bench
 
-.PHONY: study frontier test test-fast consistency lint bench docs clean
+.PHONY: study frontier foreign test test-fast consistency lint bench docs clean
 
 study: $(STAMP)  ## the paper's study on the container ship -> reports/container/index.html
 	$(VENV)/bin/pymc-ship study --out reports/container
 
 frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> reports/frontier/index.html
 	$(VENV)/bin/pymc-ship frontier --out reports/frontier
+
+foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour and more -> reports/foreign/foreign.md
+	$(PYTHON) -m tests.foreign.run
 
 test: $(STAMP) lint  ## every test, a file at a time on each core
 	$(PYTHON) -m pytest -q -n auto --maxprocesses 4 --dist loadfile

@@ -1,1 +1,1 @@
-"""Tests: a folder for each wing, whole journeys, and every path to a posterior against the others."""
+"""Tests: a folder for each wing, whole journeys, foreign ships, and every path to a posterior against the others."""
