@@ -63,7 +63,7 @@ def _hull_ahead(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared:
 
     Y = side("Yv", "Yr", ("Yvvv", "Yvvr", "Yvrr", "Yrrr"))
     N = side("Nv", "Nr", ("Nvvv", "Nvvr", "Nvrr", "Nrrr"))
-    X = p["Xvv"] * vv + p["Xvr"] * vr + p["Xrr"] * rr + p["Xvvvv"] * vv * vv / (U * U) - p["R0"] * u * abs(u)
+    X = p["Xvv"] * vv + p["Xvr"] * vr + p["Xrr"] * rr + p["Xvvvv"] * vv * vv / (U * U) - p["R0"] * U * U
     shared["Y_hull"] = Y
     return Force(X, Y, N)
 

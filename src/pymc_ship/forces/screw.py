@@ -39,22 +39,22 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
 
 def _propeller(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
     J, n = ship.J, motion.n
-    drift = arctan2(-1.0 * motion.v - X_P * motion.r, abs(motion.u) + 1e-3)
+    drift = arctan2(-1.0 * motion.v - X_P * motion.r, root(motion.u * motion.u + 1e-6))
     by_side = p["C2"] + p["dC2"] * (2.0 * step(drift) - 1.0)
     u_P = (1.0 - p["w0"]) * (1.0 + (1.0 - exp(-2.0 * abs(drift))) * (by_side - 1.0)) * motion.u
-    u_0 = (1.0 - p["w0"]) / J
+    u_0 = (1.0 - p["w0"]) * J
 
     def curve(n: Expression | float, advance: Expression) -> Expression:
         """K_T times (n / n_0)^2 of an advance u_P / (n_0 D)."""
         return ship.k_0 * n * n + ship.k_1 * n * advance + ship.k_2 * advance * advance
 
     nominal = curve(1.0, u_0)
-    advance = u_P / J
+    advance = u_P * J
     ahead = step(n)
     thrust_ahead = curve(n, advance)
     back = ship.k_0 * p["T_nn"] * n * n - p["T_nu"] * n * advance * ship.k_0
     thrust = (ahead * thrust_ahead - (1.0 - ahead) * back) / nominal
-    u_jet = root(ramp(u_P * u_P + (8.0 / math.pi) * J * J * ahead * thrust_ahead) + 1e-12)
+    u_jet = root(ramp(u_P * u_P + (8.0 / math.pi) / (J * J) * ahead * thrust_ahead) + 1e-12)
     shared["u_P"], shared["u_jet"] = u_P, u_jet
     X = p["R0"] * thrust
     sideways = ahead * thrust * p["Y_P"] + (1.0 - ahead) * X * p["Y_nn"]

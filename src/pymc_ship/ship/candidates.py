@@ -138,7 +138,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
     try:
         plain = with_terms(training.vessel, name)
         vessel = informed(plain, training.prior)
-        runs = [prepared_windows(trial, vessel) for trial in training.trials]
+        runs = [prepared_windows(trial, vessel, k) for k, trial in enumerate(training.trials)]
         prior = stated_prior(training.trials, vessel, training.prior)
         windows = [window for run in runs for window in run]
         whole = _first_fit(training.trials, windows, vessel, prior, plain)
@@ -146,7 +146,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         def fit(windows: Sequence[Window]) -> WindowFit:
             return fit_windows(windows, vessel, prior, whole.coefficients, whole.spread)
 
-        judged = held_out(held_together(runs), vessel, fit)
+        judged = held_out(held_together(runs), vessel, fit, prior)
     except TrajectoryError as error:
         return Refusal(name, f"The {name} terms were left out: {error}")
     inflation = _inflation(whole, judged)

@@ -20,7 +20,8 @@ from pymc_ship.manoeuvre.measured import measured_indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.motion.stepping import simulation_settings
-from pymc_ship.trajectory.windows import Window, WindowFit, restarted
+from pymc_ship.trajectory.prior import CoefficientPrior
+from pymc_ship.trajectory.windows import Window, WindowFit, restarted, with_constants
 from pymc_ship.trial.channels import sensors
 from pymc_ship.vessel.vessel import Vessel
 
@@ -49,7 +50,12 @@ class HeldOut:
     rms: dict[str, float]
 
 
-def held_out(runs: Sequence[Sequence[Window]], vessel: Vessel, fit: Callable[[Sequence[Window]], WindowFit]) -> HeldOut:
+def held_out(
+    runs: Sequence[Sequence[Window]],
+    vessel: Vessel,
+    fit: Callable[[Sequence[Window]], WindowFit],
+    prior: CoefficientPrior,
+) -> HeldOut:
     """Leave each run out once, fit to the others, and score its windows.
 
     Parameters
@@ -59,6 +65,8 @@ def held_out(runs: Sequence[Sequence[Window]], vessel: Vessel, fit: Callable[[Se
     vessel : Vessel
     fit : callable
         Fit to the windows of several runs; or any other estimate of the coefficients from them.
+    prior : CoefficientPrior
+        Of the constants that every trial has its own of: a held-out run is scored with those that it calls for.
 
     Returns
     -------
@@ -67,14 +75,20 @@ def held_out(runs: Sequence[Sequence[Window]], vessel: Vessel, fit: Callable[[Se
     fits = []
     for k in range(len(runs)):
         fits.append(fit([window for j, windows in enumerate(runs) if j != k for window in windows]))
-    return scored(runs, vessel, fits)
+    own = [with_constants(windows, one, prior) for windows, one in zip(runs, fits, strict=True)]
+    return scored(runs, vessel, fits, own)
 
 
-def scored(runs: Sequence[Sequence[Window]], vessel: Vessel, fits: Sequence[WindowFit]) -> HeldOut:
-    """Score the windows of each run under the fit of its place."""
+def scored(
+    runs: Sequence[Sequence[Window]],
+    vessel: Vessel,
+    fits: Sequence[WindowFit],
+    coefficients: Sequence[np.ndarray] | None = None,
+) -> HeldOut:
+    """Score the windows of each run under the fit of its place, or under coefficients that stand for it."""
+    own = [fit.coefficients for fit in fits] if coefficients is None else coefficients
     misfits = [
-        [restarted(window, vessel, fit.coefficients) for window in windows]
-        for windows, fit in zip(runs, fits, strict=True)
+        [restarted(window, vessel, values) for window in windows] for windows, values in zip(runs, own, strict=True)
     ]
     square = np.array([np.mean(misfit**2, axis=1) for run in misfits for misfit in run])
     stayed = np.isfinite(square).all(axis=1)

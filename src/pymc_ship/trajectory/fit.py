@@ -53,13 +53,43 @@ def white_noise(run: Run, *, offsets: bool = False) -> Noise:
 
 @dataclass(frozen=True)
 class Problem:
-    """All that a fit needs: runs, vessel, prior, the noise of each run and the factors tau of the prior by DOF."""
+    """All that a fit needs: runs, vessel, prior, the noise of each run and the factors tau of the prior by DOF.
+
+    ``sailed`` says which of the trials each run is a piece of: parameters that every trial has its own of, such as a
+    current, are unknowns of a trial. Without it all runs share them.
+    """
 
     runs: tuple[Run, ...]
     vessel: Vessel
     prior: CoefficientPrior
     noise: tuple[Noise, ...]
     tau: np.ndarray
+    sailed: tuple[int, ...] = ()
+
+    @property
+    def of_run(self) -> np.ndarray:
+        """Places among the coefficients of those that every trial has its own of."""
+        first = self.n_coefficients - len(self.vessel.parameters)
+        own = [first + k for k, parameter in enumerate(self.vessel.parameters) if parameter.of_run]
+        return np.array(own if self.sailed else [], dtype=int)
+
+    @property
+    def n_shared(self) -> int:
+        """Coefficients and the constants of all trials: the unknowns that runs share."""
+        return self.n_coefficients + self.of_run.size * len(set(self.sailed))
+
+    @property
+    def columns(self) -> list[np.ndarray]:
+        """Places of the coefficients of each run among the unknowns, (n_coefficients,)."""
+        own, every = self.of_run, np.arange(self.n_coefficients)
+        if not own.size:
+            return [every] * len(self.runs)
+        found = []
+        for trial in self.sailed:
+            mine = every.copy()
+            mine[own] = self.n_coefficients + own.size * trial + np.arange(own.size)
+            found.append(mine)
+        return found
 
     @property
     def n_coefficients(self) -> int:
@@ -69,7 +99,7 @@ class Problem:
     @property
     def nuisances(self) -> list[slice]:
         """Place of each run's initial state and offsets among the unknowns."""
-        places, begin = [], self.n_coefficients
+        places, begin = [], self.n_shared
         for run, noise in zip(self.runs, self.noise, strict=True):
             size = run.n_states + (len(run.channels) if noise.offsets else 0)
             places.append(slice(begin, begin + size))
@@ -79,7 +109,7 @@ class Problem:
     @property
     def center(self) -> np.ndarray:
         """Prior mean of every unknown, physical units."""
-        parts = [self.prior.mean]
+        parts = [self.prior.mean, np.tile(self.prior.mean[self.of_run], len(set(self.sailed)))]
         for run, noise in zip(self.runs, self.noise, strict=True):
             parts += [run.initial_state[0], np.zeros(len(run.channels) if noise.offsets else 0)]
         return np.concatenate(parts)
@@ -87,7 +117,7 @@ class Problem:
     @property
     def unit(self) -> np.ndarray:
         """Unit in which every unknown is measured, physical units."""
-        parts = [self.prior.unit]
+        parts = [self.prior.unit, np.tile(self.prior.unit[self.of_run], len(set(self.sailed)))]
         for run, noise in zip(self.runs, self.noise, strict=True):
             parts += [run.initial_state[1], 0.1 * np.ptp(run.means, axis=1) if noise.offsets else np.empty(0)]
         return np.concatenate(parts)
@@ -98,6 +128,8 @@ class Problem:
         tau = np.where(self.prior.tuned, self.tau[coefficient_dofs(self.vessel)], 1.0)
         precision = np.ones(self.unit.size)
         precision[: self.n_coefficients] = (self.prior.unit / (tau * self.prior.scale)) ** 2
+        own = (self.prior.unit[self.of_run] / self.prior.scale[self.of_run]) ** 2
+        precision[self.n_coefficients : self.n_shared] = np.tile(own, len(set(self.sailed)))
         return precision
 
 
@@ -165,14 +197,15 @@ class TrajectoryFit:
 
 def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
     """Simulate all runs with their sensitivities and compare them with the records; None where a ship diverged."""
-    n, unit = problem.n_coefficients, problem.unit
+    unit = problem.unit
     gradient, matrix, residuals = np.zeros(unit.size), np.zeros((unit.size, unit.size)), []
     log_likelihood = 0.0
-    for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
-        rows = run_rows(problem.vessel, run, noise, unknowns[:n], unknowns[place])
+    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
+    for run, noise, columns, place in pieces:
+        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[place])
         if rows is None:
             return None
-        which = np.r_[0:n, place]
+        which = np.r_[columns, place]
         local = np.zeros((which.size, which.size))
         for misfit, design in rows:
             gradient[which] -= design.T @ misfit
@@ -339,11 +372,12 @@ def _tuned_tau(mode: _Mode) -> np.ndarray:
 def _approximation(mode: _Mode) -> TrajectoryFit:
     """Normal approximation from the singular values of the whitened design, prior rows included."""
     problem, unknowns = mode.problem, mode.unknowns
-    unit, precision, n = problem.unit, problem.precision, problem.n_coefficients
+    unit, precision = problem.unit, problem.precision
     blocks = [np.diag(np.sqrt(precision))]
-    for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
-        which = np.r_[0:n, place]
-        rows = run_rows(problem.vessel, run, noise, unknowns[:n], unknowns[place])
+    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
+    for run, noise, columns, place in pieces:
+        which = np.r_[columns, place]
+        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[place])
         triangle = np.linalg.qr(np.vstack([design for _, design in rows]) * unit[which], mode="r")
         blocks.append(np.zeros((len(triangle), unit.size)))
         blocks[-1][:, which] = triangle

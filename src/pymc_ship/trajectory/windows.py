@@ -20,11 +20,20 @@ from scipy.signal import savgol_filter
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.inputs import recorded_inputs
 from pymc_ship.motion.replay import replay
-from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryFit, fit_trajectory, initial_problem, run_rows
+from pymc_ship.trajectory.fit import (
+    Noise,
+    Problem,
+    TrajectoryError,
+    TrajectoryFit,
+    fit_trajectory,
+    initial_problem,
+    run_rows,
+)
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.channels import CHANNELS, sensors
 from pymc_ship.trial.record import TrialError, sampling_interval
+from pymc_ship.vessel.parts import HELD
 from pymc_ship.vessel.vessel import Vessel
 
 LENGTH = 5.0
@@ -46,10 +55,14 @@ _SETTLED = 0.03
 
 @dataclass(frozen=True)
 class Window:
-    """A window as a run of a trajectory fit, and the state it restarts from in the (smoothed) record, (n_states,)."""
+    """A window as a run of a trajectory fit, and the state it restarts from in the (smoothed) record, (n_states,).
+
+    ``trial`` is the number of the trial that it is a piece of.
+    """
 
     run: Run
     state: np.ndarray
+    trial: int
 
 
 @dataclass(frozen=True)
@@ -120,8 +133,8 @@ def window_records(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
     return [trial.isel(time=slice(begin, begin + size)) for begin in begins]
 
 
-def prepared_windows(trial: xr.Dataset, vessel: Vessel) -> list[Window]:
-    """Windows of a thinned record for the fit and the score of a vessel's model."""
+def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list[Window]:
+    """Windows of a thinned record, the trial of this number, for the fit and the score of a vessel's model."""
     unit, step = vessel.particulars.ship_time, sampling_interval(trial)
     channels = sensors(rolling="roll" in vessel.dofs)
     size = {"m/s": vessel.particulars.nominal_speed, "rad/s": 1.0 / unit, "rad": 1.0}
@@ -139,7 +152,7 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel) -> list[Window]:
         state[list(run.rows)] = [start[name].values[0] for name in channels]
         if run.heads:
             state[HEADING] = start["psi"].values[0]
-        found.append(Window(run, state))
+        found.append(Window(run, state, number))
     return found
 
 
@@ -190,8 +203,10 @@ def fit_windows(
     """
     runs = [window.run for window in windows]
     fixed = replace(prior, tuned=np.zeros_like(prior.tuned))
-    problem = initial_problem(runs, vessel, fixed)
-    unknowns = np.concatenate([start, *(window.state for window in windows)])
+    sailed = np.unique([window.trial for window in windows], return_inverse=True)[1]
+    problem = replace(initial_problem(runs, vessel, fixed), sailed=tuple(sailed.tolist()))
+    constants = problem.center[problem.n_coefficients : problem.n_shared]
+    unknowns = np.concatenate([start, constants, *(window.state for window in windows)])
     spread = np.array([sd[name] for name in runs[0].channels]) if sd else _left_by(windows, vessel, start)
     for _ in range(_PASSES):
         fit = fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE)
@@ -235,8 +250,14 @@ def _dispersion(fit: TrajectoryFit) -> float:
     The mean over the directions in which the windows, not the prior, determine the coefficients: tr(C G) / tr(C H),
     with G the sum of squared gradients and H = C^-1 - P the curvature that is the windows' own.
     """
-    C, G, P = fit.covariance, _squared_gradients(fit), _prior_precision(fit)
+    C, G, P = _shared_covariance(fit), _squared_gradients(fit), _prior_precision(fit)
     return float(np.trace(C @ G) / (len(C) - np.trace(C @ P)))
+
+
+def _shared_covariance(fit: TrajectoryFit) -> np.ndarray:
+    """Posterior covariance of the unknowns that runs share, (n_shared, n_shared)."""
+    root = fit.square_root[: fit.problem.n_shared]
+    return root @ root.T
 
 
 def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
@@ -245,28 +266,64 @@ def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
     White (1982), doi:10.2307/1912526, with windows as clusters and the prior as one more observation; C is the
     posterior covariance that residuals independent of each other would give.
     """
-    C = fit.covariance
-    parts = (C @ middle @ C for middle in (_squared_gradients(fit), _prior_precision(fit)))
+    C, n = _shared_covariance(fit), fit.problem.n_coefficients
+    parts = ((C @ middle @ C)[:n, :n] for middle in (_squared_gradients(fit), _prior_precision(fit)))
     from_windows, from_prior = (0.5 * (part + part.T) for part in parts)
+    own = fit.problem.of_run
+    from_prior[own], from_prior[:, own] = 0.0, 0.0
     return from_windows, from_prior
 
 
 def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
-    """Prior precision of the coefficients, (n_coefficients, n_coefficients)."""
-    n = fit.problem.n_coefficients
+    """Prior precision of the unknowns that runs share, (n_shared, n_shared)."""
+    n = fit.problem.n_shared
     return np.diag(fit.problem.precision[:n] / fit.problem.unit[:n] ** 2)
 
 
 def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
     """Sum over windows of g g', g the gradient of a window's log likelihood, times n / (n - 1) of n windows."""
     problem: Problem = fit.problem
-    n = problem.n_coefficients
-    gradients = []
-    for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
-        rows = run_rows(problem.vessel, run, noise, fit.coefficients, fit.unknowns[place])
-        gradients.append(sum(design[:, :n].T @ misfit for misfit, design in rows))
+    n, gradients = problem.n_coefficients, []
+    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
+    for run, noise, columns, place in pieces:
+        rows = run_rows(problem.vessel, run, noise, fit.unknowns[columns], fit.unknowns[place])
+        gradient = np.zeros(problem.n_shared)
+        gradient[columns] = sum(design[:, :n].T @ misfit for misfit, design in rows)
+        gradients.append(gradient)
     g, count = np.array(gradients), len(gradients)
     return g.T @ g * (count / max(count - 1, 1))
+
+
+def with_constants(windows: Sequence[Window], fit: WindowFit, prior: CoefficientPrior) -> np.ndarray:
+    """Coefficients of a fit with the constants of a trial, such as its current, that windows of it call for.
+
+    Parameters
+    ----------
+    windows : sequence of Window
+        Of one trial.
+    fit : WindowFit
+        Its other coefficients stay.
+    prior : CoefficientPrior
+
+    Returns
+    -------
+    ndarray, shape (n_coefficients,)
+        Those of the fit where the vessel has no such constants, or none are found.
+    """
+    first = fit.coefficients.size - len(fit.vessel.parameters)
+    own = np.array([first + k for k, parameter in enumerate(fit.vessel.parameters) if parameter.of_run], dtype=int)
+    if not own.size:
+        return fit.coefficients
+    scale = np.full(fit.coefficients.size, HELD)
+    scale[own] = prior.scale[own]
+    held = CoefficientPrior(fit.coefficients, scale, scale, np.zeros(scale.size, dtype=bool), "held")
+    problem = initial_problem([window.run for window in windows], fit.vessel, held)
+    spread = np.array(list(fit.spread.values()))
+    unknowns = np.concatenate([fit.coefficients, *(window.state for window in windows)])
+    try:
+        return fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE).coefficients
+    except TrajectoryError:
+        return fit.coefficients
 
 
 def widened(fit: WindowFit, factor: float) -> WindowFit:
