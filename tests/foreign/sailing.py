@@ -255,7 +255,10 @@ def sail(
     record = record if ship.papers.stability else record.drop_vars(["p", "phi"])
     if ground:
         u, v = over_ground(record["u"], record["v"], record["psi"], weather)
-        record = record.assign(u=u, v=v)
+        record = record.assign(u=u, v=v).assign_attrs(speeds="over ground")
+    if weather.wind > 0.0:
+        wind = {"wind_speed": weather.wind, "wind_direction": math.radians(weather.wind_from_deg)}
+        record = record.assign({name: xr.full_like(record["u"], value) for name, value in wind.items()})
     return record if sensors is None else sensors.read(record, ship.papers.speed, np.random.default_rng(seed))
 
 
@@ -305,17 +308,15 @@ def truth(ship) -> dict[str, dict[str, float]]:
 
 
 def vessel_file(ship, *, propeller: bool = True) -> str:
-    """TOML of what a naval architect knows of a ship, for the package; no coefficients.
-
-    Rudder and wind areas stand in comments: the package has no keys for them.
-    """
+    """TOML of what a naval architect knows of a ship, for the package; no coefficients."""
     papers = ship.papers
     known = {"L": papers.L, "B": papers.B, "d": papers.d, "volume": papers.volume, "nominal_speed": papers.speed}
     known |= {"rudder_rate_deg": papers.rudder_rate_deg, "x_G": papers.x_G, **dict(papers.stability)}
     lines = [f"name = {json.dumps(papers.name)}", f"title = {json.dumps(papers.title)}", "", "[particulars]"]
     lines += [f"{key} = {float(value)!r}" for key, value in known.items()]
-    lines += [f"# rudder: area {papers.rudder_area:g} m2, height {papers.rudder_height:g} m"]
-    lines += [f"# above water: frontal area {papers.frontal_area:g} m2, lateral area {papers.lateral_area:g} m2"]
+    aspect_ratio = papers.rudder_height**2 / papers.rudder_area
+    lines += ["", "[rudder]", f"area = {papers.rudder_area!r}", f"aspect_ratio = {aspect_ratio!r}"]
+    lines += ["", "[windage]", f"frontal_area = {papers.frontal_area!r}", f"lateral_area = {papers.lateral_area!r}"]
     if propeller:
         lines += ["", "[propeller]", *(f"{key} = {float(value)!r}" for key, value in papers.propeller.items())]
     return "\n".join(lines) + "\n"

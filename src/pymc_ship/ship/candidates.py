@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
+from pymc_ship.forces.surroundings import CURRENT
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.recognition import Steering
@@ -20,7 +21,9 @@ from pymc_ship.ship.soundness import Failure, first_failure, sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, normal_draws, prepared_windows, widened
+from pymc_ship.trial.record import OVER_GROUND
 from pymc_ship.vessel.hull_database import with_hull_database
+from pymc_ship.vessel.parts import with_parts
 from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, term_sets, with_terms
 from pymc_ship.vessel.vessel import Vessel
 
@@ -85,6 +88,14 @@ def informed(vessel: Vessel, kind: str) -> Vessel:
     return with_hull_database(vessel) if kind == "hull_database" and not vessel.modular else vessel
 
 
+def with_surroundings(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
+    """Vessel of parts with a current in every trial where speeds were measured over ground; others are as they are."""
+    drifting = any(trial.attrs.get("speeds") == OVER_GROUND for trial in trials)
+    if not vessel.modular or not drifting or CURRENT.name in vessel.parts:
+        return vessel
+    return with_parts(vessel, (*vessel.parts, CURRENT.name), {c.name: c for c in vessel.parameters})
+
+
 def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
     """Prior of a window fit of an informed vessel; a wide one for every coefficient, whatever its order."""
     return coefficient_prior(trials, vessel, "sister_ship" if kind == "sister_ship" else "order_damped", damping=1.0)
@@ -136,7 +147,7 @@ def candidates_of(wanted: Sequence[str], training: Training) -> tuple[list[Candi
 def _attempt(name: str, training: Training) -> Candidate | Refusal:
     """Candidate of a term set, or why there is none."""
     try:
-        plain = with_terms(training.vessel, name)
+        plain = with_surroundings(with_terms(training.vessel, name), training.trials)
         vessel = informed(plain, training.prior)
         runs = [prepared_windows(trial, vessel, k) for k, trial in enumerate(training.trials)]
         prior = stated_prior(training.trials, vessel, training.prior)

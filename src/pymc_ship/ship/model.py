@@ -192,8 +192,6 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Train
         motion_record(trial, vessel)
     manoeuvres, steering = recognise(trials, vessel)
     vessel = with_steering(vessel, steering)
-    if any(trial.attrs.get("velocity") == OVER_GROUND for trial in trials):
-        vessel = replace(vessel, parts=(*vessel.parts, CURRENT.name))
     return Training([thinned(trial, vessel) for trial in trials], manoeuvres, steering, vessel, prior)
 
 

@@ -141,7 +141,7 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list
     units = {name: CHANNELS[name].unit.name for name in channels}
     sd = {name: _FIRST_SD[of] * size[of] for name, of in units.items()}
     block, substeps = max(round(unit / _BLOCKS / step), 1), int(np.ceil(_STEPS * step / unit))
-    smooth = trial.assign({name: ("time", _smoothed(trial[name].values, unit / step)) for name in channels})
+    smooth = trial.assign({name: ("time", smoothed_channel(trial[name].values, unit / step)) for name in channels})
     inputs = xr.DataArray(recorded_inputs(trial, vessel), dims=("input", "time"))
     smooth = smooth.assign(inputs=inputs)
     found = []
@@ -166,7 +166,7 @@ def restarted(window: Window, vessel: Vessel, coefficients: np.ndarray) -> np.nd
     return run.means - motion[list(run.rows), 0]
 
 
-def _smoothed(values: np.ndarray, unit: float) -> np.ndarray:
+def smoothed_channel(values: np.ndarray, unit: float) -> np.ndarray:
     """Channel smoothed by a local cubic over half an L/U, which is ``unit`` samples."""
     size = max(round(_SMOOTHED * unit) | 1, 5)
     return savgol_filter(values, size, 3) if size <= values.size else values

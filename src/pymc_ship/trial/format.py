@@ -20,6 +20,7 @@ _FRAME = {
     "velocities": ("body", "earth"),
     "heading": ("clockwise", "counterclockwise", "compass"),
     "rudder_positive": ("port", "starboard"),
+    "speeds": ("through water", "over ground"),
 }
 
 
@@ -39,6 +40,8 @@ class TrialFormat:
         Positive sense of psi; a compass heading is clockwise and in deg where nothing else is stated.
     rudder_positive : {"port", "starboard"}
         Side to which a positive rudder angle turns the ship.
+    speeds : {"through water", "over ground"}
+        What u and v are measured against; it matters where the water moves.
     froude : float
         Length of the ship over that of the model.
     delimiter : str or None
@@ -52,6 +55,7 @@ class TrialFormat:
     reference: float = 0.0
     heading: str = "clockwise"
     rudder_positive: str = "port"
+    speeds: str = "through water"
     froude: float = 1.0
     delimiter: str | None = None
     skip_rows: int = 0

@@ -17,6 +17,10 @@ class TrialError(ValueError):
     """A record that cannot be used; the sentence names the channel and the place."""
 
 
+OVER_GROUND = "over ground"
+"""Value of the attribute ``speeds`` of a trial whose u and v are over ground; without it they are through the water."""
+
+
 def one_trial(trial: object) -> xr.Dataset:
     """Trial as it is; TrialError for a list of trials, or anything else that is no Dataset."""
     if isinstance(trial, xr.Dataset):

@@ -1,0 +1,260 @@
+"""Motion of a ship along the measured inputs of a record, from a measured state, and how well it fits the record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.forecasting.forecast import BANDS
+from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.inputs import recorded_inputs
+from pymc_ship.motion.replay import replay as replayed_states
+from pymc_ship.ship.files import IdentifiedShip
+from pymc_ship.ship.model import ShipModel
+from pymc_ship.trajectory.windows import smoothed_channel
+from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.record import TrialError, check_trial, one_trial, sampling_interval
+from pymc_ship.vessel.reading import VesselLike, as_vessel
+from pymc_ship.vessel.vessel import Vessel, reference_coefficients
+
+SCORED = ("u", "v", "r", "psi", "position")
+"""Channels of a score; the position is the distance between the tracks."""
+
+_STEPS = 60  # in L/U, of the integration at least
+_MEASURED = ("u", "v", "r", "psi", "delta")
+
+
+def replay(
+    ship: ShipModel | IdentifiedShip | VesselLike,
+    trial: xr.Dataset,
+    *,
+    start: float | None = None,
+    duration: float | None = None,
+    draws: int = 200,
+    ci_prob: float = 0.9,
+) -> xr.DataTree:
+    """Motion along a record's measured inputs from its measured state.
+
+    Parameters
+    ----------
+    ship : ShipModel, IdentifiedShip, Vessel, str or Path
+        An identified ship, or a vessel with her own coefficients.
+    trial : Dataset, dims (time,)
+        u, v, r, psi and delta; n, wind_speed and wind_direction count where the ship has parts for them; x and y where
+        the track is to be compared.
+    start : float, optional
+        Time [s] of the record at which the ship begins; its first sample by default.
+    duration : float, optional
+        [s]; to the end of the record by default.
+    draws : int, optional
+        Ships at most; a vessel is one.
+    ci_prob : float, optional
+        Probability inside the equal-tailed bands.
+
+    Returns
+    -------
+    DataTree
+        ``trajectories`` (dims draw, time), ``bands`` (dims band, time) and ``measured`` (dims time). x and y begin at 0,
+        where the record has no track. Draws that run away are NaN; ``share_diverged`` in attrs.
+
+    Raises
+    ------
+    TrialError
+        For missing channels, or a start or duration outside the record.
+    ValueError
+        For no draws, or ``ci_prob`` not in (0, 1).
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> tree = ps.replay(vessel, trial, start=100, duration=200)
+    >>> bool(abs(tree["bands"]["u"].sel(band="median") - tree["measured"]["u"]).max() < 0.05)
+    True
+    """
+    if draws < 1 or not 0.0 < ci_prob < 1.0:
+        raise ValueError(f"A replay needs a draw and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
+    piece = _piece(one_trial(trial), start, duration)
+    runs = [_states(vessel, rows, piece) for vessel, rows in _models(ship, draws)]
+    states = np.concatenate(runs, axis=1)
+    coords = {"draw": np.arange(states.shape[1]), "time": piece["time"].values}
+    units = {name: {"units": CHANNELS[name].unit.name} for name in STATE}
+    motion = xr.Dataset({n: (("draw", "time"), states[k], units[n]) for k, n in enumerate(STATE)}, coords)
+    tail = 0.5 * (1.0 - ci_prob)
+    bands = motion.quantile([tail, 0.5, 1.0 - tail], "draw", skipna=True).rename(quantile="band")
+    measured = piece[[name for name in STATE if name in piece]]
+    attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
+    attrs["share_diverged"] = float(np.isnan(states[0, :, -1]).mean())
+    groups = {"trajectories": motion, "bands": bands.assign_coords(band=list(BANDS)), "measured": measured}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
+
+
+def score(
+    ship: ShipModel | IdentifiedShip | VesselLike,
+    trials: Mapping[str, xr.Dataset],
+    *,
+    length: float | None = None,
+    every: float | None = None,
+    draws: int = 100,
+    ci_prob: float = 0.9,
+) -> xr.Dataset:
+    """How well replays restarted from the measured state fit records.
+
+    Parameters
+    ----------
+    ship : ShipModel, IdentifiedShip, Vessel, str or Path
+    trials : mapping of str to Dataset
+        Records by name, as for :func:`replay`.
+    length : float, optional
+        Of a window [s]; 5 L/U by default.
+    every : float, optional
+        From the start of a window to the next [s]; a window's length by default.
+    draws, ci_prob
+        As :func:`replay`.
+
+    Returns
+    -------
+    Dataset, dims (run, channel)
+        ``rmse`` (SI) of the median ship, ``relative``, over the standard deviation of the channel (for psi and position
+        over the deviation from the start of each window), ``coverage`` of the bands, ``crps`` (SI); by run ``windows``,
+        ``ran_away`` and ``score``, the mean of ``relative``; attrs ``score``, the mean over the runs. A window whose
+        median ship runs away has no error: it is counted in ``ran_away``, and its run has no score.
+
+    Raises
+    ------
+    TrialError
+        For a record shorter than a window, and as :func:`replay`.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> found = ps.score(vessel, {"zigzag": trial})
+    >>> bool(found.attrs["score"] < 0.05), int(found["ran_away"].sum())
+    (True, 0)
+    """
+    unit = _first_vessel(ship).particulars.ship_time
+    length = 5.0 * unit if length is None else length
+    every = length if every is None else every
+    if not trials or not 0.0 < length < np.inf or not 0.0 < every < np.inf:
+        raise TrialError(
+            f"A score needs a record or more and windows of a positive length and distance, found {len(trials)} records, "
+            f"{length} s and {every} s; correct them."
+        )
+    rows = {name: _scored(ship, one_trial(trial), length, every, draws, ci_prob) for name, trial in trials.items()}
+    table = {
+        key: (("run", "channel"), np.array([row[key] for row in rows.values()]))
+        for key in ("rmse", "relative", "coverage", "crps")
+    }
+    by_run = {key: ("run", [row[key] for row in rows.values()]) for key in ("windows", "ran_away")}
+    found = xr.Dataset(table | by_run, {"run": list(rows), "channel": list(SCORED)})
+    found["score"] = found["relative"].mean("channel", skipna=False)
+    attrs = {"score": float(found["score"].mean(skipna=False)), "length": length, "every": every, "ci_prob": ci_prob}
+    return found.assign_attrs(attrs)
+
+
+def _scored(ship, trial: xr.Dataset, length: float, every: float, draws: int, ci_prob: float) -> dict:
+    """Errors, coverage and CRPS of the windows of one record, each list in the order of :data:`SCORED`."""
+    check_trial(trial, (*_MEASURED, "x", "y"))
+    time = trial["time"].values
+    begins = np.arange(time[0], time[-1] - length + 1e-9, every)
+    if not begins.size:
+        raise TrialError(f"A score needs a record of a window of {length:g} s, found {np.ptp(time):.4g} s; shorten it.")
+    square, moved, inside, crps, lost = [], [], [], [], 0
+    for begin in begins:
+        tree = replay(ship, trial, start=float(begin), duration=length, draws=draws, ci_prob=ci_prob)
+        ships, measured, median = tree["trajectories"], tree["measured"], tree["bands"].sel(band="median")
+        if not np.isfinite(median["u"].values[-1]):
+            lost += 1
+            continue
+        apart, spread, covered, ranked = [], [], [], []
+        for name in SCORED[:4]:
+            seen, drawn = measured[name].values, ships[name].values
+            apart.append(np.mean((median[name].values - seen) ** 2))
+            spread.append(np.mean((seen - (seen[0] if name == "psi" else trial[name].values.mean())) ** 2))
+            low, high = (tree["bands"][name].sel(band=band).values for band in (BANDS[0], BANDS[-1]))
+            covered.append(np.mean((seen >= low) & (seen <= high)))
+            ranked.append(_crps(drawn, seen))
+        track = [measured[name].values for name in ("x", "y")]
+        apart.append(sum(np.mean((median[n].values - s) ** 2) for n, s in zip("xy", track, strict=True)))
+        spread.append(sum(np.mean((values - values[0]) ** 2) for values in track))
+        distance = np.hypot(*(ships[n].values - s for n, s in zip("xy", track, strict=True)))
+        reach = np.hypot(*(ships[n].values - median[n].values for n in "xy"))
+        covered.append(
+            np.mean(
+                np.hypot(*(median[n].values - s for n, s in zip("xy", track, strict=True)))
+                <= np.nanquantile(reach, ci_prob, axis=0)
+            )
+        )
+        ranked.append(float(np.nanmean(distance)))
+        square.append(apart)
+        moved.append(spread)
+        inside.append(covered)
+        crps.append(ranked)
+    nothing = np.full(len(SCORED), np.nan)
+    rmse = np.sqrt(np.mean(square, axis=0)) if square and not lost else nothing
+    size = np.sqrt(np.mean(moved, axis=0)) if moved else nothing
+    return {
+        "rmse": rmse,
+        "relative": rmse / size,
+        "coverage": np.mean(inside, axis=0) if inside else nothing,
+        "crps": np.mean(crps, axis=0) if crps else nothing,
+        "windows": len(begins),
+        "ran_away": lost,
+    }
+
+
+def _crps(drawn: np.ndarray, seen: np.ndarray) -> float:
+    """Continuous ranked probability score of an ensemble (n_draws, n_time), mean over time.
+
+    Gneiting & Raftery (2007), doi:10.1198/016214506000001437, Eq. 20, with the spread of a sorted ensemble.
+    """
+    held = np.sort(drawn[np.isfinite(drawn[:, -1])], axis=0)
+    n = len(held)
+    weight = (2.0 * np.arange(1, n + 1) - n - 1.0) / (n * n)
+    return float(np.mean(np.mean(np.abs(held - seen), axis=0) - weight @ held))
+
+
+def _models(ship, draws: int) -> list[tuple[Vessel, np.ndarray]]:
+    """Vessels with rows of coefficients; models of an identified ship keep their shares of the draws."""
+    if not isinstance(ship, ShipModel | IdentifiedShip):
+        vessel = as_vessel(ship)
+        return [(vessel, reference_coefficients(vessel)[None])]
+    total = sum(len(rows) for _, rows in ship.models)
+    share = min(draws / total, 1.0)
+    return [(vessel, rows[: max(round(share * len(rows)), 1)]) for vessel, rows in ship.models]
+
+
+def _first_vessel(ship) -> Vessel:
+    return ship.vessel if isinstance(ship, ShipModel | IdentifiedShip) else as_vessel(ship)
+
+
+def _piece(trial: xr.Dataset, start: float | None, duration: float | None) -> xr.Dataset:
+    """Part of a record, its channels' state at the start in ``begin_`` variables."""
+    check_trial(trial, _MEASURED)
+    time = trial["time"].values
+    begin = float(time[0]) if start is None else float(start)
+    end = float(time[-1]) if duration is None else begin + float(duration)
+    if not time[0] <= begin < end <= time[-1] + 1e-9:
+        raise TrialError(
+            f"A replay begins and ends inside the record, {time[0]:g} to {time[-1]:g} s, found {begin:g} to {end:g} s; "
+            "correct start and duration."
+        )
+    return trial.sel(time=slice(begin - 1e-9, end + 1e-9))
+
+
+def _states(vessel: Vessel, rows: np.ndarray, piece: xr.Dataset) -> np.ndarray:
+    """States (8, n_draws, n_time) of ships along a piece of a record."""
+    interval, unit = sampling_interval(piece), vessel.particulars.ship_time
+    initial = np.zeros((len(rows), len(STATE)))
+    rolls = "roll" in vessel.dofs
+    for k, name in enumerate(STATE):
+        if name in piece and (rolls or not CHANNELS[name].rolling):
+            values = piece[name].values
+            initial[:, k] = smoothed_channel(values, unit / interval)[0] if name in ("u", "v", "r", "p") else values[0]
+    substeps = max(int(np.ceil(_STEPS * interval / unit)), 1)
+    return replayed_states(vessel, recorded_inputs(piece, vessel), initial, rows, interval=interval, substeps=substeps)
