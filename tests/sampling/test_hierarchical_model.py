@@ -89,6 +89,19 @@ def test_runs_are_grouped():
         hierarchical_model(data, ps.ConjugatePrior())
 
 
+@pytest.mark.parametrize(
+    ("bad", "sentence"),
+    [
+        ({"target_accept": 1.5}, r"An acceptance rate lies between 0 and 1, found 1\.5; give one such as 0\.9\."),
+        ({"chains": 0}, "Counts of draws=1000, chains=0, tune=1000 must be positive"),
+    ],
+)
+def test_settings_of_the_sampler_are_checked(bad, sentence):
+    data = data_of(np.random.default_rng(1), np.zeros((3, 2)), np.ones(3))
+    with pytest.raises(ValueError, match=sentence):
+        hierarchical_posterior(data, PRIOR, rng=1, **bad)
+
+
 def test_several_trials_have_one_scaling_and_their_runs():
     vessel = ps.load_vessel("kvlcc2")
     zigzags = {side: ps.zigzag(20, 20, side=side) for side in ("port", "starboard")}
