@@ -77,6 +77,8 @@ def test_the_tree_is_reported(path, tmp_path):
     page = ps.diagnostic_report({path: tree_by(path)}, tmp_path)
     text = page.read_text(encoding="utf-8")
     assert ("of its own model" in text) == (path == "horseshoe")
+    assert ("that of a normal prior with the same central 95 %" in text) == (path == "horseshoe")
+    assert "quantities move with the prior" in text
     assert "no prior/coefficients" not in text
     assert "no posterior_predictive" not in text
 
