@@ -243,5 +243,14 @@ def test_a_chosen_prior_or_even_columns_are_not_warned_of(data, prior):
     prior.exact(data)
 
 
+def test_few_rows_of_even_columns_are_not_uneven():
+    """Of single rows four in five have two of 28 columns a factor of 30 apart."""
+    X = np.random.default_rng(2).standard_normal((200, 28))
+    data = ps.RegressionData.from_arrays(X, X[:, 0])
+    assert [k for k in range(200) if data.rows(np.array([k])).uneven] == []
+    assert [n for n in range(1, 200) if data.rows(np.arange(n)).uneven] == []
+    assert uneven(1000.0).rows(np.arange(4)).uneven.startswith("The columns must be of one size")
+
+
 def test_an_empty_column_is_not_uneven():
     assert ps.RegressionData.from_arrays(np.eye(3)[:, :2] * [1.0, 0.0], np.ones(3)).uneven == ""

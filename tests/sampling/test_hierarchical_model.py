@@ -72,6 +72,10 @@ def test_the_page_says_which_coefficients_differ(tmp_path):
     text = ps.diagnostic_report({"sisters": tree}, tmp_path).read_text(encoding="utf-8")
     assert "ship 1 - ship 2: x1 differs" in text
     assert "x2 differ" not in text
+    assert "Drawn are the coefficient of largest R-hat and the most correlated pair." in text
+    assert "rows have a Pareto k above" in text
+    assert "Posterior predictive responses, as the tree holds them" in text
+    assert "Not shown: to power the priors of groups" in text
 
 
 def test_runs_are_grouped():
@@ -89,11 +93,26 @@ def test_runs_are_grouped():
         hierarchical_model(data, ps.ConjugatePrior())
 
 
+@pytest.mark.parametrize(
+    ("bad", "sentence"),
+    [
+        ({"target_accept": 1.5}, r"An acceptance rate lies between 0 and 1, found 1\.5; give one such as 0\.9\."),
+        ({"chains": 0}, "Counts of draws=1000, chains=0, tune=1000 must be positive"),
+    ],
+)
+def test_settings_of_the_sampler_are_checked(bad, sentence):
+    data = data_of(np.random.default_rng(1), np.zeros((3, 2)), np.ones(3))
+    with pytest.raises(ValueError, match=sentence):
+        hierarchical_posterior(data, PRIOR, rng=1, **bad)
+
+
 def test_several_trials_have_one_scaling_and_their_runs():
     vessel = ps.load_vessel("kvlcc2")
     zigzags = {side: ps.zigzag(20, 20, side=side) for side in ("port", "starboard")}
     trials = {side: ps.simulate(vessel, zigzag, duration=300, step=0.5) for side, zigzag in zigzags.items()}
+    trials["port"] = trials["port"].assign_attrs(record_verdict="doubtful", record_remarks="Doubtful: spikes.")
     both = ps.regression_data(trials, vessel, "yaw", interval=2.0)
+    assert (both.record_verdict, both.record_remarks) == ("doubtful", "port: Doubtful: spikes.")
     alone = [ps.regression_data(trial, vessel, "yaw", interval=2.0) for trial in trials.values()]
     np.testing.assert_array_equal(both.design_matrix, np.vstack([one.design_matrix for one in alone]))
     assert both.run.tolist() == ["port"] * alone[0].n_rows + ["starboard"] * alone[1].n_rows

@@ -1,6 +1,6 @@
 """Models of one's own: their draws in every function that takes a posterior, and in those of ArviZ that docs name."""
 
-from functools import cache
+from functools import cache, partial
 
 import arviz as az
 import numpy as np
@@ -77,6 +77,8 @@ def test_the_tree_is_reported(path, tmp_path):
     page = ps.diagnostic_report({path: tree_by(path)}, tmp_path)
     text = page.read_text(encoding="utf-8")
     assert ("of its own model" in text) == (path == "horseshoe")
+    assert ("that of a normal prior with the same central 95 %" in text) == (path == "horseshoe")
+    assert "quantities move with the prior" in text
     assert "no prior/coefficients" not in text
     assert "no posterior_predictive" not in text
 
@@ -152,9 +154,16 @@ def test_shipped_priors_are_centred(prior):
     assert np.all(drawn.std(axis=0) > 0.0)
 
 
+@pytest.mark.parametrize("effective", [0.0, DATA.n_terms, float("nan")])
+def test_a_horseshoe_expects_some_coefficients_but_not_all(effective):
+    with pytest.raises(ps.PriorError, match=rf"lies between 0 and {DATA.n_terms}, the number of terms, found "):
+        pymc_model(DATA, partial(ps.horseshoe, effective=effective))
+
+
 def test_settings_of_the_sampler_are_checked():
     rng = np.random.default_rng(1)
-    with pytest.raises(ValueError, match="An acceptance rate lies between 0 and 1"):
-        nuts_posterior(DATA, PRIOR, rng=rng, target_accept=1.0)
+    for form in ("whitened", "direct"):
+        with pytest.raises(ValueError, match=r"An acceptance rate lies between 0 and 1, found 1\.0; give one such as"):
+            nuts_posterior(DATA, PRIOR, rng=rng, parametrisation=form, target_accept=1.0)
     with pytest.raises(ValueError, match=r"The NUTS sampler is one of nutpie, pymc, numpyro, blackjax; found 'stan'"):
         nuts_posterior(DATA, PRIOR, rng=rng, sampler="stan")

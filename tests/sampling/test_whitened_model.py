@@ -13,7 +13,7 @@ from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.sampling.error_laws import ERRORS
 from pymc_ship.sampling.regression_model import nuts_posterior, pymc_model
-from pymc_ship.sampling.whitened_model import row_statistics
+from pymc_ship.sampling.whitened_model import statistics
 from tests.sampling.cases import N_TERMS, POWER, hyperparameters, log_volume, regression, scaled_parameters
 
 pytestmark = pytest.mark.slow
@@ -291,7 +291,7 @@ def test_the_sampler_of_pymc_agrees():
 @pytest.mark.parametrize("case", ["tall", "zscored", "wide"])
 def test_whitened_rows_are_those_of_the_data(case, errors):
     data, prior = regression(case), SemiConjugatePrior(**hyperparameters())
-    values = row_statistics(data, prior, errors)
+    values = statistics(data, prior, errors)
     g = np.random.default_rng(6).normal(size=N_TERMS)
     coefficients = values["basis"] @ np.append(g, 1.0)
     residual = values["rotated_response"] - values["rotated_design"] @ g

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.diagnostics.numbers import CI_PROB, ESS_LIMIT, R_HAT_LIMIT, has
 from pymc_ship.diagnostics.parts import Part
-from pymc_ship.pages.drawing import BLUE, NOISE, RUST, subplots
+from pymc_ship.pages.drawing import BLUE, NOISE, RUST, styled, subplots
 from pymc_ship.pages.tables import Table, number, percent, table
 
 _SAMPLE = ("chain", "draw")
@@ -103,6 +103,7 @@ def _table(tree: xr.DataTree, found: xr.Dataset) -> Table:
     return table(rows, columns)
 
 
+@styled
 def _figure(draws: xr.DataArray) -> Figure:
     """Every group's interval of each coefficient, about the mean over groups, in units of its sd."""
     middle = draws.mean("group")
@@ -113,7 +114,7 @@ def _figure(draws: xr.DataArray) -> Figure:
     fig, axes = subplots(8.0, 1.2 + 0.3 * len(names) * max(1.0, 0.35 * len(groups)))
     ax = axes[0, 0]
     for k, group in enumerate(groups):
-        height = np.arange(len(names))[::-1] - 0.6 * (k / max(len(groups) - 1, 1) - 0.5)
+        height = np.arange(len(names))[::-1] - 0.4 * (k / max(len(groups) - 1, 1) - 0.5)
         at = {"group": group}
         colour = _COLOURS[k % len(_COLOURS)]
         ax.hlines(height, low.sel(at), high.sel(at), color=colour, lw=1.4)

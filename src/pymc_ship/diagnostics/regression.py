@@ -24,7 +24,7 @@ from pymc_ship.sampling.predictive import predictive, prior_draws
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
 _NOISE = {"noise_variance": ("chain", "draw")}  # checked where a tree has it
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
-_ONE_SD = (0.158655, 0.841345)  # probabilities of a normal variable one sd below and above its mean
+_TAILS = (0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB)
 
 
 def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
@@ -48,9 +48,10 @@ def needed(tree: xr.DataTree, *wanted: str) -> tuple[str, ...]:
 
 
 def needed_to_predict(tree: xr.DataTree) -> tuple[str, ...]:
-    """Variables that predictions need: as :func:`needed`, and those of a model's own where it states the prior."""
-    own = ("prior_predictive/response", "posterior_predictive/response") if prior_of(tree) is None else ()
-    return needed(tree, *own)
+    """Variables that predictions need: as :func:`needed`, or the predictions of a model that states its own prior."""
+    if prior_of(tree) is None:
+        return (*DESIGN, "prior_predictive/response", "posterior_predictive/response")
+    return needed(tree)
 
 
 def prior_of(tree: xr.DataTree) -> Prior | None:
@@ -84,9 +85,9 @@ def contraction(tree: xr.DataTree) -> xr.Dataset:
 
     The contraction is 1 - (posterior variance)/(prior variance), both on the original scale; a family whose prior
     variance depends on sigma2, such as the conjugate one, takes it at the posterior mean of sigma2, since the marginal
-    one may be infinite; of a prior that only a model states it is that of a normal prior with the same central 68 %. A
-    coefficient is determined when its contraction exceeds 0.9 and its mean lies more than 1.96 posterior standard
-    deviations from zero.
+    one may be infinite; of a prior that only a model states it is that of a normal prior with the same central 95 %, as
+    every interval of the page: a prior that shrinks has a narrow core and wide tails. A coefficient is determined when
+    its contraction exceeds 0.9 and its mean lies more than 1.96 posterior standard deviations from zero.
 
     Returns
     -------
@@ -115,7 +116,7 @@ def _prior_variance(tree: xr.DataTree, data: RegressionData) -> np.ndarray:
     if prior is not None:
         return prior.coefficient_variance(_scaled_noise_variance(tree, data), data.n_terms)
     draws = data.to_scaled(tree["prior"]["coefficients"].values.reshape(-1, data.n_terms))
-    return np.square(0.5 * np.diff(np.quantile(draws, _ONE_SD, axis=0), axis=0)[0])
+    return np.square(0.5 / SD_LIMIT * np.diff(np.quantile(draws, _TAILS, axis=0), axis=0)[0])
 
 
 def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
@@ -179,9 +180,8 @@ def prior_noise_variance(tree: xr.DataTree, draws: int, rng: np.random.Generator
 
 def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: int = 20000) -> tuple[float, float]:
     """Widths of the central 95 % of log10 sigma2 under the prior and under the posterior."""
-    tails = [0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB]
     both = prior_noise_variance(tree, draws, rng), tree["posterior"]["noise_variance"].values
-    return tuple(float(np.diff(np.log10(np.quantile(values, tails)))[0]) for values in both)
+    return tuple(float(np.diff(np.log10(np.quantile(values, _TAILS)))[0]) for values in both)
 
 
 def prior_predictive_ratio(tree: xr.DataTree, rng: np.random.Generator, draws: int = 400) -> np.ndarray:

@@ -173,7 +173,8 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     if np.any(_of_coefficients(tree, found)["sd"] if reference is None else reference):
         images = [("forest", figures.forest(tree, reference, published), note)]
     caption = f"{_PRIME}; equal-tailed (eti) intervals of {_CI}."
-    return Part("Coefficients", _meant(_of_coefficients(tree, found), narrowing, reference), [(rows, caption)], images)
+    text = " ".join(_contraction(tree, narrowing) + _held(_of_coefficients(tree, found), reference))
+    return Part("Coefficients", text, [(rows, caption)], images)
 
 
 def _of_coefficients(tree: xr.DataTree, found: xr.Dataset) -> xr.Dataset:
@@ -181,20 +182,29 @@ def _of_coefficients(tree: xr.DataTree, found: xr.Dataset) -> xr.Dataset:
     return found.isel(quantity=slice(tree["posterior"].sizes["coefficient"]))
 
 
-def _meant(found: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None) -> str:
-    """What contraction and judgement mean, and how many reference values the intervals hold."""
-    said = []
-    if narrowing is not None:
-        said.append(
-            "Contraction is 1 − posterior variance / prior variance (that of the conjugate prior at the posterior mean "
-            f"of σ²). Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction "
-            f"not above {CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
-        )
-    if reference is not None:
-        lower, upper = found["lower"].values, found["upper"].values
-        inside = int(np.sum((lower <= reference) & (reference <= upper)))
-        said.append(f"The {_CI} intervals hold {inside} of {reference.size} reference values.")
-    return " ".join(said)
+def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
+    """What contraction and judgement mean."""
+    if narrowing is None:
+        return []
+    own = regression.prior_of(tree) is None
+    variance = (
+        f"of a normal prior with the same central {_CI}"
+        if own
+        else "of the conjugate prior at the posterior mean of σ²"
+    )
+    return [
+        f"Contraction is 1 − posterior variance / prior variance (that {variance}). Determined: contraction > "
+        f"{CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above {CONTRACTION_LIMIT:g}; not "
+        f"from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
+    ]
+
+
+def _held(found: xr.Dataset, reference: np.ndarray | None) -> list[str]:
+    """How many reference values the intervals hold."""
+    if reference is None:
+        return []
+    inside = int(np.sum((found["lower"].values <= reference) & (reference <= found["upper"].values)))
+    return [f"The {_CI} intervals hold {inside} of {reference.size} reference values."]
 
 
 def _chosen(tree: xr.DataTree) -> list[str]:
@@ -215,7 +225,12 @@ def _chains(tree: xr.DataTree, method: str) -> Part:
     whose = f"The chains are those of {method}. " if method else ""
     if not names:
         return Part("Chains", f"{whose}Not drawn: none of the chosen quantities varies.", tables)
-    text = f"{whose}Drawn are the coefficient of largest R-hat, the most correlated pair and the noise variance."
+    rest = (
+        ", the most correlated pair and the noise variance"
+        if "noise_variance" in names
+        else " and the most correlated pair"
+    )
+    text = f"{whose}Drawn are the coefficient of largest R-hat{rest}."
     if tree["posterior"].sizes["chain"] < 2:
         text = f"{text} Ranks are not drawn: they need two chains."
     return Part("Chains", text, tables, chain_images(tree, names))
@@ -320,7 +335,10 @@ def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 
 def _sensitivity(tree: xr.DataTree) -> Part:
     title = "Sensitivity to prior and likelihood"
-    if lacking := missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
+    if numbers.has(tree, "posterior/group_coefficients"):
+        return Part(title, "Not shown: to power the priors of groups would power what pools them.")
+    stated = next(iter(tree["log_prior"].data_vars), "coefficients") if "log_prior" in tree.children else "coefficients"
+    if lacking := missing_sentence(tree, f"log_prior/{stated}", "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
     rows = numbers.prior_sensitivity(tree)
     moved = [row["quantity"] for row in rows if row["prior"] > PSENSE_LIMIT]

@@ -25,7 +25,7 @@ STATUSES = ("ran away", "wrong way", "course-unstable", "sailed")
 turns against her rudder. `course-unstable`: she leaves a straight course by herself. `sailed`: none of these."""
 
 SHARES = ("ran_away", "wrong_way", "course_unstable", "sailed")
-"""Shares of ships, as attrs name them after ``share_``."""
+"""Shares of ships, in the order of the statuses, as attrs name them after ``share_``."""
 
 STANDARD = {
     zigzag(10, 10): ("first_overshoot_angle", "second_overshoot_angle"),
@@ -54,7 +54,7 @@ def prior_ships(
 
     Parameters
     ----------
-    vessel : Vessel
+    vessel : Vessel, str or Path
     prior : CoefficientPrior, DataTree or mapping of str to (RegressionData, Prior) or DataTree
         Prior of all coefficients, whose factors tau are 1; or the prior of each DOF: a regression prior with the data
         that scale it, or a tree that has the group prior, as from :func:`pymc_ship.with_predictive`. One tree may hold
@@ -145,12 +145,8 @@ def simulated_ships(
         growth_rate=("draw", growth, {"units": "U/L"}),
         coefficients=(("draw", "coefficient"), rows),
     )
-    shares = {
-        "share_ran_away": float(flags["diverged"].mean()),
-        "share_wrong_way": float(flags["wrong_way"].mean()),
-        "share_course_unstable": float(flags["course_unstable"].mean()),
-        "share_sailed": float(np.mean(status == STATUSES[-1])),
-    }
+    counted = zip(SHARES, [*flags.values(), status == STATUSES[-1]], strict=True)
+    shares = {f"share_{name}": float(np.mean(which)) for name, which in counted}
     attrs = {**ships.attrs, "label": manoeuvre.label, "draws": len(rows), **shares}
     return found.assign_coords(draw=ships["draw"], coefficient=coefficient_names(vessel)).assign_attrs(attrs)
 

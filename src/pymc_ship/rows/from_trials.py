@@ -115,7 +115,7 @@ def regression_data(
         dof=dof,
         vessel=vessel.name,
         derivative=derivative,
-        **judgement(list(trials.values())),
+        **judgement(list(trials.values()), list(trials) if len(trials) > 1 else ()),
     )
 
 

@@ -138,7 +138,7 @@ def hierarchical_posterior(
     RegressionDataError, PriorError
         As :func:`hierarchical_model`.
     ValueError
-        For counts that are not positive.
+        For counts that are not positive, or an acceptance rate outside 0 to 1.
 
     Examples
     --------

@@ -58,7 +58,8 @@ def posterior_tree(
     Returns
     -------
     DataTree
-        Groups as the `reference of the posterior tree` says; ``method`` in attrs is ``nuts``.
+        As :func:`~pymc_ship.regression.tree.draws_tree`, with those groups that ``sampled`` or the model has; the attr
+        ``method`` is ``nuts``.
 
     Raises
     ------

@@ -8,6 +8,7 @@ Other hyperparameters come by ``functools.partial``.
 
 from __future__ import annotations
 
+from pymc_ship.regression.priors import PriorError
 from pymc_ship.rows.data import RegressionData
 
 
@@ -45,7 +46,8 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     given : dict
         What the variable of the coefficients takes besides.
     effective : float, optional
-        p_0, the number of coefficients that are thought to differ from zero; half of them by default.
+        p_0, the number of coefficients that are thought to differ from zero, between 0 and the number of terms; half
+        of them by default.
     slab : float, optional
         Scale of a coefficient that is not shrunk, in units of sigma.
 
@@ -53,6 +55,11 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     -------
     tuple of pytensor variables
         Scaled coefficients and noise variance on the scaled response.
+
+    Raises
+    ------
+    PriorError
+        For an effective number that is not between 0 and the number of terms.
 
     References
     ----------
@@ -62,6 +69,11 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
 
     sigma2 = _noise_variance()
     expected = 0.5 * data.n_terms if effective is None else effective
+    if not 0.0 < expected < data.n_terms:
+        raise PriorError(
+            f"The effective number of coefficients lies between 0 and {data.n_terms}, the number of terms, found "
+            f"{expected}; give one in between."
+        )
     size = expected / (data.n_terms - expected) / data.n_rows**0.5
     tau = pm.HalfCauchy("global_scale", 1.0)
     local = pm.HalfCauchy("local_scale", 1.0, dims="coefficient")

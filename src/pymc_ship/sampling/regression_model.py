@@ -113,8 +113,7 @@ def pymc_model(
             "The whitened model knows the priors and errors of this package, found a function; leave parametrisation "
             "at 'direct'."
         )
-    model = whitened_model.whitened_model if errors == "normal" else whitened_model.whitened_rows_model
-    return model(data, prior, *([] if errors == "normal" else [errors]))
+    return whitened_model.whitened_model(data, prior, errors)
 
 
 def nuts_posterior(
@@ -175,8 +174,8 @@ def nuts_posterior(
     Raises
     ------
     ValueError
-        For counts that are not positive, another parametrisation, other errors, or a sampler that is unknown or not
-        installed.
+        For counts that are not positive, an acceptance rate outside 0 to 1, another parametrisation, other errors, or a
+        sampler that is unknown or not installed.
     RegressionDataError
         For AR(1) errors on rows that are not uniformly spaced in time.
     PriorError
@@ -202,17 +201,14 @@ def nuts_posterior(
     own = _is_own(prior) or callable(errors)
     parametrisation = parametrisation or ("direct" if own else "whitened")
     check_choice("A parametrisation", parametrisation, PARAMETRISATIONS)
-    if not 0.0 < target_accept < 1.0:
-        raise ValueError(f"An acceptance rate lies between 0 and 1, found {target_accept}; give one such as 0.9.")
     state, seed = rng_state(rng), int(rng.integers(2**31))
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept, "cores": cores}
-    _check_counts(settings)
-    known = parametrisation == "whitened" and not own
-    model = None if known and sampler == "nutpie" else pymc_model(data, prior, parametrisation, errors)
-    if model is None:
+    if parametrisation == "whitened" and sampler == "nutpie" and not own:
+        check_settings(settings)
         drawn = _sample_nutpie(_compiled_whitened(data, prior, errors), settings, seed, progress)
         sampled = _with_named_statistics(drawn, tune, sampler)
     else:
+        model = pymc_model(data, prior, parametrisation, errors)
         sampled = sample_model(model, settings, seed, progress, sampler)
     sampled["sample_stats"].attrs["parametrisation"] = parametrisation
     if own:
@@ -241,7 +237,7 @@ def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sam
     ``settings`` has draws, chains, tune, target_accept and, if wanted, cores.
     """
     sampler = _installed(sampler)
-    _check_counts(settings)
+    check_settings(settings)
     if sampler == "nutpie":
         import nutpie
 
@@ -251,10 +247,14 @@ def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sam
     return _with_named_statistics(drawn, settings["tune"], sampler)
 
 
-def _check_counts(settings: dict) -> None:
+def check_settings(settings: dict) -> None:
+    """Refuse draws, chains and tune that are not positive and a target_accept that is no rate."""
     draws, chains, tune = (settings[name] for name in ("draws", "chains", "tune"))
     if min(draws, chains, tune) < 1:
         raise ValueError(f"Counts of {draws=}, {chains=}, {tune=} must be positive; raise them to 1 or more.")
+    rate = settings.get("target_accept", 0.8)
+    if not 0.0 < rate < 1.0:
+        raise ValueError(f"An acceptance rate lies between 0 and 1, found {rate}; give one such as 0.9.")
 
 
 def _with_named_statistics(drawn: xr.DataTree, tune: int, sampler: str) -> xr.DataTree:
@@ -286,13 +286,8 @@ def _compiled_whitened(data: RegressionData, prior: Prior, errors: str):
     """Whitened model with data and prior, compiled once for a number of terms and a law of the errors."""
     warn_of_uneven_columns(data, prior)
     error_law(errors, data)
-    if errors == "normal":
-        return whitened_model.compiled_whitened(data.n_terms).with_data(
-            **whitened_model.whitened_statistics(data, prior)
-        )
-    return whitened_model.compiled_rows(data.n_terms, errors).with_data(
-        **whitened_model.row_statistics(data, prior, errors)
-    )
+    known = whitened_model.statistics(data, prior, errors)
+    return whitened_model.compiled(data.n_terms, errors).with_data(**known)
 
 
 def _sample_nutpie(compiled, settings: dict, seed: int, progress: bool) -> xr.DataTree:

@@ -18,7 +18,7 @@ import xarray as xr
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.motion.equations import STATE
 from pymc_ship.regression.tree import rng_state
-from pymc_ship.sampling.regression_model import nuts_sample_stats
+from pymc_ship.sampling.regression_model import check_settings, nuts_sample_stats
 from pymc_ship.trajectory.fit import Problem, TrajectoryError, TrajectoryFit
 from pymc_ship.trajectory.posterior import (
     TrajectoryMode,
@@ -217,14 +217,9 @@ def trajectory_nuts_posterior(
     """
     rng = random_generator(rng)
     vessel = as_vessel(vessel)
-    _check_counts(draws, chains, tune)
+    check_settings({"draws": draws, "chains": chains, "tune": tune})
     mode = trajectory_mode(trials, vessel, prior, **settings)
     return mode_nuts_posterior(mode, draws=draws, chains=chains, tune=tune, rng=rng)
-
-
-def _check_counts(draws: int, chains: int, tune: int) -> None:
-    if min(draws, chains, tune) < 1:
-        raise ValueError(f"Counts of {draws=}, {chains=}, {tune=} must be positive; raise them to 1 or more.")
 
 
 def mode_nuts_posterior(
@@ -233,7 +228,7 @@ def mode_nuts_posterior(
     """Draws of NUTS around a mode; see :func:`trajectory_nuts_posterior`."""
     import nutpie
 
-    _check_counts(draws, chains, tune)
+    check_settings({"draws": draws, "chains": chains, "tune": tune})
     fit, state, seed = mode.choice.fit, rng_state(rng), int(rng.integers(2**31))
     sampled = nutpie.sample(
         _compiled(mode), draws=draws, chains=chains, tune=tune, seed=seed, progress_bar=False, save_warmup=False

@@ -27,6 +27,30 @@ if TYPE_CHECKING:
 _PLUG_IN_STEPS = 10
 
 
+def whitened_model(data: RegressionData, prior: Prior, errors: str) -> pm.Model:
+    """Model of prior and likelihood in whitened coordinates."""
+    return _projections_model(data, prior) if errors == "normal" else _rows_model(data, prior, errors)
+
+
+def statistics(data: RegressionData, prior: Prior, errors: str) -> dict[str, np.ndarray]:
+    """All that the whitened model knows of data and prior, by the names of its pm.Data."""
+    return _projection_statistics(data, prior) if errors == "normal" else _row_statistics(data, prior, errors)
+
+
+@lru_cache(maxsize=16)
+def compiled(n_terms: int, errors: str):
+    """Whitened model compiled by nutpie for placeholder data; :func:`statistics` enter by ``with_data``."""
+    import nutpie
+
+    placeholder = RegressionData.from_arrays(np.eye(n_terms), np.ones(n_terms))
+    return nutpie.compile_pymc_model(whitened_model(placeholder, ConjugatePrior(), errors))
+
+
+def _named(summary, kind):
+    """Scalars of a model's data ``summary`` by the names of their kind."""
+    return kind._make(summary[k] for k in range(len(kind._fields)))
+
+
 class RowSummary(NamedTuple):
     """Scalars that the whitened model of the rows knows of data and prior.
 
@@ -79,7 +103,7 @@ def noise_coordinate(shape, scale, level, width, size):
     return (pt.log(pm.InverseGamma.dist(shape, scale, size=size)) - level) / width
 
 
-def whitened_rows_model(data: RegressionData, prior: Prior, errors: str) -> pm.Model:
+def _rows_model(data: RegressionData, prior: Prior, errors: str) -> pm.Model:
     """Model of the rows whose coefficients are whitened at plug-in values: location + spread times the coordinate."""
     import pymc as pm
     import pytensor.tensor as pt
@@ -87,8 +111,8 @@ def whitened_rows_model(data: RegressionData, prior: Prior, errors: str) -> pm.M
     n_terms = data.n_terms
     coords = {"coefficient": list(data.coefficients), "row": np.arange(data.n_rows), "direction": np.arange(n_terms)}
     with pm.Model(coords=coords) as model:
-        values = {name: pm.Data(name, value) for name, value in row_statistics(data, prior, errors).items()}
-        known = RowSummary._make(values["summary"][k] for k in range(len(RowSummary._fields)))
+        values = {name: pm.Data(name, value) for name, value in _row_statistics(data, prior, errors).items()}
+        known = _named(values["summary"], RowSummary)
         location, spread, level = values["location"], values["spread"], known.level
         if errors == "ar1":
             # artanh of a uniform variable is logistic; the rows fix the variance of the innovations, whatever rho
@@ -115,15 +139,6 @@ def whitened_rows_model(data: RegressionData, prior: Prior, errors: str) -> pm.M
         fit = pt.dot(values["rotated_design"], rotated)
         row_density("row_density", errors, parameter, (fit, noise_variance), observed=values["rotated_response"])
     return model
-
-
-@lru_cache(maxsize=16)
-def compiled_rows(n_terms: int, errors: str):
-    """Whitened model of the rows compiled by nutpie for placeholder data; the rest enters by ``with_data``."""
-    import nutpie
-
-    placeholder = RegressionData.from_arrays(np.eye(n_terms), np.ones(n_terms))
-    return nutpie.compile_pymc_model(whitened_rows_model(placeholder, ConjugatePrior(), errors))
 
 
 class PlugIn(NamedTuple):
@@ -179,8 +194,8 @@ def plug_in(data: RegressionData, prior: Prior, errors: str) -> PlugIn:
     return PlugIn(mean, right * root, location, spread, variance, residual)
 
 
-def row_statistics(data: RegressionData, prior: Prior, errors: str) -> dict[str, np.ndarray]:
-    """All that the whitened model of the rows knows of data and prior, by the names of its pm.Data.
+def _row_statistics(data: RegressionData, prior: Prior, errors: str) -> dict[str, np.ndarray]:
+    """Rotated rows and how they are whitened.
 
     Beside the rotated rows these are the posterior ``location`` and ``spread`` of the rotated coefficients, level and
     width of the log noise variance, and middle and reach of the artanh of the autocorrelation.
@@ -227,8 +242,8 @@ class Summary(NamedTuple):
     response_scale: float
 
 
-def whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
-    """Model of prior and likelihood in whitened coordinates."""
+def _projections_model(data: RegressionData, prior: Prior) -> pm.Model:
+    """Model of normal errors, which knows the rows by their projections and the square of the rest."""
     import pymc as pm
     import pytensor.tensor as pt
 
@@ -236,12 +251,12 @@ def whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
     coords = {"coefficient": list(data.coefficients), "row": np.arange(data.n_rows)}
     coords |= {"direction": np.arange(n_terms), "quantity": list(Summary._fields)}
     with pm.Model(coords=coords) as model:
-        statistics = whitened_statistics(data, prior)
-        summary = pm.Data("summary", statistics["summary"], dims="quantity")
-        known = Summary._make(summary[k] for k in range(len(Summary._fields)))
-        singular_values = pm.Data("singular_values", statistics["singular_values"], dims="direction")
-        projection = pm.Data("projection", statistics["projection"], dims="direction")
-        basis = pm.Data("basis", statistics["basis"], dims=("coefficient", "basis_column"))
+        dims = {"summary": "quantity", "singular_values": "direction", "projection": "direction"}
+        dims["basis"] = ("coefficient", "basis_column")
+        values = _projection_statistics(data, prior)
+        values = {name: pm.Data(name, value, dims=dims[name]) for name, value in values.items()}
+        known, basis = _named(values["summary"], Summary), values["basis"]
+        singular_values, projection = values["singular_values"], values["projection"]
 
         noise = (known.shape, known.scale, known.level, known.width)
         coordinate = pm.CustomDist("noise_coordinate", *noise, dist=noise_coordinate, initval=0.0)
@@ -268,11 +283,8 @@ def whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
     return model
 
 
-def whitened_statistics(data: RegressionData, prior: Prior) -> dict[str, np.ndarray]:
-    """All that the whitened model knows of data and prior, by the names of its pm.Data.
-
-    ``basis`` ends with the prior mean of b.
-    """
+def _projection_statistics(data: RegressionData, prior: Prior) -> dict[str, np.ndarray]:
+    """Summary of the data in the directions of :func:`rotate`; ``basis`` ends with the prior mean of b."""
     rotation = rotate(data, prior)
     level, width = _noise_level(prior, rotation, data.n_rows)
     summary = Summary(
@@ -313,12 +325,3 @@ def _noise_level(prior: Prior, rotation: Rotation, n_rows: int) -> tuple[float, 
     low = math.log(rate / (prior.shape + 0.5 * n_rows)) - 1.0
     high = math.log((rate + 0.5 * np.sum(z**2)) / (prior.shape + max(excess, 0.0))) + 1.0
     return brentq(slope, low, high), 1.0 / math.sqrt(prior.shape + 0.5 * n_rows)
-
-
-@lru_cache(maxsize=16)
-def compiled_whitened(n_terms: int):
-    """Whitened model compiled by nutpie for placeholder data; family, prior and data enter by ``with_data``."""
-    import nutpie
-
-    placeholder = RegressionData.from_arrays(np.eye(n_terms), np.ones(n_terms))
-    return nutpie.compile_pymc_model(whitened_model(placeholder, ConjugatePrior()))

@@ -114,12 +114,16 @@ INSTRUMENTS = {
 }
 """Instruments by type, each with the published numbers of one.
 
-- ``gnss``: u-blox NEO-M8, velocity 0.05 m/s, position 2.5 m CEP (that is 1.1774 standard deviations), message
-  UBX-NAV-PVT in mm/s and 1e-7 deg. That 1 % of the fixes are missing, 3 at a time, is an assumption.
-- ``mems_gyro``: InvenSense MPU-6050 (PS-MPU-6000A-00 rev. 3.4), 0.05 deg/s rms in 100 Hz, 131 steps for 1 deg/s.
-- ``mru``: Kongsberg Seatex MRU 5, roll to 0.03 deg rms, two decimals in its sentence PAPS.
-- ``fluxgate_compass``: Simrad RFC35NS, repeatable to 0.2 deg rms, NMEA 0183 HDM with one decimal 10 times a second,
-  so that a reading is up to 0.1 s old: an error of the instants whose spread is the jitter.
+- ``gnss``: u-blox MAX-M8Q (Waveshare, MAX-M8Q GNSS HAT, specifications), velocity 0.05 m/s, position 2.5 m CEP, that
+  is 1.1774 standard deviations of each coordinate; message UBX-NAV-PVT in mm/s and 1e-7 deg (``NavPVT.msg`` of the ROS
+  package ublox_msgs). That the velocity's accuracy is a standard deviation, and that 1 % of the fixes are missing, 3 at
+  a time, are assumptions.
+- ``mems_gyro``: InvenSense MPU-6050 (PS-MPU-6000A-00 rev. 3.4, 6.1), 0.05 deg/s rms in 100 Hz, 131 steps for 1 deg/s.
+- ``mru``: Kongsberg Seatex MRU 5, third generation, roll to 0.03 deg rms; angles have two decimals in its sentence
+  PSXN (NOAA NCEI, ``seapath320.txt``).
+- ``fluxgate_compass``: Simrad RFC35NS (manual of the Robertson AP9 Mk3, 4.5), repeatable to 0.2 deg rms, NMEA 0183 HDM
+  with one decimal 10 times a second, so that a reading is up to 0.1 s old: an error of the instants whose spread is the
+  jitter.
 """
 
 
