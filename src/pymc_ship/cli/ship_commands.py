@@ -43,7 +43,8 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("other paths to the coefficients")
     paths = []
     if len(trials) > 1:
-        best = model.candidates[0]
+        best = next((one for one in model.candidates if not one.vessel.modular), None)
+    if best is not None:
         known = {"names": list(trials), "trajectory": best.held_out, "progress": progress}
         paths = compare_paths(list(trials.values()), best.vessel, model.prior, **known)
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}

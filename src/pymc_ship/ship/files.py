@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from pymc_ship.forces.surroundings import WIND
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.files import settle, staged
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
-from pymc_ship.motion.stepping import simulation_settings
+from pymc_ship.motion.stepping import SimulationError, simulation_settings
 from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.model import ShipModel
@@ -58,6 +59,9 @@ def forecast_ship(
     draws: int = 1000,
     duration: float | None = None,
     ci_prob: float = 0.95,
+    n: float | None = None,
+    wind: tuple[float, float] | None = None,
+    current: tuple[float, float] | None = None,
 ) -> xr.DataTree:
     """Forecast a manoeuvre of an identified ship, with intervals that hold parameter and model error.
 
@@ -73,6 +77,9 @@ def forecast_ship(
         [s]; as far as the kind of manoeuvre reaches by default, 40 L/U for the standard ones.
     ci_prob : float, optional
         Probability inside the equal-tailed bands.
+    n, wind, current
+        Revolutions, wind and current as in :func:`pymc_ship.simulate`; revolutions and wind leave the term sets out
+        whose forces do not know them.
 
     Returns
     -------
@@ -84,19 +91,23 @@ def forecast_ship(
     ------
     TrajectoryError
         When every draw runs away.
+    SimulationError
+        For revolutions or wind that no term set of the ship knows.
     ValueError
         For fewer than two draws or ``ci_prob`` not in (0, 1).
     """
     rng, manoeuvre = random_generator(rng), one_manoeuvre(manoeuvre)
-    total = sum(len(rows) for _, rows in ship.models)
+    around = {"n": n, "wind": wind, "current": current}
+    known = _knowing(ship.models, n=n, wind=wind)
+    total = sum(len(rows) for _, rows in known)
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
-    counts = [max(round(len(rows) * min(draws / total, 1.0)), 1) for _, rows in ship.models]
+    counts = [max(round(len(rows) * min(draws / total, 1.0)), 1) for _, rows in known]
     unit = ship.models[0][0].particulars.ship_time
     duration = manoeuvre.traits.reach * unit if duration is None else duration
     models = []
-    for (vessel, rows), count in zip(ship.models, counts, strict=True):
-        kept = rows[:count][sound(vessel, rows[:count], [manoeuvre], duration / unit)]
+    for (vessel, rows), count in zip(known, counts, strict=True):
+        kept = rows[:count][sound(vessel, rows[:count], [manoeuvre], duration / unit, **around)]
         models += [(vessel, kept)] if len(kept) else []
     if sum(len(rows) for _, rows in models) < 2:
         raise TrajectoryError(f"Every draw runs away in the {manoeuvre.label}; give more trials or a prior.")
@@ -109,9 +120,29 @@ def forecast_ship(
         motion=ship.motion,
         errors=ship.model_error,
         **simulation_settings(models[0][0]),
+        **around,
     )
     tree.attrs["share_refused"] = 1.0 - tree.attrs["draws"] / sum(counts)
     return tree
+
+
+def _knowing(
+    models: Sequence[tuple[Vessel, np.ndarray]], *, n: float | None, wind: tuple[float, float] | None
+) -> list[tuple[Vessel, np.ndarray]]:
+    """Models whose forces know the revolutions and the wind that are asked for."""
+    found = [
+        (vessel, rows)
+        for vessel, rows in models
+        if (n is None or (vessel.modular and vessel.propeller is not None))
+        and (wind is None or WIND.name in vessel.parts)
+    ]
+    if not found:
+        asked = " and ".join(word for word, given in (("revolutions", n), ("wind", wind)) if given is not None)
+        raise SimulationError(
+            f"No term set of this ship knows {asked}; state [propeller] and [windage] in her vessel file and identify "
+            "her anew, or leave them out."
+        )
+    return found
 
 
 def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:

@@ -56,8 +56,8 @@ def replay(
     Returns
     -------
     DataTree
-        ``trajectories`` (dims draw, time), ``bands`` (dims band, time) and ``measured`` (dims time). x and y begin at 0,
-        where the record has no track. Draws that run away are NaN; ``share_diverged`` in attrs.
+        ``trajectories`` (dims draw, time), ``bands`` (dims band, time) and ``measured`` (dims time). x and y begin
+        at 0 where the record has no track. Draws that run away are NaN; ``share_diverged`` in attrs.
 
     Raises
     ------
@@ -142,8 +142,8 @@ def score(
     every = length if every is None else every
     if not trials or not 0.0 < length < np.inf or not 0.0 < every < np.inf:
         raise TrialError(
-            f"A score needs a record or more and windows of a positive length and distance, found {len(trials)} records, "
-            f"{length} s and {every} s; correct them."
+            f"A score needs a record or more and windows of a positive length and distance, found {len(trials)} "
+            f"records, {length} s and {every} s; correct them."
         )
     rows = {name: _scored(ship, one_trial(trial), length, every, draws, ci_prob) for name, trial in trials.items()}
     table = {

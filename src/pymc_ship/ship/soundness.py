@@ -31,7 +31,11 @@ STANDARD = tuple(
 
 
 def sound(
-    vessel: Vessel, coefficients: np.ndarray, manoeuvres: Sequence[Manoeuvre] = STANDARD, reach: float = _REACH
+    vessel: Vessel,
+    coefficients: np.ndarray,
+    manoeuvres: Sequence[Manoeuvre] = STANDARD,
+    reach: float = _REACH,
+    **around: object,
 ) -> np.ndarray:
     """Whether ships stay what a ship can be in manoeuvres.
 
@@ -45,6 +49,8 @@ def sound(
     manoeuvres : sequence of Manoeuvre, optional
     reach : float, optional
         How long they last [L/U_nom].
+    **around
+        ``n``, ``wind`` and ``current`` of :func:`pymc_ship.simulate`.
 
     Returns
     -------
@@ -52,16 +58,18 @@ def sound(
     """
     good = np.ones(len(coefficients), dtype=bool)
     for manoeuvre in manoeuvres:
-        ships = _simulated(vessel, coefficients, manoeuvre, reach)
+        ships = _simulated(vessel, coefficients, manoeuvre, reach, **around)
         fast, tight = _faults(vessel, manoeuvre, ships)
         good &= ~(ships["diverged"].values | (fast | tight).any(axis=1))
     return good
 
 
-def _simulated(vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, reach: float) -> xr.Dataset:
+def _simulated(
+    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, reach: float, **around: object
+) -> xr.Dataset:
     unit = vessel.particulars.ship_time
     settings = {"duration": reach * unit, "step": _STEP * unit, "method": "rk4", "coefficients": coefficients}
-    return simulate(vessel, manoeuvre, **settings)
+    return simulate(vessel, manoeuvre, **settings, **around)
 
 
 def _faults(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
