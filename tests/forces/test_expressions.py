@@ -5,19 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.forces.expressions import (
-    Tape,
-    arctan2,
-    cos,
-    exp,
-    ramp,
-    root,
-    run,
-    set_parameters,
-    sin,
-    step,
-    sweep,
-)
+from pymc_ship.forces.expressions import Tape, arctan2, cos, exp, ramp, root, sin, step
+from pymc_ship.forces.programs import run, set_parameters, sweep
 
 INPUTS, PARAMETERS, LANES = ("u", "v"), ("a", "b"), 7
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from pymc_ship.motion.equations import STATE, Work, scheme, sin_cos, state_derivative
+from pymc_ship.forces.programs import sin_cos
+from pymc_ship.motion.equations import STATE, scheme, state_derivative, workspace
+from pymc_ship.motion.inputs import all_inputs
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.motion import plain_hull
@@ -18,8 +20,7 @@ def rate(vessel, state, delta):
     n = state.shape[1]
     coefficients = np.repeat(reference_coefficients(vessel)[:, None], n, axis=1)
     equations, out = scheme(vessel), np.empty_like(state)
-    work = Work(np.empty((equations.n_rows, n)), np.empty(n), np.empty((4, n)))
-    state_derivative(state, np.asarray(delta, dtype=float), coefficients, equations, work, out)
+    state_derivative(state, all_inputs(delta), coefficients, equations, workspace(n, equations), out)
     return out
 
 

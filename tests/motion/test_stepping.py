@@ -10,6 +10,7 @@ from pymc_ship.motion.stepping import in_range
 from pymc_ship.vessel.vessel import reference_coefficients
 
 NOMINAL = 8.0
+HULL = np.rec.array([(NOMINAL, 0.01)], names="nominal_speed,slowest")[0]
 STRAIGHT = np.array([NOMINAL, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
@@ -21,12 +22,12 @@ def with_state(name, value):
 
 def within(state):
     """Whether the second of two ships is in range; the first is not."""
-    return bool(in_range(np.column_stack([np.zeros(8), state]), NOMINAL, 1))
+    return bool(in_range(np.column_stack([np.zeros(8), state]), HULL, 1))
 
 
 def test_a_ship_on_a_straight_course_is_in_range():
     assert within(STRAIGHT)
-    assert not in_range(np.column_stack([np.zeros(8), STRAIGHT]), NOMINAL, 0)
+    assert not in_range(np.column_stack([np.zeros(8), STRAIGHT]), HULL, 0)
 
 
 @pytest.mark.parametrize(

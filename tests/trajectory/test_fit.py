@@ -61,7 +61,7 @@ def fitted_values(problem, unknowns):
     for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
         motion = replay(
             problem.vessel,
-            run.delta,
+            run.inputs,
             unknowns[place][: run.n_states],
             unknowns[:n],
             interval=run.interval,

@@ -34,7 +34,7 @@ class TestRun:
         u = noisy["u"].values
         np.testing.assert_allclose(run.means[0], 0.5 * (u[:598:2] + u[1:598:2]), rtol=1e-14)
         np.testing.assert_allclose(run.time, 30.05 + 0.2 * np.arange(299), rtol=1e-12)
-        assert run.delta.size == 599
+        assert run.inputs.shape[1] == 599
 
     @pytest.mark.parametrize(("stride", "block", "substeps"), [(1, 2, 1), (2, 1, 2), (5, 1, 5), (10, 1, 10)])
     def test_steps_are_a_tenth_of_a_second_at_most(self, container, noisy, stride, block, substeps):

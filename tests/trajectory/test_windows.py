@@ -274,7 +274,7 @@ class TestSandwich:
         def log_likelihood(k, coefficients):
             run, noise = problem.runs[k], problem.noise[k]
             start = fit.unknowns[problem.nuisances[k]][: run.n_states]
-            motion = replay(ship, run.delta, start, coefficients, **run.integration)
+            motion = replay(ship, run.inputs, start, coefficients, **run.integration)
             left = run.block_means(run.samples - motion[list(run.rows), 0])
             return -0.5 * np.sum((left / noise.sd[:, None]) ** 2)
 

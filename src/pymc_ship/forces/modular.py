@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
-from pymc_ship.forces.expressions import Expression, Program, Tape, cos, sin
+from pymc_ship.forces.expressions import Expression, Tape, cos, sin
 from pymc_ship.forces.hull import LOW_SPEED, MANOEUVRING, ROLL
 from pymc_ship.forces.part import INPUTS, STATES, Force, Motion, Parameter, Part, Ship
+from pymc_ship.forces.programs import Program
 from pymc_ship.forces.rudder import RUDDER
 from pymc_ship.forces.screw import PROPELLER
 from pymc_ship.forces.surroundings import CONSTANT, CURRENT, WIND

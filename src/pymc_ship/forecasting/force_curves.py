@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.forces.expressions import run, set_parameters
+from pymc_ship.forces.programs import run, set_parameters
 from pymc_ship.forces.terms import SYMBOLS, evaluate
 from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
 from pymc_ship.pages.tables import percent

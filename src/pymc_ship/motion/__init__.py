@@ -1,6 +1,8 @@
 """The equations of motion: integrated, differentiated and in weak form.
 
 - `equations`: accelerations from state and rudder, many ships side by side.
+- `inputs`: rudder, revolutions and wind as the forces take them.
+- `linearisation`: derivatives of the rates by states, coefficients and parameters.
 - `prime_record`: the motion of a record in prime quantities.
 - `stepping`: the steps of the integrators, and the range of motions in which the model is valid.
 - `controlled`: the motion of one ship with controlled error, the reference of the steps.

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pymc_ship.forces.expressions import Program, run, set_parameters, sin_cos
 from pymc_ship.forces.hull import LOW_SPEED
 from pymc_ship.forces.prime_system import (
     acceleration_scale,
@@ -23,6 +22,7 @@ from pymc_ship.forces.prime_system import (
     righting_arm,
     righting_moment,
 )
+from pymc_ship.forces.programs import Program, run, set_parameters, sin_cos
 from pymc_ship.forces.propeller import PropellerConstants, loading
 from pymc_ship.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_products, plan
 from pymc_ship.trial.channels import channel_names

@@ -17,7 +17,7 @@ from pymc_ship.trajectory.runs import Run
 from pymc_ship.vessel.vessel import Vessel
 
 CHANGE = 1e-4
-"""The fit has converged when the next step promises to lower the negative log posterior by less, unless told else."""
+"""The fit has converged when the next step promises to lower the negative log posterior by less."""
 
 TAU_RANGE = (0.05, 20.0)
 """Bounds of the factors of the prior scales."""
@@ -55,8 +55,7 @@ def white_noise(run: Run, *, offsets: bool = False) -> Noise:
 class Problem:
     """All that a fit needs: runs, vessel, prior, the noise of each run and the factors tau of the prior by DOF.
 
-    ``sailed`` says which of the trials each run is a piece of: parameters that every trial has its own of, such as a
-    current, are unknowns of a trial. Without it all runs share them.
+    ``sailed`` is the trial that each run is a piece of; a trial has its own current. Without it runs share it.
     """
 
     runs: tuple[Run, ...]
@@ -81,14 +80,10 @@ class Problem:
     @property
     def columns(self) -> list[np.ndarray]:
         """Places of the coefficients of each run among the unknowns, (n_coefficients,)."""
-        own, every = self.of_run, np.arange(self.n_coefficients)
-        if not own.size:
-            return [every] * len(self.runs)
-        found = []
-        for trial in self.sailed:
-            mine = every.copy()
-            mine[own] = self.n_coefficients + own.size * trial + np.arange(own.size)
-            found.append(mine)
+        own, found = self.of_run, []
+        for trial in self.sailed or [0] * len(self.runs):
+            found.append(np.arange(self.n_coefficients))
+            found[-1][own] = self.n_coefficients + own.size * trial + np.arange(own.size)
         return found
 
     @property
@@ -318,7 +313,6 @@ def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) 
     start : ndarray, shape (n_unknowns,)
         Coefficients, then initial state and offsets of each run.
     change : float, optional
-        Decrease of the negative log posterior that is not worth a step.
 
     Returns
     -------

@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pymc_ship.forces.expressions import Program, Tape
+from pymc_ship.forces.expressions import Tape
 from pymc_ship.forces.hull import balance, thrust_deduction
 from pymc_ship.forces.modular import UnknownPart, ordered, parameters_of, program_of
 from pymc_ship.forces.part import AddedMass, Ship
+from pymc_ship.forces.programs import Program
 from pymc_ship.forces.surroundings import WIND
 from pymc_ship.vessel.vessel import Coefficient, Vessel, VesselError
 
