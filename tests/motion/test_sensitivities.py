@@ -104,11 +104,12 @@ class TestDerivatives:
 
     def test_a_tangent_of_the_wrong_sign_shows(self, container, monkeypatch):
         """The kernels as plain Python: as they are, then with the slope of the known forces turned round."""
-        module = sys.modules["pymc_ship.motion.sensitivities"]
+        module, user = (sys.modules[f"pymc_ship.motion.{room}"] for room in ("linearisation", "sensitivities"))
         monkeypatch.setattr(sys.modules[__name__], "DELTA", DELTA[:20])
-        for name, kernel in vars(module).copy().items():
-            if hasattr(kernel, "py_func") and kernel.__module__ == module.__name__:
-                monkeypatch.setattr(module, name, kernel.py_func)
+        for room in (module, user):
+            for name, kernel in vars(room).copy().items():
+                if hasattr(kernel, "py_func") and kernel.__module__ in (module.__name__, user.__name__):
+                    monkeypatch.setattr(room, name, kernel.py_func)
         known_force_tangents = module._known_force_tangents
 
         def reversed_tangents(*arguments):
@@ -191,7 +192,7 @@ class TestErrors:
         [
             ({"coefficients": np.zeros(101)}, r"102 coefficients.*\(101,\)"),
             ({"initial_state": START[:7]}, r"5, 6 or 8 initial states.*\(7,\)"),
-            ({"delta": DELTA[None]}, r"rudder record.*\(1, 100\)"),
+            ({"inputs": DELTA[None]}, r"inputs of shape.*\(1, 100\)"),
             ({"method": "heun"}, "euler, rk4.*'heun'"),
             ({"interval": 0.0}, "positive interval.*0.0"),
             ({"substeps": 0}, "substeps.* 0 and"),
@@ -200,7 +201,7 @@ class TestErrors:
         ],
     )
     def test_a_wrong_setting_is_one_sentence(self, container, change, found):
-        settings = {"delta": DELTA, "initial_state": START, "interval": 0.5} | change
+        settings = {"inputs": DELTA, "initial_state": START, "interval": 0.5} | change
         with pytest.raises(SimulationError, match=found) as error:
             sensitivities(container, **settings)
         assert str(error.value).endswith(".")

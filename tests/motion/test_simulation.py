@@ -284,7 +284,7 @@ class TestReplay:
         [
             ({"coefficients": np.zeros(101)}, r"needs 102 coefficients.*\(101,\)"),
             ({"initial_state": np.zeros(7)}, r"5, 6 or 8 initial states.*\(7,\)"),
-            ({"delta": np.zeros((2, 9))}, r"a rudder record.*\(2, 9\)"),
+            ({"inputs": np.zeros((2, 9))}, r"inputs of shape \(time,\) or \(4, time\).*\(2, 9\)"),
             ({"method": "heun"}, "euler, rk4.*found 'heun'"),
             ({"interval": np.nan}, "positive interval.*nan"),
             ({"substeps": 0}, "substeps from 1.* 0 and 1;"),
@@ -293,7 +293,7 @@ class TestReplay:
         ],
     )
     def test_settings_that_cannot_be_replayed(self, container, change, message):
-        settings = {"delta": np.zeros(9), "initial_state": np.r_[12.7, np.zeros(4)], "interval": 0.1}
+        settings = {"inputs": np.zeros(9), "initial_state": np.r_[12.7, np.zeros(4)], "interval": 0.1}
         settings |= {"coefficients": reference_coefficients(container)} | change
         with pytest.raises(ps.SimulationError, match=message) as error:
             replay(container, **settings)

@@ -195,7 +195,7 @@ class TestTests:
         """The mean of scores over the Fisher information has the variance 1 / (n I) about a motion that is known."""
         errors = stats.t.rvs(3.0, size=(1, 200_000), random_state=np.random.default_rng(11))
         motion = np.linspace(0.0, 5.0, errors.size)[None]
-        run = replace(one_channel, samples=motion + errors, delta=np.zeros(errors.size))
+        run = replace(one_channel, samples=motion + errors, inputs=np.zeros((4, errors.size)))
         nu, (noise,) = trajectory_noise._student_noise(self.fit_of(run, errors, monkeypatch), offsets=False)
         square = ((noise.values - run.block_means(motion)) / noise.sd[:, None]) ** 2
         assert nu == 3.0

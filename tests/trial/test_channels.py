@@ -8,7 +8,7 @@ from pymc_ship.trial.channels import CHANNELS, SIMULATED, channel_names, readabl
 
 
 def test_the_table_has_each_channel_once_and_time_is_none_of_them():
-    assert tuple(CHANNELS) == (*STATE, "delta", "n", "thrust", "torque")
+    assert tuple(CHANNELS) == (*STATE, "delta", "n", "thrust", "torque", "wind_speed", "wind_direction")
     assert all(channel.name == name for name, channel in CHANNELS.items())
     assert list(readable()) == ["time", *CHANNELS]
 

@@ -148,12 +148,12 @@ def pooled_forecast(
         ships = ships.assign_coords(draw=np.arange(ships.sizes["draw"]))
     vessel = models[0][0]
     shown = [name for name in SIMULATED if "roll" in vessel.dofs or not CHANNELS[name].rolling]
-    groups = {"trajectories": ships, "bands": _bands(ships[shown], ci_prob)}
+    groups = {"trajectories": ships, "bands": quantile_bands(ships[shown], ci_prob)}
     if noise:
-        groups["measured_bands"] = _bands(_measured(ships, noise, rng), ci_prob)
+        groups["measured_bands"] = quantile_bands(_measured(ships, noise, rng), ci_prob)
     if manoeuvre.traits.indices:
         groups["indices"] = with_model_error(indices(ships), errors or {}, vessel, rng)
-        groups["index_bands"] = _bands(groups["indices"], ci_prob)
+        groups["index_bands"] = quantile_bands(groups["indices"], ci_prob)
     attrs = {
         **ships.attrs,
         "label": manoeuvre.label,
@@ -214,7 +214,7 @@ def _over_draws(found: xr.Dataset) -> xr.Dataset:
     return over_symbol.assign(over_time).assign_coords(time=found["time"]).assign_attrs(attrs)
 
 
-def _bands(values: xr.Dataset, ci_prob: float) -> xr.Dataset:
+def quantile_bands(values: xr.Dataset, ci_prob: float) -> xr.Dataset:
     """Equal-tailed band and median over the draws that are not NaN."""
     tail = 0.5 * (1.0 - ci_prob)
     variables = {

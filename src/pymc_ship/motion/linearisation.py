@@ -224,4 +224,4 @@ def instants_of(n_states, scheme, gain):
     inputs, rate = np.zeros((N_INPUTS, INSTANTS)), np.empty((STATE_ROWS, INSTANTS))
     f_x, features = np.zeros((n_states, n_states, INSTANTS)), np.zeros((INSTANTS, gain.shape[1]))
     by_parts = np.zeros((4 if scheme.program.results.size > 0 else 0, INSTANTS, gain.shape[1]))
-    return Instants(state, inputs, rate, f_x, features, gain, by_parts)
+    return Instants(state=state, inputs=inputs, rate=rate, f_x=f_x, features=features, gain=gain, by_parts=by_parts)

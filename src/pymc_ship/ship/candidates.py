@@ -157,7 +157,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         def fit(windows: Sequence[Window]) -> WindowFit:
             return fit_windows(windows, vessel, prior, whole.coefficients, whole.spread)
 
-        judged = held_out(held_together(runs), vessel, fit, prior)
+        judged = held_out(held_together(runs), vessel, fit)
     except TrajectoryError as error:
         return Refusal(name, f"The {name} terms were left out: {error}")
     inflation = _inflation(whole, judged)

@@ -20,7 +20,6 @@ from pymc_ship.manoeuvre.measured import measured_indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.motion.stepping import simulation_settings
-from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.windows import Window, WindowFit, restarted, with_constants
 from pymc_ship.trial.channels import sensors
 from pymc_ship.vessel.vessel import Vessel
@@ -50,13 +49,8 @@ class HeldOut:
     rms: dict[str, float]
 
 
-def held_out(
-    runs: Sequence[Sequence[Window]],
-    vessel: Vessel,
-    fit: Callable[[Sequence[Window]], WindowFit],
-    prior: CoefficientPrior,
-) -> HeldOut:
-    """Leave each run out once, fit to the others, and score its windows.
+def held_out(runs: Sequence[Sequence[Window]], vessel: Vessel, fit: Callable[[Sequence[Window]], WindowFit]) -> HeldOut:
+    """Leave each run out once, fit to the others, and score its windows, with the current that it calls for.
 
     Parameters
     ----------
@@ -65,8 +59,6 @@ def held_out(
     vessel : Vessel
     fit : callable
         Fit to the windows of several runs; or any other estimate of the coefficients from them.
-    prior : CoefficientPrior
-        Of the constants that every trial has its own of: a held-out run is scored with those that it calls for.
 
     Returns
     -------
@@ -75,7 +67,7 @@ def held_out(
     fits = []
     for k in range(len(runs)):
         fits.append(fit([window for j, windows in enumerate(runs) if j != k for window in windows]))
-    own = [with_constants(windows, one, prior) for windows, one in zip(runs, fits, strict=True)]
+    own = [with_constants(windows, one) for windows, one in zip(runs, fits, strict=True)]
     return scored(runs, vessel, fits, own)
 
 

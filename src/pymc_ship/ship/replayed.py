@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forecasting.forecast import BANDS
+from pymc_ship.forecasting.forecast import BANDS, quantile_bands
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.inputs import recorded_inputs
 from pymc_ship.motion.replay import replay as replayed_states
@@ -22,6 +22,7 @@ from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 SCORED = ("u", "v", "r", "psi", "position")
 """Channels of a score; the position is the distance between the tracks."""
 
+_OF_WINDOW = ("square", "moved", "coverage", "crps")
 _STEPS = 60  # in L/U, of the integration at least
 _MEASURED = ("u", "v", "r", "psi", "delta")
 
@@ -83,12 +84,10 @@ def replay(
     coords = {"draw": np.arange(states.shape[1]), "time": piece["time"].values}
     units = {name: {"units": CHANNELS[name].unit.name} for name in STATE}
     motion = xr.Dataset({n: (("draw", "time"), states[k], units[n]) for k, n in enumerate(STATE)}, coords)
-    tail = 0.5 * (1.0 - ci_prob)
-    bands = motion.quantile([tail, 0.5, 1.0 - tail], "draw", skipna=True).rename(quantile="band")
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
     attrs["share_diverged"] = float(np.isnan(states[0, :, -1]).mean())
-    groups = {"trajectories": motion, "bands": bands.assign_coords(band=list(BANDS)), "measured": measured}
+    groups = {"trajectories": motion, "bands": quantile_bands(motion, ci_prob), "measured": measured}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
 
 
@@ -119,7 +118,8 @@ def score(
     -------
     Dataset, dims (run, channel)
         ``rmse`` (SI) of the median ship, ``relative``, over the standard deviation of the channel (for psi and position
-        over the deviation from the start of each window), ``coverage`` of the bands, ``crps`` (SI); by run ``windows``,
+        over the deviation from the start of each window), ``coverage`` of the bands, ``crps`` (SI; of the position the
+        mean distance of the draws); by run ``windows``,
         ``ran_away`` and ``score``, the mean of ``relative``; attrs ``score``, the mean over the runs. A window whose
         median ship runs away has no error: it is counted in ``ran_away``, and its run has no score.
 
@@ -145,7 +145,10 @@ def score(
             f"A score needs a record or more and windows of a positive length and distance, found {len(trials)} "
             f"records, {length} s and {every} s; correct them."
         )
-    rows = {name: _scored(ship, one_trial(trial), length, every, draws, ci_prob) for name, trial in trials.items()}
+    rows = {
+        name: _scored(ship, one_trial(trial), (length, every), draws=draws, ci_prob=ci_prob)
+        for name, trial in trials.items()
+    }
     table = {
         key: (("run", "channel"), np.array([row[key] for row in rows.values()]))
         for key in ("rmse", "relative", "coverage", "crps")
@@ -157,55 +160,44 @@ def score(
     return found.assign_attrs(attrs)
 
 
-def _scored(ship, trial: xr.Dataset, length: float, every: float, draws: int, ci_prob: float) -> dict:
+def _scored(ship, trial: xr.Dataset, windows: tuple[float, float], **bands: float) -> dict:
     """Errors, coverage and CRPS of the windows of one record, each list in the order of :data:`SCORED`."""
     check_trial(trial, (*_MEASURED, "x", "y"))
-    time = trial["time"].values
+    time, (length, every) = trial["time"].values, windows
     begins = np.arange(time[0], time[-1] - length + 1e-9, every)
     if not begins.size:
         raise TrialError(f"A score needs a record of a window of {length:g} s, found {np.ptp(time):.4g} s; shorten it.")
-    square, moved, inside, crps, lost = [], [], [], [], 0
-    for begin in begins:
-        tree = replay(ship, trial, start=float(begin), duration=length, draws=draws, ci_prob=ci_prob)
-        ships, measured, median = tree["trajectories"], tree["measured"], tree["bands"].sel(band="median")
-        if not np.isfinite(median["u"].values[-1]):
-            lost += 1
-            continue
-        apart, spread, covered, ranked = [], [], [], []
-        for name in SCORED[:4]:
-            seen, drawn = measured[name].values, ships[name].values
-            apart.append(np.mean((median[name].values - seen) ** 2))
-            spread.append(np.mean((seen - (seen[0] if name == "psi" else trial[name].values.mean())) ** 2))
-            low, high = (tree["bands"][name].sel(band=band).values for band in (BANDS[0], BANDS[-1]))
-            covered.append(np.mean((seen >= low) & (seen <= high)))
-            ranked.append(_crps(drawn, seen))
-        track = [measured[name].values for name in ("x", "y")]
-        apart.append(sum(np.mean((median[n].values - s) ** 2) for n, s in zip("xy", track, strict=True)))
-        spread.append(sum(np.mean((values - values[0]) ** 2) for values in track))
-        distance = np.hypot(*(ships[n].values - s for n, s in zip("xy", track, strict=True)))
-        reach = np.hypot(*(ships[n].values - median[n].values for n in "xy"))
-        covered.append(
-            np.mean(
-                np.hypot(*(median[n].values - s for n, s in zip("xy", track, strict=True)))
-                <= np.nanquantile(reach, ci_prob, axis=0)
-            )
-        )
-        ranked.append(float(np.nanmean(distance)))
-        square.append(apart)
-        moved.append(spread)
-        inside.append(covered)
-        crps.append(ranked)
+    trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
+    stayed = [tree for tree in trees if np.isfinite(tree["bands"]["u"].sel(band="median").values[-1])]
+    found = [_window(tree, trial) for tree in stayed]
     nothing = np.full(len(SCORED), np.nan)
-    rmse = np.sqrt(np.mean(square, axis=0)) if square and not lost else nothing
-    size = np.sqrt(np.mean(moved, axis=0)) if moved else nothing
-    return {
-        "rmse": rmse,
-        "relative": rmse / size,
-        "coverage": np.mean(inside, axis=0) if inside else nothing,
-        "crps": np.mean(crps, axis=0) if crps else nothing,
-        "windows": len(begins),
-        "ran_away": lost,
-    }
+    mean = {key: np.mean([one[key] for one in found], axis=0) if found else nothing for key in _OF_WINDOW}
+    lost = len(trees) - len(stayed)
+    rmse = nothing if lost else np.sqrt(mean["square"])
+    counts = {"windows": len(trees), "ran_away": lost}
+    return {"rmse": rmse, "relative": rmse / np.sqrt(mean["moved"]), **mean, **counts}
+
+
+def _window(tree: xr.DataTree, trial: xr.Dataset) -> dict[str, list[float]]:
+    """Squared error, square of the motion itself, coverage and CRPS of a window, in the order of :data:`SCORED`."""
+    ships, measured, median = tree["trajectories"], tree["measured"], tree["bands"].sel(band="median")
+    found: dict[str, list[float]] = {key: [] for key in _OF_WINDOW}
+    for name in SCORED[:-1]:
+        seen = measured[name].values
+        low, high = (tree["bands"][name].sel(band=band).values for band in (BANDS[0], BANDS[-1]))
+        origin = seen[0] if name == "psi" else float(trial[name].mean())
+        found["square"].append(float(np.mean((median[name].values - seen) ** 2)))
+        found["moved"].append(float(np.mean((seen - origin) ** 2)))
+        found["coverage"].append(float(np.mean((seen >= low) & (seen <= high))))
+        found["crps"].append(_crps(ships[name].values, seen))
+    apart = np.hypot(*(median[name].values - measured[name].values for name in "xy"))
+    reach = np.hypot(*(ships[name].values - median[name].values for name in "xy"))
+    moved = np.hypot(*(measured[name].values - measured[name].values[0] for name in "xy"))
+    found["square"].append(float(np.mean(apart**2)))
+    found["moved"].append(float(np.mean(moved**2)))
+    found["coverage"].append(float(np.mean(apart <= np.nanquantile(reach, tree.attrs["ci_prob"], axis=0))))
+    found["crps"].append(float(np.nanmean(np.hypot(*(ships[name].values - measured[name].values for name in "xy")))))
+    return found
 
 
 def _crps(drawn: np.ndarray, seen: np.ndarray) -> float:

@@ -282,7 +282,7 @@ def _record(fit: TrajectoryFit, run: Run, place: slice, channels: list[str], ind
     start = fit.unknowns[place][: run.n_states]
     motion = replay(problem.vessel, run.inputs, start, fit.coefficients, block=run.block, **run.integration)[:, 0]
     prime, _, _ = prime_record(
-        problem.vessel, dict(zip(STATE[:5], motion, strict=False)) | {"delta": run.block_means(run.inputs)}
+        problem.vessel, dict(zip(STATE[:5], motion, strict=False)) | {"delta": run.block_means(run.inputs[0])}
     )
     response, fitted = np.full((2, run.n_blocks, len(channels)), np.nan)
     columns = [channels.index(name) for name in run.channels]

@@ -49,6 +49,7 @@ _STEPS = 60  # in L/U, of the integration at least
 _SMOOTHED = 0.5  # L/U, under which a local cubic gives the state a window restarts from
 _FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # by unit: of the speed, of U/L, or rad
 _CHANGE = 1e-2  # of the log posterior: no step for less
+_EXACT = 1e-3  # of the first sd: a simulated record without errors leaves no less
 _PASSES = 6
 _SETTLED = 0.03
 
@@ -62,7 +63,7 @@ class Window:
 
     run: Run
     state: np.ndarray
-    trial: int
+    trial: int = 0
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,6 @@ class WindowFit:
         Curvature of the negative log posterior, the initial states profiled out.
     channel_sd : dict of str to float
         Root mean square that the windows leave of each channel, SI.
-    spread : dict of str to float
-        The same times the root of the dispersion: the spread under which the windows count.
     dispersion : float
         How many times less the windows count beside the prior than residuals independent of each other would.
     n_windows : int
@@ -93,9 +92,13 @@ class WindowFit:
     from_prior: np.ndarray
     information: np.ndarray
     channel_sd: dict[str, float]
-    spread: dict[str, float]
     dispersion: float
     n_windows: int
+
+    @property
+    def spread(self) -> dict[str, float]:
+        """Spread under which the windows count, by channel, SI: what they leave times the root of the dispersion."""
+        return {name: sd * float(np.sqrt(self.dispersion)) for name, sd in self.channel_sd.items()}
 
     @property
     def covariance(self) -> np.ndarray:
@@ -207,11 +210,13 @@ def fit_windows(
     problem = replace(initial_problem(runs, vessel, fixed), sailed=tuple(sailed.tolist()))
     constants = problem.center[problem.n_coefficients : problem.n_shared]
     unknowns = np.concatenate([start, constants, *(window.state for window in windows)])
+    least = _EXACT * runs[0].sample_sd
     spread = np.array([sd[name] for name in runs[0].channels]) if sd else _left_by(windows, vessel, start)
+    spread = np.maximum(spread, least)
     for _ in range(_PASSES):
         fit = fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE)
         square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
-        noise_sd = spread * np.sqrt(square / sum(run.n_blocks for run in runs))
+        noise_sd = np.maximum(spread * np.sqrt(square / sum(run.n_blocks for run in runs)), least)
         dispersion = max(_dispersion(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
         ratio = noise_sd * np.sqrt(dispersion) / spread
         unknowns, spread = fit.unknowns, spread * ratio
@@ -225,7 +230,6 @@ def fit_windows(
         from_prior=from_prior,
         information=np.linalg.inv(fit.covariance),
         channel_sd=dict(zip(runs[0].channels, noise_sd.tolist(), strict=True)),
-        spread=dict(zip(runs[0].channels, spread.tolist(), strict=True)),
         dispersion=dispersion,
         n_windows=len(runs),
     )
@@ -294,7 +298,7 @@ def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:
     return g.T @ g * (count / max(count - 1, 1))
 
 
-def with_constants(windows: Sequence[Window], fit: WindowFit, prior: CoefficientPrior) -> np.ndarray:
+def with_constants(windows: Sequence[Window], fit: WindowFit) -> np.ndarray:
     """Coefficients of a fit with the constants of a trial, such as its current, that windows of it call for.
 
     Parameters
@@ -303,7 +307,6 @@ def with_constants(windows: Sequence[Window], fit: WindowFit, prior: Coefficient
         Of one trial.
     fit : WindowFit
         Its other coefficients stay.
-    prior : CoefficientPrior
 
     Returns
     -------
@@ -315,7 +318,7 @@ def with_constants(windows: Sequence[Window], fit: WindowFit, prior: Coefficient
     if not own.size:
         return fit.coefficients
     scale = np.full(fit.coefficients.size, HELD)
-    scale[own] = prior.scale[own]
+    scale[own] = [parameter.sd for parameter in fit.vessel.parameters if parameter.of_run]
     held = CoefficientPrior(fit.coefficients, scale, scale, np.zeros(scale.size, dtype=bool), "held")
     problem = initial_problem([window.run for window in windows], fit.vessel, held)
     spread = np.array(list(fit.spread.values()))
