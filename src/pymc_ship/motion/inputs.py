@@ -8,6 +8,7 @@ import xarray as xr
 from pymc_ship.forces.part import INPUTS
 from pymc_ship.forces.surroundings import WIND
 from pymc_ship.motion.stepping import SimulationError
+from pymc_ship.trial.record import OVER_GROUND
 from pymc_ship.vessel.vessel import Vessel
 
 
@@ -25,7 +26,7 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     """Inputs of a record as the equations of motion of a vessel take them.
 
     Revolutions are over the nominal ones; where the record or the vessel's propeller is silent, those that hold the
-    speed with which the record begins. Wind counts where it was measured and the vessel has the part "wind".
+    speed with which the record begins, or the nominal ones where that is over ground. Wind counts where it was measured and the vessel has the part "wind".
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     if measured and vessel.propeller is not None:
         found[1] = trial["n"].values / vessel.propeller.n
     else:
-        found[1] = begin_speed(trial) / U
+        found[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else begin_speed(trial) / U
         if measured and trial["n"].values[0] > 0.0:
             found[1] *= trial["n"].values / trial["n"].values[0]
     if WIND.name in vessel.parts and "wind_speed" in trial and "wind_direction" in trial:
