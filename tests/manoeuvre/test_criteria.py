@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.forecasting.forecast import _bands
+from pymc_ship.forecasting.forecast import quantile_bands
 from pymc_ship.manoeuvre.criteria import imo_limits, shown_probability
 
 LENGTH = 230.66
@@ -25,7 +25,7 @@ def forecast_of(attrs, diverged=None, **values):
     }
     found = xr.Dataset(table, {"draw": np.arange(n)}, attrs)
     ships = xr.Dataset({"diverged": ("draw", np.zeros(n, dtype=bool) if diverged is None else np.array(diverged))})
-    groups = {"trajectories": ships, "indices": found, "index_bands": _bands(found, 0.9)}
+    groups = {"trajectories": ships, "indices": found, "index_bands": quantile_bands(found, 0.9)}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs | {"ci_prob": 0.9}), **groups})
 
 

@@ -40,13 +40,13 @@ def test_a_replay_begins_anywhere_in_the_record(tanker, trial):
 
 def test_another_ship_replays_another_motion(tanker, trial):
     other = tanker.with_coefficients({"yaw": 0.7 * tanker.coefficients("yaw").values})
-    own, foreign = (ps.score(ship, {"run": trial}) for ship in (tanker, other))
+    own, foreign = (ps.score(ship, trial) for ship in (tanker, other))
     assert own.attrs["score"] < 0.03
     assert foreign.attrs["score"] > 10.0 * own.attrs["score"]
 
 
 def test_a_score_has_every_channel_of_every_run(tanker, trial):
-    found = ps.score(tanker, {"a": trial, "b": trial.isel(time=slice(300, None))}, length=100, every=50)
+    found = ps.score(tanker, [trial, trial.isel(time=slice(300, None))], names=["a", "b"], length=100, every=50)
     assert found["channel"].values.tolist() == list(SCORED)
     assert found["windows"].values.tolist() == [10, 7]
     np.testing.assert_allclose(found["score"], found["relative"].mean("channel"))
@@ -55,7 +55,7 @@ def test_a_score_has_every_channel_of_every_run(tanker, trial):
 
 def test_a_window_that_runs_away_costs_the_run_its_score(tanker, trial):
     wild = tanker.with_coefficients({"surge": -5.0 * tanker.coefficients("surge").values})
-    found = ps.score(wild, {"run": trial}, length=300)
+    found = ps.score(wild, trial, length=300)
     assert found["ran_away"].values.tolist() == [1]
     assert np.isnan(found.attrs["score"])
 
@@ -75,10 +75,10 @@ def test_a_replay_that_cannot_be_is_one_sentence(tanker, trial, settings, messag
     assert str(error.value).endswith(".")
 
 
-@pytest.mark.parametrize("settings", [{"length": -1.0}, {"every": 0.0}, {"length": 1e4}])
+@pytest.mark.parametrize("settings", [{"length": -1.0}, {"every": 0.0}, {"length": 1e4}, {"names": ["a", "b"]}])
 def test_windows_that_cannot_be_are_one_sentence(tanker, trial, settings):
     with pytest.raises(ps.TrialError, match="A score needs") as error:
-        ps.score(tanker, {"run": trial}, **settings)
+        ps.score(tanker, trial, **settings)
     assert str(error.value).endswith(".")
 
 

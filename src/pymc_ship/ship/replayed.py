@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,7 @@ from pymc_ship.ship.files import IdentifiedShip
 from pymc_ship.ship.model import ShipModel
 from pymc_ship.trajectory.windows import smoothed_channel
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import TrialError, check_trial, one_trial, sampling_interval
+from pymc_ship.trial.record import TrialError, check_trial, one_trial, sampling_interval, trial_list
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
@@ -97,8 +97,9 @@ def replay(
 
 def score(
     ship: ShipModel | IdentifiedShip | VesselLike,
-    trials: Mapping[str, xr.Dataset],
+    trials: xr.Dataset | Sequence[xr.Dataset],
     *,
+    names: Sequence[str] | None = None,
     length: float | None = None,
     every: float | None = None,
     draws: int = 100,
@@ -109,8 +110,10 @@ def score(
     Parameters
     ----------
     ship : ShipModel, IdentifiedShip, Vessel, str or Path
-    trials : mapping of str to Dataset
-        Records by name, as for :func:`replay`.
+    trials : Dataset or sequence of Dataset
+        Records as for :func:`replay`.
+    names : sequence of str, optional
+        Of the records; numbers by default.
     length : float, optional
         Of a window [s]; 5 L/U by default.
     every : float, optional
@@ -137,21 +140,23 @@ def score(
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> found = ps.score(vessel, {"zigzag": trial})
+    >>> found = ps.score(vessel, trial)
     >>> bool(found.attrs["score"] < 0.05), int(found["ran_away"].sum())
     (True, 0)
     """
+    trials = trial_list(trials)
+    names = tuple(names or (str(k + 1) for k in range(len(trials))))
     unit = _first_vessel(ship).particulars.ship_time
     length = 5.0 * unit if length is None else length
     every = length if every is None else every
-    if not trials or not 0.0 < length < np.inf or not 0.0 < every < np.inf:
+    if not trials or len(names) != len(trials) or not 0.0 < length < np.inf or not 0.0 < every < np.inf:
         raise TrialError(
-            f"A score needs a record or more and windows of a positive length and distance, found {len(trials)} "
-            f"records, {length} s and {every} s; correct them."
+            f"A score needs a record or more, each with its name, and windows of a positive length and distance, found "
+            f"{len(trials)} records, {len(names)} names, {length} s and {every} s; correct them."
         )
     rows = {
         name: _scored(ship, one_trial(trial), (length, every), draws=draws, ci_prob=ci_prob)
-        for name, trial in trials.items()
+        for name, trial in zip(names, trials, strict=True)
     }
     table = {
         key: (("run", "channel"), np.array([row[key] for row in rows.values()]))
