@@ -223,6 +223,13 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     return identified(args, progress)
 
 
+def score(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Score a ship on records in which she is restarted."""
+    from pymc_ship.cli.ship_commands import score as scored
+
+    return scored(args, progress)
+
+
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Forecast manoeuvres; the text has the indices of each beside those of the vessel file's ship."""
     from pymc_ship.cli.ship_commands import forecast_identified, holds_ship
@@ -235,8 +242,9 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
                 f"A forecast from a posterior needs --{option}, found none and no identified ship in {args.posterior}; "
                 "add it."
             )
-    if args.measured:
-        raise ValueError("Measured trials are shown beside forecasts of an identified ship; leave --measured out.")
+    for option in ("measured", "n", "wind", "current"):
+        if getattr(args, option) not in ([], None):
+            raise ValueError(f"Only a forecast of an identified ship takes --{option}; leave it out.")
     vessel, side, duration = model_argument(args.vessel, progress), args.side or "port", args.duration or 400.0
     manoeuvres = requested_manoeuvres(args, (side,))
     if not manoeuvres:

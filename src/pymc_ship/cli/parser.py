@@ -8,8 +8,9 @@ from __future__ import annotations
 import argparse
 
 from pymc_ship import __version__
+from pymc_ship.cli import examples
 from pymc_ship.cli.sentences import sentence
-from pymc_ship.cli.words import INSTRUMENTS, angles, draws, interval, names, noise, seed
+from pymc_ship.cli.words import INSTRUMENTS, angles, draws, flow, interval, names, noise, seed
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.trial.channels import sensors
 
@@ -29,74 +30,6 @@ TRAJECTORY_PRIORS = ("order_damped", "sister_ship", "flat")
 SHIP_PRIORS = ("hull_database", "order_damped", "sister_ship")
 NOISE_MODELS = ("auto", "white", "ar1", "student_t")
 CRITERIA = ("information", "forecast")
-
-_SIMULATE_EXAMPLES = """examples:
-  pymc-ship simulate container --zigzag 20/20 --noise 0.01 --out trial.csv
-  pymc-ship simulate container --turn 35 --noise gnss,mems_gyro,mru,fluxgate_compass --out circle.csv
-  pymc-ship simulate my.toml --turn 35 --side starboard --duration 1200 --method rk4 --out circle.csv
-"""
-_DENOISE_EXAMPLES = """examples:
-  pymc-ship denoise trial.csv --out smooth.csv
-  pymc-ship denoise trial.csv --wavelet db8 --prior cauchy --out smooth.csv
-  pymc-ship denoise trial.csv --method rts --out smooth.csv
-"""
-_CHECK_EXAMPLES = """examples:
-  pymc-ship check trial.csv --vessel container
-  pymc-ship check trial.txt --format columns.toml --vessel my.toml --out corrected.csv
-
-status 3 says that a check is bad: the trial is not to be fitted, and no corrected one is written.
-"""
-_REGRESS_EXAMPLES = """examples:
-  pymc-ship regress trial.csv --vessel container --out regressed
-  pymc-ship regress smooth.csv --vessel my.toml --raw --select bayesian_optimisation --out regressed
-"""
-_IDENTIFY_EXAMPLES = """examples:
-  pymc-ship identify trials/*.csv --vessel my_ship.toml --out reports/my_ship
-  pymc-ship identify zigzag.csv circle.csv --vessel kvlcc2 --format columns.toml --out reports/tanker
-
-status 3 says that a check of a trial is bad and that nothing is fitted: look at it with `pymc-ship check`,
-mend the record or its format file, or overrule the check by its name.
-"""
-_FIT_EXAMPLES = """examples:
-  pymc-ship fit trial.csv --vessel container --out fitted
-  pymc-ship fit zigzag.csv circle.csv --vessel my.toml --prior sister_ship --channels u,v,r,psi --out fitted
-"""
-_TUNE_EXAMPLES = """examples:
-  pymc-ship tune trial.csv --vessel container --dof sway --family conjugate
-  pymc-ship tune trial.csv --vessel container --dof yaw --family semiconjugate --evaluations 60 --out prior.json
-"""
-_FORECAST_EXAMPLES = """examples:
-  pymc-ship forecast reports/my_ship --zigzag 10/10 --turn 35
-  pymc-ship forecast reports/my_ship --measured circle.csv --format columns.toml
-  pymc-ship forecast regressed --vessel container --zigzag 10/10 --turn 35 --out forecast
-  pymc-ship forecast trajectory.nc --vessel my.toml --zigzag 20/20 --draws 1000 --out forecast
-"""
-_DESIGN_EXAMPLES = """examples:
-  pymc-ship design trajectory.nc --vessel container --n 2 --out design
-  pymc-ship design trajectory.nc --vessel my.toml --criterion forecast --out design
-"""
-_FRONTIER_EXAMPLES = """examples:
-  pymc-ship frontier --out reports/frontier
-  pymc-ship frontier --seeds 4 --seed 7 --quiet --out frontier
-"""
-_MONTECARLO_EXAMPLES = """examples:
-  pymc-ship montecarlo studies/container.toml --out reports/montecarlo
-  pymc-ship montecarlo my.toml --scheduler tcp://10.0.0.1:8786 --out grid
-"""
-_STUDY_EXAMPLES = """example:
-  pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/container
-
-status 3 says that a convergence gate or the agreement of the methods fails; the report is written all the same.
-"""
-
-
-_REPORT_EXAMPLES = """examples:
-  pymc-ship report regressed/sway-conjugate.nc --vessel container --out diagnostics
-  pymc-ship report reports/container/posteriors/sway-*-nuts.nc
-
-draws are compared with an exact posterior of the same data and prior that is given, too.
-status 3 says that a convergence gate or that agreement fails; the report is written all the same.
-"""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -125,6 +58,7 @@ def parser() -> argparse.ArgumentParser:
         _add_fit,
         _add_tune,
         _add_forecast,
+        _add_score,
         _add_design,
         _add_frontier,
         _add_montecarlo,
@@ -148,7 +82,7 @@ def _command(commands, name: str, description: str, epilog: str) -> argparse.Arg
 
 
 def _add_study(commands) -> None:
-    command = _command(commands, "study", "run the paper's study and write its report", _STUDY_EXAMPLES)
+    command = _command(commands, "study", "run the paper's study and write its report", examples.STUDY)
     command.add_argument("--vessel", default="container", help="shipped vessel or TOML file (%(default)s)")
     command.add_argument(
         "--level", type=float, default=0.01, help="noise level shown in detail: sd over peak (%(default)s)"
@@ -157,7 +91,7 @@ def _add_study(commands) -> None:
 
 
 def _add_simulate(commands) -> None:
-    command = _command(commands, "simulate", "simulate a trial and print its indices", _SIMULATE_EXAMPLES)
+    command = _command(commands, "simulate", "simulate a trial and print its indices", examples.SIMULATE)
     command.add_argument("vessel", metavar="VESSEL", help="shipped vessel or TOML file")
     manoeuvre = command.add_mutually_exclusive_group(required=True)
     _add_manoeuvres(manoeuvre, "{0.title} [deg], such as {0.example}")
@@ -190,14 +124,14 @@ def _add_manoeuvres(command, text: str, **settings) -> None:
 
 
 def _add_check(commands) -> None:
-    command = _command(commands, "check", "check a trial before it is fitted, and correct it", _CHECK_EXAMPLES)
+    command = _command(commands, "check", "check a trial before it is fitted, and correct it", examples.CHECK)
     _add_trial(command)
     command.add_argument("--vessel", help="shipped vessel or TOML file (L/U is guessed from the tightest turn)")
     command.add_argument("--out", help="CSV file of the corrected trial (not written)")
 
 
 def _add_denoise(commands) -> None:
-    command = _command(commands, "denoise", "denoise the motion channels of a trial", _DENOISE_EXAMPLES)
+    command = _command(commands, "denoise", "denoise the motion channels of a trial", examples.DENOISE)
     _add_trial(command)
     command.add_argument(
         "--method",
@@ -251,7 +185,7 @@ def _add_regression(command) -> None:
 
 
 def _add_regress(commands) -> None:
-    command = _command(commands, "regress", "regress the accelerations of a trial, as the paper", _REGRESS_EXAMPLES)
+    command = _command(commands, "regress", "regress the accelerations of a trial, as the paper", examples.REGRESS)
     _add_regression(command)
     command.add_argument("--family", choices=(*FAMILIES, "both"), default="both", help="prior family (%(default)s)")
     command.add_argument(
@@ -262,7 +196,7 @@ def _add_regress(commands) -> None:
 
 
 def _add_identify(commands) -> None:
-    command = _command(commands, "identify", "identify a ship from her trials and report on it", _IDENTIFY_EXAMPLES)
+    command = _command(commands, "identify", "identify a ship from her trials and report on it", examples.IDENTIFY)
     _add_trial(command, "trials", nargs="+")
     _add_overrule(command)
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars, perhaps propeller")
@@ -283,7 +217,7 @@ def _add_identify(commands) -> None:
 
 
 def _add_fit(commands) -> None:
-    command = _command(commands, "fit", "fit the simulated trajectory to raw trials", _FIT_EXAMPLES)
+    command = _command(commands, "fit", "fit the simulated trajectory to raw trials", examples.FIT)
     _add_trial(command, "trials", nargs="+")
     _add_overrule(command)
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars and terms")
@@ -311,7 +245,7 @@ def _add_fit(commands) -> None:
 
 
 def _add_tune(commands) -> None:
-    command = _command(commands, "tune", "choose hyperparameters by Bayesian optimisation", _TUNE_EXAMPLES)
+    command = _command(commands, "tune", "choose hyperparameters by Bayesian optimisation", examples.TUNE)
     _add_regression(command)
     command.add_argument("--dof", choices=DOFS, required=True, help="degree of freedom")
     command.add_argument("--family", choices=FAMILIES, required=True, help="prior family")
@@ -322,7 +256,7 @@ def _add_tune(commands) -> None:
 
 
 def _add_forecast(commands) -> None:
-    command = _command(commands, "forecast", "forecast manoeuvres with bands from a posterior", _FORECAST_EXAMPLES)
+    command = _command(commands, "forecast", "forecast manoeuvres with bands from a posterior", examples.FORECAST)
     command.add_argument(
         "posterior",
         metavar="POSTERIOR",
@@ -342,12 +276,26 @@ def _add_forecast(commands) -> None:
     _add_overrule(command)
     command.add_argument("--draws", type=int, help="simulated ships (300, of an identified ship 1000)")
     command.add_argument("--duration", type=float, help="[s] (400, of an identified ship 40 L/U)")
+    command.add_argument("--n", type=float, help="revolutions [1/s], of an identified ship (those of the approach)")
+    command.add_argument("--wind", type=flow, metavar="SPEED/FROM", help="true wind [m/s, deg] (none)")
+    command.add_argument("--current", type=flow, metavar="SPEED/TO", help="water [m/s, deg] (none)")
     command.add_argument("--side", choices=SIDES, help="side turned to first (port, of an identified ship both)")
     command.add_argument("--out", help="folder of the bands, or of an identified ship's page (her own folder)")
 
 
+def _add_score(commands) -> None:
+    command = _command(commands, "score", "score a ship on records she is restarted in", examples.SCORE)
+    command.add_argument("ship", metavar="SHIP", help="folder that `identify` wrote, shipped vessel or TOML file")
+    _add_trial(command, "trials", nargs="+")
+    _add_overrule(command)
+    command.add_argument("--length", type=float, help="of a window [s] (5 L/U)")
+    command.add_argument("--every", type=float, help="from a window's start to the next [s] (its length)")
+    command.add_argument("--draws", type=int, default=100, help="simulated ships at most (%(default)s)")
+    command.add_argument("--out", help="file of the table, .csv (none)")
+
+
 def _add_design(commands) -> None:
-    command = _command(commands, "design", "choose the runs that will tell most about a ship", _DESIGN_EXAMPLES)
+    command = _command(commands, "design", "choose the runs that will tell most about a ship", examples.DESIGN)
     command.add_argument("posterior", metavar="POSTERIOR", help="joint posterior of a trajectory fit, .nc or .zarr")
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: terms and reference values")
     command.add_argument("--n", type=int, default=2, help="runs to choose (%(default)s)")
@@ -363,14 +311,14 @@ def _add_design(commands) -> None:
 
 def _add_frontier(commands) -> None:
     description = "measure how close every method comes to the Cramer-Rao bound"
-    command = _command(commands, "frontier", description, _FRONTIER_EXAMPLES)
+    command = _command(commands, "frontier", description, examples.FRONTIER)
     command.add_argument("--seeds", type=int, default=25, help="data sets of each kind and noise level (%(default)s)")
     command.add_argument("--out", default="reports/frontier", help="folder of the report (%(default)s)")
 
 
 def _add_montecarlo(commands) -> None:
     description = "run a grid of experiments, or go on with one that was stopped"
-    settings = {"epilog": _MONTECARLO_EXAMPLES, "formatter_class": argparse.RawDescriptionHelpFormatter}
+    settings = {"epilog": examples.MONTECARLO, "formatter_class": argparse.RawDescriptionHelpFormatter}
     command = commands.add_parser("montecarlo", help=description, description=description, **settings)
     command.add_argument("--quiet", action="store_true", help="no progress and no remarks; results and errors only")
     command.add_argument("study", metavar="STUDY.toml", help="ships, manoeuvres, noise, methods, seeds, root_seed")
@@ -380,7 +328,7 @@ def _add_montecarlo(commands) -> None:
 
 
 def _add_report(commands) -> None:
-    command = _command(commands, "report", "diagnose saved posteriors and write a report", _REPORT_EXAMPLES)
+    command = _command(commands, "report", "diagnose saved posteriors and write a report", examples.REPORT)
     command.add_argument("posteriors", metavar="POSTERIOR", nargs="+", help="posterior file, .nc or .zarr")
     command.add_argument("--vessel", help="shipped vessel or TOML file: reference and published values (none)")
     command.add_argument("--out", default="reports/diagnostics", help="folder of diagnostics.html (%(default)s)")

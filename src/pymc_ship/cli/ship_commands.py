@@ -11,9 +11,25 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
-from pymc_ship.cli.files import Outcome, Progress, judged_arguments, made_by, requested_manoeuvres, vessel_argument
-from pymc_ship.cli.texts import forecast_text, held_out_text, probability_text, term_set_text
-from pymc_ship.machine.files import staged_files, writable_folder
+from pymc_ship.cli.files import (
+    Outcome,
+    Progress,
+    judged_arguments,
+    made_by,
+    output_file,
+    requested_manoeuvres,
+    vessel_argument,
+    write_csv,
+)
+from pymc_ship.cli.texts import (
+    forecast_text,
+    held_out_text,
+    probability_text,
+    score_rows,
+    score_text,
+    term_set_text,
+)
+from pymc_ship.machine.files import staged, staged_files, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
@@ -92,6 +108,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
     for label, manoeuvre in wanted.items():
         progress(f"forecasting the {label}")
         settings = {"draws": 1000 if args.draws is None else args.draws, "duration": args.duration}
+        settings |= {"n": args.n, "wind": args.wind, "current": args.current}
         trees[label] = forecast_ship(ship, manoeuvre, rng=np.random.default_rng(args.seed), **settings)
         text.append(_text(trees[label], label, measured, ship.vessel))
     page = write_forecast_page(
@@ -106,6 +123,22 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
         progress=progress,
     )
     return "\n\n".join(text), page
+
+
+def score(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Score a ship on records in which she is restarted; the text has every channel of every run."""
+    ship = load_ship(args.ship) if holds_ship(args.ship) else vessel_argument(args.ship, progress)
+    vessel = ship.vessel if isinstance(ship, IdentifiedShip) else ship
+    trials, _ = checked_trials(_named(args.trials), vessel, args, progress)
+    out = output_file(args.out) if args.out else None
+    progress("replaying windows")
+    settings = {"length": args.length, "every": args.every, "draws": args.draws}
+    found = ps.score(ship, list(trials.values()), names=list(trials), **settings)
+    if out:
+        header, rows = score_rows(found)
+        with staged(out) as partial:
+            write_csv(partial, header, rows, args)
+    return score_text(found), out
 
 
 def _measured(

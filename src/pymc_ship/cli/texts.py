@@ -187,6 +187,32 @@ def term_set_text(model: ShipModel) -> str:
     return table(("term set", "weight", "score", *(f"rms {name}" for name in channels), "ran away"), rows)
 
 
+def score_rows(found: xr.Dataset) -> tuple[tuple[str, ...], list[list]]:
+    """Header and one row for each channel of each run of a score."""
+    keys = ("rmse", "relative", "coverage", "crps")
+    rows = [
+        [run, channel, *(float(found[key].sel(run=run, channel=channel)) for key in keys)]
+        for run in found["run"].values.tolist()
+        for channel in found["channel"].values.tolist()
+    ]
+    return ("run", "channel", *keys), rows
+
+
+def score_text(found: xr.Dataset) -> str:
+    """Errors of every channel of every run, then windows and score of each run and of all."""
+    header, rows = score_rows(found)
+    runs = [
+        (run, *(float(found[key].sel(run=run)) for key in ("windows", "ran_away", "score")))
+        for run in found["run"].values.tolist()
+    ]
+    total = found.attrs["score"]
+    last = f"Score {total:.3g}, the mean over runs of the errors over the size of the motion."
+    if not math.isfinite(total):
+        last = "No score: the ship runs away in a window."
+    words = f"Windows of {found.attrs['length']:.4g} s, bands of {100.0 * found.attrs['ci_prob']:.0f} %. {last}"
+    return "\n\n".join([table(header, rows), table(("run", "windows", "ran away", "score"), runs), words])
+
+
 def held_out_text(model: ShipModel) -> str:
     """Indices of each held-out manoeuvre beside their forecast; empty where none was held out."""
     if not model.index_rows:

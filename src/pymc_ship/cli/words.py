@@ -66,3 +66,14 @@ def interval(text: str) -> float | None:
         return None if text == "all" else float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"an interval is a number of seconds or 'all', found {text!r}") from None
+
+
+def flow(text: str) -> tuple[float, float]:
+    """Speed [m/s] and direction [deg] of wind or current, between a slash."""
+    try:
+        speed, direction = (float(word) for word in text.split("/"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"wind and current are SPEED/DIRECTION in m/s and deg such as 10/270, found {text!r}"
+        ) from None
+    return speed, direction

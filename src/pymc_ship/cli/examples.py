@@ -1,0 +1,73 @@
+"""Worked examples of each command, which stand under its help."""
+
+from __future__ import annotations
+
+SIMULATE = """examples:
+  pymc-ship simulate container --zigzag 20/20 --noise 0.01 --out trial.csv
+  pymc-ship simulate container --turn 35 --noise gnss,mems_gyro,mru,fluxgate_compass --out circle.csv
+  pymc-ship simulate my.toml --turn 35 --side starboard --duration 1200 --method rk4 --out circle.csv
+"""
+DENOISE = """examples:
+  pymc-ship denoise trial.csv --out smooth.csv
+  pymc-ship denoise trial.csv --wavelet db8 --prior cauchy --out smooth.csv
+  pymc-ship denoise trial.csv --method rts --out smooth.csv
+"""
+CHECK = """examples:
+  pymc-ship check trial.csv --vessel container
+  pymc-ship check trial.txt --format columns.toml --vessel my.toml --out corrected.csv
+
+status 3 says that a check is bad: the trial is not to be fitted, and no corrected one is written.
+"""
+REGRESS = """examples:
+  pymc-ship regress trial.csv --vessel container --out regressed
+  pymc-ship regress smooth.csv --vessel my.toml --raw --select bayesian_optimisation --out regressed
+"""
+IDENTIFY = """examples:
+  pymc-ship identify trials/*.csv --vessel my_ship.toml --out reports/my_ship
+  pymc-ship identify zigzag.csv circle.csv --vessel kvlcc2 --format columns.toml --out reports/tanker
+
+status 3 says that a check of a trial is bad and that nothing is fitted: look at it with `pymc-ship check`,
+mend the record or its format file, or overrule the check by its name.
+"""
+FIT = """examples:
+  pymc-ship fit trial.csv --vessel container --out fitted
+  pymc-ship fit zigzag.csv circle.csv --vessel my.toml --prior sister_ship --channels u,v,r,psi --out fitted
+"""
+TUNE = """examples:
+  pymc-ship tune trial.csv --vessel container --dof sway --family conjugate
+  pymc-ship tune trial.csv --vessel container --dof yaw --family semiconjugate --evaluations 60 --out prior.json
+"""
+FORECAST = """examples:
+  pymc-ship forecast reports/my_ship --zigzag 10/10 --turn 35
+  pymc-ship forecast reports/my_ship --measured circle.csv --format columns.toml
+  pymc-ship forecast regressed --vessel container --zigzag 10/10 --turn 35 --out forecast
+  pymc-ship forecast trajectory.nc --vessel my.toml --zigzag 20/20 --draws 1000 --out forecast
+"""
+DESIGN = """examples:
+  pymc-ship design trajectory.nc --vessel container --n 2 --out design
+  pymc-ship design trajectory.nc --vessel my.toml --criterion forecast --out design
+"""
+FRONTIER = """examples:
+  pymc-ship frontier --out reports/frontier
+  pymc-ship frontier --seeds 4 --seed 7 --quiet --out frontier
+"""
+MONTECARLO = """examples:
+  pymc-ship montecarlo studies/container.toml --out reports/montecarlo
+  pymc-ship montecarlo my.toml --scheduler tcp://10.0.0.1:8786 --out grid
+"""
+STUDY = """example:
+  pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/container
+
+status 3 says that a convergence gate or the agreement of the methods fails; the report is written all the same.
+"""
+REPORT = """examples:
+  pymc-ship report regressed/sway-conjugate.nc --vessel container --out diagnostics
+  pymc-ship report reports/container/posteriors/sway-*-nuts.nc
+
+draws are compared with an exact posterior of the same data and prior that is given, too.
+status 3 says that a convergence gate or that agreement fails; the report is written all the same.
+"""
+SCORE = """examples:
+  pymc-ship score reports/my_ship circle.csv zigzag.csv --format columns.toml
+  pymc-ship score my_ship.toml trials/*.csv --length 100 --every 20 --out score.csv
+"""

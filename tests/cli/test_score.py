@@ -1,0 +1,64 @@
+"""The command that scores a ship on records."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.cli.main import main
+from pymc_ship.cli.words import flow
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    """A zigzag of the tanker as a file."""
+    path = tmp_path_factory.mktemp("score") / "zigzag.csv"
+    ps.write_trial(ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=0.5, method="rk4"), path)
+    return str(path)
+
+
+def test_a_table_of_every_channel_and_a_score(record, tmp_path, capsys):
+    out = tmp_path / "score.csv"
+    assert main(["score", "kvlcc2", record, "--length", "150", "--quiet", "--out", str(out)]) == 0
+    text = capsys.readouterr().out
+    assert "position" in text
+    assert "Windows of 150 s, bands of 90 %. Score 0.0" in text
+    rows = list(csv.DictReader(line for line in out.read_text(encoding="utf-8").splitlines() if line[0] != "#"))
+    assert [row["channel"] for row in rows] == ["u", "v", "r", "psi", "position"]
+    assert all(float(row["relative"]) < 0.1 for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--length", "-3"], "windows of a positive length"),
+        (["--length", "1e5"], "A score needs a record of a window"),
+        (["--draws", "0"], "A replay needs a draw"),
+    ],
+)
+def test_what_cannot_be_scored_is_one_sentence(record, capsys, words, message):
+    assert main(["score", "kvlcc2", record, "--quiet", *words]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.strip().count("\n") == 0
+
+
+def test_wind_and_current_are_a_speed_and_a_direction():
+    assert flow("10/270") == (10.0, 270.0)
+
+
+@pytest.mark.parametrize("option", [["--wind", "strong"], ["--current", "1"], ["--n", "fast"]])
+def test_words_that_are_no_wind_current_or_revolutions_are_refused(capsys, option):
+    with pytest.raises(SystemExit) as status:
+        main(["forecast", "reports/none", "--turn", "35", *option])
+    assert status.value.code == 2
+    assert capsys.readouterr().err.strip().count("\n") == 0
+
+
+@pytest.mark.parametrize(("option", "value"), [("n", "1.2"), ("wind", "5/90"), ("current", "0.5/0")])
+def test_a_posterior_that_is_no_identified_ship_takes_none_of_them(tmp_path, capsys, option, value):
+    words = ["forecast", str(tmp_path), "--vessel", "kvlcc2", "--turn", "35", f"--{option}", value, "--out", "x"]
+    assert main([*words, "--quiet"]) == 2
+    assert f"takes --{option}; leave it out." in capsys.readouterr().err
