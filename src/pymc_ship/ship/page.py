@@ -30,6 +30,7 @@ from pymc_ship.ship.paths import coverage, held_out_rows, overshoot_errors
 from pymc_ship.trajectory.windows import LENGTH, thinned
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval
+from pymc_ship.vessel.parts import HELD
 from pymc_ship.vessel.term_sets import PART_SETS, TERM_SETS
 from pymc_ship.vessel.vessel import LETTER, Vessel, coefficient_names
 
@@ -45,6 +46,10 @@ SOURCES = (
 )
 
 _FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves")
+DISAGREE = 2.0
+"""Prior standard deviations beyond which an estimate and what was known beforehand disagree."""
+
+_OF_PARAMETER = ("estimate", "sd", "known_value", "known_sd")
 _TABLES = ("runs", "checks", "term_sets", "held_out_indices", "model_error", "paths", "coefficients", "correlations")
 
 PAGE = Page(
@@ -180,6 +185,7 @@ def coefficient_rows(candidate: Candidate) -> list[dict]:
         partners = [row["second" if row["first"] == name else "first"] for row in pairs if name in row.values()]
         row = {"coefficient": name, "estimate": float(value), "sd": float(spread)}
         row |= {"known_value": center, "known_sd": width, "apart": float((value - center) / width)}
+        row |= {"unit": held[name].unit, "source": held[name].source}
         rows.append(row | {"correlated_with": " ".join(partners)})
     return rows
 
@@ -227,6 +233,8 @@ def _values(model: ShipModel, trials: Mapping[str, xr.Dataset], rows: Mapping[st
         "unchecked": _unchecked(rows["checks"]),
         "left_out": left_out,
         "best": model.candidates[0],
+        "path_terms": next((c.name for c in model.candidates if not c.vessel.modular), ""),
+        "apart": [row["coefficient"] for row in rows["coefficients"] if abs(row["apart"]) > DISAGREE],
         "n_coefficients": len(rows["coefficients"]),
         "summary": _summary(rows["held_out_indices"]),
         "failed_paths": [row for row in rows["paths"] if row["remark"]],
@@ -324,7 +332,12 @@ def _tables(model: ShipModel, rows: Mapping[str, list[dict]]) -> dict[str, Table
         "paths": ([_shown(row, channels) for row in rows["paths"]], _path_columns(channels)),
         "correlations": (rows["correlations"], pairs),
     }
-    for dof in model.candidates[0].vessel.dofs:
+    if model.candidates[0].vessel.modular:
+        four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}
+        four = {"coefficient": ("parameter", str)} | four | {"apart": ("sd away", fixed(1))}
+        free = [row for row in rows["coefficients"] if row["known_sd"] > HELD]
+        found["parameters"] = (free, four | {"unit": ("unit, or what it is", str), "source": ("known from", str)})
+    for dof in model.candidates[0].vessel.dofs if not model.candidates[0].vessel.modular else ():
         mine = [row for row in rows["coefficients"] if row["coefficient"][0] == LETTER[dof]]
         found[f"coefficients_{dof}"] = ([_prime(row) for row in mine], coefficients)
     return {name: table(lines, columns) for name, (lines, columns) in found.items() if lines}

@@ -1,0 +1,114 @@
+"""A ship of parts from her trials to her page, her files and her forecasts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.ship.candidates import default_sets, with_surroundings
+from pymc_ship.ship.model import _prepared
+from pymc_ship.ship.page import write_ship_report
+from pymc_ship.trial.record import OVER_GROUND
+from pymc_ship.vessel.term_sets import AHEAD_SETS, ANY_SPEED_SETS, with_terms
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
+from tests.forces.test_parts import AHEAD, tanker
+
+SETTINGS = {"duration": 450, "step": 0.5, "method": "rk4"}
+SET = "modular, wake by side"
+
+
+def known(vessel):
+    """The tanker as her papers describe her, without coefficients."""
+    return replace(vessel, forces=dict.fromkeys(vessel.forces, ()), parts=(), parameters=())
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """A tanker of parts whose wake differs by side."""
+    vessel = tanker((*AHEAD, "wind"))
+    changed = {"dC2": 0.1, "gamma_R": 0.5, "Nr": -0.003}
+    return replace(vessel, parameters=tuple(replace(c, value=changed.get(c.name, c.value)) for c in vessel.parameters))
+
+
+@pytest.fixture(scope="module")
+def trials(truth):
+    rng = np.random.default_rng(4)
+    runs = [ps.simulate(truth, ps.zigzag(angle, angle), **SETTINGS) for angle in (10, 20)]
+    return [ps.pollute(run, level=0.005, rng=rng) for run in runs]
+
+
+@pytest.fixture(scope="module")
+def ship(truth, trials):
+    return ps.identify_ship(trials, known(truth), terms=[SET], draws=40, rng=1)
+
+
+def test_the_circle_is_forecast_from_the_zigzags(truth, ship):
+    turn = ps.turning_circle(35)
+    found = ps.forecast_ship(ship, turn, rng=1)["index_bands"]["tactical_diameter"]
+    exact = float(ps.indices(ps.simulate(truth, turn, duration=1200, step=0.5, method="rk4"))["tactical_diameter"])
+    lower, median, upper = found.values
+    assert lower < exact < upper
+    assert abs(median / exact - 1.0) < 0.08
+
+
+def test_the_page_shows_every_free_parameter_with_what_was_known_of_it(ship, trials, truth, tmp_path):
+    write_ship_report(
+        ship, dict(zip(ship.names, trials, strict=True)), {}, [], tmp_path, command="", seed=1, given=truth
+    )
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "Parameters of the parts" in text
+    for name in ("gamma_R", "w0", "kappa", "R0", "C_X"):
+        assert f"<td>{name}</td>" in text
+    assert "<td>dgamma_R</td>" not in text
+    assert "Kijima" in text
+
+
+def test_she_is_saved_and_loaded(ship, tmp_path):
+    ps.save_ship(ship, tmp_path)
+    loaded = ps.load_ship(tmp_path)
+    assert loaded.vessel.parts == ship.candidates[0].vessel.parts
+    assert coefficient_names(loaded.vessel) == coefficient_names(ship.candidates[0].vessel)
+    forecasts = [ps.forecast_ship(one, ps.turning_circle(35), rng=3) for one in (ship, loaded)]
+    medians = [float(tree["index_bands"]["advance"].sel(band="median")) for tree in forecasts]
+    assert medians[0] == pytest.approx(medians[1], rel=0.01)
+
+
+def test_forecasts_take_revolutions_wind_and_current(ship):
+    turn = ps.turning_circle(35)
+    U = ship.vessel.particulars.nominal_speed
+    n = ship.vessel.propeller.n
+    plain, fast, windy, carried = (
+        ps.forecast_ship(ship, turn, rng=1, **around)
+        for around in ({}, {"n": 1.1 * n}, {"wind": (2.0 * U, 0.0)}, {"current": (0.5, 0.0)})
+    )
+    last = {name: float(tree["bands"]["u"].sel(band="median")[-1]) for name, tree in (("p", plain), ("f", fast))}
+    assert last["f"] > 1.03 * last["p"]
+    assert not np.allclose(windy["bands"]["x"], plain["bands"]["x"], atol=1.0)
+    drift = carried["bands"]["x"].sel(band="median") - plain["bands"]["x"].sel(band="median")
+    np.testing.assert_allclose(drift, 0.5 * plain["bands"]["time"], atol=1e-6)
+
+
+def test_a_ship_of_terms_knows_no_revolutions():
+    vessel = ps.load_vessel("kvlcc2")
+    draws = np.tile(reference_coefficients(vessel), (4, 1))
+    plain = ps.IdentifiedShip([(vessel, draws)], None, {}, ())
+    with pytest.raises(ps.SimulationError, match="No term set of this ship knows revolutions"):
+        ps.forecast_ship(plain, ps.turning_circle(35), rng=1, n=1.0)
+
+
+def test_a_ship_that_stops_or_goes_astern_takes_parts_for_any_speed(truth, trials):
+    slow = trials[0].assign(u=0.1 * trials[0]["u"])
+    astern = trials[0].assign(n=("time", np.full(trials[0].sizes["time"], -1.0)))
+    assert default_sets(_prepared(trials, known(truth), "hull_database"))[:2] == AHEAD_SETS
+    for record in (slow, astern):
+        assert default_sets(_prepared([record], known(truth), "hull_database")) == ANY_SPEED_SETS
+
+
+def test_speeds_over_ground_bring_a_current(truth, trials):
+    vessel = with_terms(known(truth), SET)
+    over = [trial.assign_attrs(speeds=OVER_GROUND) for trial in trials]
+    assert "current" in with_surroundings(vessel, over).parts
+    assert with_surroundings(vessel, trials) is vessel
