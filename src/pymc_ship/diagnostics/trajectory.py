@@ -18,6 +18,9 @@ from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.vessel.vessel import LETTER
 
+PARTS = "parts"
+"""Where the parameters of a ship of parts stand, which act in several degrees of freedom."""
+
 METHODS = ("trajectory", "trajectory_nuts")
 """Methods whose posteriors are of whole trajectories: the normal approximation, and the sampler."""
 
@@ -85,9 +88,10 @@ def prior_of(tree: xr.DataTree) -> CoefficientPrior:
 
 
 def dofs(tree: xr.DataTree) -> list[str]:
-    """Degree of freedom of every coefficient, by the letter its name begins with."""
+    """Degree of freedom of every coefficient, by the letter its name begins with; all are of a ship of parts."""
     letters = {letter: dof for dof, letter in LETTER.items()}
-    return [letters[str(name)[0]] for name in tree["posterior"]["coefficient"].values]
+    found = [letters.get(str(name)[0]) for name in tree["posterior"]["coefficient"].values]
+    return [PARTS] * len(found) if None in found else found
 
 
 def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -31,7 +32,7 @@ from pymc_ship.pages.tables import fixed, number, percent, table
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.trajectory.posterior import verdict as khat_verdict
-from pymc_ship.vessel.vessel import Vessel, coefficient_names
+from pymc_ship.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 _DEFAULTS = (
     f"Posteriors of whole trajectories: Pareto k-hat ≤ {KHAT_LIMIT:g} for draws of the normal approximation, the gates "
@@ -239,11 +240,13 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     found = found.assign(lower=tails[0].drop_vars("quantile"), upper=tails[1].drop_vars("quantile"))
     tables, images, inside, total = [], [], 0, 0
     for dof in dict.fromkeys(map(str, found["dof"].values)):
-        one, marks = found.isel(coefficient=found["dof"].values == dof), _marks(ship, dof)
+        one = found.isel(coefficient=found["dof"].values == dof)
+        marks = _marks(ship, dof, [str(name) for name in one["coefficient"].values])
         if ship:
             held = (one["lower"].values <= marks["reference"]) & (marks["reference"] <= one["upper"].values)
             inside, total = inside + int(held.sum()), total + held.size
-        caption = f"{dof.capitalize()}, prime values times 1e5; equal-tailed (eti) intervals of {_CI}."
+        values = "parameters" if dof == trajectory.PARTS else "prime values"
+        caption = f"{dof.capitalize()}, {values} times 1e5; equal-tailed (eti) intervals of {_CI}."
         tables.append((prior_posterior_table(one, marks), caption))
         images.append(
             (
@@ -260,14 +263,16 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     return Part(title, f"{text}{held}", tables, images)
 
 
-def _marks(ship: Vessel | None, dof: str) -> dict[str, np.ndarray]:
-    """Reference and published values of a DOF by what they are called."""
+def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Reference and published values of the coefficients of a DOF by what they are called."""
     if ship is None:
         return {}
+    known = dict(zip(coefficient_names(ship), reference_coefficients(ship), strict=True))
+    reference = np.array([known[name] for name in names])
+    if dof not in ship.forces:
+        return {"reference": reference}
     published = {f"publ. {family.removesuffix('ugate')}.": ship.published(dof, family) for family in FAMILIES}
-    return {"reference": ship.coefficients(dof).values} | {
-        name: values for name, values in published.items() if np.isfinite(values).any()
-    }
+    return {"reference": reference} | {name: values for name, values in published.items() if np.isfinite(values).any()}
 
 
 def _contraction(tree: xr.DataTree) -> Part:

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import shown
-from pymc_ship.vessel.vessel import Vessel, VesselError
+from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names
 
 
 def coefficient_draws(
@@ -49,8 +49,9 @@ def coefficient_draws(
             "a DataTree, or DataTrees under the names of the DOFs."
         )
     if isinstance(posteriors, xr.DataTree):
-        names = [name for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
-        return _rows(posteriors[group], names, f"The joint {group} lacks {{}} of {vessel.name!r}", draws, rng)
+        return _rows(
+            posteriors[group], coefficient_names(vessel), f"The joint {group} lacks {{}} of {vessel.name!r}", draws, rng
+        )
     unknown = [dof for dof in posteriors if dof not in vessel.dofs]
     if unknown:
         raise VesselError(f"{vessel.name!r} has the degrees of freedom {', '.join(vessel.dofs)}; found {unknown[0]!r}.")
@@ -62,6 +63,7 @@ def coefficient_draws(
             blocks.append(_rows(posteriors[dof][group], reference["coefficient"].values, lacks, draws, rng))
         else:
             blocks.append(np.tile(reference.values, (draws, 1)))
+    blocks.append(np.tile([parameter.value for parameter in vessel.parameters], (draws, 1)))
     return np.concatenate(blocks, axis=1)
 
 
