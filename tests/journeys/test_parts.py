@@ -9,6 +9,11 @@ import pymc_ship as ps
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.forces.test_parts import AHEAD, tanker
 
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning"),  # of ArviZ in the tail of a Pareto law
+    pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning"),
+]
+
 
 @pytest.fixture(scope="module")
 def trial():
@@ -41,7 +46,6 @@ def test_her_turn_is_forecast(posterior):
     assert lower < exact < upper
 
 
-@pytest.mark.filterwarnings("ignore:overflow|invalid:RuntimeWarning")
 def test_her_posterior_is_diagnosed(posterior, tmp_path):
     text = ps.diagnostic_report({"tanker": posterior}, tmp_path, tanker(AHEAD)).read_text(encoding="utf-8")
     assert "Parts, parameters times 1e5" in text
