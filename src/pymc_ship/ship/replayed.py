@@ -22,7 +22,8 @@ from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 SCORED = ("u", "v", "r", "psi", "position")
 """Channels of a score; the position is the distance between the tracks."""
 
-_OF_WINDOW = ("square", "moved", "coverage", "crps")
+_VELOCITIES = SCORED[:3]
+_OF_WINDOW = ("square", "coverage", "crps")
 _STEPS = 60  # in L/U, of the integration at least
 _MEASURED = ("u", "v", "r", "psi", "delta")
 
@@ -124,11 +125,11 @@ def score(
     Returns
     -------
     Dataset, dims (run, channel)
-        ``rmse`` (SI) of the median ship, ``relative``, over the standard deviation of the channel (for psi and position
-        over the deviation from the start of each window), ``coverage`` of the bands, ``crps`` (SI; of the position the
-        mean distance of the draws); by run ``windows``,
-        ``ran_away`` and ``score``, the mean of ``relative``; attrs ``score``, the mean over the runs. A window whose
-        median ship runs away has no error: it is counted in ``ran_away``, and its run has no score.
+        ``rmse`` (SI) of the median ship, ``relative``, over the standard deviation of the channel in all records (for
+        psi and position over the deviation from the start of the windows), ``coverage`` of the bands, ``crps`` (SI; of
+        the position the mean distance of the draws); by run ``windows``, ``ran_away`` and ``score``, the mean of
+        ``relative``; attrs ``score``, the mean over the runs. A window whose median ship runs away has no error: it is
+        counted in ``ran_away``, and its run has no score.
 
     Raises
     ------
@@ -145,6 +146,8 @@ def score(
     (True, 0)
     """
     trials = trial_list(trials)
+    for trial in trials:
+        check_trial(trial, (*_MEASURED, "x", "y"))
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     unit = _first_vessel(ship).particulars.ship_time
     length = 5.0 * unit if length is None else length
@@ -154,14 +157,14 @@ def score(
             f"A score needs a record or more, each with its name, and windows of a positive length and distance, found "
             f"{len(trials)} records, {len(names)} names, {length} s and {every} s; correct them."
         )
-    rows = {
-        name: _scored(ship, one_trial(trial), (length, every), draws=draws, ci_prob=ci_prob)
-        for name, trial in zip(names, trials, strict=True)
-    }
+    middle = {name: float(np.mean(np.concatenate([trial[name].values for trial in trials]))) for name in _VELOCITIES}
+    settings = {"windows": (length, every), "middle": middle, "draws": draws, "ci_prob": ci_prob}
+    rows = {name: _scored(ship, trial, **settings) for name, trial in zip(names, trials, strict=True)}
     table = {
-        key: (("run", "channel"), np.array([row[key] for row in rows.values()]))
-        for key in ("rmse", "relative", "coverage", "crps")
+        key: (("run", "channel"), np.array([row[key] for row in rows.values()])) for key in ("rmse", "coverage", "crps")
     }
+    moved = np.array([row["moved"] for row in rows.values()])
+    table["relative"] = ("run", "channel"), table["rmse"][1] / np.sqrt(np.mean(moved, axis=0))
     by_run = {key: ("run", [row[key] for row in rows.values()]) for key in ("windows", "ran_away")}
     found = xr.Dataset(table | by_run, {"run": list(rows), "channel": list(SCORED)})
     found["score"] = found["relative"].mean("channel", skipna=False)
@@ -169,41 +172,47 @@ def score(
     return found.assign_attrs(attrs)
 
 
-def _scored(ship, trial: xr.Dataset, windows: tuple[float, float], **bands: float) -> dict:
+def _scored(ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: float) -> dict:
     """Errors, coverage and CRPS of the windows of one record, each list in the order of :data:`SCORED`."""
-    check_trial(trial, (*_MEASURED, "x", "y"))
     time, (length, every) = trial["time"].values, windows
     begins = np.arange(time[0], time[-1] - length + 1e-9, every)
     if not begins.size:
         raise TrialError(f"A score needs a record of a window of {length:g} s, found {np.ptp(time):.4g} s; shorten it.")
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
     stayed = [tree for tree in trees if np.isfinite(tree["bands"]["u"].sel(band="median").values[-1])]
-    found = [_window(tree, trial) for tree in stayed]
+    found = [_window(tree) for tree in stayed]
     nothing = np.full(len(SCORED), np.nan)
     mean = {key: np.mean([one[key] for one in found], axis=0) if found else nothing for key in _OF_WINDOW}
     lost = len(trees) - len(stayed)
     rmse = nothing if lost else np.sqrt(mean["square"])
     counts = {"windows": len(trees), "ran_away": lost}
-    return {"rmse": rmse, "relative": rmse / np.sqrt(mean["moved"]), **mean, **counts}
+    moved = np.mean([_moved(tree["measured"], middle) for tree in trees], axis=0)
+    return {"rmse": rmse, "moved": moved, **mean, **counts}
 
 
-def _window(tree: xr.DataTree, trial: xr.Dataset) -> dict[str, list[float]]:
-    """Squared error, square of the motion itself, coverage and CRPS of a window, in the order of :data:`SCORED`."""
+def _moved(measured: xr.DataTree, middle: dict[str, float]) -> list[float]:
+    """Mean square of the motion of a window, in the order of :data:`SCORED`: of what an error is a share."""
+    found = []
+    for name in SCORED[:-1]:
+        seen = measured[name].values
+        found.append(float(np.mean((seen - middle.get(name, seen[0])) ** 2)))
+    track = (measured[name].values for name in "xy")
+    return [*found, float(sum(np.mean((values - values[0]) ** 2) for values in track))]
+
+
+def _window(tree: xr.DataTree) -> dict[str, list[float]]:
+    """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`."""
     ships, measured, median = tree["trajectories"], tree["measured"], tree["bands"].sel(band="median")
     found: dict[str, list[float]] = {key: [] for key in _OF_WINDOW}
     for name in SCORED[:-1]:
         seen = measured[name].values
         low, high = (tree["bands"][name].sel(band=band).values for band in (BANDS[0], BANDS[-1]))
-        origin = seen[0] if name == "psi" else float(trial[name].mean())
         found["square"].append(float(np.mean((median[name].values - seen) ** 2)))
-        found["moved"].append(float(np.mean((seen - origin) ** 2)))
         found["coverage"].append(float(np.mean((seen >= low) & (seen <= high))))
         found["crps"].append(_crps(ships[name].values, seen))
     apart = np.hypot(*(median[name].values - measured[name].values for name in "xy"))
     reach = np.hypot(*(ships[name].values - median[name].values for name in "xy"))
-    moved = np.hypot(*(measured[name].values - measured[name].values[0] for name in "xy"))
     found["square"].append(float(np.mean(apart**2)))
-    found["moved"].append(float(np.mean(moved**2)))
     found["coverage"].append(float(np.mean(apart <= np.nanquantile(reach, tree.attrs["ci_prob"], axis=0))))
     found["crps"].append(float(np.nanmean(np.hypot(*(ships[name].values - measured[name].values for name in "xy")))))
     return found
