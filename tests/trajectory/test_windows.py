@@ -238,26 +238,31 @@ class TestSandwich:
         stated = np.sqrt(np.mean([np.diag(covariance(fit)) for fit in fits], axis=0))
         return stated / estimates.std(axis=0, ddof=1)
 
+    @pytest.mark.consistency
     def test_its_sd_is_that_of_the_estimates(self, many_fits):
         ratio = self.ratios(*many_fits, lambda fit: fit.covariance)
         assert np.max(np.abs(ratio - 1.0)) < 4.0 * self.MONTE_CARLO + self.FEW_WINDOWS
 
+    @pytest.mark.consistency
     def test_that_of_independent_residuals_is_not(self, many_fits):
         """Broken twin: errors of a correlation of 0.9 count as independent."""
         ratio = self.ratios(*many_fits, lambda fit: np.linalg.inv(fit.information) / fit.dispersion)
         assert np.max(ratio) < 1.0 - 4.0 * self.MONTE_CARLO - self.FEW_WINDOWS
 
+    @pytest.mark.consistency
     def test_the_curvature_holds_the_scatter_of_the_windows_in_the_mean(self, many_fits):
         for fit in many_fits[1]:
             ratio = np.trace(fit.information @ fit.covariance) / len(fit.coefficients)
             assert ratio == pytest.approx(1.0, abs=0.1)
 
+    @pytest.mark.consistency
     def test_the_estimates_scatter_about_the_truth(self, many_fits):
         reference, fits = many_fits
         estimates = np.array([fit.coefficients for fit in fits])
         standard_error = estimates.std(axis=0, ddof=1) / np.sqrt(N_SETS)
         assert np.max(np.abs(estimates.mean(axis=0) - reference) / standard_error) < 4.0
 
+    @pytest.mark.consistency
     def test_the_noise_is_that_put_in(self, many_fits):
         """Up to the share of the errors that initial states and coefficients take up."""
         _, fits = many_fits
@@ -289,6 +294,7 @@ class TestSandwich:
         np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=0.02)
 
 
+@pytest.mark.consistency
 class TestBesideAPrior:
     """A prior about the truth, as wide as the scatter of the estimates: halves the errors of each."""
 
@@ -327,6 +333,7 @@ def test_the_dispersion_is_that_of_the_windows_however_much_the_prior_knows(know
     assert window_fit._dispersion(fit) == pytest.approx(3.0, rel=1e-6)
 
 
+@pytest.mark.consistency
 def test_what_the_prior_leaves_open_does_not_grow(many_fits):
     fit = many_fits[1][0]
     alone = replace(fit, from_windows=0.0 * fit.from_windows)
