@@ -166,6 +166,16 @@ def test_a_part_made_elsewhere_is_read_simulated_and_differentiated(monkeypatch,
     assert jacobian[2, -1, len(ferry.parameters) - 1] > 0.0
 
 
+def test_a_part_that_is_written_anew_takes_effect_at_once(monkeypatch):
+    """No program of the part of before is kept under its name."""
+    vessel, still = tanker(AHEAD), {"u": np.ones(1), "delta": np.array([0.3])}
+    before = forces(vessel, still)[2, 0]
+    plain = PARTS["rudder"]
+    monkeypatch.setitem(PARTS, "rudder", replace(plain, force=lambda *given: Force(N=0.5 * plain.force(*given).N)))
+    propeller_alone = forces(vessel, {"u": np.ones(1)})[2, 0]
+    assert forces(vessel, still)[2, 0] - propeller_alone == pytest.approx(0.5 * before, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("names", "message"),
     [

@@ -88,14 +88,14 @@ def parameters_of(ship: Ship, names: Sequence[str]) -> tuple[Parameter, ...]:
 
 
 @lru_cache(maxsize=64)
-def program_of(ship: Ship, names: tuple[str, ...], J_inverse: Matrix | None = None) -> Program:
+def program_of(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = None) -> Program:
     """Accelerations of a ship as a program.
 
     Parameters
     ----------
     ship : Ship
-    names : tuple of str
-        Parts, in order.
+    parts : tuple of Part
+        In order.
     J_inverse : tuple of four tuples of four floats, optional
         Inverse of the inertia matrix where terms make forces, too; the accelerations are then those by the parts alone.
         Without it inertia is that of the ship and of the part "added mass".
@@ -105,7 +105,7 @@ def program_of(ship: Ship, names: tuple[str, ...], J_inverse: Matrix | None = No
     Program
         Rates of u, v, r and p over U_nom^2 / L (u, v) and U_nom^2 / L^2 (r, p).
     """
-    tape = Tape((*STATES, *INPUTS), [parameter.name for parameter in parameters_of(ship, names)])
+    tape = Tape((*STATES, *INPUTS), [parameter.name for part in parts for parameter in part.parameters(ship)])
     at, p = tape.inputs, tape.parameters
     cosine, sine = cos(at["psi"]), sin(at["psi"])
 
@@ -120,7 +120,7 @@ def program_of(ship: Ship, names: tuple[str, ...], J_inverse: Matrix | None = No
     others = {name: at[name] for name in ("r", "p", "phi", "delta", "n")}
     motion = Motion(**water, **others, u_air=at["u"] - u_w, v_air=at["v"] - v_w)
     shared: dict[str, Expression] = {}
-    forces = [PARTS[name].force(ship, motion, p, shared) for name in names]
+    forces = [part.force(ship, motion, p, shared) for part in parts]
     total = [sum((force[k] for force in forces), start=tape.constant(0.0)) for k in range(4)]
     if J_inverse is not None:
         return tape.program(

@@ -10,8 +10,8 @@ import numpy as np
 
 from pymc_ship.forces.expressions import Tape
 from pymc_ship.forces.hull import balance, thrust_deduction
-from pymc_ship.forces.modular import UnknownPart, ordered, parameters_of, program_of
-from pymc_ship.forces.part import AddedMass, Ship
+from pymc_ship.forces.modular import PARTS, UnknownPart, ordered, parameters_of, program_of
+from pymc_ship.forces.part import AddedMass, Part, Ship
 from pymc_ship.forces.programs import Program
 from pymc_ship.forces.surroundings import WIND
 from pymc_ship.vessel.vessel import Coefficient, Vessel, VesselError
@@ -134,12 +134,17 @@ def part_program(vessel: Vessel) -> Program:
     if not vessel.parts:
         return Tape((), ()).program(())
     J_inverse = None if vessel.modular else tuple(map(tuple, np.linalg.inv(vessel.inertia_matrix).tolist()))
-    return program_of(ship_of(vessel), vessel.parts, J_inverse)
+    return program_of(ship_of(vessel), _parts(vessel), J_inverse)
+
+
+def _parts(vessel: Vessel) -> tuple[Part, ...]:
+    """Parts of a vessel as the table holds them now."""
+    return tuple(PARTS[name] for name in vessel.parts)
 
 
 def force_program(vessel: Vessel) -> Program:
     """Forces X, Y, N, K of the parts of a vessel as a program, primes at the nominal speed."""
-    return program_of(ship_of(vessel), vessel.parts, tuple(map(tuple, np.eye(4).tolist())))
+    return program_of(ship_of(vessel), _parts(vessel), tuple(map(tuple, np.eye(4).tolist())))
 
 
 def _rudder_area(s) -> float:
