@@ -48,5 +48,6 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test]"
 	@touch $(STAMP)
 
-clean:
+clean:  ## the environment, caches and compiled kernels: those that inline a changed kernel would stay old
+	find src tests -name '*.nb[ci]' -delete
 	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache dist build docs/_build

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ import pymc_ship as ps
 from pymc_ship.motion.inputs import recorded_inputs
 from pymc_ship.motion.replay import replay
 from pymc_ship.vessel.parts import with_parts
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.vessel.vessel import Windage, coefficient_names, reference_coefficients
 from tests.forces.test_parts import AHEAD, ANY_SPEED, tanker
 
 SETTINGS = {"interval": 0.5, "method": "rk4"}
@@ -23,11 +25,26 @@ def inputs(vessel):
     return np.array([delta, 1.0 + 0.3 * np.sin(0.05 * k), 0.5 + 0.0 * k, -0.8 + 0.002 * k])
 
 
-@pytest.mark.parametrize("names", [(*AHEAD, "wind", "current", "constant force"), ANY_SPEED])
-def test_derivatives_by_every_parameter_and_state_are_those_of_differences(names):
-    vessel = tanker(names)
+def in_wind():
+    """The tanker by terms, with wind and a constant force beside them."""
+    vessel = replace(ps.load_vessel("kvlcc2"), windage=Windage(1000.0, 3000.0))
+    return with_parts(vessel, ("wind", "constant force"))
+
+
+SHIPS = {
+    "ahead": lambda: tanker((*AHEAD, "wind", "current", "constant force")),
+    "any speed": lambda: tanker(ANY_SPEED),
+    "terms in wind": in_wind,
+}
+
+
+@pytest.mark.parametrize("name", SHIPS)
+def test_derivatives_by_every_parameter_and_state_are_those_of_differences(name):
+    vessel = SHIPS[name]()
     given, start = inputs(vessel), np.array([7.0, 0.3, 0.002, 0.0, 0.0, 0.3, 0.0, 0.0])
     sd = np.array([parameter.sd for parameter in vessel.parameters])
+    linear = reference_coefficients(vessel)[: -sd.size]
+    sd = np.concatenate([0.1 * np.abs(linear) + 1e-5, sd])
     theta = reference_coefficients(vessel) + 0.02 * sd
     _, jacobian = ps.sensitivities(vessel, given, start, theta, **SETTINGS)
     point, unit = np.concatenate([theta, start]), np.concatenate([sd, UNIT])
@@ -123,3 +140,11 @@ def test_surroundings_that_cannot_be_are_one_sentence(settings, message):
 def test_revolutions_of_a_ship_of_terms_are_refused():
     with pytest.raises(ps.SimulationError, match="Revolutions need a ship of parts"):
         ps.simulate("kvlcc2", ps.zigzag(10, 10), duration=10, step=0.5, n=1.0)
+
+
+def test_wind_of_a_record_acts_on_a_ship_of_terms_with_the_part():
+    vessel = in_wind()
+    trial = ps.simulate(vessel, ps.zigzag(10, 10), duration=100, step=0.5)
+    wind = {"wind_speed": 5.0, "wind_direction": 0.0}
+    found = recorded_inputs(trial.assign({k: ("time", np.full(200, v)) for k, v in wind.items()}), vessel)
+    np.testing.assert_allclose(found[2], -5.0 / vessel.particulars.nominal_speed)

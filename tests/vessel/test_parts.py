@@ -8,7 +8,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.vessel.parts import HELD, ship_of
-from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, PART_SETS, with_terms
+from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, OWN, PART_SETS, term_sets, with_terms
 from pymc_ship.vessel.vessel import VesselError, coefficient_names
 
 PARTICULARS = """
@@ -119,3 +119,28 @@ def test_parts_need_the_draught(tmp_path):
 
 def test_numbers_of_a_typical_ship_are_finite(tmp_path):
     assert all(math.isfinite(c.value) and math.isfinite(c.sd) for c in vessel(tmp_path, tail="").parameters)
+
+
+def test_a_set_of_terms_has_no_parts_beside_it(tmp_path):
+    """The forces of a hull by terms and by parts would count twice."""
+    ship = with_terms(vessel(tmp_path), "loading")
+    assert (ship.parts, ship.parameters) == ((), ())
+    assert ship.terms("yaw")
+
+
+@pytest.mark.parametrize("name", PART_SETS)
+@pytest.mark.parametrize("hull", ["hull", "low-speed hull"])
+def test_a_set_of_parts_takes_the_place_of_those_of_the_file(tmp_path, hull, name):
+    """What the file states of a part that stays is kept; what belongs to the other hull is left."""
+    tail = f"{PROPELLER}[parameters]\ngamma_R = {{ value = 0.5, sd = 0.01 }}\n"
+    stated = vessel(tmp_path, head=PARTS.replace('"hull"', f'"{hull}"').replace("]", ', "constant force"]'), tail=tail)
+    ship = with_terms(stated, name)
+    assert {c.name: c.value for c in ship.parameters}["gamma_R"] == 0.5
+    assert "constant force" in ship.parts
+    assert len([part for part in ship.parts if "hull" in part]) == 1
+
+
+def test_a_ship_of_parts_is_identified_with_her_own_parts_too(tmp_path):
+    ship = vessel(tmp_path)
+    assert term_sets(ship)[0] == OWN
+    assert with_terms(ship, OWN) is ship

@@ -99,7 +99,7 @@ class Work(NamedTuple):
 
     ``terms`` (n_rows, n_lanes) is the workspace of :func:`pymc_ship.forces.terms.fill_products`, ``speed`` (n_lanes,)
     is U [m/s], ``force`` (4, n_lanes) are the prime forces and moments of surge, sway, yaw and roll, ``parts``
-    (n_part_rows, n_lanes) is the workspace of :func:`pymc_ship.forces.expressions.run`.
+    (n_part_rows, n_lanes) is the workspace of :func:`pymc_ship.forces.programs.run`.
     """
 
     terms: np.ndarray

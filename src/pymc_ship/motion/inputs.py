@@ -42,11 +42,11 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
         Rows of :data:`pymc_ship.forces.part.INPUTS`.
     """
     found = all_inputs(trial["delta"].values)
-    if not vessel.modular:
+    if not vessel.parts:
         return found
     U = vessel.particulars.nominal_speed
     measured = "n" in trial and np.isfinite(trial["n"].values).all()
-    if measured and vessel.propeller is not None:
+    if measured and takes_revolutions(vessel):
         found[1] = trial["n"].values / vessel.propeller.n
     else:
         found[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else begin_speed(trial) / U
@@ -56,6 +56,11 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
         speed, direction = trial["wind_speed"].values / U, trial["wind_direction"].values
         found[2], found[3] = -speed * np.cos(direction), -speed * np.sin(direction)
     return found
+
+
+def takes_revolutions(vessel: Vessel) -> bool:
+    """Whether revolutions in 1/s mean something to a vessel: parts make her thrust and her propeller is stated."""
+    return vessel.modular and vessel.propeller is not None
 
 
 def begin_speed(trial: xr.Dataset) -> float:
@@ -107,7 +112,7 @@ def steady_inputs(
         For revolutions of a ship whose propeller is not stated, or wind on one without the part "wind".
     """
     U = vessel.particulars.nominal_speed
-    if n is not None and not (vessel.modular and vessel.propeller is not None):
+    if n is not None and not takes_revolutions(vessel):
         raise SimulationError(
             f"Revolutions need a ship of parts whose propeller is stated, found {vessel.name!r}; leave out n, or add "
             "parts and [propeller] to the vessel file."

@@ -161,14 +161,23 @@ def _kinematic_jacobian(state, f_x):
 def linearise(instants, coefficients, scheme, work, tangent):
     """Fill f_x and, row by row, the products U^2 term of all coefficients at the states and rudder angles."""
     state_derivative(instants.state, instants.inputs, coefficients, scheme, work, instants.rate)
+    for k in range(4):
+        instants.f_x[k] = 0.0
     if scheme.rows.size > 0:
+        _take_parts_off(instants, scheme, work)
         _linearise_terms(instants, coefficients, scheme, work, tangent)
-    else:
-        for k in range(4):
-            instants.f_x[k] = 0.0
     if scheme.program.results.size > 0:
         _add_parts(instants, scheme, work, tangent)
     _kinematic_jacobian(instants.state, instants.f_x)
+
+
+@njit(**PART)
+def _take_parts_off(instants, scheme, work):
+    """Leave in the rates what the terms make of them: they alone grow with the square of the speed."""
+    for k in range(scheme.program.results.size):
+        result, scale = scheme.program.results[k], part_scale(scheme, k)
+        for lane in range(instants.state.shape[1]):
+            instants.rate[k, lane] -= scale * work.parts[result, lane]
 
 
 @njit(**PART)

@@ -32,7 +32,7 @@ def ship_of(vessel: Vessel) -> Ship:
     Raises
     ------
     VesselError
-        Without a draught, or with a part "wind" and no areas above the water.
+        Without a draught.
     """
     s = vessel.particulars
     if s.d <= 0.0:
@@ -96,7 +96,7 @@ def with_parts(
     Raises
     ------
     VesselError
-        For parts that make no ship, unknown parameters, and as :func:`ship_of`.
+        For parts that make no ship, wind without areas above the water, unknown parameters, and as :func:`ship_of`.
     """
     polynomial = any(vessel.forces.values())
     try:

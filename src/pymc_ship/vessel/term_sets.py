@@ -11,12 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from pymc_ship.forces.hull import LOW_SPEED, MANOEUVRING
-from pymc_ship.forces.modular import ADDED_MASS
+from pymc_ship.forces.modular import ADDED_MASS, PARTS, parameters_of
 from pymc_ship.forces.rudder import RUDDER
 from pymc_ship.forces.screw import PROPELLER
-from pymc_ship.forces.surroundings import CONSTANT, CURRENT, WIND
+from pymc_ship.forces.surroundings import WIND
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.vessel.parts import with_parts
+from pymc_ship.vessel.parts import ship_of, with_parts
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import LETTER, Coefficient, Vessel, VesselError
 
@@ -141,6 +141,8 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     modular = tuple(AHEAD_SETS) if vessel.particulars.d > 0.0 and "roll" not in vessel.forces else ()
     names = (*modular, *(name for name, terms in TERM_SETS.items() if terms.propeller == wanted))
     own = {c.name for force in vessel.forces.values() for c in force}
+    if vessel.modular:
+        return (OWN, *names)
     if not all(vessel.forces.values()):
         return names
     held = any(own <= set().union(*TERM_SETS[name].coefficients.values()) for name in TERM_SETS)
@@ -159,8 +161,9 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
     Returns
     -------
     Vessel
-        Surge, sway and yaw; a coefficient that the vessel has, too, keeps its value, its sd and its source, the others
-        are 0.
+        With the terms of surge, sway and yaw alone, or with the parts of the set beside those that stand for something
+        else; a coefficient or parameter that the vessel has, too, keeps its value, its sd and its source, other
+        coefficients are 0 and other parameters typical.
 
     Raises
     ------
@@ -176,7 +179,8 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
     """
     vessel = as_vessel(vessel)
     if name == OWN:
-        if lacking := [dof for dof, force in vessel.forces.items() if not force]:
+        lacking = [dof for dof, force in vessel.forces.items() if not force]
+        if lacking and not vessel.modular:
             raise VesselError(
                 f"The file of {vessel.name!r} has no terms of {' and '.join(lacking)}; add some, or choose another set."
             )
@@ -190,13 +194,15 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
     held = {c.name: c for force in vessel.forces.values() for c in force}
     names = chosen.coefficients
     forces = {dof: tuple(held.get(name, Coefficient(name, 0.0)) for name in row) for dof, row in names.items()}
-    return replace(vessel, forces=forces)
+    return replace(vessel, forces=forces, parts=(), parameters=())
 
 
 def _with_part_set(vessel: Vessel, chosen: PartSet) -> Vessel:
     """Vessel whose forces the parts of a set make, with those of wind and current where she has them."""
-    around = [part for part in (WIND.name, CURRENT.name, CONSTANT.name) if part in vessel.parts]
+    places = {PARTS[name].place for name in chosen.parts}
+    around = [name for name in vessel.parts if PARTS[name].place not in places]
     around += [WIND.name] if vessel.windage is not None and WIND.name not in around else []
-    stated = {c.name: c for c in vessel.parameters}
+    parts = (*chosen.parts, *around)
     bare = replace(vessel, forces=dict.fromkeys(vessel.forces, ()), parts=(), parameters=())
-    return with_parts(bare, (*chosen.parts, *around), stated, chosen.held)
+    known = {p.name for p in parameters_of(ship_of(bare), parts)}
+    return with_parts(bare, parts, {c.name: c for c in vessel.parameters if c.name in known}, chosen.held)
