@@ -24,7 +24,7 @@ def means(runs, from_windows, from_prior=None, information=None):
     law = from_windows, none if from_prior is None else from_prior, own
     count = len(runs)
     others = tuple(fit_of((runs.sum(axis=0) - run) / (count - 1), *law) for run in runs)
-    return fit_of(runs.mean(axis=0), *law), HeldOut(others, np.zeros(count), {})
+    return fit_of(runs.mean(axis=0), *law), HeldOut(others, (), np.zeros(count), {})
 
 
 class TestInflation:

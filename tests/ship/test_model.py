@@ -126,7 +126,7 @@ class TestHeldOutWeights:
 
         def rows(*sets):
             found = [
-                replace(TestWeights.candidate([0.0]), weight=weight, held_out=HeldOut((fit,), np.zeros(1), {}))
+                replace(TestWeights.candidate([0.0]), weight=weight, held_out=HeldOut((fit,), (), np.zeros(1), {}))
                 for weight, fit in sets
             ]
             return ship_model._held_out_indices(found, training, ("1",), np.random.default_rng(2))
@@ -141,7 +141,7 @@ class TestHeldOutWeights:
 class TestWeights:
     @staticmethod
     def candidate(density):
-        held = HeldOut((), np.asarray(density, dtype=float), {})
+        held = HeldOut((), (), np.asarray(density, dtype=float), {})
         return Candidate("", None, held, 1.0, 0.0, np.empty((0, 1)), 0.0)
 
     def weights(self, *densities):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.ship.candidates import default_sets, with_surroundings
+from pymc_ship.ship.candidates import as_recorded, default_sets
 from pymc_ship.ship.model import _prepared
 from pymc_ship.ship.page import write_ship_report
 from pymc_ship.trial.record import OVER_GROUND
@@ -94,7 +94,7 @@ def test_forecasts_take_revolutions_wind_and_current(ship):
 def test_a_ship_of_terms_knows_no_revolutions():
     vessel = ps.load_vessel("kvlcc2")
     draws = np.tile(reference_coefficients(vessel), (4, 1))
-    plain = ps.IdentifiedShip([(vessel, draws)], None, {}, ())
+    plain = ps.IdentifiedShip([(vessel, draws)], None, {}, None, ())
     with pytest.raises(ps.SimulationError, match="No term set of this ship knows revolutions"):
         ps.forecast_ship(plain, ps.turning_circle(35), rng=1, n=1.0)
 
@@ -110,5 +110,5 @@ def test_a_ship_that_stops_or_goes_astern_takes_parts_for_any_speed(truth, trial
 def test_speeds_over_ground_bring_a_current(truth, trials):
     vessel = with_terms(known(truth), SET)
     over = [trial.assign_attrs(speeds=OVER_GROUND) for trial in trials]
-    assert "current" in with_surroundings(vessel, over).parts
-    assert with_surroundings(vessel, trials) is vessel
+    assert "current" in as_recorded(vessel, over).parts
+    assert as_recorded(vessel, trials) is vessel

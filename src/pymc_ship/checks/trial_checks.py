@@ -34,6 +34,7 @@ from pymc_ship.checks.rudder import (
     rudder_unit_check,
     rudder_zero_check,
 )
+from pymc_ship.checks.surroundings import revolutions_check, wind_check
 from pymc_ship.checks.track import axes_checks, body_velocity, drift_check, lever_check
 from pymc_ship.checks.verdicts import Check, not_checked, ship_scale
 from pymc_ship.machine.arguments import check_choice
@@ -51,20 +52,27 @@ class TrialRefusedError(TrialError):
 
 
 def trial_checks(
-    trial: xr.Dataset, vessel: VesselLike | None = None, *, lag: VelocityLag | None = None
+    trial: xr.Dataset,
+    vessel: VesselLike | None = None,
+    *,
+    lag: VelocityLag | None = None,
+    any_speed: bool = False,
 ) -> tuple[Check, ...]:
-    """Check a trial: record, kinematic closure, rudder, approach and excitation.
+    """Check a trial: record, kinematic closure, rudder, revolutions, wind, approach and excitation.
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        Any of u, v [m/s], r, p [rad/s], phi, psi, delta [rad], x, y [m], and ``delta_command`` [rad]; uniform time [s].
+        Any of u, v [m/s], r, p [rad/s], phi, psi, delta [rad], x, y [m], n [1/s], ``wind_speed`` [m/s],
+        ``wind_direction`` [rad] and ``delta_command`` [rad]; uniform time [s].
         Checks that need a missing channel are not made and say so; p and phi that are 0 throughout count as missing.
     vessel : Vessel, str or Path, optional
         Gives L, speed, rudder rate and terms. Without it, L/U is taken from the tightest turn.
     lag : VelocityLag, optional
         Lag of the velocities behind the track in all runs of the facility, see :func:`pymc_ship.common_lag`; by default
         that of this record.
+    any_speed : bool, optional
+        Whether the model to be fitted holds at rest and astern, too; the record is then not cut to a piece ahead.
 
     Returns
     -------
@@ -105,11 +113,12 @@ def trial_checks(
     if plausible.verdict == "bad":
         piece = not_checked("motion ahead", "the motion must be that of a ship first")
     else:
-        piece = piece_check(trial, scale)
+        piece = piece_check(trial, scale, any_speed=any_speed)
     found += [plausible, piece]
     trial = _mended(trial, [piece])
     found += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
     scale = ship_scale(trial, vessel)
+    found += [revolutions_check(trial, vessel), wind_check(trial, scale)]
     found += [approach_check(trial, scale), range_check(trial, scale), *excitation_checks(trial, vessel)]
     return tuple(found)
 
@@ -222,7 +231,12 @@ def _said(check: Check) -> str:
 
 
 def judged_trial(
-    trial: xr.Dataset, vessel: VesselLike, overrule: Collection[str] = (), *, lag: VelocityLag | None = None
+    trial: xr.Dataset,
+    vessel: VesselLike,
+    overrule: Collection[str] = (),
+    *,
+    lag: VelocityLag | None = None,
+    any_speed: bool = False,
 ) -> xr.Dataset:
     """Check a trial, refuse it or mend it: what every command does with a record before it fits it.
 
@@ -233,7 +247,7 @@ def judged_trial(
     vessel : Vessel, str or Path
     overrule : collection of str, optional
         Names of checks whose verdict "bad" does not refuse the trial.
-    lag : VelocityLag, optional
+    lag, any_speed
         As for :func:`trial_checks`.
 
     Returns
@@ -265,7 +279,7 @@ def judged_trial(
 the ship to starboard, it should turn her to port; flip the sign of delta.
     """
     vessel = as_vessel(vessel)
-    return corrected_trial(trial, trial_checks(trial, vessel, lag=lag), overrule)
+    return corrected_trial(trial, trial_checks(trial, vessel, lag=lag, any_speed=any_speed), overrule)
 
 
 def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collection[str] = ()) -> xr.Dataset:

@@ -55,11 +55,12 @@ def trial_argument(path: str, args: argparse.Namespace, progress: Progress) -> x
 
 
 def judged_arguments(
-    paths: Sequence[str], vessel: Vessel, args: argparse.Namespace, progress: Progress
+    paths: Sequence[str], vessel: Vessel, args: argparse.Namespace, progress: Progress, *, any_speed: bool = False
 ) -> tuple[list[xr.Dataset], list[tuple[Check, ...]]]:
     """Corrected trials of the files of a facility and their checks; corrections, doubts and overruled checks are shown.
 
-    Velocities that are late behind the track are so by the same time in all of them.
+    Velocities that are late behind the track are so by the same time in all of them. A model that holds at any speed
+    takes the whole of a record.
 
     Raises
     ------
@@ -70,9 +71,9 @@ def judged_arguments(
     for path in paths:
         trials.append(trial_argument(path, args, progress))
         progress(f"checking {path}")
-        checks.append(ps.trial_checks(trials[-1], vessel))
+        checks.append(ps.trial_checks(trials[-1], vessel, any_speed=any_speed))
     if len(paths) > 1 and (lag := ps.common_lag(checks)):
-        checks = [ps.trial_checks(trial, vessel, lag=lag) for trial in trials]
+        checks = [ps.trial_checks(trial, vessel, lag=lag, any_speed=any_speed) for trial in trials]
     for k, path in enumerate(paths):
         try:
             trials[k] = ps.corrected_trial(trials[k], checks[k], args.overrule)

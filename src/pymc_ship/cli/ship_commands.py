@@ -34,6 +34,7 @@ from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.ship.files import FOLDER, IdentifiedShip, forecast_ship, load_ship, save_ship
+from pymc_ship.vessel.term_sets import holds_any_speed
 from pymc_ship.vessel.vessel import Vessel
 
 SIDES = ("port", "starboard")
@@ -48,7 +49,8 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ship.refusal_page import write_refusal_page
 
     vessel = vessel_argument(args.vessel, progress)
-    trials, checks = checked_trials(_named(args.trials), vessel, args, progress)
+    any_speed = vessel.particulars.d > 0.0 and not args.terms
+    trials, checks = checked_trials(_named(args.trials), vessel, args, progress, any_speed=any_speed)
     out, rng = writable_folder(args.out), np.random.default_rng(args.seed)
     settings = {"names": list(trials), "terms": args.terms, "prior": args.prior, "draws": args.draws}
     try:
@@ -72,10 +74,10 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def checked_trials(
-    paths: Mapping[str, str], vessel: Vessel, args: argparse.Namespace, progress: Progress
+    paths: Mapping[str, str], vessel: Vessel, args: argparse.Namespace, progress: Progress, *, any_speed: bool = False
 ) -> tuple[dict[str, xr.Dataset], dict[str, tuple[Check, ...]]]:
     """Corrected trials and their checks by name."""
-    trials, checks = judged_arguments(list(paths.values()), vessel, args, progress)
+    trials, checks = judged_arguments(list(paths.values()), vessel, args, progress, any_speed=any_speed)
     return dict(zip(paths, trials, strict=True)), dict(zip(paths, checks, strict=True))
 
 
@@ -129,7 +131,9 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Score a ship on records in which she is restarted; the text has every channel of every run."""
     ship = load_ship(args.ship) if holds_ship(args.ship) else vessel_argument(args.ship, progress)
     vessel = ship.vessel if isinstance(ship, IdentifiedShip) else ship
-    trials, _ = checked_trials(_named(args.trials), vessel, args, progress)
+    models = [one for one, _ in ship.models] if isinstance(ship, IdentifiedShip) else [ship]
+    any_speed = all(map(holds_any_speed, models))
+    trials, _ = checked_trials(_named(args.trials), vessel, args, progress, any_speed=any_speed)
     out = output_file(args.out) if args.out else None
     progress("replaying windows")
     settings = {"length": args.length, "every": args.every, "draws": args.draws}

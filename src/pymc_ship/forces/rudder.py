@@ -9,9 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pymc_ship.forces.expressions import Expression, cos, root, sin, step
+from pymc_ship.forces.expressions import Expression, cos, root, sin
 from pymc_ship.forces.hull import MMG
 from pymc_ship.forces.part import Force, Motion, Parameter, Part, Ship, speed
+
+SLOWEST = 1e-12
+"""Fourth power of a speed [U_nom] below which the inflow dies away, so that it turns without a jump."""
 
 X_R = -0.5
 """Place of the rudder [L]."""
@@ -41,8 +44,8 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
 def _rudder(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
     u_P, angle = shared["u_P"], -motion.delta
     race = u_P + p["kappa"] * (shared["u_jet"] - abs(u_P))
-    u_R = p["epsilon"] * root(ship.eta * race * race + (1.0 - ship.eta) * u_P * u_P + 1e-12)
-    u_R = u_R * (2.0 * step(race) - 1.0)
+    inflow = ship.eta * race * abs(race) + (1.0 - ship.eta) * u_P * abs(u_P)
+    u_R = p["epsilon"] * inflow / root(root(inflow * inflow + SLOWEST))
     drift = -1.0 * motion.v - p["l_R"] * motion.r
     v_R = p["gamma_R"] * drift + p["dgamma_R"] * abs(drift)
     sine, cosine = sin(angle), cos(angle)

@@ -17,14 +17,25 @@ from pymc_ship.forces.part import Force, Motion, Parameter, Part, Ship
 X_P = -0.48
 """Place of the propeller [L]."""
 
+NOMINAL_REVOLUTIONS = "n_0"
+"""Parameter that sets right the revolutions a vessel file states for the nominal speed."""
+
 _JUDGED = "by judgement"
 
 
 def _parameters(ship: Ship) -> tuple[Parameter, ...]:
     side = ship.d / ship.L
     stated = "vessel file" if ship.propeller_known else "Taylor, w = 0.5 C_B - 0.05"
+    stated_n = "vessel file" if ship.propeller_known else "thrust of a typical propeller"
     astern = f"thrust astern at rest over that ahead, {_JUDGED}"
     return (
+        Parameter(
+            NOMINAL_REVOLUTIONS,
+            1.0,
+            0.1 if ship.propeller_known else 0.3,
+            stated_n,
+            "over the nominal revolutions stated",
+        ),
         Parameter("w0", ship.wake, 0.04 if ship.propeller_known else 0.08, stated, "wake fraction"),
         Parameter("C2", 1.4, 0.25, f"{MMG}, 1.6 and 1.1", "wake by drift"),
         Parameter("dC2", 0.0, 0.15, "half the difference between the sides", "wake by drift"),
@@ -38,7 +49,7 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
 
 
 def _propeller(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
-    J, n = ship.J, motion.n
+    J, n = ship.J / p[NOMINAL_REVOLUTIONS], motion.n / p[NOMINAL_REVOLUTIONS]
     drift = arctan2(-1.0 * motion.v - X_P * motion.r, root(motion.u * motion.u + 1e-6))
     by_side = p["C2"] + p["dC2"] * (2.0 * step(drift) - 1.0)
     u_P = (1.0 - p["w0"]) * (1.0 + (1.0 - exp(-2.0 * abs(drift))) * (by_side - 1.0)) * motion.u

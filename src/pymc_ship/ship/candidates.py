@@ -9,11 +9,15 @@ import numpy as np
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
+from pymc_ship.checks.plausibility import cut_to_piece, piece_check
+from pymc_ship.checks.verdicts import ship_scale
+from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.forces.surroundings import CURRENT
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.recognition import Steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.motion.inputs import revolutions_measured
 from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.held_out import HeldOut, held_out
@@ -21,10 +25,10 @@ from pymc_ship.ship.soundness import Failure, first_failure, sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, normal_draws, prepared_windows, widened
-from pymc_ship.trial.record import OVER_GROUND
+from pymc_ship.trial.record import OVER_GROUND, TrialError
 from pymc_ship.vessel.hull_database import with_hull_database
 from pymc_ship.vessel.parts import with_parts
-from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, term_sets, with_terms
+from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, holds_any_speed, term_sets, with_terms
 from pymc_ship.vessel.vessel import Vessel
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
@@ -88,12 +92,25 @@ def informed(vessel: Vessel, kind: str) -> Vessel:
     return with_hull_database(vessel) if kind == "hull_database" and not vessel.modular else vessel
 
 
-def with_surroundings(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
-    """Vessel of parts with a current in every trial where speeds were measured over ground; others are as they are."""
-    drifting = any(trial.attrs.get("speeds") == OVER_GROUND for trial in trials)
-    if not vessel.modular or not drifting or CURRENT.name in vessel.parts:
+def as_recorded(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
+    """Vessel of parts with what the records leave open and without what they cannot tell; others are as they are.
+
+    There is a current in every trial where speeds were measured over ground; where no trial measured the revolutions,
+    the nominal ones are as stated. TrialError where only some did.
+    """
+    if not vessel.modular:
         return vessel
-    return with_parts(vessel, (*vessel.parts, CURRENT.name), {c.name: c for c in vessel.parameters})
+    measured = [revolutions_measured(trial) for trial in trials]
+    if any(measured) and not all(measured):
+        silent = ", ".join(str(k + 1) for k, one in enumerate(measured) if not one)
+        raise TrialError(
+            f"Revolutions are measured in all {len(trials)} runs or in none, found none in run {silent}; "
+            "add n there, or leave its column out of the others."
+        )
+    drifting = any(trial.attrs.get("speeds") == OVER_GROUND for trial in trials)
+    current = (CURRENT.name,) if drifting and CURRENT.name not in vessel.parts else ()
+    held = () if any(measured) else (NOMINAL_REVOLUTIONS,)
+    return with_parts(vessel, (*vessel.parts, *current), {c.name: c for c in vessel.parameters}, held)
 
 
 def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
@@ -147,12 +164,13 @@ def candidates_of(wanted: Sequence[str], training: Training) -> tuple[list[Candi
 def _attempt(name: str, training: Training) -> Candidate | Refusal:
     """Candidate of a term set, or why there is none."""
     try:
-        plain = with_surroundings(with_terms(training.vessel, name), training.trials)
+        plain = as_recorded(with_terms(training.vessel, name), training.trials)
         vessel = informed(plain, training.prior)
-        runs = [prepared_windows(trial, vessel, k) for k, trial in enumerate(training.trials)]
-        prior = stated_prior(training.trials, vessel, training.prior)
+        trials = training.trials if holds_any_speed(vessel) else [_ahead(trial, vessel) for trial in training.trials]
+        runs = [prepared_windows(trial, vessel, k) for k, trial in enumerate(trials)]
+        prior = stated_prior(trials, vessel, training.prior)
         windows = [window for run in runs for window in run]
-        whole = _first_fit(training.trials, windows, vessel, prior, plain)
+        whole = _first_fit(trials, windows, vessel, prior, plain)
 
         def fit(windows: Sequence[Window]) -> WindowFit:
             return fit_windows(windows, vessel, prior, whole.coefficients, whole.spread)
@@ -172,6 +190,14 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         return Refusal(name, f"{sentence}, {failure}.", vessel, failure)
     not_drawn = {"weight": 0.0, "draws": tried[:0], "share_unsound": 0.0}
     return Candidate(name, whole, judged, inflation, **not_drawn)
+
+
+def _ahead(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
+    """The piece of a record in which the ship sails ahead; TrajectoryError where none is long enough."""
+    found = piece_check(trial, ship_scale(trial, vessel))
+    if found.verdict == "bad":
+        raise TrajectoryError(found.sentence)
+    return cut_to_piece(trial, found) if found.mendable else trial
 
 
 def _first_fit(

@@ -37,12 +37,14 @@ class IdentifiedShip:
     """What a forecast needs of an identified ship; see :class:`pymc_ship.ship.model.ShipModel`, whose part it is.
 
     ``models`` holds vessel and coefficient draws of each term set, ``motion`` the prime motion of the runs,
-    ``model_error`` the relative sd of indices by kind and ``remarks`` how the intervals came about.
+    ``model_error`` the relative sd of indices by kind, ``motion_error`` that of the motion by lead and ``remarks`` how
+    the intervals came about.
     """
 
     models: list[tuple[Vessel, np.ndarray]]
     motion: xr.DataArray
     model_error: dict[str, float]
+    motion_error: xr.Dataset
     remarks: tuple[str, ...]
 
     @property
@@ -178,6 +180,7 @@ def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:
             "terms": [{"name": c.name, "file": _stem(c.name), "weight": c.weight} for c in counted],
             "prior": model.prior,
             "model_error": model.model_error,
+            "motion_error": model.motion_error.to_dict(),
             "steering": asdict(model.steering),
             "runs": list(model.names),
             "remarks": list(model.remarks),
@@ -220,7 +223,8 @@ def load_ship(out: str | Path) -> IdentifiedShip:
         rows = draws.sel(coefficient=coefficient_names(vessel)).transpose("sample", "coefficient").values
         models.append((vessel, rows))
         motion = tree["constant_data"]["motion"]
-    return IdentifiedShip(models, motion, index["model_error"], tuple(index["remarks"]))
+    error = xr.Dataset.from_dict(index["motion_error"])
+    return IdentifiedShip(models, motion, index["model_error"], error, tuple(index["remarks"]))
 
 
 def _checksum(folder: Path, index: Mapping) -> str:

@@ -38,6 +38,8 @@ class HeldOut:
     ----------
     fits : tuple of WindowFit
         Fit to all runs but the one of the same place.
+    coefficients : tuple of ndarray, shape (n_coefficients,)
+        Of each fit, with the constants that the run it has not seen calls for.
     log_density : ndarray, shape (n_runs,)
         Log predictive density of each run; minus infinity where a window ran away.
     rms : dict of str to float
@@ -45,6 +47,7 @@ class HeldOut:
     """
 
     fits: tuple[WindowFit, ...]
+    coefficients: tuple[np.ndarray, ...]
     log_density: np.ndarray
     rms: dict[str, float]
 
@@ -90,7 +93,7 @@ def scored(
     log_density = np.array(
         [np.mean([_log_density(np.mean(misfit[judged] ** 2, axis=1), sd[judged]) for misfit in run]) for run in misfits]
     )
-    return HeldOut(tuple(fits), log_density, dict(zip(channels, sd.tolist(), strict=True)))
+    return HeldOut(tuple(fits), tuple(own), log_density, dict(zip(channels, sd.tolist(), strict=True)))
 
 
 def _log_density(square: np.ndarray, sd: np.ndarray) -> float:

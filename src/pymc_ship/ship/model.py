@@ -8,7 +8,7 @@ between the sets is one part of the model error, the other is what the indices o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,24 +16,24 @@ import xarray as xr
 
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import index_sd, model_error
+from pymc_ship.forecasting.motion_error import LEADS, Replayed, motion_error
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
+from pymc_ship.ship.along import measured_states, sailed_along
 from pymc_ship.ship.candidates import Candidate, Training, candidates_of, chosen_prior, default_sets
 from pymc_ship.ship.held_out_indices import index_rows, left_out
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.windows import (
-    normal_draws,
-    thinned,
-)
+from pymc_ship.trajectory.windows import LENGTH, normal_draws, thinned
 from pymc_ship.trial.judgement import judgement
-from pymc_ship.trial.record import TrialError, trial_list
+from pymc_ship.trial.record import TrialError, sampling_interval, trial_list
 from pymc_ship.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
+_REPLAYS = 40  # draws of a held-out run from each window on
 _FORECASTS = 200  # draws of a held-out forecast
 _COUNTED = 0.01  # least weight of a term set that takes part in it
 _BOOTSTRAPS = 2000
@@ -61,6 +61,9 @@ class ShipModel:
         forecast.
     model_error : dict of str to float
         Relative sd of the indices by kind beyond the draws; empty where no manoeuvre was held out.
+    motion_error : Dataset, dims (lead,)
+        Model error of the motion, see :func:`pymc_ship.forecasting.motion_error.motion_error`; without leads where no
+        run was held out.
     motion : DataArray, dims (row, symbol)
         Prime motion of all runs.
     remarks : tuple of str
@@ -76,6 +79,7 @@ class ShipModel:
     candidates: tuple[Candidate, ...]
     index_rows: list[dict]
     model_error: dict[str, float]
+    motion_error: xr.Dataset
     motion: xr.DataArray
     remarks: tuple[str, ...]
     judgement: dict[str, str]
@@ -181,6 +185,7 @@ def identify_ship(
         candidates=tuple(sorted(found, key=lambda candidate: -candidate.weight)),
         index_rows=rows,
         model_error=errors,
+        motion_error=motion_error(_held_out_motion(found, training, rng), vessel),
         motion=_motion(training),
         remarks=tuple(remarks),
         judgement=judgement(trials, names),
@@ -219,6 +224,25 @@ def _held_out_indices(
             models = [(fit.vessel, np.vstack([fit.coefficients, normal_draws(fit, _FORECASTS, rng)])) for fit in fits]
             rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum())
     return rows
+
+
+def _held_out_motion(found: Sequence[Candidate], training: Training, rng: np.random.Generator) -> Iterator[Replayed]:
+    """Every run from each window on, sailed by the fits that were made without it."""
+    if len(training.trials) < 2:
+        return
+    unit = training.vessel.particulars.ship_time
+    for k, trial in enumerate(training.trials):
+        drawn = []
+        for candidate in found:
+            fit, own = candidate.held_out.fits[k], candidate.held_out.coefficients[k]
+            draws = normal_draws(fit, round(_REPLAYS * candidate.weight), rng)
+            drawn.append((candidate.vessel, draws + own - fit.coefficients))
+        time = trial["time"].values
+        for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
+            place = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
+            if place.stop - place.start > 1:
+                states = [sailed_along(vessel, draws, trial, place) for vessel, draws in drawn if len(draws)]
+                yield Replayed(time[place] - time[begin], np.concatenate(states, axis=1), measured_states(trial, place))
 
 
 def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:

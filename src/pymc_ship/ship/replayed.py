@@ -8,14 +8,13 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.forecast import BANDS, quantile_bands
+from pymc_ship.forecasting.motion_error import with_motion_error
 from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.inputs import recorded_inputs
-from pymc_ship.motion.replay import replay as replayed_states
+from pymc_ship.ship.along import sailed_along
 from pymc_ship.ship.files import IdentifiedShip
 from pymc_ship.ship.model import ShipModel
-from pymc_ship.trajectory.windows import smoothed_channel
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import TrialError, check_trial, one_trial, sampling_interval, trial_list
+from pymc_ship.trial.record import TrialError, check_trial, one_trial, trial_list
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
@@ -24,7 +23,6 @@ SCORED = ("u", "v", "r", "psi", "position")
 
 _VELOCITIES = SCORED[:3]
 _OF_WINDOW = ("square", "coverage", "crps")
-_STEPS = 60  # in L/U, of the integration at least
 _MEASURED = ("u", "v", "r", "psi", "delta")
 
 
@@ -58,8 +56,9 @@ def replay(
     Returns
     -------
     DataTree
-        ``trajectories`` (dims draw, time), ``bands`` (dims band, time) and ``measured`` (dims time). x and y begin
-        at 0 where the record has no track. Draws that run away are NaN; ``share_diverged`` in attrs.
+        ``trajectories`` (dims draw, time), ``predictive``, the same with the model error that held-out runs of an
+        identified ship have shown, ``bands`` (dims band, time) of these, and ``measured`` (dims time). x and y begin at
+        0 where the record has no track. Draws that run away are NaN; ``share_diverged`` in attrs.
 
     Raises
     ------
@@ -82,17 +81,23 @@ def replay(
     trial = one_trial(trial)
     place = _place(trial, start, duration)
     piece = trial.isel(time=place)
-    runs = [
-        _states(vessel, rows, piece, recorded_inputs(trial, vessel)[:, place]) for vessel, rows in _models(ship, draws)
-    ]
-    states = np.concatenate(runs, axis=1)
+    states = np.concatenate([sailed_along(vessel, rows, trial, place) for vessel, rows in _models(ship, draws)], axis=1)
     coords = {"draw": np.arange(states.shape[1]), "time": piece["time"].values}
     units = {name: {"units": CHANNELS[name].unit.name} for name in STATE}
-    motion = xr.Dataset({n: (("draw", "time"), states[k], units[n]) for k, n in enumerate(STATE)}, coords)
+
+    def motion(values: np.ndarray) -> xr.Dataset:
+        return xr.Dataset({n: (("draw", "time"), values[k], units[n]) for k, n in enumerate(STATE)}, coords)
+
+    ships = motion(states)
+    predictive = ships
+    if isinstance(ship, ShipModel | IdentifiedShip):
+        since = piece["time"].values - piece["time"].values[0]
+        predictive = motion(with_motion_error(states, since, ship.motion_error, ship.vessel))
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
     attrs["share_diverged"] = float(np.isnan(states[0, :, -1]).mean())
-    groups = {"trajectories": motion, "bands": quantile_bands(motion, ci_prob), "measured": measured}
+    groups = {"trajectories": ships, "predictive": predictive, "measured": measured}
+    groups["bands"] = quantile_bands(predictive, ci_prob)
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
 
 
@@ -179,7 +184,7 @@ def _scored(ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[
     if not begins.size:
         raise TrialError(f"A score needs a record of a window of {length:g} s, found {np.ptp(time):.4g} s; shorten it.")
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
-    stayed = [tree for tree in trees if np.isfinite(tree["bands"]["u"].sel(band="median").values[-1])]
+    stayed = [tree for tree in trees if np.isfinite(tree["bands"]["u"].values[:, -1]).all()]
     found = [_window(tree) for tree in stayed]
     nothing = np.full(len(SCORED), np.nan)
     mean = {key: np.mean([one[key] for one in found], axis=0) if found else nothing for key in _OF_WINDOW}
@@ -202,7 +207,8 @@ def _moved(measured: xr.DataTree, middle: dict[str, float]) -> list[float]:
 
 def _window(tree: xr.DataTree) -> dict[str, list[float]]:
     """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`."""
-    ships, measured, median = tree["trajectories"], tree["measured"], tree["bands"].sel(band="median")
+    ships, measured = tree["predictive"], tree["measured"]
+    median = tree["trajectories"].dataset.median("draw")
     found: dict[str, list[float]] = {key: [] for key in _OF_WINDOW}
     for name in SCORED[:-1]:
         seen = measured[name].values
@@ -255,16 +261,3 @@ def _place(trial: xr.Dataset, start: float | None, duration: float | None) -> sl
             "correct start and duration."
         )
     return slice(*np.searchsorted(time, (begin - 1e-9, end + 1e-9)).tolist())
-
-
-def _states(vessel: Vessel, rows: np.ndarray, piece: xr.Dataset, inputs: np.ndarray) -> np.ndarray:
-    """States (8, n_draws, n_time) of ships along a piece of a record."""
-    interval, unit = sampling_interval(piece), vessel.particulars.ship_time
-    initial = np.zeros((len(rows), len(STATE)))
-    rolls = "roll" in vessel.dofs
-    for k, name in enumerate(STATE):
-        if name in piece and (rolls or not CHANNELS[name].rolling):
-            values = piece[name].values
-            initial[:, k] = smoothed_channel(values, unit / interval)[0] if name in ("u", "v", "r", "p") else values[0]
-    substeps = max(int(np.ceil(_STEPS * interval / unit)), 1)
-    return replayed_states(vessel, inputs, initial, rows, interval=interval, substeps=substeps)

@@ -59,6 +59,8 @@ class Run:
         Whether the vessel rolls; p and phi of one that does not are held at 0.
     heads : bool
         Whether forces depend on the heading, which is then a state.
+    restart : tuple of two ndarray of shape (n_states,), optional
+        State the run begins with and the sd of its prior, where more is known of it than the first samples say.
     """
 
     channels: tuple[str, ...]
@@ -73,6 +75,7 @@ class Run:
     nominal_speed: float
     rolls: bool
     heads: bool
+    restart: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def n_states(self) -> int:
@@ -117,6 +120,8 @@ class Run:
         A measured state starts from a straight line through its first two seconds, with an sd of the channel's range;
         one that is not measured from 0, u from the nominal speed, with an sd of its size in hard manoeuvring.
         """
+        if self.restart is not None:
+            return self.restart
         guess, sd = np.zeros(self.n_states), np.array([CHANNELS[name].size for name in STATE[: self.n_states]])
         guess[0] = self.nominal_speed
         if not self.rolls:

@@ -56,14 +56,15 @@ _SETTLED = 0.03
 
 @dataclass(frozen=True)
 class Window:
-    """A window as a run of a trajectory fit, and the state it restarts from in the (smoothed) record, (n_states,).
-
-    ``trial`` is the number of the trial that it is a piece of.
-    """
+    """A window as a run of a trajectory fit, and the number of the trial that it is a piece of."""
 
     run: Run
-    state: np.ndarray
     trial: int = 0
+
+    @property
+    def state(self) -> np.ndarray:
+        """State it restarts from, that of the smoothed record, (n_states,)."""
+        return self.run.initial_state[0]
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,7 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list
     size = {"m/s": vessel.particulars.nominal_speed, "rad/s": 1.0 / unit, "rad": 1.0}
     units = {name: CHANNELS[name].unit.name for name in channels}
     sd = {name: _FIRST_SD[of] * size[of] for name, of in units.items()}
+    sd["psi"] = _FIRST_SD["rad"]
     block, substeps = max(round(unit / _BLOCKS / step), 1), int(np.ceil(_STEPS * step / unit))
     smooth = trial.assign({name: ("time", smoothed_channel(trial[name].values, unit / step)) for name in channels})
     inputs = xr.DataArray(recorded_inputs(trial, vessel), dims=("input", "time"))
@@ -151,11 +153,13 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list
     for window, start in zip(window_records(trial, vessel), window_records(smooth, vessel), strict=True):
         run = trajectory_run(window, vessel, channels=channels, noise_sd=sd)
         run = replace(run, inputs=np.ascontiguousarray(start["inputs"].values), block=block, substeps=substeps)
-        state = run.initial_state[0].copy()
+        state, spread = (values.copy() for values in run.initial_state)
         state[list(run.rows)] = [start[name].values[0] for name in channels]
         if run.heads:
-            state[HEADING] = start["psi"].values[0]
-        found.append(Window(run, state, number))
+            state[HEADING], spread[HEADING] = start["psi"].values[0], sd["psi"]
+        import os
+        if os.environ.get("TIGHT"): spread[list(run.rows)] = float(os.environ["TIGHT"])*np.array([sd[n] for n in channels])
+        found.append(Window(replace(run, restart=(state, spread)), number))
     return found
 
 

@@ -21,6 +21,7 @@ _FRAME = {
     "heading": ("clockwise", "counterclockwise", "compass"),
     "rudder_positive": ("port", "starboard"),
     "speeds": ("through water", "over ground"),
+    "wind": ("true", "relative"),
 }
 
 
@@ -42,6 +43,9 @@ class TrialFormat:
         Side to which a positive rudder angle turns the ship.
     speeds : {"through water", "over ground"}
         What u and v are measured against; it matters where the water moves.
+    wind : {"true", "relative"}
+        Whether wind_speed and wind_direction are of the true wind, or as an anemometer on board reads them: the
+        direction from the bow, and with the wind of the ship's own motion.
     froude : float
         Length of the ship over that of the model.
     delimiter : str or None
@@ -56,6 +60,7 @@ class TrialFormat:
     heading: str = "clockwise"
     rudder_positive: str = "port"
     speeds: str = "through water"
+    wind: str = "true"
     froude: float = 1.0
     delimiter: str | None = None
     skip_rows: int = 0
@@ -175,6 +180,26 @@ def at_origin(
         moved["v"] = moved["v"] - layout.reference * moved["r"]
         notes.append(f"v moved to the origin from a point {layout.reference:g} m forward of it.")
     return moved, notes
+
+
+def with_true_wind(
+    channels: dict[str, np.ndarray], layout: TrialFormat, where: str
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Channels with the speed of the true wind and the direction it comes from, clockwise from north; a sentence on it.
+
+    Raises
+    ------
+    TrialError
+        When a relative wind lacks one of its channels, or u, v or psi.
+    """
+    if layout.wind == "true":
+        return channels, []
+    _check_channels(channels, ("wind_speed", "wind_direction", "u", "v", "psi"), "wind = 'relative'", where)
+    speed, bow, psi = (channels[name] for name in ("wind_speed", "wind_direction", "psi"))
+    ahead, abeam = channels["u"] - speed * np.cos(bow), channels["v"] - speed * np.sin(bow)
+    flow = (ahead + 1j * abeam) * np.exp(1j * psi)
+    moved = channels | {"wind_speed": np.abs(flow), "wind_direction": np.angle(-flow) % (2.0 * np.pi)}
+    return moved, ["The true wind found from the relative one, u, v and psi."]
 
 
 def _check_channels(channels: dict, needed: tuple[str, ...], setting: str, where: str) -> None:

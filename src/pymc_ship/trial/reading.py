@@ -17,7 +17,7 @@ import xarray as xr
 from pymc_ship.machine.text import EncodingError, utf8
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.columns import Column, is_unit, matched_columns
-from pymc_ship.trial.format import TrialFormat, at_origin, full_scale, load_format, with_signs
+from pymc_ship.trial.format import TrialFormat, at_origin, full_scale, load_format, with_signs, with_true_wind
 from pymc_ship.trial.record import OVER_GROUND, TrialError
 from pymc_ship.trial.time_base import regular, rounding
 
@@ -74,9 +74,10 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) 
     channels, said = with_signs(channels, layout)
     time, channels, more = regular(time, quantum, channels, str(path))
     channels, moved = at_origin(channels, layout, str(path))
+    channels, calmed = with_true_wind(channels, layout, str(path))
     time, channels, scaled = full_scale(time, channels, layout.froude)
     variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in channels.items()}
-    attrs = {"reading": "\n".join([*notes, *said, *more, *moved, *scaled])}
+    attrs = {"reading": "\n".join([*notes, *said, *more, *moved, *calmed, *scaled])}
     if layout.speeds == OVER_GROUND:
         attrs["speeds"] = OVER_GROUND
     return xr.Dataset(variables, {"time": ("time", time, {"units": "s"})}, attrs)

@@ -87,7 +87,7 @@ def with_parts(
     stated : mapping of str to Coefficient, optional
         Parameters that are known; the others are typical of such a ship.
     held : sequence of str, optional
-        Parameters that stay at their values.
+        Parameters that stay at their values, those of them that the parts have.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def with_parts(
     for name, c in stated.items():
         sd = c.sd if c.sd > 0.0 else typical[name].sd
         typical[name] = replace(typical[name], value=c.value, sd=sd, source=c.source or "vessel file", note=c.note)
-    for name in held:
+    for name in set(held) & set(typical):
         typical[name] = replace(typical[name], sd=HELD)
     return replace(vessel, parts=names, parameters=tuple(typical.values()))
 

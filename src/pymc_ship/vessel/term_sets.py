@@ -116,6 +116,11 @@ AHEAD_SETS, ANY_SPEED_SETS = tuple(PART_SETS)[:2], tuple(PART_SETS)[2:]
 """Sets for a ship that makes way ahead, and for one that stops, goes astern or sails from rest."""
 
 
+def holds_any_speed(vessel: Vessel) -> bool:
+    """Whether the forces of a vessel mean something at rest and astern, too."""
+    return LOW_SPEED.name in vessel.parts
+
+
 def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     """Names of the sets a vessel can have.
 

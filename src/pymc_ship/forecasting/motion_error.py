@@ -1,0 +1,123 @@
+"""Model error of the motion by lead time: how far ships drift from runs they were not fitted to, beyond their draws.
+
+A ship that begins at a measured state and sails along the measured inputs leaves the record, the sooner the harder she
+turns. The excess of the squared error over the variance of the draws is taken over all such replays: of sway, yaw and
+track in units of the yaw rate so far, of surge as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.special import ndtri
+
+from pymc_ship.motion.equations import STATE
+from pymc_ship.vessel.vessel import Vessel
+
+LEADS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
+"""Times from the start of a replay [L/U] at which its error is taken."""
+
+ERRING = ("u", "v", "r", "psi", "x", "y")
+"""States that have an error."""
+
+_ROWS = [STATE.index(name) for name in ERRING]
+_SUMMED = np.array([name in ("psi", "x", "y") for name in ERRING])  # grow with time
+_TURNING = np.array([name != "u" for name in ERRING])
+_STEPS = np.arange(1, len(ERRING) + 1)
+_GOLDEN = 1.112775684278706  # x^7 = x + 1: the additive sequence that is most even in six dimensions
+
+
+class Replayed(NamedTuple):
+    """A replay beside its record.
+
+    ``time`` (n_time,) [s] is from the start of the replay; ``states`` (8, n_draws, n_time) and ``measured`` (8, n_time)
+    are in SI units and rad, NaN where a channel was not measured.
+    """
+
+    time: np.ndarray
+    states: np.ndarray
+    measured: np.ndarray
+
+
+def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> xr.Dataset:
+    """Standard deviation of the motion beyond the draws, by lead.
+
+    Parameters
+    ----------
+    replays : iterable of Replayed
+        Of runs that the draws were not fitted to.
+    vessel : Vessel
+
+    Returns
+    -------
+    Dataset, dims (lead,)
+        u over U_nom, the other states (prime) over the root mean square of r' since the start. It does not fall with
+        the lead; leads [L/U] end with the longest replay, and there are none without replays.
+    """
+    unit, scale = vessel.particulars.ship_time, _units(vessel)
+    replays = list(replays)
+    leads = [lead for lead in LEADS if any(lead * unit <= one.time[-1] for one in replays)]
+    found = []
+    for lead in leads:
+        rows = [one for one in replays if lead * unit <= one.time[-1]]
+        excess, size = np.zeros((len(rows), len(ERRING))), np.zeros((len(rows), len(ERRING)))
+        for k, one in enumerate(rows):
+            place = int(np.searchsorted(one.time, lead * unit - 1e-9))
+            drawn = one.states[_ROWS, :, place] / scale[:, None]
+            error = one.measured[_ROWS, place] / scale - np.nanmedian(drawn, axis=1)
+            excess[k] = error**2 - np.nanvar(drawn, axis=1)
+            turned = _turning(one.measured[STATE.index("r"), None], unit)[0, place] ** 2
+            size[k] = np.where(_TURNING, turned, 1.0)
+        known = np.isfinite(excess)
+        total = np.sum(np.where(known, excess, 0.0), axis=0) / np.maximum(
+            np.sum(np.where(known, size, 0.0), axis=0), 1e-12
+        )
+        found.append(np.sqrt(np.maximum(total, 0.0)))
+    values = np.maximum.accumulate(np.reshape(found, (-1, len(ERRING))), axis=0)
+    return xr.Dataset({name: ("lead", values[:, k]) for k, name in enumerate(ERRING)}, {"lead": leads})
+
+
+def with_motion_error(states: np.ndarray, time: np.ndarray, error: xr.Dataset, vessel: Vessel) -> np.ndarray:
+    """States of draws with an error for each, one that is the same number of standard deviations at all times.
+
+    Parameters
+    ----------
+    states : ndarray, shape (8, n_draws, n_time)
+    time : ndarray, shape (n_time,)
+        From the start of the replay [s].
+    error : Dataset
+        From :func:`motion_error`.
+    vessel : Vessel
+
+    Returns
+    -------
+    ndarray, shape (8, n_draws, n_time)
+        The errors of the draws are equally spread over the normal law, without chance. Beyond the leads that were seen
+        those of heading and track grow with time, the others no more.
+    """
+    if not error.sizes["lead"]:
+        return states
+    unit, found = vessel.particulars.ship_time, states.copy()
+    lead, seen = time / unit, error["lead"].values
+    place = (0.5 + np.outer(np.arange(1, states.shape[1] + 1), _GOLDEN ** -_STEPS.astype(float))) % 1.0
+    turning = _turning(states[STATE.index("r")], unit)
+    for k, (name, row) in enumerate(zip(ERRING, _ROWS, strict=True)):
+        sd = np.interp(lead, seen, error[name].values) * _units(vessel)[k]
+        if _SUMMED[k] and seen[-1] > 0.0:
+            sd = sd * np.maximum(lead / seen[-1], 1.0)
+        found[row] += ndtri(place[:, k, None]) * sd * (turning if _TURNING[k] else 1.0)
+    return found
+
+
+def _turning(r: np.ndarray, unit: float) -> np.ndarray:
+    """Root mean square of the prime yaw rate since the start, for yaw rates (n_draws, n_time)."""
+    return np.sqrt(np.cumsum((r * unit) ** 2, axis=1) / np.arange(1, r.shape[1] + 1))
+
+
+def _units(vessel: Vessel) -> np.ndarray:
+    """Units of the states that err, by which they are prime."""
+    L, U = vessel.particulars.L, vessel.particulars.nominal_speed
+    return np.array([U, U, U / L, 1.0, L, L])

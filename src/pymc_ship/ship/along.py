@@ -1,0 +1,53 @@
+"""Ships along the measured inputs of a record, restarted from its measured state."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.inputs import recorded_inputs
+from pymc_ship.motion.replay import replay
+from pymc_ship.trajectory.windows import smoothed_channel
+from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.record import sampling_interval
+from pymc_ship.vessel.vessel import Vessel
+
+_STEPS = 60  # in L/U, of the integration at least
+
+
+def sailed_along(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, place: slice) -> np.ndarray:
+    """States of ships along a piece of a record.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    coefficients : ndarray, shape (n_draws, n_coefficients)
+    trial : Dataset, dims (time,)
+        The whole record; its inputs are those of :func:`pymc_ship.motion.inputs.recorded_inputs`.
+    place : slice
+        Samples of the piece; its first, smoothed, is where the ships begin.
+
+    Returns
+    -------
+    ndarray, shape (8, n_draws, n_time)
+        SI units and rad; a ship that runs away is NaN throughout. Track and heading begin at 0 where they were not
+        measured.
+    """
+    piece, inputs = trial.isel(time=place), recorded_inputs(trial, vessel)[:, place]
+    interval, unit = sampling_interval(piece), vessel.particulars.ship_time
+    initial = np.zeros((len(coefficients), len(STATE)))
+    rolls = "roll" in vessel.dofs
+    for k, name in enumerate(STATE):
+        if name in piece and (rolls or not CHANNELS[name].rolling):
+            values = piece[name].values
+            initial[:, k] = smoothed_channel(values, unit / interval)[0] if name in ("u", "v", "r", "p") else values[0]
+    substeps = max(int(np.ceil(_STEPS * interval / unit)), 1)
+    return replay(vessel, inputs, initial, coefficients, interval=interval, substeps=substeps)
+
+
+def measured_states(trial: xr.Dataset, place: slice) -> np.ndarray:
+    """States (8, n_time) of a piece of a record in SI units and rad; NaN where a channel was not measured."""
+    piece = trial.isel(time=place)
+    nothing = np.full(piece.sizes["time"], np.nan)
+    return np.array([piece[name].values if name in piece else nothing for name in STATE])
