@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.ship.candidates import as_recorded, default_sets
+from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
+from pymc_ship.ship.candidates import _ahead, as_recorded, default_sets
 from pymc_ship.ship.model import _prepared
 from pymc_ship.ship.page import write_ship_report
 from pymc_ship.trial.record import OVER_GROUND
+from pymc_ship.vessel.parts import HELD
 from pymc_ship.vessel.term_sets import AHEAD_SETS, ANY_SPEED_SETS, with_terms
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.forces.test_parts import AHEAD, tanker
@@ -111,4 +113,58 @@ def test_speeds_over_ground_bring_a_current(truth, trials):
     vessel = with_terms(known(truth), SET)
     over = [trial.assign_attrs(speeds=OVER_GROUND) for trial in trials]
     assert "current" in as_recorded(vessel, over).parts
-    assert as_recorded(vessel, trials) is vessel
+    assert as_recorded(vessel, trials).parts == vessel.parts
+
+
+def with_n(trial, n):
+    return trial.assign(n=("time", np.full(trial.sizes["time"], n)))
+
+
+def test_nominal_revolutions_are_held_where_none_are_measured(truth, trials):
+    vessel = with_terms(known(truth), SET)
+
+    def freedom(records):
+        return {c.name: c.sd for c in as_recorded(vessel, records).parameters}[NOMINAL_REVOLUTIONS]
+
+    assert freedom(trials) == HELD
+    assert freedom([with_n(trial, truth.propeller.n) for trial in trials]) == 0.1
+    with pytest.raises(ps.TrialError, match="measured in all 2 runs or in none, found none in run 2; add n there"):
+        freedom([with_n(trials[0], truth.propeller.n), trials[1]])
+
+
+def test_wrong_nominal_revolutions_are_found_from_measured_ones(truth):
+    """Of a vessel file that states a tenth too many; without the freedom she would be too fast."""
+    runs = [
+        with_n(
+            ps.simulate(truth, ps.zigzag(20, 20), n=factor * truth.propeller.n, **SETTINGS), factor * truth.propeller.n
+        )
+        for factor in (0.8, 1.0, 1.2)
+    ]
+    rng = np.random.default_rng(6)
+    runs = [ps.pollute(run, level=0.005, rng=rng) for run in runs]
+    wrong = replace(known(truth), propeller=replace(truth.propeller, n=1.1 * truth.propeller.n))
+    ship = ps.identify_ship(runs, wrong, terms=[SET], draws=40, rng=1)
+    vessel, rows = ship.models[0]
+    found = rows[:, coefficient_names(vessel).index(NOMINAL_REVOLUTIONS)]
+    assert abs(found.mean() - 1.0 / 1.1) < 4.0 * found.std()
+    assert found.std() < 0.05
+    n = 1.2 * truth.propeller.n
+    right = ps.simulate(truth, ps.turning_circle(20), n=n, **SETTINGS)["u"].values[-1]
+    own = ps.forecast_ship(ship, ps.turning_circle(20), rng=1, n=n, duration=450.0)["bands"]["u"]
+    assert float(own.sel(band="median")[-1]) == pytest.approx(right, rel=0.03)
+    assert (
+        ps.simulate(replace(truth, propeller=wrong.propeller), ps.turning_circle(20), n=n, **SETTINGS)["u"].values[-1]
+        < 0.95 * right
+    )
+
+
+def test_sets_for_a_ship_ahead_take_the_piece_in_which_she_is(truth, trials):
+    """A long time at rest is a part of the record for parts at any speed alone."""
+    rest = np.where(trials[0]["time"].values < 200.0, 0.05, 1.0)
+    whole = trials[0].assign({name: trials[0][name] * rest for name in ("u", "v", "r")})
+    cut = _ahead(whole, known(truth))
+    assert float(cut["time"][0]) == pytest.approx(200.0, abs=10.0)
+    overruled = ["yaw rate", "speed", "track closure"]
+    short, kept = (ps.judged_trial(whole, known(truth), overruled, any_speed=each) for each in (False, True))
+    assert short.sizes["time"] < whole.sizes["time"]
+    assert kept.sizes["time"] == whole.sizes["time"]

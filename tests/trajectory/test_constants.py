@@ -85,3 +85,22 @@ def test_without_the_current_the_coefficients_are_wrong(drifting, fitted):
     assert blind.channel_sd["v"] > 5.0 * fit.channel_sd["v"]
     assert HELD < 1e-6
     assert replace(fit).n_windows == blind.n_windows == sum(map(len, windows))
+
+
+def test_the_heading_of_a_ship_in_wind_is_the_measured_one():
+    """A record that begins on another heading, with the wind turned alike, leads to the same coefficients."""
+    calm = tanker((*AHEAD, "wind"))
+    free = ("C_X", "C_Y", "Nr")
+    known = [name for name in coefficient_names(calm) if name not in free]
+    vessel = with_parts(calm, calm.parts, {c.name: c for c in calm.parameters}, held=known)
+    run = ps.simulate(vessel, ps.zigzag(20, 20), duration=500, step=0.5, method="rk4", wind=(12.0, 40.0))
+    fits = []
+    for turned in (0.0, 9.0):
+        around = {"wind_speed": np.full(1000, 12.0), "wind_direction": np.full(1000, np.deg2rad(40.0) + turned)}
+        trial = thinned(run.assign(psi=run["psi"] + turned).assign({k: ("time", w) for k, w in around.items()}), vessel)
+        prior = coefficient_prior([trial], vessel)
+        fits.append(fit_windows(prepared_windows(trial, vessel), vessel, prior, reference_coefficients(vessel)))
+    one, other = (fit.coefficients for fit in fits)
+    np.testing.assert_allclose(other, one, rtol=1e-4, atol=1e-9)
+    places = [coefficient_names(vessel).index(name) for name in free]
+    np.testing.assert_allclose(one[places], reference_coefficients(vessel)[places], rtol=0.02)

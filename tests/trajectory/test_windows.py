@@ -205,7 +205,7 @@ def tiny(container):
         motion = replay(ship, delta, state, reference, interval=1.0)[:, 0]
         channels = {name: ("time", motion[row]) for row, name in enumerate(ERROR)} | {"delta": ("time", delta)}
         run = trajectory_run(xr.Dataset(channels, {"time": time}), ship, channels=tuple(ERROR), noise_sd=ERROR)
-        windows.append(Window(replace(run, block=1, substeps=1), state))
+        windows.append(Window(replace(run, block=1, substeps=1, restart=(state, run.initial_state[1]))))
     return ship, reference, windows
 
 
@@ -215,7 +215,7 @@ def with_errors(windows, rng, at_lag_one):
         np.array([sd * correlated(rng, N_SAMPLES, at_lag_one=at_lag_one) for sd in ERROR.values()]) for _ in windows
     )
     runs = (replace(w.run, samples=w.run.samples + error) for w, error in zip(windows, errors, strict=True))
-    return [Window(run, window.state) for run, window in zip(runs, windows, strict=True)]
+    return [Window(run) for run in runs]
 
 
 @pytest.fixture(scope="module")

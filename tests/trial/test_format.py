@@ -87,6 +87,17 @@ class TestFrame:
             "v moved to the origin from a point 30 m forward of it.",
         ]
 
+    def test_a_relative_wind_becomes_the_true_one(self, run, read):
+        """A wind of 7 m/s from 60 deg, as an anemometer on board reads it."""
+        u, v, psi = (run[name].values for name in ("u", "v", "psi"))
+        flow = -7.0 * np.exp(1j * np.deg2rad(60.0)) * np.exp(-1j * psi) - (u + 1j * v)
+        table = columns(run) | {"vane": np.rad2deg(np.angle(-flow)), "wind_speed": np.abs(flow)}
+        wanted = {"wind_direction": {"column": "vane", "unit": "deg"}, "wind_speed": "wind_speed"}
+        trial = read(table, {"columns": wanted, "frame": {"wind": "relative"}})
+        np.testing.assert_allclose(trial["wind_speed"], 7.0, rtol=1e-6)
+        np.testing.assert_allclose(trial["wind_direction"], np.deg2rad(60.0), rtol=1e-6)
+        assert "The true wind found from the relative one, u, v and psi." in trial.attrs["reading"]
+
     def test_senses_of_heading_and_rudder(self, run, read):
         table = columns(run)
         table |= {"psi": -table["psi"], "delta": -table["delta"]}
@@ -109,6 +120,7 @@ class TestFrame:
         ("frame", "lacks", "sentence"),
         [
             ({"velocities": "earth"}, "psi", "velocities = 'earth' needs the channels u, v, psi; psi missing"),
+            ({"wind": "relative"}, "psi", "wind = 'relative' needs the channels wind_speed, wind_direction, u, v, psi"),
             ({"reference": 3.5}, "r", "reference = 3.5 needs the channels v, r; r missing"),
         ],
     )

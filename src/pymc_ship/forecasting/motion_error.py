@@ -1,8 +1,8 @@
 """Model error of the motion by lead time: how far ships drift from runs they were not fitted to, beyond their draws.
 
-A ship that begins at a measured state and sails along the measured inputs leaves the record, the sooner the harder she
-turns. The excess of the squared error over the variance of the draws is taken over all such replays: of sway, yaw and
-track in units of the yaw rate so far, of surge as it is.
+A ship that begins at a measured state and sails along the measured inputs leaves the record with time: her forces are
+not exact, and gusts, waves and unsteady water act that nobody measured. The excess of the squared error over the
+variance of the draws is taken over all such replays, by the time since their start.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ ERRING = ("u", "v", "r", "psi", "x", "y")
 
 _ROWS = [STATE.index(name) for name in ERRING]
 _SUMMED = np.array([name in ("psi", "x", "y") for name in ERRING])  # grow with time
-_TURNING = np.array([name != "u" for name in ERRING])
 _STEPS = np.arange(1, len(ERRING) + 1)
 _GOLDEN = 1.112775684278706  # x^7 = x + 1: the additive sequence that is most even in six dimensions
 
@@ -54,8 +53,8 @@ def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> xr.Dataset:
     Returns
     -------
     Dataset, dims (lead,)
-        u over U_nom, the other states (prime) over the root mean square of r' since the start. It does not fall with
-        the lead; leads [L/U] end with the longest replay, and there are none without replays.
+        Prime at the nominal speed. It does not fall with the lead; leads [L/U] end with the longest replay, and there
+        are none without replays.
     """
     unit, scale = vessel.particulars.ship_time, _units(vessel)
     replays = list(replays)
@@ -63,19 +62,15 @@ def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> xr.Dataset:
     found = []
     for lead in leads:
         rows = [one for one in replays if lead * unit <= one.time[-1]]
-        excess, size = np.zeros((len(rows), len(ERRING))), np.zeros((len(rows), len(ERRING)))
+        excess = np.zeros((len(rows), len(ERRING)))
         for k, one in enumerate(rows):
             place = int(np.searchsorted(one.time, lead * unit - 1e-9))
             drawn = one.states[_ROWS, :, place] / scale[:, None]
             error = one.measured[_ROWS, place] / scale - np.nanmedian(drawn, axis=1)
             excess[k] = error**2 - np.nanvar(drawn, axis=1)
-            turned = _turning(one.measured[STATE.index("r"), None], unit)[0, place] ** 2
-            size[k] = np.where(_TURNING, turned, 1.0)
         known = np.isfinite(excess)
-        total = np.sum(np.where(known, excess, 0.0), axis=0) / np.maximum(
-            np.sum(np.where(known, size, 0.0), axis=0), 1e-12
-        )
-        found.append(np.sqrt(np.maximum(total, 0.0)))
+        mean = np.where(known, excess, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        found.append(np.sqrt(np.maximum(mean, 0.0)))
     values = np.maximum.accumulate(np.reshape(found, (-1, len(ERRING))), axis=0)
     return xr.Dataset({name: ("lead", values[:, k]) for k, name in enumerate(ERRING)}, {"lead": leads})
 
@@ -103,18 +98,12 @@ def with_motion_error(states: np.ndarray, time: np.ndarray, error: xr.Dataset, v
     unit, found = vessel.particulars.ship_time, states.copy()
     lead, seen = time / unit, error["lead"].values
     place = (0.5 + np.outer(np.arange(1, states.shape[1] + 1), _GOLDEN ** -_STEPS.astype(float))) % 1.0
-    turning = _turning(states[STATE.index("r")], unit)
     for k, (name, row) in enumerate(zip(ERRING, _ROWS, strict=True)):
         sd = np.interp(lead, seen, error[name].values) * _units(vessel)[k]
         if _SUMMED[k] and seen[-1] > 0.0:
             sd = sd * np.maximum(lead / seen[-1], 1.0)
-        found[row] += ndtri(place[:, k, None]) * sd * (turning if _TURNING[k] else 1.0)
+        found[row] += ndtri(place[:, k, None]) * sd
     return found
-
-
-def _turning(r: np.ndarray, unit: float) -> np.ndarray:
-    """Root mean square of the prime yaw rate since the start, for yaw rates (n_draws, n_time)."""
-    return np.sqrt(np.cumsum((r * unit) ** 2, axis=1) / np.arange(1, r.shape[1] + 1))
 
 
 def _units(vessel: Vessel) -> np.ndarray:

@@ -47,6 +47,7 @@ HEADING = STATE.index("psi")
 _BLOCKS = 30  # in L/U, of the comparison
 _STEPS = 60  # in L/U, of the integration at least
 _SMOOTHED = 0.5  # L/U, under which a local cubic gives the state a window restarts from
+_SMOOTHING = 4.0 / np.sqrt(_SMOOTHED)  # error of that at the end of a record, for a scatter of 1 and 1 sample in L/U
 _FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # by unit: of the speed, of U/L, or rad
 _CHANGE = 1e-2  # of the log posterior: no step for less
 _EXACT = 1e-3  # of the first sd: a simulated record without errors leaves no less
@@ -147,6 +148,7 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list
     sd["psi"] = _FIRST_SD["rad"]
     block, substeps = max(round(unit / _BLOCKS / step), 1), int(np.ceil(_STEPS * step / unit))
     smooth = trial.assign({name: ("time", smoothed_channel(trial[name].values, unit / step)) for name in channels})
+    scatter = {name: _SMOOTHING / np.sqrt(unit / step) * np.std(trial[name] - smooth[name]) for name in channels}
     inputs = xr.DataArray(recorded_inputs(trial, vessel), dims=("input", "time"))
     smooth = smooth.assign(inputs=inputs)
     found = []
@@ -155,10 +157,9 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list
         run = replace(run, inputs=np.ascontiguousarray(start["inputs"].values), block=block, substeps=substeps)
         state, spread = (values.copy() for values in run.initial_state)
         state[list(run.rows)] = [start[name].values[0] for name in channels]
+        spread[list(run.rows)] = [np.hypot(sd[name], scatter[name]) for name in channels]
         if run.heads:
             state[HEADING], spread[HEADING] = start["psi"].values[0], sd["psi"]
-        import os
-        if os.environ.get("TIGHT"): spread[list(run.rows)] = float(os.environ["TIGHT"])*np.array([sd[n] for n in channels])
         found.append(Window(replace(run, restart=(state, spread)), number))
     return found
 
