@@ -156,7 +156,10 @@ def test_gibbs_serves_a_family_of_power_one_and_refuses_one_of_a_half():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [{}, {"parametrisation": "direct"}, {"errors": "student_t"}])
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"parametrisation": "direct"}, pytest.param({"errors": "student_t"}, marks=pytest.mark.consistency)],
+)
 def test_nuts_agrees_with_it(settings):
     data = scaled()
     tree = ps.nuts_posterior(data, root(), rng=np.random.default_rng(9), **settings)

@@ -172,7 +172,7 @@ class TestPaths:
     def test_nuts(self, family, parametrisation):
         data, prior, known = practice(family)
         rng = np.random.default_rng(2)
-        tree = nuts_posterior(data, prior, draws=2000, rng=rng, parametrisation=parametrisation)
+        tree = nuts_posterior(data, prior, draws=500, rng=rng, parametrisation=parametrisation)
         assert not tree["sample_stats"]["diverging"].any()
         posterior = tree["posterior"]
         z, comparisons = largest_z(posterior["coefficients"].values, posterior["noise_variance"].values, known)

@@ -201,7 +201,7 @@ def test_ar1_under_another_prior_is_caught():
     assert z.max() > limit
 
 
-@pytest.mark.slow
+@pytest.mark.consistency
 @pytest.mark.parametrize("errors", PARAMETER)
 @pytest.mark.parametrize("family", [ConjugatePrior, SemiConjugatePrior])
 def test_parametrisations_agree(errors, family):

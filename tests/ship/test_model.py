@@ -318,7 +318,7 @@ class TestErrors:
             identified([trials(0)[0].drop_vars(channel)])
 
 
-@pytest.mark.slow
+@pytest.mark.consistency
 class TestCoverage:
     """35 deg turning circles forecast from zigzags of 20 deg and less."""
 
