@@ -7,11 +7,14 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.ship.held_out import JUDGED, forecast_indices, held_out, scored, scored_indices
+from pymc_ship.manoeuvre.helm import execution
+from pymc_ship.ship.held_out import JUDGED, forecast_indices, held_out, sailed_in, scored, scored_indices
 from pymc_ship.trajectory.prior import coefficient_prior
 from pymc_ship.trajectory.windows import WindowFit, fit_windows, prepared_windows, restarted
 from pymc_ship.vessel.term_sets import with_terms
 from pymc_ship.vessel.vessel import reference_coefficients
+from tests.forces.test_parts import AHEAD
+from tests.forces.test_parts import tanker as by_parts
 from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, trials
 
 
@@ -156,3 +159,18 @@ class TestIndices:
         before = run.copy(deep=True)
         scored_indices(run, RUNS[0])
         assert run.identical(before)
+
+
+def test_a_held_out_manoeuvre_is_forecast_in_the_wind_and_at_the_revolutions_of_its_record():
+    """Those from the execution on; the direction counts from the base course."""
+    vessel = by_parts((*AHEAD, "wind"))
+    run = ps.simulate(vessel, ps.zigzag(20, 20), duration=400, step=0.5, record_interval=1.0)
+    size = run.sizes["time"]
+    n = np.where(run["time"].values < execution(run), 0.1, 1.3)
+    around = {"n": n, "wind_speed": np.full(size, 8.0), "wind_direction": np.full(size, np.deg2rad(100.0))}
+    turned = run.assign({name: ("time", values) for name, values in around.items()}).assign(psi=run["psi"] + 0.5)
+    found = sailed_in(turned, vessel)
+    assert found["n"] == 1.3
+    np.testing.assert_allclose(found["wind"], (8.0, 100.0 - np.rad2deg(0.5)), rtol=0.02)
+    assert sailed_in(turned, tanker()) == {}
+    assert sailed_in(run, vessel) == {}

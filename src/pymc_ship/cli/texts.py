@@ -209,7 +209,8 @@ def score_text(found: xr.Dataset) -> str:
     last = f"Score {total:.3g}, the mean over runs of the errors over the size of the motion."
     if not math.isfinite(total):
         last = "No score: the ship runs away in a window."
-    words = f"Windows of {found.attrs['length']:.4g} s, bands of {100.0 * found.attrs['ci_prob']:.0f} %. {last}"
+    held = f"bands of {100.0 * found.attrs['ci_prob']:.0f} % hold {100.0 * float(found['coverage'].mean()):.0f} %"
+    words = f"In windows of {found.attrs['length']:.4g} s the {held} of the instants. {last}"
     return "\n\n".join([table(header, rows), table(("run", "windows", "ran away", "score"), runs), words])
 
 

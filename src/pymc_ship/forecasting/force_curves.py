@@ -123,7 +123,7 @@ def _by_parts(vessel: Vessel, draws: np.ndarray, row: int, symbol: str, values: 
     speed = 1.0 / (1.0 - motion["u"])
     for k, draw in enumerate(draws):
         set_parameters(program, np.tile(draw[:, None], values.size), work)
-        work[0] = speed * np.sqrt(1.0 - motion["v"] ** 2)
+        work[0] = speed * np.sqrt(np.maximum(1.0 - motion["v"] ** 2, 0.0))
         for place, name in ((1, "v"), (2, "r"), (3, "p")):
             work[place] = speed * motion[name]
         work[4], work[6], work[7] = motion["phi"], motion["delta"], 1.0

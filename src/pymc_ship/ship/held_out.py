@@ -15,9 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from pymc_ship.forces.surroundings import WIND
+from pymc_ship.manoeuvre.helm import base_course, execution
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.measured import measured_indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.motion.inputs import revolutions_measured, takes_revolutions
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.motion.stepping import simulation_settings
 from pymc_ship.trajectory.windows import Window, WindowFit, restarted, with_constants
@@ -103,11 +106,28 @@ def _log_density(square: np.ndarray, sd: np.ndarray) -> float:
     return float(-np.sum(np.log(sd) + 0.5 * _LOG_2PI + 0.5 * square / sd**2))
 
 
+def sailed_in(trial: xr.Dataset, vessel: Vessel) -> dict[str, float | tuple[float, float]]:
+    """Revolutions [1/s] and wind (speed [m/s], from where to the base course [deg]) of a recorded manoeuvre.
+
+    As settings of a simulation: those that were measured and that the forces of the vessel know.
+    """
+    found, after = {}, trial["time"].values >= execution(trial)
+    if takes_revolutions(vessel) and revolutions_measured(trial):
+        found["n"] = float(np.median(trial["n"].values[after]))
+    if WIND.name in vessel.parts and {"wind_speed", "wind_direction"} <= set(trial.data_vars):
+        flow = np.mean((trial["wind_speed"].values * np.exp(1j * trial["wind_direction"].values))[after])
+        found["wind"] = float(np.abs(flow)), float(np.rad2deg(np.angle(flow) - base_course(trial)))
+    return found
+
+
 def forecast_indices(
-    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float
+    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float, **around
 ) -> dict[str, np.ndarray]:
-    """Scored indices of a manoeuvre for each row of coefficients, each of shape (n_draws,)."""
-    settings = simulation_settings(vessel)
+    """Scored indices of a manoeuvre for each row of coefficients, each of shape (n_draws,).
+
+    ``around`` are the revolutions and the wind, as of :func:`sailed_in`.
+    """
+    settings = simulation_settings(vessel) | around
     found = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
     return {name: found[name].values for name in manoeuvre.traits.scored}
 

@@ -10,7 +10,7 @@ import xarray as xr
 from pymc_ship.forecasting.index_error import index_scale, robust_sd
 from pymc_ship.manoeuvre.recognition import unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.ship.held_out import forecast_indices, scored_indices
+from pymc_ship.ship.held_out import forecast_indices, sailed_in, scored_indices
 from pymc_ship.trial.channels import without_roll
 from pymc_ship.trial.record import moving
 from pymc_ship.vessel.vessel import Vessel
@@ -54,7 +54,10 @@ def index_rows(
         the models) and ``scale``, for every index that both reach.
     """
     duration = float(np.ptp(trial["time"].values))
-    found = [forecast_indices(vessel, coefficients, manoeuvre, duration) for vessel, coefficients in models]
+    found = [
+        forecast_indices(vessel, coefficients, manoeuvre, duration, **sailed_in(trial, vessel))
+        for vessel, coefficients in models
+    ]
     rows = []
     delay = models[0][0].particulars.rudder_delay
     for name, measured in scored_indices(trial, manoeuvre, delay).items():
