@@ -28,7 +28,7 @@ def units(vessel):
     return {"u": U, "v": U, "r": U / L, "psi": 1.0, "x": L, "y": L}
 
 
-def replays(vessel, rng, growth=GROWTH, spread=0.5):
+def replays(vessel, rng, growth=GROWTH, spread=1.0):
     """Ships that sail alike, and records that leave them with time; draws hold a part of it."""
     time, size, found = time_of(vessel), units(vessel), []
     share = time / time[-1]

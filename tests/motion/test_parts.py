@@ -148,3 +148,15 @@ def test_wind_of_a_record_acts_on_a_ship_of_terms_with_the_part():
     wind = {"wind_speed": 5.0, "wind_direction": 0.0}
     found = recorded_inputs(trial.assign({k: ("time", np.full(200, v)) for k, v in wind.items()}), vessel)
     np.testing.assert_allclose(found[2], -5.0 / vessel.particulars.nominal_speed)
+
+
+def test_a_correction_of_the_nominal_revolutions_is_other_nominal_revolutions():
+    vessel, turn = tanker(AHEAD), ps.turning_circle(20)
+    known = {c.name: c for c in vessel.parameters}
+    fewer = with_parts(vessel, AHEAD, known | {"n_0": replace(known["n_0"], value=0.9)})
+    stated = replace(vessel, propeller=replace(vessel.propeller, n=0.9 * vessel.propeller.n))
+    one, other, plain = (
+        ps.simulate(ship, turn, duration=200, step=0.5, n=1.2)["u"].values for ship in (fewer, stated, vessel)
+    )
+    np.testing.assert_allclose(one, other, rtol=1e-12)
+    assert np.abs(one - plain).max() > 0.1

@@ -9,7 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.trajectory.prior import coefficient_prior
-from pymc_ship.trajectory.windows import fit_windows, prepared_windows, thinned, with_constants
+from pymc_ship.trajectory.windows import HEADING, fit_windows, prepared_windows, thinned, with_constants
 from pymc_ship.trial.record import OVER_GROUND
 from pymc_ship.vessel.parts import HELD, with_parts
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
@@ -98,8 +98,11 @@ def test_the_heading_of_a_ship_in_wind_is_the_measured_one():
     for turned in (0.0, 9.0):
         around = {"wind_speed": np.full(1000, 12.0), "wind_direction": np.full(1000, np.deg2rad(40.0) + turned)}
         trial = thinned(run.assign(psi=run["psi"] + turned).assign({k: ("time", w) for k, w in around.items()}), vessel)
-        prior = coefficient_prior([trial], vessel)
-        fits.append(fit_windows(prepared_windows(trial, vessel), vessel, prior, reference_coefficients(vessel)))
+        prior, windows = coefficient_prior([trial], vessel), prepared_windows(trial, vessel)
+        start, sd = (values[HEADING] for values in windows[1].run.initial_state)
+        assert start == pytest.approx(float(trial["psi"].sel(time=windows[1].run.start)))
+        assert sd == 0.01
+        fits.append(fit_windows(windows, vessel, prior, reference_coefficients(vessel)))
     one, other = (fit.coefficients for fit in fits)
     np.testing.assert_allclose(other, one, rtol=1e-4, atol=1e-9)
     places = [coefficient_names(vessel).index(name) for name in free]
