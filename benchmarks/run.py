@@ -57,6 +57,7 @@ def measurements(study: bool) -> Iterator[Callable[[], Iterator[Row]]]:
     data = ps.regression_data(ps.denoise(noisy), vessel, "sway", interval=1.0)
     prior, _ = ps.maximise_evidence(data, "semiconjugate")
     yield partial(simulation.one_run, vessel)
+    yield simulation.parts
     yield simulation.shipmmg
     yield partial(simulation.batch, vessel)
     yield partial(simulation.derivatives, vessel, trial)

@@ -11,6 +11,7 @@ import pymc_ship as ps
 from benchmarks import kvlcc2
 from benchmarks.table import Row, imported, median_seconds
 from pymc_ship.motion.replay import replay
+from pymc_ship.vessel.term_sets import with_terms
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.motion import plain_hull
 
@@ -100,6 +101,28 @@ def derivatives(vessel, trial) -> Iterator[Row]:
         yield Row(
             f"derivatives, 107 x 20000 steps, {method}", ours, peer, theirs, "median column's |d| / max", gap, 1e-3
         )
+
+
+def parts() -> Iterator[Row]:
+    """A ship of parts against one of 45 polynomial terms, the KVLCC2 both times: 8000 evaluations for each ship.
+
+    Both rows run on one core; the second one's check is that a lane is the ship alone.
+    """
+    modular, polynomial = with_terms(ps.load_vessel("kvlcc2"), "modular, wake by side"), kvlcc2.vessel()
+
+    def run(vessel, count):
+        step = vessel.particulars.ship_time / 60.0
+        theta = np.tile(reference_coefficients(vessel), (count, 1))
+        settings = {"duration": 2000.0 * step, "step": step, "method": "rk4"}
+        return ps.simulate(vessel, ps.zigzag(20, 20), coefficients=theta, **settings)["psi"].values
+
+    for count, who in ((1, "one ship"), (16, "16 ships in the lanes of one core")):
+        run(modular, count), run(polynomial, count)
+        ours, psi = median_seconds(lambda n=count: run(modular, n), 9)
+        theirs, _ = median_seconds(lambda n=count: run(polynomial, n), 9)
+        gap = np.abs(psi[0] - run(modular, 1)[0]).max()
+        what, peer = f"{who} by {len(modular.parameters)} parameters of parts", "by 45 polynomial terms"
+        yield Row(what, ours, peer, theirs, "max |d psi| to one alone [rad]", gap, 1e-9)
 
 
 def shipmmg() -> Iterator[Row]:
