@@ -4,6 +4,7 @@
 - `forecast`: simulated ships of the draws, their bands and indices.
 - `prior_ships`: simulated ships of a prior, before there is a fit.
 - `extrapolation`: how far a forecast leaves the motion of the data.
+- `motion_error`: error of the motion along a record, by the time since its start.
 - `index_error`: model error of indices from held-out manoeuvres.
 - `figures`: heading, rudder and motion of a forecast.
 - `force_curves`: forces of the draws over drift, yaw rate and rudder.

@@ -12,6 +12,8 @@ from pymc_ship.trial.record import OVER_GROUND
 from pymc_ship.vessel.parts import ship_of
 from pymc_ship.vessel.vessel import Vessel
 
+_MOST_REVOLUTIONS = 5.0  # over the nominal ones
+
 
 def all_inputs(inputs: np.ndarray) -> np.ndarray:
     """Inputs of shape (4, n_time) from themselves or from a rudder alone, at nominal revolutions and without wind."""
@@ -112,7 +114,8 @@ def steady_inputs(
     Raises
     ------
     SimulationError
-        For revolutions of a ship whose propeller is not stated, or wind on one without the part "wind".
+        For revolutions of a ship whose propeller is not stated or that are far from hers, wind on one without the part
+        "wind", or a current that is faster than the ship.
     """
     U = vessel.particulars.nominal_speed
     if n is not None and not takes_revolutions(vessel):
@@ -125,8 +128,16 @@ def steady_inputs(
             f"Wind acts on a ship with the part wind, found {vessel.name!r} without it; leave out the wind, or add the "
             "part and [windage] to the vessel file."
         )
-    if n is not None and not np.isfinite(n):
-        raise SimulationError(f"Revolutions are a number [1/s], found {n}; correct them.")
+    if n is not None and not abs(n) <= _MOST_REVOLUTIONS * vessel.propeller.n:
+        raise SimulationError(
+            f"Revolutions are a number [1/s] up to {_MOST_REVOLUTIONS:g} times the nominal {vessel.propeller.n:g}, "
+            f"found {n}; correct them (1/min over 60 are 1/s)."
+        )
+    if current is not None and float(current[0]) > U:
+        raise SimulationError(
+            f"A current is slower than the ship, found {float(current[0]):g} m/s at a nominal speed of {U:g} m/s; "
+            "correct it (knots times 0.514 are m/s)."
+        )
     revolutions = approach_speed / U if n is None else n / vessel.propeller.n
     air = -velocity(wind) - velocity(current) if wind is not None else np.zeros(2)
     return np.array([revolutions, *(air / U)])

@@ -6,6 +6,7 @@
 - `held_out_indices`: indices of held-out manoeuvres beside their forecasts.
 - `paths`: other ways to the coefficients, on the same terms.
 - `soundness`: draws that run away in a standard manoeuvre.
+- `along`: ships along the measured inputs of a record.
 - `replayed`: the motion along a record's inputs, and its score.
 - `files`: an identified ship, saved, loaded and forecast.
 - `figures`: held-out windows, overshoots and scores.
