@@ -9,9 +9,10 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
-from pymc_ship.ship.candidates import _ahead, as_recorded, default_sets
+from pymc_ship.ship.candidates import _shared, as_recorded, default_sets, held_piece
 from pymc_ship.ship.model import _prepared
 from pymc_ship.ship.page import write_ship_report
+from pymc_ship.trajectory.windows import prepared_windows
 from pymc_ship.trial.record import OVER_GROUND
 from pymc_ship.vessel.parts import HELD
 from pymc_ship.vessel.term_sets import AHEAD_SETS, ANY_SPEED_SETS, with_terms
@@ -162,9 +163,25 @@ def test_sets_for_a_ship_ahead_take_the_piece_in_which_she_is(truth, trials):
     """A long time at rest is a part of the record for parts at any speed alone."""
     rest = np.where(trials[0]["time"].values < 200.0, 0.05, 1.0)
     whole = trials[0].assign({name: trials[0][name] * rest for name in ("u", "v", "r")})
-    cut = _ahead(whole, known(truth))
+    cut = held_piece(whole, known(truth))
+    assert held_piece(whole, with_terms(known(truth), ANY_SPEED_SETS[0])) is whole
     assert float(cut["time"][0]) == pytest.approx(200.0, abs=10.0)
     overruled = ["yaw rate", "speed", "track closure"]
     short, kept = (ps.judged_trial(whole, known(truth), overruled, any_speed=each) for each in (False, True))
     assert short.sizes["time"] < whole.sizes["time"]
     assert kept.sizes["time"] == whole.sizes["time"]
+
+
+def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_parts(truth, trials):
+    """Sets for any speed are fitted to the rest at the begin, too, and judged where the others are."""
+    rest = np.where(trials[0]["time"].values < 50.0, 0.05, 1.0)
+    begun = [trial.assign({name: trial[name] * rest for name in ("u", "v", "r")}) for trial in trials]
+    training = _prepared(begun, known(truth), "hull_database")
+    sets = default_sets(training)
+    assert sets[:2] == AHEAD_SETS
+    assert sets[-2:] == ANY_SPEED_SETS
+    whole, ahead = (with_terms(known(truth), names[0]) for names in (ANY_SPEED_SETS, AHEAD_SETS))
+    for judged, trial in zip(_shared(training, whole), training.trials, strict=True):
+        cut = prepared_windows(held_piece(trial, ahead), ahead)
+        assert [window.run.start for window in judged] == [window.run.start for window in cut]
+        assert judged[0].run.start > 40.0

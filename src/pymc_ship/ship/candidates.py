@@ -37,8 +37,8 @@ PRIORS = ("hull_database", "order_damped", "sister_ship")
 LARGEST_INFLATION = 5.0
 """Bound of the factor on the standard deviations of the coefficients."""
 
-SLOW = 0.2
-"""Share of the nominal speed below which a model for a ship that makes way ahead means nothing."""
+WHOLE, MOSTLY = 0.95, 0.5
+"""Shares of the time that a ship sails ahead, from which models for that alone hold her records, and most of them."""
 
 _GROUPS = 4  # of the windows of a single run
 _TRIED = 100  # draws of a term set that are tried in the standard manoeuvres
@@ -119,17 +119,26 @@ def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> Coe
 
 
 def default_sets(training: Training) -> tuple[str, ...]:
-    """Term sets that can hold every piece of the runs.
+    """Term sets that can hold the runs.
 
-    Terms and the hull of the MMG standard method are for a ship that makes way ahead; a ship that stops, goes astern or
-    sails from rest needs parts that hold at any speed.
+    Terms and the hull of the MMG standard method are for a ship that makes way ahead; for one that stops, goes astern
+    or sails from rest there are parts that hold at any speed. Where the runs are ahead for the most part, the records
+    decide between both.
     """
-    slow = SLOW * training.vessel.particulars.nominal_speed
-    for trial in training.trials:
-        astern = "n" in trial and bool((trial["n"].values < 0.0).any())
-        if astern or bool((trial["u"].values < slow).any()):
-            return ANY_SPEED_SETS
-    return term_sets(training.vessel)
+    if not training.vessel.particulars.d > 0.0:
+        return term_sets(training.vessel)
+    duration = sum(float(np.ptp(trial["time"].values)) for trial in training.trials)
+    share = sum(_time_ahead(trial, training.vessel) for trial in training.trials) / duration
+    if share < MOSTLY:
+        return ANY_SPEED_SETS
+    return term_sets(training.vessel) + (ANY_SPEED_SETS if share < WHOLE else ())
+
+
+def _time_ahead(trial: xr.Dataset, vessel: Vessel) -> float:
+    """Length [s] of the piece of a record in which the ship sails ahead; 0 of one with revolutions astern."""
+    astern = "n" in trial and bool((trial["n"].values < 0.0).any())
+    found = piece_check(trial, ship_scale(trial, vessel))
+    return 0.0 if astern or found.verdict == "bad" else found.value("until") - found.value("from")
 
 
 @dataclass(frozen=True)
@@ -166,7 +175,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
     try:
         plain = as_recorded(with_terms(training.vessel, name), training.trials)
         vessel = informed(plain, training.prior)
-        trials = training.trials if holds_any_speed(vessel) else [_ahead(trial, vessel) for trial in training.trials]
+        trials = [held_piece(trial, vessel) for trial in training.trials]
         runs = [prepared_windows(trial, vessel, k) for k, trial in enumerate(trials)]
         prior = stated_prior(trials, vessel, training.prior)
         windows = [window for run in runs for window in run]
@@ -175,7 +184,9 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         def fit(windows: Sequence[Window]) -> WindowFit:
             return fit_windows(windows, vessel, prior, whole.coefficients, whole.spread)
 
-        judged = held_out(held_together(runs), vessel, fit)
+        judged = held_out(
+            held_together(runs), vessel, fit, _shared(training, vessel) if holds_any_speed(vessel) else None
+        )
     except TrajectoryError as error:
         return Refusal(name, f"The {name} terms were left out: {error}")
     inflation = _inflation(whole, judged)
@@ -192,8 +203,23 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
     return Candidate(name, whole, judged, inflation, **not_drawn)
 
 
+def _shared(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None:
+    """Windows of each run in which all sets can be judged: those ahead; None where they are not of every run."""
+    pieces = [piece_check(trial, ship_scale(trial, vessel)) for trial in training.trials]
+    if len(pieces) < 2 or any(piece.verdict == "bad" for piece in pieces):
+        return None
+    return [prepared_windows(_ahead(trial, vessel), vessel, k) for k, trial in enumerate(training.trials)]
+
+
+def held_piece(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
+    """The piece of a record that the forces of a vessel hold: all of it, or the longest one ahead.
+
+    TrajectoryError where none is long enough.
+    """
+    return trial if holds_any_speed(vessel) else _ahead(trial, vessel)
+
+
 def _ahead(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
-    """The piece of a record in which the ship sails ahead; TrajectoryError where none is long enough."""
     found = piece_check(trial, ship_scale(trial, vessel))
     if found.verdict == "bad":
         raise TrajectoryError(found.sentence)

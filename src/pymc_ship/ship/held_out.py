@@ -55,7 +55,12 @@ class HeldOut:
     rms: dict[str, float]
 
 
-def held_out(runs: Sequence[Sequence[Window]], vessel: Vessel, fit: Callable[[Sequence[Window]], WindowFit]) -> HeldOut:
+def held_out(
+    runs: Sequence[Sequence[Window]],
+    vessel: Vessel,
+    fit: Callable[[Sequence[Window]], WindowFit],
+    judged: Sequence[Sequence[Window]] | None = None,
+) -> HeldOut:
     """Leave each run out once, fit to the others, and score its windows, with the current that it calls for.
 
     Parameters
@@ -65,6 +70,8 @@ def held_out(runs: Sequence[Sequence[Window]], vessel: Vessel, fit: Callable[[Se
     vessel : Vessel
     fit : callable
         Fit to the windows of several runs; or any other estimate of the coefficients from them.
+    judged : sequence of sequence of Window, optional
+        Other windows of each run, by which it is judged.
 
     Returns
     -------
@@ -74,7 +81,7 @@ def held_out(runs: Sequence[Sequence[Window]], vessel: Vessel, fit: Callable[[Se
     for k in range(len(runs)):
         fits.append(fit([window for j, windows in enumerate(runs) if j != k for window in windows]))
     own = [with_constants(windows, one) for windows, one in zip(runs, fits, strict=True)]
-    return scored(runs, vessel, fits, own)
+    return scored(judged or runs, vessel, fits, own)
 
 
 def scored(

@@ -19,7 +19,7 @@ from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.weak_form import evidence_posterior_mean, weak_form_start
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.rows.scaling import RegressionDataError
-from pymc_ship.ship.candidates import chosen_prior, informed, stated_prior
+from pymc_ship.ship.candidates import chosen_prior, held_piece, informed, stated_prior
 from pymc_ship.ship.held_out import HeldOut, scored, scored_indices
 from pymc_ship.ship.held_out_indices import index_rows
 from pymc_ship.trajectory.fit import TrajectoryError
@@ -117,7 +117,7 @@ def compare_paths(
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str, names: Sequence[str] | None) -> _Runs:
     manoeuvres, steering = recognise(trials, vessel)
     vessel = informed(with_steering(vessel, steering), kind)
-    short = [thinned(trial, vessel) for trial in trials]
+    short = [held_piece(thinned(trial, vessel), vessel) for trial in trials]
     windows = [prepared_windows(trial, vessel) for trial in short]
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     return _Runs(short, windows, manoeuvres, names, vessel, stated_prior(short, vessel, kind))
