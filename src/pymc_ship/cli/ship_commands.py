@@ -132,7 +132,7 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     ship = load_ship(args.ship) if holds_ship(args.ship) else vessel_argument(args.ship, progress)
     vessel = ship.vessel if isinstance(ship, IdentifiedShip) else ship
     models = [one for one, _ in ship.models] if isinstance(ship, IdentifiedShip) else [ship]
-    any_speed = all(map(holds_any_speed, models))
+    any_speed = any(map(holds_any_speed, models))
     trials, _ = checked_trials(_named(args.trials), vessel, args, progress, any_speed=any_speed)
     out = output_file(args.out) if args.out else None
     progress("replaying windows")
