@@ -185,3 +185,6 @@ def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_p
         cut = prepared_windows(held_piece(trial, ahead), ahead)
         assert [window.run.start for window in judged] == [window.run.start for window in cut]
         assert judged[0].run.start > 40.0
+    found = ps.identify_ship(begun, known(truth), terms=[SET], draws=8, rng=1)
+    told = [remark for remark in found.remarks if "sets for a ship ahead were fitted to the piece from " in remark]
+    assert [remark.split(":")[0] for remark in told] == ["Run 1", "Run 2"]

@@ -203,6 +203,19 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
     return Candidate(name, whole, judged, inflation, **not_drawn)
 
 
+def cut_runs(names: Sequence[str], training: Training, found: Sequence[Candidate]) -> list[str]:
+    """Sentences on the runs of which some sets were fitted to a piece alone."""
+    ahead = [candidate.vessel for candidate in found if not holds_any_speed(candidate.vessel)]
+    runs = zip(names, training.trials, strict=True)
+    pieces = [(name, trial, held_piece(trial, ahead[0])) for name, trial in runs if ahead]
+    return [
+        f"Run {name}: sets for a ship ahead were fitted to the piece from {piece['time'].values[0]:.4g} to "
+        f"{piece['time'].values[-1]:.4g} s."
+        for name, trial, piece in pieces
+        if piece.sizes["time"] < trial.sizes["time"]
+    ]
+
+
 def _shared(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None:
     """Windows of each run in which all sets can be judged: those ahead; None where they are not of every run."""
     pieces = [piece_check(trial, ship_scale(trial, vessel)) for trial in training.trials]

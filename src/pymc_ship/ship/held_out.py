@@ -4,7 +4,7 @@ The score of a run is the log predictive density of its windows, restarted from 
 windows of a sum over channels, so that each channel of a run counts as one observation. What a model cannot do it
 cannot do in all windows of a run. Whole runs are left out because a window from a run that was trained on knows its
 rudder zero, its weather and its loading. Standard manoeuvres among the runs are forecast in closed loop, too, from the
-approach speed alone, and their indices compared.
+approach speed, and their indices compared.
 """
 
 from __future__ import annotations

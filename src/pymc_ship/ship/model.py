@@ -22,7 +22,7 @@ from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.ship.along import measured_states, sailed_along
-from pymc_ship.ship.candidates import Candidate, Training, candidates_of, chosen_prior, default_sets
+from pymc_ship.ship.candidates import Candidate, Training, candidates_of, chosen_prior, cut_runs, default_sets
 from pymc_ship.ship.held_out_indices import index_rows, left_out
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
@@ -162,7 +162,7 @@ def identify_ship(
     wanted = tuple(dict.fromkeys(terms)) if terms else default_sets(training)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
     found, refused = candidates_of(wanted, training)
-    remarks = [*vessel_remarks(vessel), *refused]
+    remarks = [*vessel_remarks(vessel), *refused, *cut_runs(names, training, found)]
     progress("weights and model error from held-out runs")
     found = _weighted(found, rng)
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
