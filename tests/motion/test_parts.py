@@ -162,3 +162,16 @@ def test_a_correction_of_the_nominal_revolutions_is_other_nominal_revolutions():
     )
     np.testing.assert_allclose(one, other, rtol=1e-12)
     assert np.abs(one - plain).max() > 0.1
+
+
+def test_revolutions_of_an_unstated_propeller_are_those_of_the_begin_unless_the_nominal_ones_are_free():
+    stated = tanker(AHEAD)
+    vessel = with_parts(replace(stated, propeller=None, parts=(), parameters=()), AHEAD)
+    known = with_parts(vessel, AHEAD, {c.name: c for c in vessel.parameters}, held=("n_0",))
+    trial = ps.simulate(stated, ps.zigzag(10, 10), duration=100, step=0.5)
+    n = np.linspace(1.2, 1.5, trial.sizes["time"])
+    trial = trial.assign(n=("time", n))
+    np.testing.assert_allclose(recorded_inputs(trial, known)[1], n / 1.2, rtol=1e-4)
+    free = recorded_inputs(trial, vessel)[1]
+    np.testing.assert_allclose(free / free[0], n / 1.2)
+    assert abs(free[0] - 1.0) > 0.01

@@ -6,10 +6,11 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.part import INPUTS
+from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.forces.surroundings import WIND
 from pymc_ship.motion.stepping import SimulationError
 from pymc_ship.trial.record import OVER_GROUND
-from pymc_ship.vessel.parts import ship_of
+from pymc_ship.vessel.parts import HELD, ship_of
 from pymc_ship.vessel.vessel import Vessel
 
 _MOST_REVOLUTIONS = 5.0  # over the nominal ones
@@ -28,9 +29,9 @@ def all_inputs(inputs: np.ndarray) -> np.ndarray:
 def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     """Inputs of a record as the equations of motion of a vessel take them.
 
-    Revolutions are over the nominal ones; where the record is silent, those that hold the speed with which it begins,
-    or the nominal ones where that is over ground. Wind counts where it was measured
-    and the vessel has the part "wind".
+    Revolutions are over the nominal ones; where the record is silent, or nominal revolutions are neither stated nor
+    free, they hold the speed with which it begins, or are the nominal ones where that is over ground. Wind counts where
+    it was measured and the vessel has the part "wind".
 
     Parameters
     ----------
@@ -48,10 +49,13 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     if not vessel.parts:
         return found
     U = vessel.particulars.nominal_speed
-    if vessel.modular and revolutions_measured(trial):
+    measured = revolutions_measured(trial)
+    if measured and (takes_revolutions(vessel) or _finds_revolutions(vessel)):
         found[1] = trial["n"].values / ship_of(vessel).n
     else:
         found[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else begin_speed(trial) / U
+        if measured and trial["n"].values[0] > 0.0:
+            found[1] *= trial["n"].values / trial["n"].values[0]
     if WIND.name in vessel.parts and "wind_speed" in trial and "wind_direction" in trial:
         speed, direction = trial["wind_speed"].values / U, trial["wind_direction"].values
         found[2], found[3] = -speed * np.cos(direction), -speed * np.sin(direction)
@@ -61,6 +65,11 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
 def revolutions_measured(trial: xr.Dataset) -> bool:
     """Whether a record holds the revolutions of every sample."""
     return "n" in trial and bool(np.isfinite(trial["n"].values).all())
+
+
+def _finds_revolutions(vessel: Vessel) -> bool:
+    """Whether the nominal revolutions of a vessel of parts are a free parameter."""
+    return vessel.modular and any(c.name == NOMINAL_REVOLUTIONS and c.sd > HELD for c in vessel.parameters)
 
 
 def takes_revolutions(vessel: Vessel) -> bool:

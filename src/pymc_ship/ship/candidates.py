@@ -40,6 +40,7 @@ LARGEST_INFLATION = 5.0
 WHOLE, MOSTLY = 0.95, 0.5
 """Shares of the time that a ship sails ahead, from which models for that alone hold her records, and most of them."""
 
+_SAME = 0.1  # share by which revolutions differ that are counted as alike
 _GROUPS = 4  # of the windows of a single run
 _TRIED = 100  # draws of a term set that are tried in the standard manoeuvres
 _FEWEST_SOUND = 0.1  # share of them that must not run away
@@ -95,8 +96,9 @@ def informed(vessel: Vessel, kind: str) -> Vessel:
 def as_recorded(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
     """Vessel of parts with what the records leave open and without what they cannot tell; others are as they are.
 
-    There is a current in every trial where speeds were measured over ground; where no trial measured the revolutions,
-    the nominal ones are as stated. TrialError where only some did.
+    There is a current in every trial where speeds were measured over ground. The nominal revolutions are as stated
+    unless those of the trials vary: alike in all, they tell no more than the approach. TrialError where only some
+    trials measured them.
     """
     if not vessel.modular:
         return vessel
@@ -109,8 +111,14 @@ def as_recorded(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
         )
     drifting = any(trial.attrs.get("speeds") == OVER_GROUND for trial in trials)
     current = (CURRENT.name,) if drifting and CURRENT.name not in vessel.parts else ()
-    held = () if any(measured) else (NOMINAL_REVOLUTIONS,)
+    held = () if all(measured) and _vary(trials) else (NOMINAL_REVOLUTIONS,)
     return with_parts(vessel, (*vessel.parts, *current), {c.name: c for c in vessel.parameters}, held)
+
+
+def _vary(trials: Sequence[xr.Dataset]) -> bool:
+    """Whether the revolutions differ within the trials or between them."""
+    low, high = np.quantile(np.concatenate([trial["n"].values for trial in trials]), [0.05, 0.95])
+    return bool(high - low > _SAME * max(abs(low), abs(high)))
 
 
 def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
