@@ -19,7 +19,7 @@ def test_it_is_short_and_no_vessel():
     assert "first_model" not in ps.shipped_vessels()
 
 
-@pytest.mark.slow
+@pytest.mark.consistency
 def test_both_forms_agree_with_the_closed_form_and_the_changed_model_runs():
     command = [sys.executable, SCRIPT, "250"]
     printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout

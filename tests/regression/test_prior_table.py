@@ -167,7 +167,7 @@ class TestPaths:
         z, comparisons = largest_z(*gibbs(data, prior, draws=10_000, rng=np.random.default_rng(1)), known)
         assert z < z_limit(comparisons)
 
-    @pytest.mark.slow
+    @pytest.mark.consistency
     @pytest.mark.parametrize("parametrisation", ["whitened", "direct"])
     def test_nuts(self, family, parametrisation):
         data, prior, known = practice(family)

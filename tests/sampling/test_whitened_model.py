@@ -176,7 +176,7 @@ def z_scores(tree, exact, names):
 NAMES = ("coefficients", "noise_variance", "autocorrelation")
 
 
-@pytest.mark.slow
+@pytest.mark.consistency
 def test_ar1_agrees_with_quadrature_over_the_autocorrelation():
     data, prior, tree = made("ar1", 0.8, 3), ConjugatePrior(**hyperparameters()), ar1_case()
     z, limit = z_scores(tree, exact_ar1(data, prior), NAMES)
