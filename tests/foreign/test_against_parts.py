@@ -33,7 +33,7 @@ def published(tmp_path) -> tuple[Vessel, dict[str, float]]:
         found |= {letter + term: value * slender for term, value in rows}
     found["Xvr"] += ship.m_y * slender
     found["Yr"] -= ship.m_x * slender
-    found |= {"w0": 0.35, "C2": 1.35, "dC2": 0.25, "f2": 0.0, "f_alpha": r.f_alpha, "epsilon": r.epsilon}
+    found |= {"n_0": 1.0, "w0": 0.35, "C2": 1.35, "dC2": 0.25, "f2": 0.0, "f_alpha": r.f_alpha, "epsilon": r.epsilon}
     found |= {"kappa": r.kappa, "gamma_R": 0.5 * (r.gamma_port + r.gamma_starboard)}
     found |= {"dgamma_R": 0.5 * (r.gamma_starboard - r.gamma_port), "l_R": r.l_R, "t_R": r.t_R}
     return vessel, found | {"a_H": r.a_H, "x_H": r.x_H}

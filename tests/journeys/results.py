@@ -9,6 +9,7 @@ import xarray as xr
 
 from pymc_ship.experiments.grid import read_grid
 from pymc_ship.experiments.store import opened
+from pymc_ship.forecasting.motion_error import motion_error
 from pymc_ship.manoeuvre.recognition import Steering
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.ship.files import load_ship, save_ship
@@ -49,6 +50,7 @@ def write_ship(vessel, out):
     settings = {
         "prior": "order_damped",
         "model_error": {"angle": 0.1},
+        "motion_error": motion_error([], vessel),
         "steering": Steering(2.3, 1.0, 4),
         "judgement": {},
     }
