@@ -3,6 +3,8 @@ VENV   := .venv
 PYTHON := $(VENV)/bin/python
 STAMP  := $(VENV)/.installed
 BENCH  := $(VENV)/.bench
+# Tests on every core; linear algebra on a second thread would take the core of another test.
+SIDE_BY_SIDE := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -n auto --maxprocesses 4 --dist loadfile
 
 .PHONY: study frontier foreign test test-fast consistency lint bench docs clean
 
@@ -16,10 +18,10 @@ foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour 
 	$(PYTHON) -m tests.foreign.run
 
 test: $(STAMP) lint  ## every test, a file at a time on each core
-	$(PYTHON) -m pytest -q -n auto --maxprocesses 4 --dist loadfile
+	$(SIDE_BY_SIDE)
 
 test-fast: $(STAMP)  ## without the slow tests, under seven minutes on two cores
-	$(PYTHON) -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow"
+	$(SIDE_BY_SIDE) -m "not slow"
 
 consistency: $(STAMP)  ## every path to a posterior against the others and against simulated truth, with the largest z
 	$(PYTHON) -m pytest -q -m consistency

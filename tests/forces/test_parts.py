@@ -12,11 +12,12 @@ from pymc_ship.forces.expressions import Tape
 from pymc_ship.forces.modular import PARTS, UnknownPart, ordered, parameters_of
 from pymc_ship.forces.part import INPUTS, STATES, Force, Motion, Parameter, Part
 from pymc_ship.forces.programs import run, set_parameters
-from pymc_ship.vessel.parts import force_program, ship_of, with_parts
+from pymc_ship.vessel.parts import force_program, part_program, ship_of, with_parts
 from pymc_ship.vessel.vessel import Windage, coefficient_names, reference_coefficients
 
 AHEAD = ("added mass", "hull", "propeller", "rudder")
 ANY_SPEED = ("added mass", "low-speed hull", "propeller", "rudder", "wind")
+ROLLING = (*AHEAD, "roll")
 BY_SIDE = ("dC2", "dgamma_R", "Y_P", "N_P", "Y_nn", "N_nn", "x_C")
 
 
@@ -45,21 +46,24 @@ def motions(lowest=0.3):
     rng = np.random.default_rng(1)
     n = 50
     found = {"u": rng.uniform(lowest, 1.1, n), "v": rng.uniform(-0.3, 0.3, n), "r": rng.uniform(-0.7, 0.7, n)}
-    return found | {"delta": rng.uniform(-0.6, 0.6, n), "n": rng.uniform(lowest, 1.2, n)}
+    found |= {"delta": rng.uniform(-0.6, 0.6, n), "n": rng.uniform(lowest, 1.2, n)}
+    return found | {"p": rng.uniform(-0.5, 0.5, n), "phi": rng.uniform(-0.3, 0.3, n)}
 
 
 def mirrored(motion):
-    return {name: -value if name in ("v", "r", "delta", "psi", "wind_y") else value for name, value in motion.items()}
+    other = ("v", "r", "p", "phi", "delta", "psi", "wind_y")
+    return {name: -value if name in other else value for name, value in motion.items()}
 
 
-@pytest.mark.parametrize(("names", "lowest"), [(AHEAD, 0.3), (ANY_SPEED, -0.6)])
+@pytest.mark.parametrize(("names", "lowest"), [(AHEAD, 0.3), (ANY_SPEED, -0.6), (ROLLING, 0.3)])
 def test_a_ship_in_a_mirror_has_the_mirrored_forces(names, lowest):
     vessel, motion = tanker(names), motions(lowest)
     if "wind" in names:
         motion |= {"wind_x": np.full(50, -0.5), "wind_y": np.full(50, 0.8), "psi": np.linspace(-2.0, 2.0, 50)}
-    X, Y, N, _ = forces(vessel, motion)
+    X, *sideways = forces(vessel, motion)
     seen = forces(vessel, mirrored(motion))
-    np.testing.assert_allclose(seen[:3], [X, -Y, -N], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(seen, [X, *np.negative(sideways)], rtol=1e-12, atol=1e-15)
+    assert np.any(sideways[-1]) == ("roll" in names)
 
 
 @pytest.mark.parametrize("name", [name for name in BY_SIDE if name not in ("Y_nn", "N_nn", "x_C")])
@@ -76,10 +80,9 @@ def test_at_rest_with_the_propeller_stopped_nothing_acts():
     np.testing.assert_allclose(forces(tanker(ANY_SPEED), still), 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("names", [AHEAD, ANY_SPEED[:-1]])
+@pytest.mark.parametrize("names", [AHEAD, ANY_SPEED[:-1], ROLLING])
 def test_a_straight_course_at_nominal_speed_and_revolutions_is_in_balance(names):
-    X, Y, N, _ = forces(tanker(names), {"u": np.ones(1)})
-    np.testing.assert_allclose([X, Y, N], 0.0, atol=1e-12)
+    np.testing.assert_allclose(forces(tanker(names), {"u": np.ones(1)}), 0.0, atol=1e-12)
 
 
 def test_thrust_grows_as_the_ship_slows_down_and_with_the_revolutions():
@@ -142,6 +145,31 @@ def test_nearly_every_ship_of_the_prior_is_damped(names):
     turn = {"u": np.ones(1), "r": np.array([0.1])}
     damped = [forces(vessel, drift, row)[1, 0] < 0.0 and forces(vessel, turn, row)[2, 0] < 0.0 for row in draws]
     assert np.mean(damped) > 0.99
+
+
+def test_heel_is_righted_and_roll_is_damped():
+    vessel = tanker(ROLLING)
+    for name, way in (("phi", -1.0), ("p", -1.0)):
+        K = forces(vessel, {"u": np.ones(2), name: np.array([0.1, -0.1])})[3]
+        assert np.sign(K).tolist() == [way, -way], name
+
+
+@pytest.mark.parametrize("deeper", [0.0, 0.01])
+def test_forces_and_masses_of_one_height_do_not_heel(deeper):
+    """Lateral forces act on hull and rudder, masses at their centres: at one depth they make no roll."""
+    vessel = tanker(ROLLING)
+    depth = 0.02
+    vessel = replace(vessel, particulars=replace(vessel.particulars, x_G=0.0, z_G=depth * vessel.particulars.L))
+    heights = {"z_H": depth, "z_R": depth, "z_Y": depth + deeper}
+    values = [heights.get(parameter.name, parameter.value) for parameter in vessel.parameters]
+    program, motion = part_program(vessel), motions() | {"p": np.zeros(50), "phi": np.zeros(50)}
+    work = np.zeros((program.n_rows, 50))
+    set_parameters(program, np.repeat(np.array(values)[:, None], 50, axis=1), work)
+    for row, name in enumerate((*STATES, *INPUTS)):
+        work[row] = motion.get(name, 0.0)
+    run(program, work)
+    _, sway, _, roll = np.abs(work[program.results])
+    assert (roll.max() < 1e-9 * sway.max()) == (deeper == 0.0)
 
 
 def _thruster(ship, motion: Motion, p, shared):

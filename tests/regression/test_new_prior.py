@@ -158,7 +158,11 @@ def test_gibbs_serves_a_family_of_power_one_and_refuses_one_of_a_half():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"parametrisation": "direct"}, pytest.param({"errors": "student_t"}, marks=pytest.mark.consistency)],
+    [
+        {},
+        pytest.param({"parametrisation": "direct"}, marks=pytest.mark.consistency),
+        pytest.param({"errors": "student_t"}, marks=pytest.mark.consistency),
+    ],
 )
 def test_nuts_agrees_with_it(settings):
     data = scaled()

@@ -229,6 +229,7 @@ def test_layout_is_that_of_the_normal_approximation(tmp_path, container):
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_draws_depend_on_the_seed_alone():
     again = mode_nuts_posterior(mode(), draws=20, chains=2, tune=100, rng=np.random.default_rng(6))
     assert np.array_equal(again["posterior"]["coefficients"], nuts(6, 20)["posterior"]["coefficients"])

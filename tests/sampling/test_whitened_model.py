@@ -187,6 +187,7 @@ def test_ar1_agrees_with_quadrature_over_the_autocorrelation():
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_chains_find_an_autocorrelation_near_one():
     """As denoised ship data have it; from rho = 0 a chain may end at -1."""
     tree = fit(made("ar1", 0.995, 7, n_rows=400), "ar1", draws=1000, tune=1000)
@@ -214,6 +215,7 @@ def test_parametrisations_agree(errors, family):
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_student_t_on_normal_errors_is_the_normal_fit():
     """The t estimate has an efficiency of 0.99 or so at nu = 20: its distance from the normal one is about 0.1 sd."""
     data = made("student_t", np.inf, 4, n_rows=400)

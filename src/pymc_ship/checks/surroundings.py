@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.checks.verdicts import SLOW, Check, ShipScale, needed, not_checked, ship_blocks
+from pymc_ship.trial.format import true_air
 from pymc_ship.vessel.vessel import Vessel
 
 ADVANCE = (0.1, 1.6)
@@ -54,12 +55,12 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return Check(name, "doubtful", "The wind is missing in a part of the record; fill it in.")
     if np.ptp(psi) < _TURNED:
         return not_checked(name, "she sails on one course, on which readings of the wind cannot be told apart")
-    air, moving = -speed * np.exp(1j * direction), trial["u"].values + 1j * trial["v"].values
-    bow = np.exp(1j * psi)
+    u, v, bow = trial["u"].values, trial["v"].values, np.exp(1j * psi)
+    air = -speed * np.exp(1j * direction)
     readings = {
         "": air,
-        "wind_speed and wind_direction are of the relative wind, from the bow": (air + moving) * bow,
-        "wind_speed is of the relative wind, its direction from north": air + moving * bow,
+        "wind_speed and wind_direction are of the relative wind, from the bow": true_air(speed, direction, u, v, psi),
+        "wind_speed is of the relative wind, its direction from north": true_air(speed, direction - psi, u, v, psi),
         "wind_direction counts from the bow": air * bow,
     }
     unsteady = {words: _variance(blocks.means(flow.real), blocks.means(flow.imag)) for words, flow in readings.items()}

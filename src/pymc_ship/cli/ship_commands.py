@@ -34,7 +34,7 @@ from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.ship.files import FOLDER, IdentifiedShip, forecast_ship, load_ship, save_ship
-from pymc_ship.vessel.term_sets import holds_any_speed
+from pymc_ship.vessel.term_sets import holds_any_speed, takes_part_sets
 from pymc_ship.vessel.vessel import Vessel
 
 SIDES = ("port", "starboard")
@@ -49,7 +49,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ship.refusal_page import write_refusal_page
 
     vessel = vessel_argument(args.vessel, progress)
-    any_speed = vessel.particulars.d > 0.0 and not args.terms
+    any_speed = takes_part_sets(vessel) and not args.terms
     trials, checks = checked_trials(_named(args.trials), vessel, args, progress, any_speed=any_speed)
     out, rng = writable_folder(args.out), np.random.default_rng(args.seed)
     settings = {"names": list(trials), "terms": args.terms, "prior": args.prior, "draws": args.draws}

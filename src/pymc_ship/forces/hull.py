@@ -103,14 +103,21 @@ def _hull_any_speed(ship: Ship, motion: Motion, p: Mapping[str, Expression], sha
     return Force(X, Y, N)
 
 
+SWAY_CENTRE = "z_Y"
+"""Parameter of roll: depth of the centre of the added mass in sway below the origin."""
+
+
 def _heeling(ship: Ship) -> tuple[Parameter, ...]:
     height = ship.d / ship.L
     damping = 2.0 * 0.05 * (_stiffness(ship) * ship.GM * (ship.I_xx - ship.added_mass.Kpdot)) ** 0.5
     judged = "by judgement"
+    spread = (0.1 * ship.GM, "vessel file") if ship.GM_known else (0.5 * ship.GM, "usual ships")
     return (
-        Parameter("GM", ship.GM, 0.1 * ship.GM, "vessel file", "m"),
+        Parameter("GM", ship.GM, *spread, "m"),
+        Parameter("BM", ship.BM, 0.5 * ship.BM, f"vertical sides, {judged}", "m"),
         Parameter("Kp", -damping, 0.5 * damping, f"5 % of the critical damping, {judged}"),
         Parameter("Kp|p|", -damping, damping, f"as large at a rate of U/L, {judged}"),
+        Parameter(SWAY_CENTRE, 0.6 * height, 0.2 * height, f"0.6 of the draught below the origin, {judged}", "L"),
         Parameter("z_H", 0.5 * height, 0.3 * height, f"half the draught below the origin, {judged}", "L"),
         Parameter("z_R", 0.5 * height, 0.3 * height, f"half the draught below the origin, {judged}", "L"),
         Parameter("Yphi", 0.0, 2e-4, f"none, {judged}"),
@@ -126,7 +133,7 @@ def _stiffness(ship: Ship) -> float:
 def _roll(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
     sine, cosine = sin(motion.phi), cos(motion.phi)
     slope = sine / cosine
-    arm = (p["GM"] + 0.5 * ship.BM * slope * slope) * sine
+    arm = (p["GM"] + 0.5 * p["BM"] * slope * slope) * sine
     damping = p["Kp"] * motion.p + p["Kp|p|"] * motion.p * abs(motion.p)
     K = damping - _stiffness(ship) * arm - p["z_H"] * shared["Y_hull"]
     if "Y_rudder" in shared:

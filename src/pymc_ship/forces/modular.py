@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 from pymc_ship.forces.expressions import Expression, Tape, cos, sin
-from pymc_ship.forces.hull import LOW_SPEED, MANOEUVRING, ROLL
+from pymc_ship.forces.hull import LOW_SPEED, MANOEUVRING, ROLL, SWAY_CENTRE
 from pymc_ship.forces.part import INPUTS, STATES, Force, Motion, Parameter, Part, Ship
 from pymc_ship.forces.programs import Program
 from pymc_ship.forces.rudder import RUDDER
@@ -18,14 +18,19 @@ from pymc_ship.forces.screw import PROPELLER
 from pymc_ship.forces.surroundings import CONSTANT, CURRENT, WIND
 
 _SOURCE = "vessel file or Motora's charts"
-_SPREAD = {"m_x": 0.3, "m_y": 0.15, "J_zz": 0.25, "J_xx": 0.25}  # of added masses, over their values
+_SPREAD = {"m_x": 0.3, "m_y": 0.15, "J_zz": 0.25}  # of added masses, over their values
+_ROLL_SPREAD = 0.2  # of the whole moment of inertia in roll: a radius of gyration is known to one part in ten
 
 
 def _added_mass(ship: Ship) -> tuple[Parameter, ...]:
     """Added masses of a ship; those of a surface ship in two steps come within these shares of captive tests."""
-    keys = {"m_x": "Xudot", "m_y": "Yvdot", "J_zz": "Nrdot"} | ({"J_xx": "Kpdot"} if ship.rolls else {})
-    found = [(name, -getattr(ship.added_mass, key)) for name, key in keys.items()]
-    return tuple(Parameter(name, value, _SPREAD[name] * value, _SOURCE) for name, value in found)
+    mass = ship.added_mass
+    found = [("m_x", -mass.Xudot), ("m_y", -mass.Yvdot), ("J_zz", -mass.Nrdot)]
+    parameters = [Parameter(name, value, _SPREAD[name] * value, _SOURCE) for name, value in found]
+    if ship.rolls:
+        spread = _ROLL_SPREAD * (ship.I_xx - mass.Kpdot)
+        parameters.append(Parameter("J_xx", -mass.Kpdot, spread, "vessel file, or a fifth of I_xx"))
+    return tuple(parameters)
 
 
 def _no_force(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
@@ -143,9 +148,10 @@ def _accelerations(
     rows += [[m * x_G - ship.added_mass.Nvdot, ship.I_zz + p["J_zz"]]]
     if ship.rolls:
         sideways.append(total[3] + z_G * centripetal)
-        rows[0].append(-m * z_G - ship.added_mass.Ypdot)
+        coupling = -m * z_G - p["m_y"] * p[SWAY_CENTRE]
+        rows[0].append(coupling)
         rows[1].append(-ship.added_mass.Npdot)
-        rows.append([-m * z_G - ship.added_mass.Kvdot, -ship.added_mass.Krdot, ship.I_xx + p["J_xx"]])
+        rows.append([coupling, -ship.added_mass.Krdot, ship.I_xx + p["J_xx"]])
     solved = _solved(rows, sideways)
     return [X / (m + p["m_x"]), *solved, *([] if ship.rolls else [0.0])]
 

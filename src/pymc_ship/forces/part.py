@@ -43,7 +43,7 @@ class Ship(NamedTuple):
     nominal revolutions [1/s]; ``block`` coefficient; open-water polynomial ``k_0``, ``k_1``, ``k_2``, ``wake``
     fraction; ``eta`` diameter over the height of the rudder; ``rudder_area`` over L^2 and its ``aspect_ratio``;
     ``frontal`` and ``lateral`` areas above the water over L^2; ``m``, ``x_G``, ``z_G``, ``I_zz``, ``I_xx`` and
-    ``added_mass`` prime; ``GM`` and ``BM`` [m].
+    ``added_mass`` prime; ``GM`` and ``BM`` [m]. What is not ``known`` is that of a usual ship.
     """
 
     L: float
@@ -73,6 +73,7 @@ class Ship(NamedTuple):
     added_mass: AddedMass
     GM: float
     BM: float
+    GM_known: bool
     rolls: bool
 
     @property

@@ -11,12 +11,12 @@ from pymc_ship.forecasting.draws import coefficient_draws, fitted_motion, sensor
 from pymc_ship.forecasting.extrapolation import UNKNOWN, extrapolation, sentence
 from pymc_ship.forecasting.index_error import with_model_error
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.indices import indices, of_roll
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, fullest
 
 BANDS = ("lower", "median", "upper")
 """Coordinate ``band`` of what a forecast summarises."""
@@ -119,7 +119,9 @@ def pooled_forecast(
     errors: Mapping[str, float] | None = None,
     **settings,
 ) -> xr.DataTree:
-    """Forecast a manoeuvre with ships of several models at once: vessels that share all but their terms.
+    """Forecast a manoeuvre with ships of several models at once: vessels that share all but their terms and parts.
+
+    Where some models roll, p, phi and their indices are those of these models.
 
     Parameters
     ----------
@@ -142,17 +144,23 @@ def pooled_forecast(
     """
     settings = {"step": 0.02, "record_interval": 0.5} | settings
     runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
-    ships = runs[0]
-    if len(runs) > 1:
-        ships = xr.concat(runs, "draw", combine_attrs="override")
-        ships = ships.assign_coords(draw=np.arange(ships.sizes["draw"]))
-    vessel = models[0][0]
+    vessel = fullest(ship for ship, _ in models)
     shown = [name for name in SIMULATED if "roll" in vessel.dofs or not CHANNELS[name].rolling]
+    simulated = runs[0]
+    if len(runs) > 1:
+        simulated = xr.concat(runs, "draw", combine_attrs="override")
+        simulated = simulated.assign_coords(draw=np.arange(simulated.sizes["draw"]))
+        simulated = simulated.assign_attrs(dofs=" ".join(vessel.dofs))
+    rolls = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])
+    ships = _of_those_that_roll(simulated, [name for name in SIMULATED if CHANNELS[name].rolling], rolls)
     groups = {"trajectories": ships, "bands": quantile_bands(ships[shown], ci_prob)}
     if noise:
         groups["measured_bands"] = quantile_bands(_measured(ships, noise, rng), ci_prob)
     if manoeuvre.traits.indices:
-        groups["indices"] = with_model_error(indices(ships), errors or {}, vessel, rng)
+        found = indices(simulated)
+        rolling = [str(name) for name in found if of_roll(manoeuvre.traits.indices[str(name)])]
+        found = _of_those_that_roll(found, rolling, rolls)
+        groups["indices"] = with_model_error(found, errors or {}, vessel, rng)
         groups["index_bands"] = quantile_bands(groups["indices"], ci_prob)
     attrs = {
         **ships.attrs,
@@ -165,10 +173,17 @@ def pooled_forecast(
         "extrapolation": UNKNOWN,
     }
     if motion is not None:
-        left = _over_draws(extrapolation(vessel, ships, motion))
+        left = _over_draws(extrapolation(vessel, simulated, motion))
         groups["extrapolation"] = left
         attrs |= {"share_extrapolated": left.attrs["share_extrapolated"], "extrapolation": sentence(vessel, left)}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
+
+
+def _of_those_that_roll(values: xr.Dataset, names: Sequence[str], rolls: np.ndarray) -> xr.Dataset:
+    """Values by draw; those of these names are NaN for draws that do not roll where others do."""
+    if rolls.all() or not rolls.any():
+        return values
+    return values.assign({name: values[name].where(xr.DataArray(rolls, dims="draw")) for name in names})
 
 
 def stated_shares(tree: xr.DataTree) -> str:

@@ -80,8 +80,12 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
 
 def _modelled(index: Index, attrs: Mapping) -> bool:
     """Whether the model that a record was simulated with has what an index needs; true of a measured record."""
-    rolls = "roll" in attrs.get("dofs", "roll").split()
-    return rolls or not any(CHANNELS[name].rolling for name in index.needs)
+    return "roll" in attrs.get("dofs", "roll").split() or not of_roll(index)
+
+
+def of_roll(index: Index) -> bool:
+    """Whether an index is of the roll."""
+    return any(CHANNELS[name].rolling for name in index.needs)
 
 
 def _before_divergence(trial: xr.Dataset) -> xr.Dataset:

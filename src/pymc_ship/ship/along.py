@@ -8,12 +8,10 @@ import xarray as xr
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.inputs import recorded_inputs
 from pymc_ship.motion.replay import replay
-from pymc_ship.trajectory.windows import smoothed_channel
+from pymc_ship.trajectory.windows import smoothed_channel, substeps_of
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.vessel import Vessel
-
-_STEPS = 60  # in L/U, of the integration at least
 
 
 def sailed_along(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, place: slice) -> np.ndarray:
@@ -42,8 +40,7 @@ def sailed_along(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, pl
         if name in piece and (rolls or not CHANNELS[name].rolling):
             values = piece[name].values
             initial[:, k] = smoothed_channel(values, unit / interval)[0] if name in ("u", "v", "r", "p") else values[0]
-    substeps = max(int(np.ceil(_STEPS * interval / unit)), 1)
-    return replay(vessel, inputs, initial, coefficients, interval=interval, substeps=substeps)
+    return replay(vessel, inputs, initial, coefficients, interval=interval, substeps=substeps_of(interval, vessel))
 
 
 def measured_states(trial: xr.Dataset, place: slice) -> np.ndarray:

@@ -25,10 +25,17 @@ from pymc_ship.ship.soundness import Failure, first_failure, sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, normal_draws, prepared_windows, widened
-from pymc_ship.trial.record import OVER_GROUND, TrialError
+from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
 from pymc_ship.vessel.hull_database import with_hull_database
 from pymc_ship.vessel.parts import with_parts
-from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, holds_any_speed, term_sets, with_terms
+from pymc_ship.vessel.term_sets import (
+    ANY_SPEED_SETS,
+    ROLL_SETS,
+    holds_any_speed,
+    takes_part_sets,
+    term_sets,
+    with_terms,
+)
 from pymc_ship.vessel.vessel import Vessel
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
@@ -39,6 +46,9 @@ LARGEST_INFLATION = 5.0
 
 WHOLE, MOSTLY = 0.95, 0.5
 """Shares of the time that a ship sails ahead, from which models for that alone hold her records, and most of them."""
+
+HEELS = 2.0
+"""Heel [deg] that a record reaches for one instant in a hundred, from which a ship rolls."""
 
 _SAME = 0.1  # share by which revolutions differ that are counted as alike
 _GROUPS = 4  # of the windows of a single run
@@ -115,6 +125,12 @@ def as_recorded(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
     return with_parts(vessel, (*vessel.parts, *current), {c.name: c for c in vessel.parameters}, held)
 
 
+def _heels(trials: Sequence[xr.Dataset]) -> bool:
+    """Whether roll can be told from the trials."""
+    measured = all({"p", "phi"} <= set(moving(trial)) for trial in trials)
+    return measured and any(np.quantile(np.abs(trial["phi"].values), 0.99) > np.deg2rad(HEELS) for trial in trials)
+
+
 def _vary(trials: Sequence[xr.Dataset]) -> bool:
     """Whether the revolutions differ within the trials or between them."""
     low, high = np.quantile(np.concatenate([trial["n"].values for trial in trials]), [0.05, 0.95])
@@ -131,15 +147,16 @@ def default_sets(training: Training) -> tuple[str, ...]:
 
     Terms and the hull of the MMG standard method are for a ship that makes way ahead; for one that stops, goes astern
     or sails from rest there are parts that hold at any speed. Where the runs are ahead for the most part, the records
-    decide between both.
+    decide between both. A ship that heels is tried with and without roll.
     """
-    if not training.vessel.particulars.d > 0.0:
+    if not takes_part_sets(training.vessel):
         return term_sets(training.vessel)
     duration = sum(float(np.ptp(trial["time"].values)) for trial in training.trials)
     share = sum(_time_ahead(trial, training.vessel) for trial in training.trials) / duration
     if share < MOSTLY:
         return ANY_SPEED_SETS
-    return term_sets(training.vessel) + (ANY_SPEED_SETS if share < WHOLE else ())
+    heeling = ROLL_SETS if _heels(training.trials) else ()
+    return (*term_sets(training.vessel), *heeling, *(ANY_SPEED_SETS if share < WHOLE else ()))
 
 
 def _time_ahead(trial: xr.Dataset, vessel: Vessel) -> float:

@@ -23,7 +23,7 @@ from pymc_ship.ship.model import ShipModel
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.vessel.reading import load_vessel
-from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names
+from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names, fullest
 
 FOLDER = "model"
 """Folder of an identified ship inside that of its report."""
@@ -49,8 +49,8 @@ class IdentifiedShip:
 
     @property
     def vessel(self) -> Vessel:
-        """Vessel of the term set that weighs most."""
-        return self.models[0][0]
+        """Vessel of the term set that weighs most, of those that roll where some do."""
+        return fullest(vessel for vessel, _ in self.models)
 
 
 def forecast_ship(

@@ -31,7 +31,7 @@ from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError, sampling_interval, trial_list
 from pymc_ship.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, fullest
 
 _REPLAYS = 40  # draws of a held-out run from each window on
 _FORECASTS = 200  # draws of a held-out forecast
@@ -162,13 +162,14 @@ def identify_ship(
     wanted = tuple(dict.fromkeys(terms)) if terms else default_sets(training)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
     found, refused = candidates_of(wanted, training)
-    remarks = [*vessel_remarks(vessel), *refused, *cut_runs(names, training, found)]
+    fullest_vessel = fullest(candidate.vessel for candidate in found)
+    remarks = [*vessel_remarks(fullest_vessel), *refused, *cut_runs(names, training, found)]
     progress("weights and model error from held-out runs")
     found = _weighted(found, rng)
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
     errors = model_error(rows)
     rows = [row | {"sd": index_sd(row, errors)} for row in rows]
-    remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, vessel)
+    remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
     if not rows:
         remarks.append(
             "No run of a standard manoeuvre was held out: the intervals hold the spread of the term sets and of the "
@@ -186,7 +187,7 @@ def identify_ship(
         index_rows=rows,
         model_error=errors,
         motion_error=motion_error(_held_out_motion(found, training, rng), vessel),
-        motion=_motion(training),
+        motion=_motion(training, fullest_vessel),
         remarks=tuple(remarks),
         judgement=judgement(trials, names),
     )
@@ -266,12 +267,10 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
     return drawn
 
 
-def _motion(training: Training) -> xr.DataArray:
+def _motion(training: Training, vessel: Vessel) -> xr.DataArray:
     """Prime motion of all runs at every fifth sample."""
     rows = []
     for trial in training.trials:
-        prime, _, _ = prime_record(
-            training.vessel, motion_record(trial.isel(time=slice(None, None, 5)), training.vessel)
-        )
+        prime, _, _ = prime_record(vessel, motion_record(trial.isel(time=slice(None, None, 5)), vessel))
         rows.append(np.column_stack([prime[symbol] for symbol in SYMBOLS]))
     return xr.DataArray(np.vstack(rows), {"symbol": list(SYMBOLS)}, ("row", "symbol"))

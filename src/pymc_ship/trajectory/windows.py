@@ -145,8 +145,7 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list
     size = {"m/s": vessel.particulars.nominal_speed, "rad/s": 1.0 / unit, "rad": 1.0}
     units = {name: CHANNELS[name].unit.name for name in channels}
     sd = {name: _FIRST_SD[of] * size[of] for name, of in units.items()}
-    sd["psi"] = _FIRST_SD["rad"]
-    block, substeps = max(round(unit / _BLOCKS / step), 1), int(np.ceil(_STEPS * step / unit))
+    block, substeps = max(round(unit / _BLOCKS / step), 1), substeps_of(step, vessel)
     smooth = trial.assign({name: ("time", smoothed_channel(trial[name].values, unit / step)) for name in channels})
     scatter = {name: _SMOOTHING / np.sqrt(unit / step) * np.std(trial[name] - smooth[name]) for name in channels}
     inputs = xr.DataArray(recorded_inputs(trial, vessel), dims=("input", "time"))
@@ -159,9 +158,14 @@ def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list
         state[list(run.rows)] = [start[name].values[0] for name in channels]
         spread[list(run.rows)] = [np.hypot(sd[name], scatter[name]) for name in channels]
         if run.heads:
-            state[HEADING], spread[HEADING] = start["psi"].values[0], sd["psi"]
+            state[HEADING], spread[HEADING] = start["psi"].values[0], _FIRST_SD["rad"]
         found.append(Window(replace(run, restart=(state, spread)), number))
     return found
+
+
+def substeps_of(step: float, vessel: Vessel) -> int:
+    """Steps of the integration in a sampling interval [s] of a record."""
+    return int(np.ceil(_STEPS * step / vessel.particulars.ship_time))
 
 
 def restarted(window: Window, vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:

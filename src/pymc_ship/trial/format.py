@@ -195,11 +195,14 @@ def with_true_wind(
     if layout.wind == "true":
         return channels, []
     _check_channels(channels, ("wind_speed", "wind_direction", "u", "v", "psi"), "wind = 'relative'", where)
-    speed, bow, psi = (channels[name] for name in ("wind_speed", "wind_direction", "psi"))
-    ahead, abeam = channels["u"] - speed * np.cos(bow), channels["v"] - speed * np.sin(bow)
-    flow = (ahead + 1j * abeam) * np.exp(1j * psi)
+    flow = true_air(*(channels[name] for name in ("wind_speed", "wind_direction", "u", "v", "psi")))
     moved = channels | {"wind_speed": np.abs(flow), "wind_direction": np.angle(-flow) % (2.0 * np.pi)}
     return moved, ["The true wind found from the relative one, u, v and psi."]
+
+
+def true_air(speed: np.ndarray, bow: np.ndarray, u: np.ndarray, v: np.ndarray, psi: np.ndarray) -> np.ndarray:
+    """Velocity of the air to north + i east, from a relative wind and the direction from the bow that it comes from."""
+    return (u + 1j * v - speed * np.exp(1j * bow)) * np.exp(1j * psi)
 
 
 def _check_channels(channels: dict, needed: tuple[str, ...], setting: str, where: str) -> None:

@@ -9,11 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from pymc_ship.forces.expressions import Tape
-from pymc_ship.forces.hull import balance, thrust_deduction
+from pymc_ship.forces.hull import ROLL, balance, thrust_deduction
 from pymc_ship.forces.modular import PARTS, UnknownPart, ordered, parameters_of, program_of
 from pymc_ship.forces.part import AddedMass, Part, Ship
 from pymc_ship.forces.programs import Program
 from pymc_ship.forces.surroundings import WIND
+from pymc_ship.vessel.inertia import with_stability
 from pymc_ship.vessel.vessel import Coefficient, Vessel, VesselError
 
 HELD = 1e-9
@@ -35,8 +36,7 @@ def ship_of(vessel: Vessel) -> Ship:
         Without a draught.
     """
     s = vessel.particulars
-    if s.d <= 0.0:
-        raise VesselError(f"A ship of parts needs the draught of {vessel.name!r}; add d to [particulars].")
+    _check_draught(vessel)
     area, aspect = (vessel.rudder.area, vessel.rudder.aspect_ratio) if vessel.rudder else (_rudder_area(s), _ASPECT)
     windage = vessel.windage
     known = vessel.propeller
@@ -69,9 +69,15 @@ def ship_of(vessel: Vessel) -> Ship:
         added_mass=AddedMass(**vessel.added_mass),
         GM=s.GM,
         BM=s.BM,
+        GM_known="particulars.GM" not in vessel.derived,
         rolls="roll" in vessel.forces,
     )
     return ship if known else ship._replace(n=_revolutions(ship))
+
+
+def _check_draught(vessel: Vessel) -> None:
+    if vessel.particulars.d <= 0.0:
+        raise VesselError(f"A ship of parts needs the draught of {vessel.name!r}; add d to [particulars].")
 
 
 def with_parts(
@@ -92,6 +98,7 @@ def with_parts(
     Returns
     -------
     Vessel
+        With the part roll, her stability and her inertia in roll are derived where her file leaves them out.
 
     Raises
     ------
@@ -104,8 +111,11 @@ def with_parts(
     except UnknownPart as error:
         raise VesselError(f"{vessel.name!r}: {error}") from None
     if not polynomial:
-        rolls = {"roll": ()} if "roll" in names else {}
+        rolls = {"roll": ()} if ROLL.name in names else {}
         vessel = replace(vessel, forces={"surge": (), "sway": (), "yaw": (), **rolls})
+        if rolls:
+            _check_draught(vessel)
+            vessel = with_stability(vessel)
     if WIND.name in names and vessel.windage is None:
         raise VesselError(
             f"The part wind needs the areas above the water of {vessel.name!r}; add frontal_area and lateral_area in "

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
-from pymc_ship.forces.hull import ROLL
 from pymc_ship.forces.propeller import Propeller
 from pymc_ship.forces.terms import UnknownTerm, factors, loaded
 from pymc_ship.machine.arguments import shown
@@ -117,7 +116,7 @@ def _vessel(file: Entry) -> Vessel:
     name, forces = _name(file.at("name")), file.at("coefficients", {})
     forces.check_keys(DOFS)
     parts = _texts_of(file.at("parts", []))
-    rolls = "roll" in forces or ROLL.name in parts
+    rolls = "roll" in forces
     particulars = _particulars(file.at("particulars"), rolls=rolls)
     inertia = _numbers(file.at("inertia", {}), _INERTIA, _INERTIA[2:] if rolls else ())
     added_mass = _numbers(file.at("added_mass", {}), ADDED_MASS)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from pymc_ship.forces.hull import LOW_SPEED, MANOEUVRING
+from pymc_ship.forces.hull import LOW_SPEED, MANOEUVRING, ROLL
 from pymc_ship.forces.modular import ADDED_MASS, PARTS, parameters_of
 from pymc_ship.forces.rudder import RUDDER
 from pymc_ship.forces.screw import PROPELLER
@@ -109,11 +109,19 @@ PART_SETS = {
     "modular at any speed, wake by side": PartSet(
         (*_BODY, LOW_SPEED.name), ("dgamma_R",), "cross-flow hull, wake that differs by side"
     ),
+    "modular with roll, rudder by side": PartSet(
+        (*_BODY, MANOEUVRING.name, ROLL.name),
+        ("dC2",),
+        "MMG standard method with roll, flow straightening that differs by side",
+    ),
+    "modular with roll, wake by side": PartSet(
+        (*_BODY, MANOEUVRING.name, ROLL.name), ("dgamma_R",), "MMG standard method with roll, wake that differs by side"
+    ),
 }
 """Sets of parts by name."""
 
-AHEAD_SETS, ANY_SPEED_SETS = tuple(PART_SETS)[:2], tuple(PART_SETS)[2:]
-"""Sets for a ship that makes way ahead, and for one that stops, goes astern or sails from rest."""
+AHEAD_SETS, ANY_SPEED_SETS, ROLL_SETS = tuple(PART_SETS)[:2], tuple(PART_SETS)[2:4], tuple(PART_SETS)[4:]
+"""Sets for a ship that makes way ahead, for one that stops, goes astern or sails from rest, and for one that heels."""
 
 
 def holds_any_speed(vessel: Vessel) -> bool:
@@ -121,12 +129,17 @@ def holds_any_speed(vessel: Vessel) -> bool:
     return LOW_SPEED.name in vessel.parts
 
 
+def takes_part_sets(vessel: Vessel) -> bool:
+    """Whether sets of parts stand for a vessel: her draught is stated and she has no terms of roll."""
+    return vessel.particulars.d > 0.0 and "roll" not in vessel.forces
+
+
 def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     """Names of the sets a vessel can have.
 
-    Those of parts where it states its draught; those by the propeller's loading where it states its propeller, the
-    plain ones else; before them its own terms where it has some of every degree of freedom and no set holds them all:
-    then the file is a model of its own.
+    Those of parts where it states its draught and has no terms of roll; those by the propeller's loading where it
+    states its propeller, the plain ones else; before them its own terms where it has some of every degree of freedom
+    and no set holds them all: then the file is a model of its own.
 
     Examples
     --------
@@ -143,7 +156,7 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     """
     vessel = as_vessel(vessel)
     wanted = vessel.propeller is not None
-    modular = tuple(AHEAD_SETS) if vessel.particulars.d > 0.0 and "roll" not in vessel.forces else ()
+    modular = AHEAD_SETS if takes_part_sets(vessel) else ()
     names = (*modular, *(name for name, terms in TERM_SETS.items() if terms.propeller == wanted))
     own = {c.name for force in vessel.forces.values() for c in force}
     if vessel.modular:
@@ -203,7 +216,7 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
 
 
 def _with_part_set(vessel: Vessel, chosen: PartSet) -> Vessel:
-    """Vessel whose forces the parts of a set make, with those of wind and current where she has them."""
+    """Vessel whose forces a set's parts make, with her own parts of other places and wind where she states areas."""
     places = {PARTS[name].place for name in chosen.parts}
     around = [name for name in vessel.parts if PARTS[name].place not in places]
     around += [WIND.name] if vessel.windage is not None and WIND.name not in around else []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -236,6 +237,11 @@ def reference_coefficients(vessel: Vessel) -> np.ndarray:
     """All coefficients of a vessel, shape (n_coefficients,): DOF after DOF, then the parameters of her parts."""
     rows = [vessel.coefficients(dof).values for dof in vessel.dofs]
     return np.concatenate([*rows, [parameter.value for parameter in vessel.parameters]])
+
+
+def fullest(vessels: Iterable[Vessel]) -> Vessel:
+    """Vessel with the most degrees of freedom, the first of several."""
+    return max(vessels, key=lambda vessel: len(vessel.dofs))
 
 
 def coefficient_names(vessel: Vessel) -> list[str]:
