@@ -29,7 +29,7 @@ def trajectory(vessel, noisy) -> Iterator[Row]:
     n, sd, rows = first.size, problem.noise[0].sd[:, None], list(run.rows)
 
     def residual(unknowns):
-        motion = replay(vessel, run.delta, unknowns[None, n:], unknowns[None, :n], **settings)[rows, 0]
+        motion = replay(vessel, run.inputs, unknowns[None, n:], unknowns[None, :n], **settings)[rows, 0]
         return np.append(((run.means - motion) / sd).ravel(), (unknowns[n:] - start[n:]) / problem.unit[n:])
 
     fit_trajectory(problem, start)

@@ -69,7 +69,7 @@ _PUBLIC = {
     "design.trial_design": ("TrialDesignError", "design_trials"),
     "ship.files": ("IdentifiedShip", "forecast_ship", "load_ship", "save_ship"),
     "ship.model": ("ShipModel", "identify_ship"),
-    "ship.replayed": ("replay", "score"),
+    "ship.replayed": ("replay", "score", "score_indices"),
     "diagnostics.agreement": ("agreement",),
     "diagnostics.page": ("diagnostic_report",),
     "frontier.estimates": ("Estimate",),

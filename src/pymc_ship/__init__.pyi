@@ -96,6 +96,7 @@ from pymc_ship.ship.model import ShipModel as ShipModel
 from pymc_ship.ship.model import identify_ship as identify_ship
 from pymc_ship.ship.replayed import replay as replay
 from pymc_ship.ship.replayed import score as score
+from pymc_ship.ship.replayed import score_indices as score_indices
 from pymc_ship.trajectory.fit import TrajectoryError as TrajectoryError
 from pymc_ship.trajectory.posterior import trajectory_posterior as trajectory_posterior
 from pymc_ship.trajectory.prior import CoefficientPrior as CoefficientPrior

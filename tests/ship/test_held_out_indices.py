@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.ship.held_out import scored_indices
-from pymc_ship.ship.held_out_indices import index_rows, left_out
+from pymc_ship.ship.held_out import index_rows, left_out, scored_indices
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.manoeuvre.cases import steered_by_hand
 from tests.ship.cases import RUNS, tanker, trial, with_delay

@@ -69,5 +69,5 @@ status 3 says that a convergence gate or that agreement fails; the report is wri
 """
 SCORE = """examples:
   pymc-ship score reports/my_ship circle.csv zigzag.csv --format columns.toml
-  pymc-ship score my_ship.toml trials/*.csv --length 100 --every 20 --out score.csv
+  pymc-ship score my_ship.toml trials/*.csv --length 100 --every 20 --out scored
 """

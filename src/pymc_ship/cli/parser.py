@@ -291,7 +291,7 @@ def _add_score(commands) -> None:
     command.add_argument("--length", type=float, help="of a window [s] (5 L/U)")
     command.add_argument("--every", type=float, help="from a window's start to the next [s] (its length)")
     command.add_argument("--draws", type=int, default=100, help="simulated ships at most (%(default)s)")
-    command.add_argument("--out", help="file of the table, .csv (none)")
+    command.add_argument("--out", help="folder of the page (none)")
 
 
 def _add_design(commands) -> None:

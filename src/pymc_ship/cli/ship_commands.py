@@ -16,20 +16,18 @@ from pymc_ship.cli.files import (
     Progress,
     judged_arguments,
     made_by,
-    output_file,
     requested_manoeuvres,
     vessel_argument,
-    write_csv,
 )
 from pymc_ship.cli.texts import (
     forecast_text,
     held_out_text,
+    index_text,
     probability_text,
-    score_rows,
     score_text,
     term_set_text,
 )
-from pymc_ship.machine.files import staged, staged_files, writable_folder
+from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
@@ -134,15 +132,17 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     models = [one for one, _ in ship.models] if isinstance(ship, IdentifiedShip) else [ship]
     any_speed = any(map(holds_any_speed, models))
     trials, _ = checked_trials(_named(args.trials), vessel, args, progress, any_speed=any_speed)
-    out = output_file(args.out) if args.out else None
+    out = writable_folder(args.out) if args.out else None
     progress("replaying windows")
     settings = {"length": args.length, "every": args.every, "draws": args.draws}
     found = ps.score(ship, list(trials.values()), names=list(trials), **settings)
-    if out:
-        header, rows = score_rows(found)
-        with staged(out) as partial:
-            write_csv(partial, header, rows, args)
-    return score_text(found), out
+    rows = ps.score_indices(ship, list(trials.values()), names=list(trials))
+    text = "\n\n".join(filter(None, [score_text(found), index_text(rows)]))
+    if out is None:
+        return text, None
+    from pymc_ship.ship.score_page import write_score_page
+
+    return text, write_score_page(ship, trials, found, rows, out, draws=args.draws, command=made_by(args))
 
 
 def _measured(

@@ -187,31 +187,32 @@ def term_set_text(model: ShipModel) -> str:
     return table(("term set", "weight", "score", *(f"rms {name}" for name in channels), "ran away"), rows)
 
 
-def score_rows(found: xr.Dataset) -> tuple[tuple[str, ...], list[list]]:
-    """Header and one row for each channel of each run of a score."""
-    keys = ("rmse", "relative", "coverage", "crps")
-    rows = [
-        [run, channel, *(float(found[key].sel(run=run, channel=channel)) for key in keys)]
-        for run in found["run"].values.tolist()
-        for channel in found["channel"].values.tolist()
-    ]
-    return ("run", "channel", *keys), rows
-
-
 def score_text(found: xr.Dataset) -> str:
     """Errors of every channel of every run, then windows and score of each run and of all."""
-    header, rows = score_rows(found)
-    runs = [
-        (run, *(float(found[key].sel(run=run)) for key in ("windows", "ran_away", "score")))
-        for run in found["run"].values.tolist()
-    ]
+    from pymc_ship.ship.score_page import channel_rows, run_rows
+
+    channels, runs = channel_rows(found), run_rows(found)
     total = found.attrs["score"]
     last = f"Score {total:.3g}, the mean over runs of the errors over the size of the motion."
     if not math.isfinite(total):
         last = "No score: the ship runs away in a window."
     held = f"bands of {100.0 * found.attrs['ci_prob']:.0f} % hold {100.0 * float(found['coverage'].mean()):.0f} %"
     words = f"In windows of {found.attrs['length']:.4g} s the {held} of the instants. {last}"
-    return "\n\n".join([table(header, rows), table(("run", "windows", "ran away", "score"), runs), words])
+    tables = [
+        table([key.replace("_", " ") for key in rows[0]], [row.values() for row in rows]) for rows in (channels, runs)
+    ]
+    return "\n\n".join([*tables, words])
+
+
+def index_text(rows: Sequence[Mapping]) -> str:
+    """Indices of recorded manoeuvres beside the forecasts; empty where there are none."""
+    if not rows:
+        return ""
+    from pymc_ship.ship.score_page import index_errors
+
+    header = ("run", "manoeuvre", "index", "measured", "forecast", "error", "± sd", "inside")
+    keys = ("run", "manoeuvre", "index", "measured", "forecast", "error", "sd", "inside")
+    return table(header, [[row[key] for key in keys] for row in index_errors(rows)])
 
 
 def held_out_text(model: ShipModel) -> str:

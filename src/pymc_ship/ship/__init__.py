@@ -2,12 +2,12 @@
 
 - `candidates`: term sets fitted to the runs, or refused.
 - `model`: term sets weighted and drawn from.
-- `held_out`: each run judged by a fit to the others.
-- `held_out_indices`: indices of held-out manoeuvres beside their forecasts.
+- `held_out`: runs left out: score of their windows, indices beside their forecasts.
 - `paths`: other ways to the coefficients, on the same terms.
 - `soundness`: draws that run away in a standard manoeuvre.
 - `along`: ships along the measured inputs of a record.
 - `replayed`: the motion along a record's inputs, and its score.
+- `score_page`: the page of a score.
 - `files`: an identified ship, saved, loaded and forecast.
 - `figures`: held-out windows, overshoots and scores.
 - `page`: the page of an identification and its tables.

@@ -23,7 +23,7 @@ from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.ship.along import measured_states, sailed_along
 from pymc_ship.ship.candidates import Candidate, Training, candidates_of, chosen_prior, cut_runs, default_sets
-from pymc_ship.ship.held_out_indices import index_rows, left_out
+from pymc_ship.ship.held_out import index_rows, left_out
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.windows import LENGTH, normal_draws, thinned
@@ -57,7 +57,7 @@ class ShipModel:
     candidates : tuple of Candidate
         By falling weight; those of weight 0 have no draws.
     index_rows : list of dict
-        Indices of held-out manoeuvres, see :func:`pymc_ship.ship.held_out_indices.index_rows`, and the ``sd`` of each
+        Indices of held-out manoeuvres, see :func:`pymc_ship.ship.held_out.index_rows`, and the ``sd`` of each
         forecast.
     model_error : dict of str to float
         Relative sd of the indices by kind beyond the draws; empty where no manoeuvre was held out.

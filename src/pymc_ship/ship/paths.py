@@ -20,8 +20,7 @@ from pymc_ship.motion.weak_form import evidence_posterior_mean, weak_form_start
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.ship.candidates import chosen_prior, held_piece, informed, stated_prior
-from pymc_ship.ship.held_out import HeldOut, scored, scored_indices
-from pymc_ship.ship.held_out_indices import index_rows
+from pymc_ship.ship.held_out import HeldOut, index_rows, scored, scored_indices
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.windows import Window, fit_windows, prepared_windows, thinned
@@ -219,7 +218,7 @@ def overshoot_errors(rows: Sequence[dict]) -> dict[str, float]:
     Parameters
     ----------
     rows : sequence of dict
-        From :func:`pymc_ship.ship.held_out_indices.index_rows`.
+        From :func:`pymc_ship.ship.held_out.index_rows`.
 
     Returns
     -------

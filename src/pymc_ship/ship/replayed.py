@@ -8,10 +8,14 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.forecast import BANDS, quantile_bands
+from pymc_ship.forecasting.index_error import index_sd
 from pymc_ship.forecasting.motion_error import with_motion_error
+from pymc_ship.manoeuvre.kinds import ERRING
+from pymc_ship.manoeuvre.recognition import recognise
 from pymc_ship.motion.equations import STATE
 from pymc_ship.ship.along import sailed_along
 from pymc_ship.ship.files import IdentifiedShip
+from pymc_ship.ship.held_out import index_rows
 from pymc_ship.ship.model import ShipModel
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import TrialError, check_trial, one_trial, trial_list
@@ -175,6 +179,57 @@ def score(
     found["score"] = found["relative"].mean("channel", skipna=False)
     attrs = {"score": float(found["score"].mean(skipna=False)), "length": length, "every": every, "ci_prob": ci_prob}
     return found.assign_attrs(attrs)
+
+
+def score_indices(
+    ship: ShipModel | IdentifiedShip | VesselLike,
+    trials: xr.Dataset | Sequence[xr.Dataset],
+    *,
+    names: Sequence[str] | None = None,
+    draws: int = 200,
+) -> list[dict]:
+    """Indices of recorded standard manoeuvres beside the forecasts of a ship.
+
+    Parameters
+    ----------
+    ship, trials, names
+        As for :func:`score`.
+    draws : int, optional
+        At most; term sets keep their share of them.
+
+    Returns
+    -------
+    list of dict
+        ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast`` [deg, s or m], ``parameter_sd``,
+        ``model_sd`` (between the term sets), ``scale``, and ``sd``, which holds these and the model error of an
+        identified ship; it is 0 for a vessel, which is one ship. A record that is no standard manoeuvre has no row.
+
+    Raises
+    ------
+    TrialError
+        For a trial that lacks a channel.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5, method="rk4")
+    >>> rows = ps.score_indices(vessel, trial)
+    >>> print(rows[0]["index"], bool(abs(rows[0]["forecast"] - rows[0]["measured"]) < 0.1))
+    first_overshoot_angle True
+    """
+    trials = trial_list(trials)
+    names = names or [str(k + 1) for k in range(len(trials))]
+    found = _models(ship, draws)
+    models = [(vessel, np.vstack([rows.mean(axis=0), rows])) for vessel, rows in found]
+    weight = np.array([len(rows) for _, rows in found], dtype=float)
+    errors = dict.fromkeys(ERRING, 0.0) | (ship.model_error if isinstance(ship, ShipModel | IdentifiedShip) else {})
+    manoeuvres, _ = recognise(trials, _first_vessel(ship))
+    rows = []
+    for name, trial, manoeuvre in zip(names, trials, manoeuvres, strict=True):
+        if manoeuvre is not None:
+            rows += index_rows(name, trial, manoeuvre, models, weight / weight.sum())
+    return [row | {"sd": index_sd(row, errors)} for row in rows]
 
 
 def _scored(ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: float) -> dict:
