@@ -66,7 +66,8 @@ def _command(name: str, command: argparse.ArgumentParser) -> str:
 def _word(action: argparse.Action) -> str:
     name = max(action.option_strings, key=len, default="")
     choices = f"{{{','.join(map(str, action.choices))}}}" if action.choices else action.dest.upper()
-    value = "" if action.nargs == 0 else action.metavar or choices
+    named = " ".join(action.metavar) if isinstance(action.metavar, tuple) else action.metavar
+    value = "" if action.nargs == 0 else named or choices
     text = " ".join(filter(None, [name, value, "..." if action.nargs == "+" else ""]))
     return f"`{text}`" + (" (needed)" if action.required and name else "")
 

@@ -20,13 +20,16 @@ def record(tmp_path_factory):
 
 
 def test_a_table_of_every_channel_and_a_score(record, tmp_path, capsys):
-    out = tmp_path / "score.csv"
+    out = tmp_path / "scored"
     assert main(["score", "kvlcc2", record, "--length", "150", "--quiet", "--out", str(out)]) == 0
     text = capsys.readouterr().out
     assert "position" in text
     assert "In windows of 150 s the bands of 90 % hold " in text
     assert "of the instants. Score 0.0" in text
-    rows = list(csv.DictReader(line for line in out.read_text(encoding="utf-8").splitlines() if line[0] != "#"))
+    assert "first overshoot angle" in text
+    assert (out / "score.html").exists()
+    with (out / "tables" / "score_channels.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
     assert [row["channel"] for row in rows] == ["u", "v", "r", "psi", "position"]
     assert all(float(row["relative"]) < 0.1 for row in rows)
 

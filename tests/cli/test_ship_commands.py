@@ -10,7 +10,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.cli.ship_commands import _named
+from pymc_ship.cli.ship_commands import _names
 
 FOLDER = Path(__file__).parents[2] / "docs" / "tutorials" / "your_ship"
 COMMON = ("--format", str(FOLDER / "format.toml"))
@@ -112,8 +112,8 @@ def test_a_trial_with_a_bad_check_is_refused(capsys, tmp_path):
 
 
 def test_runs_are_called_by_their_files_or_where_two_are_alike_by_their_paths():
-    assert list(_named(["a/zigzag.csv", "b/circle.csv.gz"])) == ["zigzag", "circle"]
-    assert list(_named(["a/run.csv", "b/run.csv"])) == ["a/run.csv", "b/run.csv"]
+    assert _names(["a/zigzag.csv", "b/circle.csv.gz"]) == ["zigzag", "circle"]
+    assert _names(["a/run.csv", "b/run.csv"]) == ["a/run.csv", "b/run.csv"]
 
 
 @pytest.mark.parametrize(

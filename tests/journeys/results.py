@@ -51,7 +51,7 @@ def write_ship(vessel, out):
         "prior": "order_damped",
         "model_error": {"angle": 0.1},
         "motion_error": motion_error([], vessel),
-        "steering": Steering(2.3, 1.0, 4),
+        "facilities": {"": Steering(2.3, 1.0, 4)},
         "judgement": {},
     }
     save_ship(SimpleNamespace(candidates=candidates, motion=motion, names=("a",), remarks=("b",), **settings), out)

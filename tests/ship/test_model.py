@@ -11,6 +11,7 @@ from scipy import stats
 import pymc_ship as ps
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.forecast import pooled_forecast
+from pymc_ship.manoeuvre.recognition import Steering
 from pymc_ship.manoeuvre.zigzags import ZIGZAG
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship import candidates as ship_candidates
@@ -122,7 +123,8 @@ class TestHeldOutWeights:
         true = reference_coefficients(tanker())
         law = 1e-6 * np.diag(true**2), np.zeros((true.size, true.size)), np.diag(1e6 / true**2)
         good, wild = (WindowFit(tanker(), row, *law, {}, 1.0, 1) for row in (true, -100.0 * true))
-        training = Training([trial(RUNS[0])], [RUNS[0]], None, tanker(), "order_damped")
+        gear = {"": Steering(np.nan, np.nan, 0)}
+        training = Training([trial(RUNS[0])], [RUNS[0]], gear, tanker(), "order_damped")
 
         def rows(*sets):
             found = [

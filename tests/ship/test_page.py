@@ -93,7 +93,7 @@ def test_the_page_names_the_runs_and_their_steering(text):
     assert lines["a"][5:7] == ["1", "1"]
     made = sum(check.verdict != "not checked" for check in checks()["b"])
     assert lines["b"][-2:] == [str(made), "doubtful"]
-    gear = model().steering
+    gear = model().facilities[""]
     assert f"movements: {gear.rudder_rate_deg:.3g} deg/s; the vessel file says 2.35 deg/s." in text
     assert f"movements: {gear.rudder_delay:.3g} s; the vessel file says 2.5 s." in text
 

@@ -98,7 +98,7 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.checks.trial_checks import failed_checks
 
     vessel = vessel_argument(args.vessel, progress) if args.vessel else None
-    trial = trial_argument(args.trial, args, progress)
+    trial = trial_argument(args.trial, args.format, progress)
     out = output_file(args.out) if args.out else None
     progress("checking")
     checks = ps.trial_checks(trial, vessel)
@@ -127,7 +127,7 @@ def _told_of(trial: xr.Dataset, vessel: Vessel) -> list[str]:
 def _to_fit(paths: Sequence[str], args: argparse.Namespace, progress: Progress) -> tuple[list[xr.Dataset], Vessel]:
     """Corrected trials and the vessel whose model is fitted to them; a roll that it does not have is told."""
     vessel = model_argument(args.vessel, progress)
-    trials, _ = judged_arguments(paths, vessel, args, progress)
+    trials, _ = judged_arguments(paths, args.format, vessel, args, progress)
     for path, trial in zip(paths, trials, strict=True):
         if told := _unrolled(trial, vessel):
             progress(f"{path}: {told}", remark=True)
@@ -141,7 +141,7 @@ def _unrolled(trial: xr.Dataset, vessel: Vessel) -> str:
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Denoise a trial; the text has the noise found on each channel."""
-    trial = trial_argument(args.trial, args, progress)
+    trial = trial_argument(args.trial, args.format, progress)
     out = output_file(args.out)
     progress("denoising")
     smooth = ps.denoise(trial, args.wavelet, args.prior, not args.decimated, method=args.method)
@@ -242,7 +242,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
                 f"A forecast from a posterior needs --{option}, found none and no identified ship in {args.posterior}; "
                 "add it."
             )
-    for option in ("measured", "n", "wind", "current"):
+    for option in ("measured", "n", "wind", "current", "facility"):
         if getattr(args, option) not in ([], None):
             raise ValueError(f"Only a forecast of an identified ship takes --{option}; leave it out.")
     vessel, side, duration = model_argument(args.vessel, progress), args.side or "port", args.duration or 400.0

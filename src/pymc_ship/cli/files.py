@@ -46,16 +46,22 @@ def model_argument(source: str, progress: Progress) -> Vessel:
     return vessel
 
 
-def trial_argument(path: str, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
-    """Trial of a file; what was interpreted or changed in it is shown."""
-    trial = ps.read_trial(path, format=args.format)
+def trial_argument(path: str, layout: str | None, progress: Progress) -> xr.Dataset:
+    """Trial of a file and its format file; what was interpreted or changed in it is shown."""
+    trial = ps.read_trial(path, format=layout)
     for sentence in trial.attrs["reading"].splitlines():
         progress(f"{path}: {sentence}", remark=True)
     return trial
 
 
 def judged_arguments(
-    paths: Sequence[str], vessel: Vessel, args: argparse.Namespace, progress: Progress, *, any_speed: bool = False
+    paths: Sequence[str],
+    layout: str | None,
+    vessel: Vessel,
+    args: argparse.Namespace,
+    progress: Progress,
+    *,
+    any_speed: bool = False,
 ) -> tuple[list[xr.Dataset], list[tuple[Check, ...]]]:
     """Corrected trials of the files of a facility and their checks; corrections, doubts and overruled checks are shown.
 
@@ -69,7 +75,7 @@ def judged_arguments(
     """
     trials, checks = [], []
     for path in paths:
-        trials.append(trial_argument(path, args, progress))
+        trials.append(trial_argument(path, layout, progress))
         progress(f"checking {path}")
         checks.append(ps.trial_checks(trials[-1], vessel, any_speed=any_speed))
     if len(paths) > 1 and (lag := ps.common_lag(checks)):

@@ -199,6 +199,14 @@ def _add_identify(commands) -> None:
     command = _command(commands, "identify", "identify a ship from her trials and report on it", examples.IDENTIFY)
     _add_trial(command, "trials", nargs="+")
     _add_overrule(command)
+    command.add_argument(
+        "--facility",
+        action="append",
+        nargs="+",
+        default=[],
+        metavar=("FILE.toml", "TRIAL"),
+        help="runs of another basin, its format file, which names it, first; repeatable",
+    )
     command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: particulars, perhaps propeller")
     command.add_argument(
         "--terms",
@@ -279,6 +287,7 @@ def _add_forecast(commands) -> None:
     command.add_argument("--n", type=float, help="revolutions [1/s], of an identified ship (those of the approach)")
     command.add_argument("--wind", type=flow, metavar="SPEED/FROM", help="true wind [m/s, deg] (none)")
     command.add_argument("--current", type=flow, metavar="SPEED/TO", help="water [m/s, deg] (none)")
+    command.add_argument("--facility", metavar="NAME", help="whose steering gear, of an identified ship (of most runs)")
     command.add_argument("--side", choices=SIDES, help="side turned to first (port, of an identified ship both)")
     command.add_argument("--out", help="folder of the bands, or of an identified ship's page (her own folder)")
 

@@ -29,9 +29,11 @@ from pymc_ship.cli.texts import (
 )
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
-from pymc_ship.manoeuvre.recognition import recognise, unrecognised
+from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.ship.files import FOLDER, IdentifiedShip, forecast_ship, load_ship, save_ship
+from pymc_ship.trial.format import load_format
+from pymc_ship.trial.record import facility_of
 from pymc_ship.vessel.term_sets import holds_any_speed, takes_part_sets
 from pymc_ship.vessel.vessel import Vessel
 
@@ -48,7 +50,10 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     vessel = vessel_argument(args.vessel, progress)
     any_speed = takes_part_sets(vessel) and not args.terms
-    trials, checks = checked_trials(_named(args.trials), vessel, args, progress, any_speed=any_speed)
+    files = [(path, args.format) for path in args.trials]
+    files += [(path, layout) for layout, *paths in args.facility for path in paths]
+    _check_facilities(args)
+    trials, checks = checked_trials(files, vessel, args, progress, any_speed=any_speed)
     out, rng = writable_folder(args.out), np.random.default_rng(args.seed)
     settings = {"names": list(trials), "terms": args.terms, "prior": args.prior, "draws": args.draws}
     try:
@@ -71,18 +76,41 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     return "\n\n".join(filter(None, text)), out / PAGE.file
 
 
+def _names(paths: Sequence[str]) -> list[str]:
+    """Names of runs: those of the files without endings or, where two are alike, the paths."""
+    short = [Path(path).name.split(".")[0] for path in paths]
+    return short if len(set(short)) == len(paths) else list(paths)
+
+
+def _check_facilities(args: argparse.Namespace) -> None:
+    """Refuse runs of another facility without its name: their gear would be taken for that of the others."""
+    for layout, *paths in args.facility:
+        if not paths:
+            raise ps.TrialError(
+                f"A facility has its format file and then its runs, found {layout} alone; add the runs."
+            )
+        if not load_format(layout).facility:
+            raise ps.TrialError(f'{layout} names no facility; add a line such as facility = "basin B".')
+
+
 def checked_trials(
-    paths: Mapping[str, str], vessel: Vessel, args: argparse.Namespace, progress: Progress, *, any_speed: bool = False
+    files: Sequence[tuple[str, str | None]],
+    vessel: Vessel,
+    args: argparse.Namespace,
+    progress: Progress,
+    *,
+    any_speed: bool = False,
 ) -> tuple[dict[str, xr.Dataset], dict[str, tuple[Check, ...]]]:
-    """Corrected trials and their checks by name."""
-    trials, checks = judged_arguments(list(paths.values()), vessel, args, progress, any_speed=any_speed)
-    return dict(zip(paths, trials, strict=True)), dict(zip(paths, checks, strict=True))
-
-
-def _named(paths: Sequence[str]) -> dict[str, str]:
-    """Paths by the names of the runs: those of the files without endings or, where two are alike, the paths."""
-    named = {Path(path).name.split(".")[0]: path for path in paths}
-    return named if len(named) == len(paths) else {path: path for path in paths}
+    """Corrected trials and their checks by name, from files and their format files, facility by facility."""
+    names = _names([path for path, _ in files])
+    trials: dict[str, xr.Dataset] = {}
+    checks: dict[str, tuple[Check, ...]] = {}
+    for layout in dict.fromkeys(layout for _, layout in files):
+        mine = {name: path for name, (path, of) in zip(names, files, strict=True) if of == layout}
+        found = judged_arguments(list(mine.values()), layout, vessel, args, progress, any_speed=any_speed)
+        for table, values in zip((trials, checks), found, strict=True):
+            table |= dict(zip(mine, values, strict=True))
+    return trials, checks
 
 
 def holds_ship(path: str) -> bool:
@@ -109,6 +137,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
         progress(f"forecasting the {label}")
         settings = {"draws": 1000 if args.draws is None else args.draws, "duration": args.duration}
         settings |= {"n": args.n, "wind": args.wind, "current": args.current}
+        settings["facility"] = args.facility or _facility(ship, measured.get(label))
         trees[label] = forecast_ship(ship, manoeuvre, rng=np.random.default_rng(args.seed), **settings)
         text.append(_text(trees[label], label, measured, ship.vessel))
     page = write_forecast_page(
@@ -131,7 +160,8 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     vessel = ship.vessel if isinstance(ship, IdentifiedShip) else ship
     models = [one for one, _ in ship.models] if isinstance(ship, IdentifiedShip) else [ship]
     any_speed = any(map(holds_any_speed, models))
-    trials, _ = checked_trials(_named(args.trials), vessel, args, progress, any_speed=any_speed)
+    files = [(path, args.format) for path in args.trials]
+    trials, _ = checked_trials(files, vessel, args, progress, any_speed=any_speed)
     out = writable_folder(args.out) if args.out else None
     progress("replaying windows")
     settings = {"length": args.length, "every": args.every, "draws": args.draws}
@@ -152,8 +182,9 @@ def _measured(
     found: dict[str, tuple[Manoeuvre, xr.Dataset]] = {}
     if not args.measured:
         return found
-    trials, _ = checked_trials(_named(args.measured), ship.vessel, args, progress)
-    manoeuvres, _ = recognise(list(trials.values()), ship.vessel)
+    files = [(path, args.format) for path in args.measured]
+    trials, _ = checked_trials(files, ship.vessel, args, progress)
+    manoeuvres, _ = recognise_by_facility(list(trials.values()), ship.vessel)
     for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True):
         if manoeuvre is None:
             raise ManoeuvreError(f"{name} cannot stand beside a forecast. {unrecognised(trial)} Leave it out.")
@@ -162,12 +193,23 @@ def _measured(
     return found
 
 
+def _facility(ship: IdentifiedShip, measured: tuple[Manoeuvre, xr.Dataset] | None) -> str | None:
+    """Facility of a measured trial, where the ship was identified at it."""
+    name = facility_of(measured[1]) if measured else ""
+    return name if name and name in ship.facilities else None
+
+
 def _text(tree: xr.DataTree, label: str, measured: Mapping[str, tuple[Manoeuvre, xr.Dataset]], vessel: Vessel) -> str:
     """Bands of the indices beside what was measured, where it was, and the probability of each IMO criterion."""
     from pymc_ship.manoeuvre.measured import measured_indices
 
     beside = {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
-    parts = [forecast_text(tree, beside), _refused(tree), probability_text(ps.imo_probabilities(tree, vessel))]
+    parts = [
+        forecast_text(tree, beside),
+        tree.attrs["steering"],
+        _refused(tree),
+        probability_text(ps.imo_probabilities(tree, vessel)),
+    ]
     return "\n".join(filter(None, parts))
 
 
@@ -190,6 +232,7 @@ def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str
     found = [
         f"{len(ship.models)} term sets take part by their score on held-out runs: their scatter and that of the "
         "coefficients make the bands, tracks and force curves.",
+        *(f"{label}: {tree.attrs['steering']}" for label, tree in trees.items()),
         *filter(None, map(_refused, trees.values())),
     ]
     if widened:

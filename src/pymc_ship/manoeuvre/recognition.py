@@ -15,7 +15,7 @@ import xarray as xr
 from pymc_ship.manoeuvre.helm import Helm, Swings, approach_speed, rudder_reversals, swings, unsteered, whole_heading
 from pymc_ship.manoeuvre.registry import KINDS, either
 from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre
-from pymc_ship.trial.record import check_trial, trial_list
+from pymc_ship.trial.record import check_trial, facility_of, trial_list
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
@@ -83,6 +83,30 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
     helms = [Helm(trial, reversals, delay) for trial, reversals in zip(trials, found, strict=True)]
     return [_manoeuvre(helm) for helm in helms], Steering(rate, delay, len(every))
+
+
+def recognise_by_facility(
+    trials: Sequence[xr.Dataset], vessel: VesselLike
+) -> tuple[list[Manoeuvre | None], dict[str, Steering]]:
+    """Manoeuvres of all trials, and how the rudder was steered at each facility.
+
+    Parameters and errors as :func:`recognise`.
+
+    Returns
+    -------
+    manoeuvres : list of Manoeuvre or None
+    facilities : dict of str to Steering
+        By name, that with the most trials first; the name is empty where the trials state none.
+    """
+    names = [facility_of(trial) for trial in trials]
+    manoeuvres: list[Manoeuvre | None] = [None] * len(names)
+    facilities = {}
+    for name in sorted(dict.fromkeys(names), key=names.count, reverse=True):
+        mine = [k for k, one in enumerate(names) if one == name]
+        found, facilities[name] = recognise([trials[k] for k in mine], vessel)
+        for k, manoeuvre in zip(mine, found, strict=True):
+            manoeuvres[k] = manoeuvre
+    return manoeuvres, facilities
 
 
 def unrecognised(trial: xr.Dataset) -> str:

@@ -85,7 +85,7 @@ class Training:
 
     trials: list[xr.Dataset]
     manoeuvres: list[Manoeuvre | None]
-    steering: Steering
+    facilities: dict[str, Steering]
     vessel: Vessel
     prior: str
 

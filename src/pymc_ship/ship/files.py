@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,11 @@ import xarray as xr
 
 from pymc_ship.forces.surroundings import WIND
 from pymc_ship.forecasting.forecast import pooled_forecast
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.files import settle, staged
 from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.manoeuvre.recognition import Steering, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.stepping import SimulationError, simulation_settings
 from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
@@ -22,6 +24,7 @@ from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.model import ShipModel
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.reading import load_vessel
 from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names, fullest
 
@@ -37,8 +40,9 @@ class IdentifiedShip:
     """What a forecast needs of an identified ship; see :class:`pymc_ship.ship.model.ShipModel`, whose part it is.
 
     ``models`` holds vessel and coefficient draws of each term set, ``motion`` the prime motion of the runs,
-    ``model_error`` the relative sd of indices by kind, ``motion_error`` that of the motion by lead and ``remarks`` how
-    the intervals came about.
+    ``model_error`` the relative sd of indices by kind, ``motion_error`` that of the motion by lead, ``remarks`` how the
+    intervals came about and ``facilities`` how the rudder was steered at each facility, the first being that of the
+    models' vessels.
     """
 
     models: list[tuple[Vessel, np.ndarray]]
@@ -46,6 +50,7 @@ class IdentifiedShip:
     model_error: dict[str, float]
     motion_error: xr.Dataset
     remarks: tuple[str, ...]
+    facilities: dict[str, Steering] = field(default_factory=dict)
 
     @property
     def vessel(self) -> Vessel:
@@ -64,6 +69,7 @@ def forecast_ship(
     n: float | None = None,
     wind: tuple[float, float] | None = None,
     current: tuple[float, float] | None = None,
+    facility: str | None = None,
 ) -> xr.DataTree:
     """Forecast a manoeuvre of an identified ship, with intervals that hold parameter and model error.
 
@@ -82,17 +88,22 @@ def forecast_ship(
     n, wind, current
         Revolutions, wind and current as in :func:`pymc_ship.simulate`; revolutions and wind leave the term sets out
         whose forces do not know them.
+    facility : str, optional
+        One of the facilities of her trials, whose steering gear moves the rudder; by default that of most trials.
 
     Returns
     -------
     DataTree
         As :func:`pymc_ship.forecast`; ``indices`` and their bands hold the model error of held-out manoeuvres. Draws
-        that run away in this manoeuvre are left out, ``share_refused`` in attrs.
+        that run away in this manoeuvre are left out, ``share_refused`` in attrs, where ``steering`` says how the rudder
+        moves.
 
     Raises
     ------
     TrajectoryError
         When every draw runs away.
+    TrialError
+        For a facility that none of her trials is of.
     SimulationError
         For revolutions or wind that no term set of the ship knows.
     ValueError
@@ -100,7 +111,7 @@ def forecast_ship(
     """
     rng, manoeuvre = random_generator(rng), one_manoeuvre(manoeuvre)
     around = {"n": n, "wind": wind, "current": current}
-    known = _knowing(ship.models, n=n, wind=wind)
+    known = _knowing(steered_at(ship, facility), n=n, wind=wind)
     total = sum(len(rows) for _, rows in known)
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
@@ -124,8 +135,33 @@ def forecast_ship(
         **simulation_settings(models[0][0]),
         **around,
     )
+    gear, where = models[0][0].particulars, facility or next(iter(ship.facilities), "")
+    tree.attrs["steering"] = (
+        f"The rudder moves{f' as at {where}' if where else ''} at {gear.rudder_rate_deg:.3g} deg/s after "
+        f"{gear.rudder_delay:.3g} s."
+    )
     tree.attrs["share_refused"] = 1.0 - tree.attrs["draws"] / sum(counts)
     return tree
+
+
+def steered_at(ship: ShipModel | IdentifiedShip, facility: str | None) -> list[tuple[Vessel, np.ndarray]]:
+    """Models of a ship with the steering gear of a facility; as they are without one.
+
+    Raises
+    ------
+    TrialError
+        For a facility that none of her trials is of.
+    """
+    if facility is None:
+        return ship.models
+    named = tuple(filter(None, ship.facilities))
+    if not named:
+        raise TrialError(
+            f"The trials of this ship name no facility, found {facility!r} asked for; leave it out, or state facility "
+            "in their format files and identify her anew."
+        )
+    check_choice("A facility", facility, named, TrialError)
+    return [(with_steering(vessel, ship.facilities[facility]), rows) for vessel, rows in ship.models]
 
 
 def _knowing(
@@ -181,7 +217,7 @@ def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:
             "prior": model.prior,
             "model_error": model.model_error,
             "motion_error": model.motion_error.to_dict(),
-            "steering": asdict(model.steering),
+            "facilities": {name: asdict(gear) for name, gear in model.facilities.items()},
             "runs": list(model.names),
             "remarks": list(model.remarks),
             **model.judgement,
@@ -224,7 +260,8 @@ def load_ship(out: str | Path) -> IdentifiedShip:
         models.append((vessel, rows))
         motion = tree["constant_data"]["motion"]
     error = xr.Dataset.from_dict(index["motion_error"])
-    return IdentifiedShip(models, motion, index["model_error"], error, tuple(index["remarks"]))
+    facilities = {name: Steering(**gear) for name, gear in index["facilities"].items()}
+    return IdentifiedShip(models, motion, index["model_error"], error, tuple(index["remarks"]), facilities)
 
 
 def _checksum(folder: Path, index: Mapping) -> str:

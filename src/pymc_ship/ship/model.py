@@ -18,7 +18,7 @@ from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.forecasting.motion_error import LEADS, Replayed, motion_error
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
+from pymc_ship.manoeuvre.recognition import Steering, recognise_by_facility, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.ship.along import measured_states, sailed_along
@@ -28,7 +28,7 @@ from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.windows import LENGTH, normal_draws, thinned
 from pymc_ship.trial.judgement import judgement
-from pymc_ship.trial.record import TrialError, sampling_interval, trial_list
+from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
 from pymc_ship.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, fullest
@@ -47,13 +47,15 @@ class ShipModel:
     Attributes
     ----------
     vessel : Vessel
-        As given, with the steering gear as it was measured.
+        As given, with the steering gear as it was measured, at the first facility.
     prior : {"hull_database", "order_damped", "sister_ship"}
     names : tuple of str
         Of the runs.
     manoeuvres : tuple of Manoeuvre or None
         What each run was recognised as.
-    steering : Steering
+    facilities : dict of str to Steering
+        How the rudder was steered at each facility, by name, that with the most trials first; the name is empty where
+        the trials state none.
     candidates : tuple of Candidate
         By falling weight; those of weight 0 have no draws.
     index_rows : list of dict
@@ -75,7 +77,7 @@ class ShipModel:
     prior: str
     names: tuple[str, ...]
     manoeuvres: tuple[Manoeuvre | None, ...]
-    steering: Steering
+    facilities: dict[str, Steering]
     candidates: tuple[Candidate, ...]
     index_rows: list[dict]
     model_error: dict[str, float]
@@ -182,7 +184,7 @@ def identify_ship(
         prior=training.prior,
         names=names,
         manoeuvres=tuple(training.manoeuvres),
-        steering=training.steering,
+        facilities=training.facilities,
         candidates=tuple(sorted(found, key=lambda candidate: -candidate.weight)),
         index_rows=rows,
         model_error=errors,
@@ -196,9 +198,9 @@ def identify_ship(
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Training:
     for trial in trials:
         motion_record(trial, vessel)
-    manoeuvres, steering = recognise(trials, vessel)
-    vessel = with_steering(vessel, steering)
-    return Training([thinned(trial, vessel) for trial in trials], manoeuvres, steering, vessel, prior)
+    manoeuvres, facilities = recognise_by_facility(trials, vessel)
+    vessel = with_steering(vessel, next(iter(facilities.values())))
+    return Training([thinned(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
 
 
 def _weighted(found: Sequence[Candidate], rng: np.random.Generator) -> list[Candidate]:
@@ -221,8 +223,11 @@ def _held_out_indices(
     rows = []
     for k, (trial, manoeuvre) in enumerate(zip(training.trials, training.manoeuvres, strict=True)):
         if manoeuvre is not None:
-            fits = [candidate.held_out.fits[k] for candidate in counted]
-            models = [(fit.vessel, np.vstack([fit.coefficients, normal_draws(fit, _FORECASTS, rng)])) for fit in fits]
+            fits, gear = [candidate.held_out.fits[k] for candidate in counted], training.facilities[facility_of(trial)]
+            models = [
+                (with_steering(fit.vessel, gear), np.vstack([fit.coefficients, normal_draws(fit, _FORECASTS, rng)]))
+                for fit in fits
+            ]
             rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum())
     return rows
 

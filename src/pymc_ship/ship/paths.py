@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.index_error import index_sd, model_error
-from pymc_ship.manoeuvre.recognition import recognise, with_steering
+from pymc_ship.manoeuvre.recognition import recognise_by_facility, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.weak_form import evidence_posterior_mean, weak_form_start
 from pymc_ship.rows.from_trials import regression_data
@@ -114,8 +114,8 @@ def compare_paths(
 
 
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str, names: Sequence[str] | None) -> _Runs:
-    manoeuvres, steering = recognise(trials, vessel)
-    vessel = informed(with_steering(vessel, steering), kind)
+    manoeuvres, facilities = recognise_by_facility(trials, vessel)
+    vessel = informed(with_steering(vessel, next(iter(facilities.values()))), kind)
     short = [held_piece(thinned(trial, vessel), vessel) for trial in trials]
     windows = [prepared_windows(trial, vessel) for trial in short]
     names = tuple(names or (str(k + 1) for k in range(len(trials))))

@@ -11,14 +11,14 @@ from pymc_ship.forecasting.forecast import BANDS, quantile_bands
 from pymc_ship.forecasting.index_error import index_sd
 from pymc_ship.forecasting.motion_error import with_motion_error
 from pymc_ship.manoeuvre.kinds import ERRING
-from pymc_ship.manoeuvre.recognition import recognise
+from pymc_ship.manoeuvre.recognition import recognise_by_facility, with_steering
 from pymc_ship.motion.equations import STATE
 from pymc_ship.ship.along import sailed_along
 from pymc_ship.ship.files import IdentifiedShip
 from pymc_ship.ship.held_out import index_rows
 from pymc_ship.ship.model import ShipModel
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import TrialError, check_trial, one_trial, trial_list
+from pymc_ship.trial.record import TrialError, check_trial, facility_of, one_trial, trial_list
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
@@ -202,7 +202,8 @@ def score_indices(
     list of dict
         ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast`` [deg, s or m], ``parameter_sd``,
         ``model_sd`` (between the term sets), ``scale``, and ``sd``, which holds these and the model error of an
-        identified ship; it is 0 for a vessel, which is one ship. A record that is no standard manoeuvre has no row.
+        identified ship; it is 0 for a vessel, which is one ship. A record that is no standard manoeuvre has no row; one
+        of a facility that the ship was identified at is steered as there.
 
     Raises
     ------
@@ -221,13 +222,18 @@ def score_indices(
     trials = trial_list(trials)
     names = names or [str(k + 1) for k in range(len(trials))]
     found = _models(ship, draws)
-    models = [(vessel, np.vstack([rows.mean(axis=0), rows])) for vessel, rows in found]
     weight = np.array([len(rows) for _, rows in found], dtype=float)
     errors = dict.fromkeys(ERRING, 0.0) | (ship.model_error if isinstance(ship, ShipModel | IdentifiedShip) else {})
-    manoeuvres, _ = recognise(trials, _first_vessel(ship))
+    manoeuvres, _ = recognise_by_facility(trials, _first_vessel(ship))
+    known = ship.facilities if isinstance(ship, ShipModel | IdentifiedShip) else {}
     rows = []
     for name, trial, manoeuvre in zip(names, trials, manoeuvres, strict=True):
         if manoeuvre is not None:
+            gear = known.get(facility_of(trial))
+            models = [
+                (with_steering(vessel, gear) if gear else vessel, np.vstack([drawn.mean(axis=0), drawn]))
+                for vessel, drawn in found
+            ]
             rows += index_rows(name, trial, manoeuvre, models, weight / weight.sum())
     return [row | {"sd": index_sd(row, errors)} for row in rows]
 

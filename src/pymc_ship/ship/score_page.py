@@ -162,7 +162,9 @@ def errors_by_channel(found: xr.Dataset) -> Figure:
         values = factor * found[key].values
         for aside, row in zip(spread, values, strict=True):
             ax.plot(place + aside, row, "o", ms=4, color=BLUE, alpha=0.7)
-        ax.plot(place, np.nanmean(values, axis=0), "_", ms=22, mew=1.6, color=RUST, label="mean of the runs")
+        ax.plot(
+            place, factor * found[key].mean("run").values, "_", ms=22, mew=1.6, color=RUST, label="mean of the runs"
+        )
         ax.set_xticks(place, found["channel"].values.tolist())
         ax.set_ylabel(label)
         ax.set_ylim(0.0, None if key == "relative" else 104.0)

@@ -52,6 +52,8 @@ class TrialFormat:
         One of :data:`DELIMITERS`; found from the header by default.
     skip_rows : int
         Lines before the header.
+    facility : str
+        Name of the basin or ship whose steering gear and sensors the file is of; empty where there is one alone.
     """
 
     columns: dict[str, dict] = field(default_factory=dict)
@@ -64,6 +66,7 @@ class TrialFormat:
     froude: float = 1.0
     delimiter: str | None = None
     skip_rows: int = 0
+    facility: str = ""
 
     @property
     def unstated_units(self) -> dict[str, str]:
@@ -96,7 +99,7 @@ def load_format(source: str | Path | Mapping | None) -> TrialFormat:
 
 
 def _format(file: Entry) -> TrialFormat:
-    file.check_keys(("columns", "frame", "scale", "delimiter", "skip_rows"))
+    file.check_keys(("columns", "frame", "scale", "delimiter", "skip_rows", "facility"))
     frame, scale, columns = (file.at(key, {}) for key in ("frame", "scale", "columns"))
     frame.check_keys((*_FRAME, "reference"))
     scale.check_keys(("froude",))
@@ -111,6 +114,7 @@ def _format(file: Entry) -> TrialFormat:
         froude=froude.number(),
         delimiter=file.at("delimiter").choice(DELIMITERS) if "delimiter" in file else None,
         skip_rows=file.at("skip_rows", 0).whole(least=0),
+        facility=file.at("facility", "").text(),
     )
 
 

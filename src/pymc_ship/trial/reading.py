@@ -80,6 +80,8 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) 
     attrs = {"reading": "\n".join([*notes, *said, *more, *moved, *calmed, *scaled])}
     if layout.speeds == OVER_GROUND:
         attrs["speeds"] = OVER_GROUND
+    if layout.facility:
+        attrs["facility"] = layout.facility
     return xr.Dataset(variables, {"time": ("time", time, {"units": "s"})}, attrs)
 
 

@@ -108,6 +108,11 @@ def is_uniform(time: np.ndarray) -> bool:
     return bool(np.ptp(intervals) <= 1e-6 * step + min(1e-6, 1e-3 * step) + 1e-9 and intervals.min() > 0.0)
 
 
+def facility_of(trial: xr.Dataset) -> str:
+    """Name of the facility that a trial is of; empty where none is stated."""
+    return str(trial.attrs.get("facility", ""))
+
+
 def moving(trial: xr.Dataset) -> list[str]:
     """Names of the channels of a trial that are not 0 throughout."""
     return [str(name) for name, values in trial.data_vars.items() if np.any(values.values)]
