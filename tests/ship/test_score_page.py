@@ -40,7 +40,7 @@ def scored(records):
 
 def test_indices_of_recorded_manoeuvres_stand_beside_the_forecasts(scored):
     """Less moment of the rudder: she overshoots less and begins to turn later."""
-    ship, _, rows = scored
+    _, _, rows = scored
     assert {row["run"] for row in rows} == {"zigzag"}
     found = {row["index"]: row for row in rows}
     assert found["first_overshoot_angle"]["forecast"] < found["first_overshoot_angle"]["measured"]
