@@ -241,6 +241,7 @@ def cluster(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_a_dask_cluster_gives_the_same_bytes(cluster, study, measured, tmp_path, capsys):
     assert main(["montecarlo", str(study), "--scheduler", cluster, "--quiet", "--out", str(tmp_path)]) == 0
     assert tables(tmp_path) == tables(measured)

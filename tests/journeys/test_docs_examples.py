@@ -28,6 +28,9 @@ QUICK = {
 }
 """Pages whose Python takes no more than a few seconds."""
 
+LONG = {"docs/how_to/pool_several_trials.md"}
+"""Pages whose Python an example of a docstring draws at less length."""
+
 
 def with_python():
     """Every page that has Python, the slow ones marked; that of the paper has a test of its own."""
@@ -36,7 +39,9 @@ def with_python():
         pytest.param(
             page,
             id=page.path,
-            marks=[parser] * (FORMULAS in page.path) + [pytest.mark.slow] * (page.path not in QUICK),
+            marks=[parser] * (FORMULAS in page.path)
+            + [pytest.mark.slow] * (page.path not in QUICK)
+            + [pytest.mark.consistency] * (page.path in LONG),
         )
         for page in pages()
         if page.blocks("python") and page != PAPER

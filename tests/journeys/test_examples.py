@@ -27,7 +27,6 @@ def differences(found):
 PUBLIC = [example(name, getattr(ps, name)) for name in ps.__all__ if name != "__version__"]
 EXAMPLES = {found.name: found for found in PUBLIC if found.examples}
 MARKS = {name: [pytest.mark.slow] for name in SLOW}
-MARKS["hierarchical_posterior"] += [pytest.mark.consistency]  # docs/how_to/pool_several_trials.md draws the same
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, [])) for name in EXAMPLES])
