@@ -28,7 +28,7 @@ QUICK = {
 }
 """Pages whose Python takes no more than a few seconds."""
 
-LONG = {"docs/how_to/pool_several_trials.md"}
+LONG = {"docs/how_to/pool_several_trials.md", "docs/how_to/fit_trajectories.md"}
 """Pages whose Python an example of a docstring draws at less length."""
 
 
