@@ -172,6 +172,13 @@ def test_forces_and_masses_of_one_height_do_not_heel(deeper):
     assert (roll.max() < 1e-9 * sway.max()) == (deeper == 0.0)
 
 
+def test_a_coupling_of_sway_and_roll_that_is_stated_places_the_added_mass():
+    vessel = tanker(ROLLING)
+    stated = replace(vessel, added_mass=vessel.added_mass | {"Ypdot": -0.03 * vessel.added_mass["Yvdot"]})
+    depth = {parameter.name: parameter.value for parameter in parameters_of(ship_of(stated), ROLLING)}["z_Y"]
+    assert depth == pytest.approx(0.03)
+
+
 def _thruster(ship, motion: Motion, p, shared):
     return Force(0.0, p["T_bow"] * abs(motion.n), 0.45 * p["T_bow"] * abs(motion.n))
 

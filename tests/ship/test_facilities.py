@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.manoeuvre.recognition import recognise_by_facility
+from pymc_ship.manoeuvre.recognition import Steering, recognise_by_facility
+from pymc_ship.ship.page import _steering
 from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, with_delay
 
 DELAYS = {"basin A": 2.5, "basin B": 7.0}
@@ -65,6 +67,17 @@ def test_a_forecast_takes_the_gear_that_is_asked_for_and_says_so(ship, tmp_path)
         assert overshoot(usual) == overshoot(first) < overshoot(second) - 0.1
         assert usual.attrs["steering"] == first.attrs["steering"]
         assert second.attrs["steering"].startswith("The rudder moves as at basin B at 2.35 deg/s after ")
+
+
+def test_a_facility_whose_runs_show_no_gear_is_not_named_as_if_they_did(ship):
+    facilities = ship.facilities | {"basin C": Steering(float("nan"), float("nan"), 0)}
+    one = ps.IdentifiedShip(ship.models, ship.motion, {}, ship.motion_error, (), facilities)
+    said = ps.forecast_ship(one, RUNS[0], rng=1, facility="basin C").attrs["steering"]
+    assert "as at" not in said
+    assert said.endswith(" (no run at basin C reverses its rudder).")
+    assert _steering(replace(ship, facilities=facilities), None)[-2] == (
+        "No run at basin C reverses its rudder: the steering gear is that of basin A."
+    )
 
 
 def test_scores_steer_as_at_the_facility_of_the_record(ship):

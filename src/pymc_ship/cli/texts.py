@@ -189,7 +189,7 @@ def term_set_text(model: ShipModel) -> str:
 
 def score_text(found: xr.Dataset) -> str:
     """Errors of every channel of every run, then windows and score of each run and of all."""
-    from pymc_ship.ship.score_page import channel_rows, run_rows
+    from pymc_ship.ship.replayed import channel_rows, run_rows
 
     channels, runs = channel_rows(found), run_rows(found)
     total = found.attrs["score"]
@@ -208,7 +208,7 @@ def index_text(rows: Sequence[Mapping]) -> str:
     """Indices of recorded manoeuvres beside the forecasts; empty where there are none."""
     if not rows:
         return ""
-    from pymc_ship.ship.score_page import index_errors
+    from pymc_ship.ship.replayed import index_errors
 
     header = ("run", "manoeuvre", "index", "measured", "forecast", "error", "± sd", "inside")
     keys = ("run", "manoeuvre", "index", "measured", "forecast", "error", "sd", "inside")

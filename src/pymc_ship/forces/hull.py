@@ -112,12 +112,15 @@ def _heeling(ship: Ship) -> tuple[Parameter, ...]:
     damping = 2.0 * 0.05 * (_stiffness(ship) * ship.GM * (ship.I_xx - ship.added_mass.Kpdot)) ** 0.5
     judged = "by judgement"
     spread = (0.1 * ship.GM, "vessel file") if ship.GM_known else (0.5 * ship.GM, "usual ships")
+    depth, source = 0.6 * height, f"0.6 of the draught below the origin, {judged}"
+    if ship.added_mass.Ypdot:
+        depth, source = -ship.added_mass.Ypdot / ship.added_mass.Yvdot, "Ypdot of the vessel file"
     return (
         Parameter("GM", ship.GM, *spread, "m"),
         Parameter("BM", ship.BM, 0.5 * ship.BM, f"vertical sides, {judged}", "m"),
         Parameter("Kp", -damping, 0.5 * damping, f"5 % of the critical damping, {judged}"),
         Parameter("Kp|p|", -damping, damping, f"as large at a rate of U/L, {judged}"),
-        Parameter(SWAY_CENTRE, 0.6 * height, 0.2 * height, f"0.6 of the draught below the origin, {judged}", "L"),
+        Parameter(SWAY_CENTRE, depth, 0.2 * height, source, "L"),
         Parameter("z_H", 0.5 * height, 0.3 * height, f"half the draught below the origin, {judged}", "L"),
         Parameter("z_R", 0.5 * height, 0.3 * height, f"half the draught below the origin, {judged}", "L"),
         Parameter("Yphi", 0.0, 2e-4, f"none, {judged}"),

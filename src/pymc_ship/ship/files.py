@@ -111,7 +111,7 @@ def forecast_ship(
     """
     rng, manoeuvre = random_generator(rng), one_manoeuvre(manoeuvre)
     around = {"n": n, "wind": wind, "current": current}
-    known = _knowing(steered_at(ship, facility), n=n, wind=wind)
+    known = _knowing(_steered_at(ship, facility), n=n, wind=wind)
     total = sum(len(rows) for _, rows in known)
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
@@ -135,16 +135,20 @@ def forecast_ship(
         **simulation_settings(models[0][0]),
         **around,
     )
-    gear, where = models[0][0].particulars, facility or next(iter(ship.facilities), "")
-    tree.attrs["steering"] = (
-        f"The rudder moves{f' as at {where}' if where else ''} at {gear.rudder_rate_deg:.3g} deg/s after "
-        f"{gear.rudder_delay:.3g} s."
-    )
+    tree.attrs["steering"] = _steering(models[0][0], ship.facilities, facility)
     tree.attrs["share_refused"] = 1.0 - tree.attrs["draws"] / sum(counts)
     return tree
 
 
-def steered_at(ship: ShipModel | IdentifiedShip, facility: str | None) -> list[tuple[Vessel, np.ndarray]]:
+def _steering(vessel: Vessel, facilities: Mapping[str, Steering], facility: str | None) -> str:
+    """Sentence on how the rudder of a forecast moves; it names a facility whose runs have shown that."""
+    gear, where = vessel.particulars, facility or next(iter(facilities), "")
+    named = f" as at {where}" if where and facilities[where].n_reversals else ""
+    unseen = f" (no run at {where} reverses its rudder)" if where and not named else ""
+    return f"The rudder moves{named} at {gear.rudder_rate_deg:.3g} deg/s after {gear.rudder_delay:.3g} s{unseen}."
+
+
+def _steered_at(ship: ShipModel | IdentifiedShip, facility: str | None) -> list[tuple[Vessel, np.ndarray]]:
     """Models of a ship with the steering gear of a facility; as they are without one.
 
     Raises

@@ -266,19 +266,20 @@ _PRIORS = {
 
 def _steering(model: ShipModel, given: Vessel | None) -> list[str]:
     """The steering gear as measured, beside the vessel file."""
-    found = []
+    found, first = [], next(iter(model.facilities))
+    main = first or "the runs that name no facility"
     for name, gear in model.facilities.items():
         where = f" at {name}" if name else ""
         if not gear.n_reversals:
-            found.append(f"No run{where} reverses its rudder: the steering gear is that of the vessel file.")
+            whose = "the vessel file" if name == first or not model.facilities[first].n_reversals else main
+            found.append(f"No run{where} reverses its rudder: the steering gear is that of {whose}.")
             continue
         for key, word, unit in (("rudder_rate_deg", "rate", "deg/s"), ("rudder_delay", "delay", "s")):
             text = f"Rudder {word}{where} measured over {gear.n_reversals} movements: {getattr(gear, key):.3g} {unit}"
             stated = "" if given is None else f"; the vessel file says {getattr(given.particulars, key):.3g} {unit}"
             found.append(f"{text}{stated}.")
-    first = next(iter(model.facilities))
     if len(model.facilities) > 1:
-        return [*found, f"Forecasts use the gear of {first} where no other facility is asked for."]
+        return [*found, f"Forecasts use the gear of {main} where no other facility is asked for."]
     return [*found, "Fits and forecasts use the measured values."] if model.facilities[first].n_reversals else found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -17,6 +17,7 @@ from pymc_ship.ship.along import sailed_along
 from pymc_ship.ship.files import IdentifiedShip
 from pymc_ship.ship.held_out import index_rows
 from pymc_ship.ship.model import ShipModel
+from pymc_ship.ship.paths import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import TrialError, check_trial, facility_of, one_trial, trial_list
 from pymc_ship.vessel.reading import VesselLike, as_vessel
@@ -322,3 +323,33 @@ def _place(trial: xr.Dataset, start: float | None, duration: float | None) -> sl
             "correct start and duration."
         )
     return slice(*np.searchsorted(time, (begin - 1e-9, end + 1e-9)).tolist())
+
+
+def channel_rows(found: xr.Dataset) -> list[dict]:
+    """One row for each channel of each run of a score."""
+    keys = ("rmse", "relative", "coverage", "crps")
+    return [
+        {"run": run, "channel": channel, **{key: float(found[key].sel(run=run, channel=channel)) for key in keys}}
+        for run in found["run"].values.tolist()
+        for channel in found["channel"].values.tolist()
+    ]
+
+
+def run_rows(found: xr.Dataset) -> list[dict]:
+    """One row for each run of a score."""
+    keys = ("windows", "ran_away", "score")
+    return [
+        {"run": run, **{key: float(found[key].sel(run=run)) for key in keys}} for run in found["run"].values.tolist()
+    ]
+
+
+def index_errors(indices: Sequence[Mapping]) -> list[dict]:
+    """Rows of :func:`pymc_ship.score_indices` with the error of the forecast and whether its interval of 95 % holds."""
+    found = []
+    for row in indices:
+        error = row["forecast"] - row["measured"]
+        inside = ("yes" if abs(error) <= QUANTILES["95"] * row["sd"] else "no") if row["sd"] > 0.0 else ""
+        names = {"run": row["run"], "manoeuvre": row["manoeuvre"], "index": row["index"].replace("_", " ")}
+        numbers = {key: row[key] for key in ("measured", "forecast", "sd")}
+        found.append(names | numbers | {"error": error, "inside": inside})
+    return found

@@ -13,7 +13,7 @@ from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import fixed, number, table
 from pymc_ship.ship.files import IdentifiedShip
-from pymc_ship.ship.replayed import SCORED, replay
+from pymc_ship.ship.replayed import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.vessel.vessel import Vessel
 
@@ -100,36 +100,6 @@ def write_score_page(
     )
     tables = {"score_channels": rows, "score_runs": runs, "score_indices": beside}
     return write_page(PAGE, out, Content(values, figures, tables))
-
-
-def channel_rows(found: xr.Dataset) -> list[dict]:
-    """One row for each channel of each run of a score."""
-    keys = ("rmse", "relative", "coverage", "crps")
-    return [
-        {"run": run, "channel": channel, **{key: float(found[key].sel(run=run, channel=channel)) for key in keys}}
-        for run in found["run"].values.tolist()
-        for channel in found["channel"].values.tolist()
-    ]
-
-
-def run_rows(found: xr.Dataset) -> list[dict]:
-    """One row for each run of a score."""
-    keys = ("windows", "ran_away", "score")
-    return [
-        {"run": run, **{key: float(found[key].sel(run=run)) for key in keys}} for run in found["run"].values.tolist()
-    ]
-
-
-def index_errors(indices: Sequence[Mapping]) -> list[dict]:
-    """Rows of :func:`pymc_ship.score_indices` as a page shows them: forecast less measurement and what it lies in."""
-    found = []
-    for row in indices:
-        error = row["forecast"] - row["measured"]
-        inside = ("yes" if abs(error) <= 1.96 * row["sd"] else "no") if row["sd"] > 0.0 else ""
-        names = {"run": row["run"], "manoeuvre": row["manoeuvre"], "index": row["index"].replace("_", " ")}
-        numbers = {key: row[key] for key in ("measured", "forecast", "sd")}
-        found.append(names | numbers | {"error": error, "inside": inside})
-    return found
 
 
 def _in_percent(row: Mapping) -> dict:
