@@ -56,7 +56,16 @@ def test_a_name_is_split_into_its_factors(term, spelt):
 
 @pytest.mark.parametrize(
     ("term", "motions", "propelled"),
-    [("0", 0, False), ("delta", 1, False), ("gdelta", 1, True), ("T", 1, True), ("gvv", 2, True), ("Tv", 1, True)],
+    [
+        ("0", 0, False),
+        ("delta", 1, False),
+        ("gdelta", 1, True),
+        ("gsincos", 1, True),
+        ("sinsin", 2, False),
+        ("T", 1, True),
+        ("gvv", 2, True),
+        ("Tv", 1, True),
+    ],
 )
 def test_the_order_counts_motions_and_a_propeller_is_needed_for_its_loading(term, motions, propelled):
     assert (order(term), loaded(term)) == (motions, propelled)
@@ -95,6 +104,29 @@ def test_the_slope_of_an_absolute_value_at_zero_is_that_of_central_differences()
     h = 1e-3
     expected = 0.5 * (np.abs(work[v] + h) - np.abs(work[v] - h)) / (2.0 * h)
     np.testing.assert_allclose(tangent[scheme.rows[0]], expected, atol=1e-12)
+
+
+def test_the_rudder_s_sine_and_cosine_are_functions_of_its_angle(motion):
+    values, delta = evaluate(("gsincos", "gsincos|delta|", "sinsin"), motion | {"g": np.full(50, 2.0)}), motion["delta"]
+    expected = 2.0 * np.sin(delta) * np.cos(delta)
+    np.testing.assert_allclose(values.T, [expected, expected * abs(delta), np.sin(delta) ** 2], rtol=1e-14)
+
+
+def test_the_slope_of_a_rudder_force_by_its_angle_is_that_of_central_differences():
+    scheme = plan(("sincos", "sincos|delta|"))
+    row, angles, h = ROW_SYMBOL + SYMBOLS.index("delta"), np.array([-0.6, 0.1, 0.5]), 1e-6
+
+    def filled(delta):
+        work = np.zeros((scheme.n_rows, 3))
+        work[row] = delta
+        fill_products(work, scheme.left, scheme.right)
+        return work
+
+    tangent = np.zeros((scheme.n_rows, 3))
+    tangent[row] = 1.0
+    fill_product_tangents(filled(angles), scheme.left, scheme.right, tangent)
+    difference = (filled(angles + h) - filled(angles - h)) / (2.0 * h)
+    np.testing.assert_allclose(tangent[scheme.rows], difference[scheme.rows], rtol=1e-8)
 
 
 def test_terms_of_any_order_are_evaluated(motion):

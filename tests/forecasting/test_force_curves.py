@@ -56,12 +56,12 @@ class TestForceCurves:
 
     def test_rudder_forces_behind_a_propeller_are_those_at_the_nominal_speed(self, container):
         propeller = Propeller(D=6.5, n=1.5, wake_fraction=0.3, k_0=0.4, k_1=-0.3, k_2=-0.1, eta=0.8, kappa=0.5)
-        terms = {"surge": ("X0", "XT"), "sway": ("Yv", "Ygdelta"), "yaw": ("Nv", "Ngdelta")}
+        terms = {"surge": ("X0", "XT"), "sway": ("Yv", "Ygsincos"), "yaw": ("Nv", "Ngsincos")}
         coefficient = container.forces["sway"][0]
         forces = {dof: tuple(replace(coefficient, name=name) for name in names) for dof, names in terms.items()}
         vessel = replace(container, forces=forces, propeller=propeller)
         found = force_draws(vessel, np.arange(1.0, 7.0)[None], "yaw", "delta", np.array([0.2]))
-        assert found[0, 0] == pytest.approx(6.0 * 0.2)
+        assert found[0, 0] == pytest.approx(6.0 * np.sin(0.2) * np.cos(0.2))
         assert force_draws(vessel, np.arange(1.0, 7.0)[None], "surge", "delta", np.array([0.2]))[0, 0] == 1.0
 
     def test_what_does_not_fit_is_said(self, container):

@@ -36,7 +36,7 @@ def upright(container):
 def propelled(upright):
     """The same with a propeller, on which thrust, rudder and some hull forces depend."""
     screw = Propeller(D=7.0, n=1.8, wake_fraction=0.3, k_0=0.5, k_1=-0.35, k_2=-0.1, eta=0.8, kappa=0.5)
-    names = {"Xu": "XT", "Xdeltadelta": "Xgdeltadelta", "Yv": "Ygv", "Ydelta": "Ygdelta", "Ndelta": "Ngdelta"}
+    names = {"Xu": "XT", "Xdeltadelta": "Xgsinsin", "Yv": "Ygv", "Ydelta": "Ygsincos", "Ndelta": "Ngsincos"}
     forces = {
         dof: tuple(
             replace(c, name=names.get(c.name, c.name), value=abs(c.value) if c.name == "Xu" else c.value) for c in row

@@ -30,7 +30,7 @@ def with_delay(delay: float) -> Vessel:
     return replace(tanker(), particulars=replace(tanker().particulars, rudder_delay=delay))
 
 
-def trial(manoeuvre, *, vessel=None, duration=600.0, interval=1.0, seed=None, level=0.02) -> xr.Dataset:
+def trial(manoeuvre, *, vessel=None, duration=660.0, interval=1.0, seed=None, level=0.02) -> xr.Dataset:
     """Record by Runge-Kutta, with noise where a seed is given."""
     settings = {"step": STEP, "record_interval": interval, "method": "rk4"}
     run = ps.simulate(vessel or tanker(), manoeuvre, duration=duration, **settings)

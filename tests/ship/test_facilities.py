@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import pymc_ship as ps
@@ -14,6 +15,8 @@ from pymc_ship.ship.page import _steering
 from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, with_delay
 
 DELAYS = {"basin A": 2.5, "basin B": 7.0}
+SPEEDS = {"basin A": None, "basin B": 6.8}
+"""Of the approach [m/s]; the nominal one where it is None."""
 PAPERS = tanker()
 
 
@@ -21,7 +24,9 @@ def records():
     """Two runs of the first facility between and around one of the second."""
     made = [("basin A", RUNS[0], 1), ("basin B", RUNS[1], 2), ("basin A", RUNS[2], 3)]
     return [
-        trial(what, vessel=with_delay(DELAYS[where]), seed=seed, level=0.005).assign_attrs(facility=where)
+        trial(
+            replace(what, approach_speed=SPEEDS[where]), vessel=with_delay(DELAYS[where]), seed=seed, level=0.005
+        ).assign_attrs(facility=where)
         for where, what, seed in made
     ]
 
@@ -41,6 +46,16 @@ def test_each_facility_has_its_gear_and_every_run_its_place():
     assert list(facilities) == ["basin A", "basin B"]
     for name, delay in DELAYS.items():
         assert facilities[name].rudder_delay == pytest.approx(delay, abs=0.6)
+        speed = SPEEDS[name] or PAPERS.particulars.nominal_speed
+        assert facilities[name].approach_speed == pytest.approx(speed, rel=0.005)
+
+
+def test_runs_at_several_speeds_have_no_approach_in_common():
+    runs = [trial(replace(RUNS[0], approach_speed=speed), duration=400.0) for speed in (6.0, 6.5, 7.0)]
+    _, several = ps.recognise(runs, PAPERS)
+    _, two = ps.recognise(runs[:2], PAPERS)
+    assert np.isnan(several.approach_speed)
+    assert two.approach_speed == pytest.approx(6.25, rel=0.005)
 
 
 def test_runs_without_a_facility_are_of_one():
@@ -53,8 +68,18 @@ def test_held_out_runs_are_steered_as_at_their_facility(ship):
     rows = {(row["run"], row["index"]): row for row in ship.index_rows}
     found = rows["2", "first_overshoot_angle"]
     assert found["forecast"] == pytest.approx(found["measured"], abs=0.25)
-    other = ps.forecast_ship(ship, RUNS[1], rng=1, facility="basin A")
+    other = ps.forecast_ship(ship, replace(RUNS[1], approach_speed=SPEEDS["basin B"]), rng=1, facility="basin A")
     assert overshoot(other) < found["measured"] - 0.3
+
+
+def test_the_revolutions_of_a_facility_hold_the_speed_of_its_approaches(ship):
+    usual, other = (ps.forecast_ship(ship, RUNS[1], rng=1, facility=name) for name in (None, "basin B"))
+    stated = ps.forecast_ship(ship, replace(RUNS[1], approach_speed=7.5), rng=1, facility="basin B")
+    assert usual.attrs["approach_speed"] == PAPERS.particulars.nominal_speed
+    assert other.attrs["approach_speed"] == ship.facilities["basin B"].approach_speed == pytest.approx(6.8, rel=0.005)
+    assert other.attrs["steering"].endswith(f" She approaches at {other.attrs['approach_speed']:.4g} m/s.")
+    assert "approaches" not in usual.attrs["steering"]
+    assert stated.attrs["approach_speed"] == 7.5
 
 
 def test_a_forecast_takes_the_gear_that_is_asked_for_and_says_so(ship, tmp_path):
@@ -62,10 +87,11 @@ def test_a_forecast_takes_the_gear_that_is_asked_for_and_says_so(ship, tmp_path)
     assert again.facilities == ship.facilities
     for one in (ship, again):
         usual, first, second = (
-            ps.forecast_ship(one, RUNS[0], rng=1, facility=name) for name in (None, "basin A", "basin B")
+            ps.forecast_ship(one, replace(RUNS[0], approach_speed=7.974), rng=1, facility=name)
+            for name in (None, "basin A", "basin B")
         )
         assert overshoot(usual) == overshoot(first) < overshoot(second) - 0.1
-        assert usual.attrs["steering"] == first.attrs["steering"]
+        assert first.attrs["steering"].startswith(usual.attrs["steering"])
         assert second.attrs["steering"].startswith("The rudder moves as at basin B at 2.35 deg/s after ")
 
 
@@ -74,7 +100,7 @@ def test_a_facility_whose_runs_show_no_gear_is_not_named_as_if_they_did(ship):
     one = ps.IdentifiedShip(ship.models, ship.motion, {}, ship.motion_error, (), facilities)
     said = ps.forecast_ship(one, RUNS[0], rng=1, facility="basin C").attrs["steering"]
     assert "as at" not in said
-    assert said.endswith(" (no run at basin C reverses its rudder).")
+    assert said.endswith(" (no run at basin C reverses its rudder). She approaches at 7.974 m/s.")
     assert _steering(replace(ship, facilities=facilities), None)[-2] == (
         "No run at basin C reverses its rudder: the steering gear is that of basin A."
     )

@@ -20,7 +20,7 @@ class TestIndexRows:
     def model(factor=1.0, spread=0.002):
         """Estimate and draws about it, the yaw moment of the rudder being a multiple of the true one."""
         row = reference_coefficients(tanker())
-        row[coefficient_names(tanker()).index("Ngdelta")] *= factor
+        row[coefficient_names(tanker()).index("Ngsincos")] *= factor
         rng = RNG(4)
         return tanker(), np.vstack([row, row * (1.0 + spread * rng.standard_normal((30, row.size)))])
 
@@ -53,7 +53,7 @@ class TestIndexRows:
     def test_a_few_draws_that_run_away_do_not_count(self):
         vessel, draws = self.model()
         wild = draws.copy()
-        wild[5:7, coefficient_names(tanker()).index("Ngdelta")] *= 2.0
+        wild[5:7, coefficient_names(tanker()).index("Ngsincos")] *= 2.0
         wild[7] *= -100.0
         calm, found = (
             {entry["index"]: entry for entry in index_rows("1", trial(RUNS[0]), RUNS[0], [(vessel, few)], np.ones(1))}

@@ -87,7 +87,7 @@ class TestEnsemble:
         assert ship.vessel.particulars.rudder_delay == pytest.approx(2.5, abs=0.5)
         assert ship.motion.dims == ("row", "symbol")
         assert ship.motion["symbol"].values.tolist() == list(SYMBOLS)
-        assert ship.motion.sizes["row"] == 3 * 120
+        assert ship.motion.sizes["row"] == 3 * 132
         assert not ship.remarks
 
 
@@ -213,8 +213,9 @@ class TestOneRun:
         ship = replace(known(), particulars=replace(known().particulars, d=0.0))
         found = identify_ship(trials(0)[:1], ship, terms=(TRUE_TERMS,), draws=2, rng=np.random.default_rng(0))
         assert found.prior == "order_damped"
-        assert not any(c.sd > 0.0 for c in found.candidates[0].vessel.forces["yaw"])
-        assert sum(c.sd > 0.0 for c in lone.candidates[0].vessel.forces["yaw"]) == 6
+        stated = [c.name for c in found.candidates[0].vessel.forces["yaw"] if c.sd > 0.0]
+        assert stated == ["Ng|r|", "Ngsincos|delta|"]
+        assert sum(c.sd > 0.0 for c in lone.candidates[0].vessel.forces["yaw"]) == 8
 
     def test_what_the_vessel_file_leaves_out_is_remarked(self):
         ship = replace(known(), derived={"inertia.m": "0.019 (2 volume/L^3)"})
@@ -353,7 +354,7 @@ class TestCoverage:
     @pytest.mark.parametrize("name", ["advance", "tactical_diameter"])
     def test_they_do_not_hold_one_whose_rudder_turns_her_less(self, bands, name):
         """Broken twin: four fifths of the rudder's yaw moment."""
-        yaw = [replace(c, value=0.8 * c.value) if c.name == "Ngdelta" else c for c in tanker().forces["yaw"]]
+        yaw = [replace(c, value=0.8 * c.value) if c.name == "Ngsincos" else c for c in tanker().forces["yaw"]]
         other = replace(tanker(), forces=tanker().forces | {"yaw": tuple(yaw)})
         assert self.covered(bands, name, other) < self.FEWEST
 

@@ -14,6 +14,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
+from pymc_ship.forces.hull_database import typical_rudder
 from pymc_ship.machine.files import OutputError
 from pymc_ship.pages.tables import fixed
 from pymc_ship.ship import page as ship_report
@@ -204,7 +205,8 @@ def test_coefficients_carry_the_widened_sandwich_and_what_was_known(text, out):
         assert float(row["apart"]) == pytest.approx(away, rel=1e-9)
     known = {row["coefficient"]: row["known_sd"] for row in found if row["known_sd"] != "nan"}
     hull = {name: str(sd) for name, (_, sd) in ps.hull_coefficients(kvlcc2()).items()}
-    assert known == hull | {"XT": "0.00014"}
+    rudder = {f"{name[0]}g{name[1:]}": str(sd) for name, (_, sd) in typical_rudder(320.0, 20.8).items()}
+    assert known == hull | rudder | {"XT": "0.00014"}
     line = next(line for line in cells(text) if line[0] == "XT")
     assert line[1:5] == [fixed(1)(1e5 * best.fit.coefficients[0]), fixed(1)(1e5 * sd[0]), "94.0", "14.0"]
 

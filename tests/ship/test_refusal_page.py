@@ -31,7 +31,7 @@ def changed(vessel, name, factor):
 @pytest.fixture(scope="module")
 def spinning(tanker):
     """Her rudder turns her thirty times as hard."""
-    return changed(tanker, "Ngdelta", 30.0)
+    return changed(tanker, "Ngsincos", 30.0)
 
 
 def test_a_sound_ship_has_no_failure(tanker):

@@ -34,17 +34,17 @@ def records():
 
 @pytest.fixture(scope="module")
 def scored(records):
-    ship = altered("Ngdelta", 0.9)
+    ship = altered("Ngsincos", 0.9)
     found = ps.score(ship, list(records.values()), names=list(records), length=150)
     return ship, found, ps.score_indices(ship, list(records.values()), names=list(records))
 
 
 def test_indices_of_recorded_manoeuvres_stand_beside_the_forecasts(scored):
-    """Less moment of the rudder: she overshoots less and begins to turn later."""
+    """Less moment of the rudder: she begins to turn later and is checked later."""
     _, _, rows = scored
     assert {row["run"] for row in rows} == {"zigzag"}
     found = {row["index"]: row for row in rows}
-    assert found["first_overshoot_angle"]["forecast"] < found["first_overshoot_angle"]["measured"]
+    assert found["first_overshoot_angle"]["forecast"] > found["first_overshoot_angle"]["measured"] + 0.1
     assert found["initial_turning_time"]["forecast"] > found["initial_turning_time"]["measured"] + 1.0
     assert {row["sd"] for row in rows} == {0.0}
 

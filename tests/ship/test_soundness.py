@@ -16,7 +16,7 @@ UNSOUND = {
     "sway force that grows with the drift": {"Yv": 0.2},
     "drift that drives the ship": {"Xvv": 0.4},
     "resistance that stops it in a turn only": {"Xvv": -0.2},
-    "turn on the spot": {"Ngdelta": -0.02},
+    "turn on the spot": {"Ngsincos": -0.02},
 }
 
 
@@ -70,7 +70,7 @@ def test_it_may_not_go_much_faster_than_it_came(monkeypatch):
 
 
 def test_it_may_not_turn_within_its_own_length(monkeypatch):
-    row = changed(Ngdelta=-0.005)
+    row = changed(Ngsincos=-0.008)
     reached = [extremes(row, what) for what in (ps.zigzag(10.0, 10.0), ps.zigzag(20.0, 20.0), ps.turning_circle(35.0))]
     assert max(speed for speed, _ in reached) < 1.15
     assert max(rate for _, rate in reached) > 2.0

@@ -107,7 +107,7 @@ class TestWindows:
 
     def test_each_is_a_run_that_restarts_from_the_smoothed_record(self):
         run = trial(RUNS[0])
-        rough = run.assign(u=run["u"] + 0.05 * np.random.default_rng(3).standard_normal(600))
+        rough = run.assign(u=run["u"] + 0.05 * np.random.default_rng(3).standard_normal(660))
         windows, records = (make(rough, tanker()) for make in (prepared_windows, window_records))
         for window, record in zip(windows, records, strict=True):
             np.testing.assert_array_equal(window.run.samples[0], record["u"])
@@ -134,7 +134,7 @@ class TestWindows:
             assert misfit.shape == (3, window.run.n_blocks)
             assert np.abs(misfit).max() < 5e-4
         wrong = true.copy()
-        wrong[-1] *= 1.1
+        wrong[-2] *= 1.1
         assert np.abs(restarted(windows[1], tanker(), wrong)).max() > 0.01
 
     def test_a_ship_that_leaves_the_range_is_nan(self):
@@ -163,7 +163,7 @@ class TestFit:
             )
             for name in true:
                 if np.isfinite(true[name]):
-                    assert float(found[name]) == pytest.approx(float(true[name]), rel=5e-3), (what.label, name)
+                    assert float(found[name]) == pytest.approx(float(true[name]), rel=1e-2), (what.label, name)
 
     def test_the_noise_it_finds_is_what_the_windows_leave(self, fitted):
         assert fitted.channel_sd.keys() == {"u", "v", "r"}

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks import kvlcc2
-from pymc_ship.vessel.hull_database import SOURCE, hull_coefficients, with_hull_database
+from pymc_ship.forces.hull_database import SOURCE, STRIPS, TYPICAL_RUDDER, squares
+from pymc_ship.vessel.hull_database import hull_coefficients, with_hull_database, with_typical_rudder
 from pymc_ship.vessel.term_sets import TERM_SETS, with_terms
 from pymc_ship.vessel.vessel import LETTER, Coefficient, VesselError
 from tests.ship.cases import tanker
@@ -75,10 +76,51 @@ class TestInformedVessel:
         for key, c in coefficients(plain).items():
             if key in known:
                 assert (found[key].value, found[key].sd, found[key].source) == (*known[key], SOURCE)
-            else:
+            elif found[key].source not in (STRIPS, TYPICAL_RUDDER):
                 assert found[key] is c
         count = 15 if "Yvvv" in found else 7 if "Yv" in found else 3
         assert sum(c.source == SOURCE for c in found.values()) == count
+        assert sum(c.source == STRIPS for c in found.values()) == (0 if "Yvvv" in found else 8)
+        assert sum(c.source == TYPICAL_RUDDER for c in found.values()) == 4
+
+    def test_squares_damp_to_two_sd_with_and_without_the_loading(self):
+        inside, beside = (
+            coefficients(with_hull_database(with_terms(tanker(), name))) for name in ("loading", "hull beside loading")
+        )
+        for name in ("Yv|v|", "Yv|r|", "Nr|v|", "Nr|r|"):
+            c = beside[name]
+            assert c.value < -1.8 * c.sd < 0.0
+            assert inside[f"{name[0]}g{name[1:]}"] == replace(c, name=f"{name[0]}g{name[1:]}")
+
+    def test_squares_are_those_of_strips_of_a_hull(self):
+        """(v + x r)|v + x r| over the length, and its slope by the smaller of v and r."""
+        L, d = tanker().particulars.L, tanker().particulars.d
+        x = (np.arange(20000) + 0.5) / 20000 - 0.5
+
+        def forces(v, r):
+            drag = -0.8 * d / L * (v + x * r) * np.abs(v + x * r)
+            return {"Y": drag.mean(), "N": (x * drag).mean()}
+
+        h, found = 1e-4, squares(L, d)
+        for letter in "YN":
+            assert found[f"{letter}v|v|"][0] == pytest.approx(forces(1.0, 0.0)[letter], abs=1e-9)
+            assert found[f"{letter}r|r|"][0] == pytest.approx(forces(0.0, 1.0)[letter], abs=1e-9)
+            by_r = (forces(1.0, h)[letter] - forces(1.0, -h)[letter]) / (2.0 * h)
+            by_v = (forces(h, 1.0)[letter] - forces(-h, 1.0)[letter]) / (2.0 * h)
+            assert found[f"{letter}r|v|"][0] == pytest.approx(by_r, abs=1e-6)
+            assert found[f"{letter}v|r|"][0] == pytest.approx(by_v, abs=1e-6)
+
+    def test_a_typical_rudder_is_known_without_a_draught(self):
+        """Of even terms and of those that are convex: that of a ship of a draught of a twentieth of her length."""
+        name = "hull and loading, cubic"
+        bare = replace(with_terms(tanker(), name), particulars=replace(tanker().particulars, d=0.0))
+        usual = replace(bare, particulars=replace(bare.particulars, d=bare.particulars.L / 20.0))
+        found, same = coefficients(with_typical_rudder(bare)), coefficients(with_typical_rudder(usual))
+        assert found == same
+        known = {key: c for key, c in found.items() if c.source == TYPICAL_RUDDER}
+        assert set(known) == {"Yg|r|", "Ygsincos|delta|", "Ng|r|", "Ngsincos|delta|"}
+        assert known["Ygsincos|delta|"].value == pytest.approx(0.3 * 0.066 / 20.0)
+        assert known["Ngsincos|delta|"].value == pytest.approx(-0.3 * 0.033 / 20.0)
 
     def test_what_the_file_knows_stays(self):
         stated = replace(

@@ -90,8 +90,8 @@ class TestText:
         assert lines[1:] == [
             "  L = 320 m, B = 58 m, d = 20.8 m, nominal speed 7.974 m/s",
             "  surge: 5 terms",
-            "  sway: 10 terms",
-            "  yaw: 10 terms",
+            "  sway: 12 terms",
+            "  yaw: 12 terms",
             "  propeller: yes>",
         ]
 

@@ -1,9 +1,14 @@
-"""What captive tests of other ships say of a bare hull.
+"""What captive tests of other ships, and strips of a hull, say of forces beforehand.
 
 Yoshimura & Masumoto (2012), Hydrodynamic database and manoeuvring prediction method with medium high-speed merchant
 ships and fishing vessels, Proc. MARSIM, fitted the forces on bare hulls about midship, X', Y', N' over rho/2 L d U^2
 (N' by L more) as polynomials of drift angle and yaw rate, with coefficients from C_B, L/B and d/L alone. They stand
 here as others have coded them, compared with each other and with captive tests of the KVLCC2.
+
+Terms in squares are those of cross-flow drag by strips, -rho/2 d C_D (v + x r)|v + x r| (Faltinsen 1990, Sea Loads on
+Ships and Offshore Structures, section 6), to first order in r where v is large and in v where r is large; bow and stern
+differ by what the sd leaves. A rudder's normal force grows more than the sine of its angle, and a single screw
+straightens the flow to it less on one side than on the other.
 """
 
 from __future__ import annotations
@@ -12,6 +17,35 @@ import math
 
 SOURCE = "hull database of Yoshimura & Masumoto (2012)"
 """Source of a coefficient whose value and sd come from here."""
+
+STRIPS = "cross-flow drag of strips, C_D 0.8"
+"""Source of the terms in squares."""
+
+TYPICAL_RUDDER = "typical rudder behind a single screw"
+"""Source of the terms of a rudder that is convex in its angle, and of the even terms in the yaw rate."""
+
+_C_D = 0.8
+
+_SQUARES = {
+    "Yv|v|": (-_C_D, 0.4),
+    "Yv|r|": (-_C_D / 2.0, 0.2),
+    "Yr|v|": (0.0, 0.2),
+    "Yr|r|": (0.0, 0.05),
+    "Nv|v|": (0.0, 0.1),
+    "Nv|r|": (0.0, 0.1),
+    "Nr|v|": (-_C_D / 6.0, 0.07),
+    "Nr|r|": (-_C_D / 32.0, 0.0125),
+}
+"""Mean and standard deviation over rho/2 L d U^2: what damps a motion is known to be negative to two sd."""
+
+_RUDDER = {"Y": 0.066, "N": -0.033}
+"""Force by rudder angle over rho/2 L d U^2: an area of 1/55 of L d, a slope of 2.7, and a hull that adds a third."""
+
+_BY_RUDDER = {"|r|": (0.0, 0.2), "sincos|delta|": (0.3, 0.4)}
+"""Mean and standard deviation over :data:`_RUDDER`.
+
+The flow there differs by side by 0.12 of a drift of 1.6 r'; the force is as convex as that of the parts.
+"""
 
 _SD = {
     "Xvv": 0.06,
@@ -73,3 +107,20 @@ def bare_hull(L: float, B: float, d: float, volume: float) -> dict[str, tuple[fl
         "Nrrr": 0.25 * fullness - 0.056,
     }
     return {name: (value * by_draught, _SD[name] * by_draught) for name, value in mean.items()}
+
+
+def squares(L: float, d: float) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of the terms in squares of v and r by name, prime values, for L and draught d [m]."""
+    return {name: (value * d / L, sd * d / L) for name, (value, sd) in _SQUARES.items()}
+
+
+def typical_rudder(L: float, d: float) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of what a rudder adds, beside its sine, to sway and yaw, prime values.
+
+    L and draught d in m.
+    """
+    return {
+        f"{letter}{term}": (force * value * d / L, abs(force) * sd * d / L)
+        for letter, force in _RUDDER.items()
+        for term, (value, sd) in _BY_RUDDER.items()
+    }

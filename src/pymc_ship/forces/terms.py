@@ -1,9 +1,10 @@
 """Polynomial terms of the hydrodynamic forces: names, factors and THE one evaluator.
 
 A term is a product of prime quantities written without operators: ``v|v|`` is v |v|, ``deltadeltau`` is delta^2 u_a,
-``pu|pu|`` is p u_a |p u_a|, ``0`` is the constant 1 and ``0u`` is u_a alone; ``gdelta`` is a rudder force that scales
-with the propeller's slipstream and ``T`` the excess thrust of a ship that slows down. The simulator, the design matrix
-and the forecast all evaluate terms through :func:`fill_products`, from one multiplication plan.
+``pu|pu|`` is p u_a |p u_a|, ``0`` is the constant 1 and ``0u`` is u_a alone; ``sincos`` is sin(delta) cos(delta), the
+force across the ship of a rudder whose normal force goes as the sine of its angle; ``gsincos`` is that of a rudder in
+the propeller's slipstream and ``T`` the excess thrust of a ship that slows down. The simulator, the design matrix and
+the forecast all evaluate terms through :func:`fill_products`, from one multiplication plan.
 """
 
 from __future__ import annotations
@@ -15,20 +16,28 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
+from pymc_ship.forces.programs import sin_cos
+
 SYMBOLS = ("u", "v", "r", "p", "phi", "delta")
 """Quantities a term may contain; ``u`` is the relative surge speed u_a = (U - U_nom) / U."""
+
+RUDDER = ("sin", "cos")
+"""Functions of the rudder angle a term may contain."""
 
 LOADING = ("g", "T")
 """Functions of u_a a term may contain where the vessel states its propeller; see :mod:`pymc_ship.forces.propeller`."""
 
 ROW_ONE = 0
 ROW_SYMBOL = 1
+ROW_DELTA = ROW_SYMBOL + SYMBOLS.index("delta")
 ROW_ABSOLUTE = ROW_SYMBOL + len(SYMBOLS)
-ROW_LOADING = ROW_ABSOLUTE + len(SYMBOLS)
+ROW_RUDDER = ROW_ABSOLUTE + len(SYMBOLS)
+ROW_LOADING = ROW_RUDDER + len(RUDDER)
 N_BASE = ROW_LOADING + len(LOADING)
 
 _SYMBOL = "|".join(sorted(SYMBOLS, key=len, reverse=True))
-_TOKEN = re.compile(rf"(?P<symbol>{_SYMBOL})|(?P<loading>{'|'.join(LOADING)})|\|(?P<absolute>(?:{_SYMBOL})+)\|")
+_FUNCTIONS = {name: ROW_RUDDER + k for k, name in enumerate(RUDDER + LOADING)}
+_TOKEN = re.compile(rf"(?P<symbol>{_SYMBOL})|(?P<function>{'|'.join(_FUNCTIONS)})|\|(?P<absolute>(?:{_SYMBOL})+)\|")
 
 
 class UnknownTerm(ValueError):
@@ -46,8 +55,8 @@ def factors(term: str) -> tuple[int, ...]:
     Returns
     -------
     tuple of int
-        Rows of the workspace: symbols from ``ROW_SYMBOL``, absolute values from ``ROW_ABSOLUTE``, propeller loading
-        from ``ROW_LOADING``; empty for ``"0"``.
+        Rows of the workspace: symbols from ``ROW_SYMBOL``, absolute values from ``ROW_ABSOLUTE``, sine and cosine of
+        the rudder angle from ``ROW_RUDDER``, propeller loading from ``ROW_LOADING``; empty for ``"0"``.
 
     Raises
     ------
@@ -62,14 +71,13 @@ def factors(term: str) -> tuple[int, ...]:
         token = _TOKEN.match(term, position)
         if token is None:
             raise UnknownTerm(
-                f"A term is a product of {', '.join(SYMBOLS + LOADING)} and absolute values such as |v| (the constant "
-                f"is '0'), "
-                f"found {term!r}; correct {term[position:]!r}."
+                f"A term is a product of {', '.join((*SYMBOLS, *_FUNCTIONS))} and absolute values such as |v| (the "
+                f"constant is '0'), found {term!r}; correct {term[position:]!r}."
             )
         if token["symbol"]:
             rows.append(ROW_SYMBOL + SYMBOLS.index(token["symbol"]))
-        elif token["loading"]:
-            rows.append(ROW_LOADING + LOADING.index(token["loading"]))
+        elif token["function"]:
+            rows.append(_FUNCTIONS[token["function"]])
         else:
             inner = re.findall(_SYMBOL, token["absolute"])
             rows.extend(ROW_ABSOLUTE + SYMBOLS.index(symbol) for symbol in inner)
@@ -78,9 +86,9 @@ def factors(term: str) -> tuple[int, ...]:
 
 
 def order(term: str) -> int:
-    """Number of motion factors of a term: 0 for the constant, 3 for ``"v|v|r"``, 1 for ``"gdelta"`` and ``"T"``."""
+    """Number of motion factors of a term: 0 for the constant, 3 for ``"v|v|r"``, 1 for ``"gsincos"`` and ``"T"``."""
     rows = factors(term)
-    moving = sum(row < ROW_LOADING for row in rows)
+    moving = sum(row <= ROW_RUDDER for row in rows)
     return max(moving, 1) if rows else 0
 
 
@@ -135,7 +143,7 @@ def plan(terms: tuple[str, ...]) -> TermPlan:
 
 @njit(cache=True, nogil=True, forceinline=True, _nrt=False)
 def fill_products(work, left, right):
-    """Fill the absolute values and products of a workspace whose symbol and loading rows are set.
+    """Fill absolute values, functions of the rudder angle and products; symbol and loading rows are set.
 
     ``work`` has shape (n_rows, n_lanes): one lane is one instant of one ship.
     """
@@ -145,6 +153,8 @@ def fill_products(work, left, right):
     for symbol in range(ROW_SYMBOL, ROW_ABSOLUTE):
         for lane in range(n_lanes):
             work[symbol + ROW_ABSOLUTE - ROW_SYMBOL, lane] = abs(work[symbol, lane])
+    for lane in range(n_lanes):
+        work[ROW_RUDDER, lane], work[ROW_RUDDER + 1, lane] = sin_cos(work[ROW_DELTA, lane])
     for k in range(left.size):
         a, b, target = left[k], right[k], N_BASE + k
         for lane in range(n_lanes):
@@ -153,7 +163,7 @@ def fill_products(work, left, right):
 
 @njit(cache=True, nogil=True, _nrt=False)
 def fill_product_tangents(work, left, right, tangent):
-    """Fill the tangents of absolute values and products, those of symbols and loading being set: the product rule."""
+    """Fill the tangents of what :func:`fill_products` fills, those of symbols and loading being set."""
     n_lanes = work.shape[1]
     for lane in range(n_lanes):
         tangent[ROW_ONE, lane] = 0.0
@@ -163,6 +173,10 @@ def fill_product_tangents(work, left, right, tangent):
             tangent[symbol + ROW_ABSOLUTE - ROW_SYMBOL, lane] = (
                 change if value > 0.0 else (-change if value < 0.0 else 0.0)
             )
+    for lane in range(n_lanes):
+        turned = tangent[ROW_DELTA, lane]
+        tangent[ROW_RUDDER, lane] = work[ROW_RUDDER + 1, lane] * turned
+        tangent[ROW_RUDDER + 1, lane] = -work[ROW_RUDDER, lane] * turned
     for k in range(left.size):
         a, b, target = left[k], right[k], N_BASE + k
         for lane in range(n_lanes):

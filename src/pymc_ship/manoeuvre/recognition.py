@@ -26,16 +26,23 @@ _LONGEST_DELAY = 0.2  # L/U
 _USUAL_DELAY = 0.5  # of the longest; mean of the exponential law of a delay before it is measured
 _DELAYS = 201
 _UNUSUAL = np.log(20.0)  # of a switching heading that is no multiple of 5 deg: one zigzag in 20
+_ONE_SPEED = 1.1  # quickest over slowest approach of runs at one speed
 _RESOLVED = 0.1  # deg, to which the heading of an order is known
 
 
 @dataclass(frozen=True)
 class Steering:
-    """How the rudder was steered: ``rudder_rate_deg`` [deg/s] and ``rudder_delay`` [s], NaN where no run shows them."""
+    """How the ship was steered in some runs, NaN where none shows it.
+
+    ``rudder_rate_deg`` [deg/s] and ``rudder_delay`` [s] of the steering gear over ``n_reversals`` movements;
+    ``approach_speed`` [m/s] of recognised manoeuvres, where they have one within a tenth: the revolutions of the runs
+    hold it.
+    """
 
     rudder_rate_deg: float
     rudder_delay: float
     n_reversals: int
+    approach_speed: float = np.nan
 
 
 def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Manoeuvre | None], Steering]:
@@ -54,7 +61,7 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
         Of the first of :data:`pymc_ship.manoeuvre.registry.KINDS` that recognises the record, such as a zigzag or a
         turning circle, at the speed and side of the record; None for any other rudder record.
     steering : Steering
-        Medians over all reversals.
+        Medians over all reversals, and over all approaches.
 
     Raises
     ------
@@ -82,7 +89,8 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     delay = _common_delay(swung, _LONGEST_DELAY * unit) if every else np.nan
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
     helms = [Helm(trial, reversals, delay) for trial, reversals in zip(trials, found, strict=True)]
-    return [_manoeuvre(helm) for helm in helms], Steering(rate, delay, len(every))
+    manoeuvres = [_manoeuvre(helm) for helm in helms]
+    return manoeuvres, Steering(rate, delay, len(every), _common_speed(manoeuvres))
 
 
 def recognise_by_facility(
@@ -121,6 +129,12 @@ def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
         return vessel
     measured = {"rudder_rate_deg": steering.rudder_rate_deg, "rudder_delay": steering.rudder_delay}
     return replace(vessel, particulars=replace(vessel.particulars, **measured))
+
+
+def _common_speed(manoeuvres: Sequence[Manoeuvre | None]) -> float:
+    """Median speed [m/s] of the approaches; NaN where they differ, or there are none."""
+    speeds = [manoeuvre.approach_speed for manoeuvre in manoeuvres if manoeuvre is not None]
+    return float(np.median(speeds)) if speeds and max(speeds) <= _ONE_SPEED * min(speeds) else np.nan
 
 
 def _common_delay(runs: Sequence[Swings], longest: float) -> float:

@@ -322,7 +322,7 @@ def conjugate_posterior(
     >>> tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=400, rng=np.random.default_rng(1))
     >>> dict(tree["posterior"].sizes)
     {'chain': 4, 'draw': 100, 'coefficient': 10}
-    >>> print(f"{tree['posterior']['coefficients'].sel(coefficient='Ngdelta').mean():.4f}")
+    >>> print(f"{tree['posterior']['coefficients'].sel(coefficient='Ngsincos').mean():.4f}")
     -0.0020
     """
     rng = random_generator(rng)

@@ -223,7 +223,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     >>> drawn = ps.denoise_draws(ps.pollute(trial, level=0.01, rng=rng), draws=20, rng=rng)
     >>> rows = ps.regression_draws(drawn, vessel, "yaw", interval=2.0)
     >>> prior, _ = ps.maximise_evidence(rows[0])
-    >>> found = ps.pooled_coefficients(rows, prior, rng=rng).sel(coefficient="Ngdelta")
+    >>> found = ps.pooled_coefficients(rows, prior, rng=rng).sel(coefficient="Ngsincos")
     >>> print(f"{1e5 * found['mean']:.0f}, sd {1e5 * found['within_sd']:.1f} and {1e5 * found['sd']:.1f}")
     -197, sd 5.0 and 6.7
     """

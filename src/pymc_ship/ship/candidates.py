@@ -26,7 +26,7 @@ from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, normal_draws, prepared_windows, widened
 from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
-from pymc_ship.vessel.hull_database import with_hull_database
+from pymc_ship.vessel.hull_database import with_hull_database, with_typical_rudder
 from pymc_ship.vessel.parts import with_parts
 from pymc_ship.vessel.term_sets import (
     ANY_SPEED_SETS,
@@ -99,8 +99,13 @@ def chosen_prior(vessel: Vessel, kind: str | None) -> str:
 
 
 def informed(vessel: Vessel, kind: str) -> Vessel:
-    """Vessel whose coefficients hold what the prior of this kind knows of the hull; VesselError without a draught."""
-    return with_hull_database(vessel) if kind == "hull_database" and not vessel.modular else vessel
+    """Vessel of terms whose coefficients hold what the prior of this kind knows; VesselError without a draught.
+
+    A sister ship's values are known by themselves.
+    """
+    if vessel.modular or kind == "sister_ship":
+        return vessel
+    return with_hull_database(vessel) if kind == "hull_database" else with_typical_rudder(vessel)
 
 
 def as_recorded(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:

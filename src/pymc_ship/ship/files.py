@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -89,14 +89,16 @@ def forecast_ship(
         Revolutions, wind and current as in :func:`pymc_ship.simulate`; revolutions and wind leave the term sets out
         whose forces do not know them.
     facility : str, optional
-        One of the facilities of her trials, whose steering gear moves the rudder; by default that of most trials.
+        One of the facilities of her trials, whose steering gear moves the rudder and whose revolutions hold the speed
+        of the approach, unless the manoeuvre has a speed or ``n`` is given; by default the gear is that of most trials
+        and the speed the nominal one.
 
     Returns
     -------
     DataTree
         As :func:`pymc_ship.forecast`; ``indices`` and their bands hold the model error of held-out manoeuvres. Draws
         that run away in this manoeuvre are left out, ``share_refused`` in attrs, where ``steering`` says how the rudder
-        moves.
+        moves and, with a facility, how fast she approaches.
 
     Raises
     ------
@@ -112,6 +114,9 @@ def forecast_ship(
     rng, manoeuvre = random_generator(rng), one_manoeuvre(manoeuvre)
     around = {"n": n, "wind": wind, "current": current}
     known = _knowing(_steered_at(ship, facility), n=n, wind=wind)
+    if facility is not None and manoeuvre.approach_speed is None and n is None:
+        speed = ship.facilities[facility].approach_speed
+        manoeuvre = replace(manoeuvre, approach_speed=speed if np.isfinite(speed) else None)
     total = sum(len(rows) for _, rows in known)
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
@@ -136,6 +141,8 @@ def forecast_ship(
         **around,
     )
     tree.attrs["steering"] = _steering(models[0][0], ship.facilities, facility)
+    if facility is not None:
+        tree.attrs["steering"] += f" She approaches at {tree.attrs['approach_speed']:.4g} m/s."
     tree.attrs["share_refused"] = 1.0 - tree.attrs["draws"] / sum(counts)
     return tree
 

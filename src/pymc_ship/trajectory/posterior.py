@@ -96,8 +96,8 @@ def trajectory_posterior(
     >>> tree = ps.trajectory_posterior(noisy, vessel, "sister_ship", draws=200, rng=rng)
     >>> tree.attrs["noise_model"], tree.attrs["verdict"]
     ('white', 'the normal approximation can be trusted')
-    >>> draws = tree["posterior"]["coefficients"].sel(coefficient="Ngdelta")
-    >>> print(f"{draws.mean():.5f}, {vessel.coefficients('yaw').sel(coefficient='Ngdelta'):.5f}")
+    >>> draws = tree["posterior"]["coefficients"].sel(coefficient="Ngsincos")
+    >>> print(f"{draws.mean():.5f}, {vessel.coefficients('yaw').sel(coefficient='Ngsincos'):.5f}")
     -0.00198, -0.00198
     """
     rng = random_generator(rng)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pymc_ship.forces.hull_database import SOURCE, bare_hull
+from pymc_ship.forces.hull_database import SOURCE, STRIPS, TYPICAL_RUDDER, bare_hull, squares, typical_rudder
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Coefficient, Vessel, VesselError
 
@@ -53,7 +53,7 @@ def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
 
 
 def with_hull_database(vessel: Vessel) -> Vessel:
-    """Vessel whose hull coefficients are known to what the database says.
+    """Vessel whose coefficients are known to what database, cross-flow drag and a typical rudder say.
 
     A coefficient of which the vessel file states an sd stays as it is; so does a linear one of sway and yaw without a
     partner by the propeller's loading (``gv`` of ``v``), since it holds the share of the rudder, too. Beside squares of
@@ -64,14 +64,35 @@ def with_hull_database(vessel: Vessel) -> Vessel:
     VesselError
         When the draught is not stated.
     """
-    known = hull_coefficients(vessel)
     names = {c.name for force in vessel.forces.values() for c in force}
+    shared = {f"{letter}{term}" for letter in "YN" for term in "vr" if f"{letter}g{term}" not in names}
+    hull = {name: law for name, law in hull_coefficients(vessel).items() if name not in shared}
+    strips = squares(vessel.particulars.L, vessel.particulars.d)
+    return with_typical_rudder(_informed(_informed(vessel, hull, SOURCE), _loaded(strips), STRIPS))
+
+
+def with_typical_rudder(vessel: Vessel) -> Vessel:
+    """Vessel whose even terms, and those by which a rudder is convex, are those of a typical rudder.
+
+    No two zigzags tell them; coefficients of which the vessel file states an sd stay as they are. Without a draught it
+    is a twentieth of the length.
+    """
+    s = vessel.particulars
+    return _informed(vessel, _loaded(typical_rudder(s.L, s.d or s.L / 20.0)), TYPICAL_RUDDER)
+
+
+def _loaded(known: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """The same laws with and without the propeller's loading, which is 1 at the nominal speed."""
+    return known | {f"{name[0]}g{name[1:]}": law for name, law in known.items()}
+
+
+def _informed(vessel: Vessel, known: dict[str, tuple[float, float]], source: str) -> Vessel:
+    """Vessel with value, sd and source of what is known, where she states no sd herself."""
 
     def informed(c: Coefficient) -> Coefficient:
-        linear = c.name[0] in "YN" and c.term in ("v", "r")
-        if c.name not in known or c.sd > 0.0 or (linear and f"{c.name[0]}g{c.term}" not in names):
+        if c.name not in known or c.sd > 0.0:
             return c
         value, sd = known[c.name]
-        return replace(c, value=value, sd=sd, source=SOURCE)
+        return replace(c, value=value, sd=sd, source=source)
 
     return replace(vessel, forces={dof: tuple(informed(c) for c in force) for dof, force in vessel.forces.items()})

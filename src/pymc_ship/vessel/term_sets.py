@@ -1,9 +1,10 @@
 """Term sets that hold up when they are trained on zigzags: compact, without free powers of the speed.
 
 A full polynomial of a container ship has a hundred coefficients, of which a few zigzags determine a third. These sets
-have about twenty: what a hull does in drift and yaw as squares (cross flow) or cubes, and a rudder. Where the vessel
-states its propeller, forces scale with its loading g(u_a) and straight-line surge follows thrust and resistance, so
-that a turning circle, in which the ship loses half its speed, stays within what physics allows.
+have about twenty: what a hull does in drift and yaw as squares (cross flow) or cubes, a rudder whose normal force grows
+with the sine of its angle and more, and one even term, |r|, by which a single screw makes the sides differ. Where the
+vessel states its propeller, forces scale with its loading g(u_a) and straight-line surge follows thrust and resistance,
+so that a turning circle, in which the ship loses half its speed, stays within what physics allows.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class TermSet:
 
 
 def _loaded(hull: tuple[str, ...], about: str) -> TermSet:
-    return TermSet(("T", "vv", "vr", "rr", "gdeltadelta"), ("0", *hull, "gdelta"), True, about)
+    return TermSet(("T", "vv", "vr", "rr", "gsinsin"), ("0", *hull, "g|r|", "gsincos", "gsincos|delta|"), True, about)
 
 
 def _by_g(terms: tuple[str, ...]) -> tuple[str, ...]:
@@ -62,16 +63,16 @@ def _by_g(terms: tuple[str, ...]) -> tuple[str, ...]:
 
 TERM_SETS = {
     "quadratic": TermSet(
-        ("u", "vv", "vr", "rr", "deltadelta"),
-        ("0", "v", "r", *_SQUARES, "delta", "deltau"),
+        ("u", "vv", "vr", "rr", "sinsin"),
+        ("0", "v", "r", *_SQUARES, "|r|", "sincos", "sincos|delta|", "sincosu"),
         False,
-        "linear and quadratic in v and r, rudder linear in the speed loss",
+        "linear and quadratic in v and r, rudder by its sine and the speed loss",
     ),
     "cubic": TermSet(
-        ("u", "vv", "vr", "rr", "deltadelta"),
-        ("0", "v", "r", *_CUBES, "delta", "deltau"),
+        ("u", "vv", "vr", "rr", "sinsin"),
+        ("0", "v", "r", *_CUBES, "|r|", "sincos", "sincos|delta|", "sincosu"),
         False,
-        "linear and cubic in v and r, rudder linear in the speed loss",
+        "linear and cubic in v and r, rudder by its sine and the speed loss",
     ),
     "loading": _loaded(
         _by_g(("v", "r", *_SQUARES)), "linear and quadratic in v and r, all of it by the propeller's loading"
@@ -81,12 +82,6 @@ TERM_SETS = {
     ),
     "hull and loading, cubic": _loaded(
         ("v", "r", "gv", "gr", *_CUBES), "linear by the loading and beside it, cubic beside it"
-    ),
-    "hull and loading, cubic rudder": TermSet(
-        ("T", "vv", "vr", "rr", "gdeltadelta"),
-        ("0", "v", "r", "gv", "gr", *_CUBES, "gdelta", "gdeltadeltadelta"),
-        True,
-        "linear by the loading and beside it, cubic beside it, rudder linear and cubic",
     ),
     "hull beside loading": _loaded(
         ("v", "r", "gv", "gr", *_SQUARES), "linear by the loading and beside it, quadratic beside it"
@@ -151,7 +146,6 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     loading
     hull and loading
     hull and loading, cubic
-    hull and loading, cubic rudder
     hull beside loading
     """
     vessel = as_vessel(vessel)
@@ -193,7 +187,7 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
     >>> import pymc_ship as ps
     >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "loading")
     >>> print(*(coefficient.name for coefficient in vessel.forces["yaw"]))
-    N0 Ngv Ngr Ngv|v| Ngv|r| Ngr|v| Ngr|r| Ngdelta
+    N0 Ngv Ngr Ngv|v| Ngv|r| Ngr|v| Ngr|r| Ng|r| Ngsincos Ngsincos|delta|
     """
     vessel = as_vessel(vessel)
     if name == OWN:
