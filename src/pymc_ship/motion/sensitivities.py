@@ -225,7 +225,7 @@ def sensitivities(
     >>> start = [vessel.particulars.nominal_speed, 0, 0, 0, 0]
     >>> motion, jacobian = ps.sensitivities(vessel, trial["delta"].values, start, interval=0.5)
     >>> motion.shape, jacobian.shape
-    ((5, 600), (5, 600, 30))
+    ((5, 600), (5, 600, 34))
     """
     vessel, initial = as_vessel(vessel), np.array(initial_state, dtype=float)
     inputs = all_inputs(inputs)

@@ -179,7 +179,7 @@ def simulate(
     >>> dict(turn.sizes)
     {'time': 1200}
     >>> print(f"{turn['u'][-1]:.2f} m/s, {np.rad2deg(turn['r'][-1]):.2f} deg/s")
-    2.34 m/s, -0.30 deg/s
+    2.49 m/s, -0.31 deg/s
     """
     vessel, manoeuvre = as_vessel(vessel), one_manoeuvre(manoeuvre)
     n_steps, stride = _grid(duration, step, record_interval, method)

@@ -124,9 +124,9 @@ def identify(
     >>> found = ps.identify(noisy, vessel, families=["conjugate"], interval=None, derivative="weak")
     >>> for dof, exact in found.exact["conjugate"].items():
     ...     print(f"{found.data[dof].coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
-    Xgdeltadelta = -0.00145, sd 0.00069
-    Ygdelta = 0.00554, sd 0.00047
-    Ngdelta = -0.00195, sd 0.00002
+    Xgsinsin = -0.00166, sd 0.00072
+    Ygsincos|delta| = 0.00553, sd 0.00456
+    Ngsincos|delta| = -0.00148, sd 0.00032
     """
     rng = None if rng is None else random_generator(rng)
     vessel, trial = as_vessel(vessel), one_trial(trial)
@@ -225,7 +225,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     >>> prior, _ = ps.maximise_evidence(rows[0])
     >>> found = ps.pooled_coefficients(rows, prior, rng=rng).sel(coefficient="Ngsincos")
     >>> print(f"{1e5 * found['mean']:.0f}, sd {1e5 * found['within_sd']:.1f} and {1e5 * found['sd']:.1f}")
-    -197, sd 5.0 and 6.7
+    -188, sd 17.3 and 27.0
     """
     rng, names = random_generator(rng), {data.coefficients for data in rows}
     if len(rows) < 2 or len(names) > 1:

@@ -118,7 +118,7 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
     >>> ps.hold_fixed(data, {"N0": 0.0, "Nr": -0.0023}).coefficients
-    ('Nv', 'Ngv', 'Ngr', 'Nvvv', 'Nvvr', 'Nvrr', 'Nrrr', 'Ngdelta')
+    ('Nv', 'Ngv', 'Ngr', 'Nvvv', 'Nvvr', 'Nvrr', 'Nrrr', 'Ng|r|', 'Ngsincos', 'Ngsincos|delta|')
     """
     _check_names(values, data.coefficients, RegressionDataError)
     held = {name: _given(name, value, RegressionDataError) for name, value in values.items()}

@@ -280,7 +280,7 @@ def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixt
     >>> data = ps.regression_data(trial, vessel, "yaw")
     >>> exact = ps.semiconjugate(data, ps.SemiConjugatePrior(kappa=1e4))
     >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.4f}, sd {exact.sd[-1]:.5f}")
-    Ngdelta = -0.0020, sd 0.00001
+    Ngsincos|delta| = -0.0011, sd 0.00006
     """
     check_prior(prior)
     if not isinstance(prior, SemiConjugatePrior):

@@ -86,7 +86,7 @@ def regression_data(
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data = ps.regression_data(trial, vessel, "yaw", interval=5.0, derivative="central")
     >>> data.design_matrix.shape, data.coefficients[:3]
-    ((119, 10), ('N0', 'Nv', 'Nr'))
+    ((119, 12), ('N0', 'Nv', 'Nr'))
     """
     vessel = as_vessel(vessel)
     from pymc_ship.denoising.derivative import DERIVATIVES

@@ -170,7 +170,7 @@ def gibbs_posterior(
     >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
     >>> tree = ps.gibbs_posterior(data, ps.SemiConjugatePrior(), draws=200, tune=100, rng=np.random.default_rng(1))
     >>> dict(tree["posterior"]["coefficients"].sizes)
-    {'chain': 4, 'draw': 200, 'coefficient': 10}
+    {'chain': 4, 'draw': 200, 'coefficient': 12}
     """
     rng = random_generator(rng)
     state = rng_state(rng)

@@ -153,7 +153,7 @@ def hierarchical_posterior(
     >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
     >>> tree = ps.hierarchical_posterior(data, ps.SemiConjugatePrior(), draws=100, tune=200, chains=2, rng=rng)
     >>> dict(tree["posterior"]["group_coefficients"].sizes)
-    {'chain': 2, 'draw': 100, 'group': 2, 'coefficient': 10}
+    {'chain': 2, 'draw': 100, 'group': 2, 'coefficient': 12}
     """
     rng, spread = random_generator(rng), _checked(prior, spread)
     labels, group = group_of_rows(data, groups)

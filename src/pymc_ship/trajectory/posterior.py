@@ -98,7 +98,7 @@ def trajectory_posterior(
     ('white', 'the normal approximation can be trusted')
     >>> draws = tree["posterior"]["coefficients"].sel(coefficient="Ngsincos")
     >>> print(f"{draws.mean():.5f}, {vessel.coefficients('yaw').sel(coefficient='Ngsincos'):.5f}")
-    -0.00198, -0.00198
+    -0.00176, -0.00176
     """
     rng = random_generator(rng)
     vessel = as_vessel(vessel)

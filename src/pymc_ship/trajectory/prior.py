@@ -118,7 +118,7 @@ def coefficient_prior(
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> prior = ps.coefficient_prior([trial], vessel, "sister_ship", table={"XT": (0.001, 0.0001)})
     >>> prior.mean.shape, float(prior.mean[0]), bool(prior.tuned[0])
-    ((25,), 0.001, False)
+    ((29,), 0.001, False)
     """
     vessel = as_vessel(vessel)
     if kind not in KINDS or not 0.0 < damping <= 1.0 or not 0.0 < relative_sd < np.inf:

@@ -29,6 +29,8 @@ from pymc_ship.trajectory.fit import (
     initial_problem,
     run_rows,
 )
+from pymc_ship.trajectory.mode import TrajectoryMode
+from pymc_ship.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.channels import CHANNELS, sensors
@@ -213,6 +215,40 @@ def fit_windows(
     TrajectoryError
         When the start leaves the model's range or no minimum is found.
     """
+    fit, noise_sd, dispersion = _settled(windows, vessel, prior, start, sd)
+    from_windows, from_prior = _sandwich(fit)
+    return WindowFit(
+        vessel=vessel,
+        coefficients=fit.coefficients,
+        from_windows=from_windows,
+        from_prior=from_prior,
+        information=np.linalg.inv(fit.covariance),
+        channel_sd=dict(zip(windows[0].run.channels, noise_sd.tolist(), strict=True)),
+        dispersion=dispersion,
+        n_windows=len(windows),
+    )
+
+
+def window_mode(
+    windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, start: np.ndarray
+) -> TrajectoryMode:
+    """Mode of windows under the spread with which they count, for draws by the normal approximation and by NUTS.
+
+    Parameters and errors as :func:`fit_windows`. The sandwich is not in it: draws are those of prior and likelihood.
+    """
+    fit, _, dispersion = _settled(windows, vessel, prior, start)
+    sentence = f"what the windows leave of each channel, times the root of their dispersion {dispersion:.3g}"
+    return TrajectoryMode(NoiseChoice(fit, "white", False, np.inf, residual_tests(fit), sentence), 1, 1, {})
+
+
+def _settled(
+    windows: Sequence[Window],
+    vessel: Vessel,
+    prior: CoefficientPrior,
+    start: np.ndarray,
+    sd: dict[str, float] | None = None,
+) -> tuple[TrajectoryFit, np.ndarray, float]:
+    """Fit, what the windows leave of each channel (n_channels,), and their dispersion, found in turns."""
     runs = [window.run for window in windows]
     fixed = replace(prior, tuned=np.zeros_like(prior.tuned))
     sailed = np.unique([window.trial for window in windows], return_inverse=True)[1]
@@ -231,17 +267,7 @@ def fit_windows(
         unknowns, spread = fit.unknowns, spread * ratio
         if np.max(np.abs(np.log(ratio))) < _SETTLED:
             break
-    from_windows, from_prior = _sandwich(fit)
-    return WindowFit(
-        vessel=vessel,
-        coefficients=fit.coefficients,
-        from_windows=from_windows,
-        from_prior=from_prior,
-        information=np.linalg.inv(fit.covariance),
-        channel_sd=dict(zip(runs[0].channels, noise_sd.tolist(), strict=True)),
-        dispersion=dispersion,
-        n_windows=len(runs),
-    )
+    return fit, noise_sd, dispersion
 
 
 def _left_by(windows: Sequence[Window], vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:

@@ -61,7 +61,7 @@ class Instrument:
     >>> log = ps.Instrument(sd={"u": 0.02}, resolution={"u": 0.1 * 1852 / 3600})
     >>> read = ps.pollute(trial, noise=log, rng=np.random.default_rng(1))
     >>> print((read["u"] * 3600 / 1852).values.round(2))
-    [15.5 15.5 15.4 15.3 15.1 14.8]
+    [15.5 15.5 15.4 15.3 15.1 14.9]
     """
 
     sd: Mapping[str, float]
