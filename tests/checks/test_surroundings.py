@@ -80,6 +80,13 @@ def test_a_true_wind_is_good(tanker, circle, seed):
     assert check.verdict == "good"
 
 
+def test_a_wind_that_one_number_states_is_good(tanker, circle):
+    """It does not vary at all, and no reading of it varies less."""
+    steady = circle.assign(wind_speed=("time", np.full(circle.sizes["time"], 10.0)))
+    steady = steady.assign(wind_direction=("time", np.full(circle.sizes["time"], 1.0)))
+    assert found(steady, tanker)["wind"].verdict == "good"
+
+
 @pytest.mark.parametrize(
     ("reading", "words"),
     [

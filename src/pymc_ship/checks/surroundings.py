@@ -67,7 +67,7 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     best = min(unsteady, key=lambda words: unsteady[words])
     share = unsteady[best] / max(unsteady[""], np.finfo(float).tiny)
     numbers = (("variance of the wind", unsteady[""], "m2/s2"), ("share under the best reading", share, ""))
-    if share > STEADIER:
+    if not best or share > STEADIER:
         return Check(name, "good", "The true wind is steadier than any reading of it as a relative one.", numbers)
     remedy = 'state wind = "relative" in the format' if "relative wind, from the bow" in best else "correct the columns"
     sentence = f"It fits that {best}: the wind then keeps {100.0 * share:.2g} % of its variance; {remedy}."
