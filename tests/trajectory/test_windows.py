@@ -13,6 +13,7 @@ import pymc_ship as ps
 from pymc_ship.motion.replay import replay
 from pymc_ship.trajectory import windows as window_fit
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
+from pymc_ship.trajectory.posterior import laplace_posterior
 from pymc_ship.trajectory.prior import coefficient_prior
 from pymc_ship.trajectory.runs import trajectory_run
 from pymc_ship.trajectory.windows import (
@@ -26,6 +27,7 @@ from pymc_ship.trajectory.windows import (
     restarted,
     thinned,
     widened,
+    window_mode,
     window_records,
 )
 from pymc_ship.trial.record import TrialError
@@ -151,6 +153,25 @@ def fitted():
     start = ps.weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4")
     windows = [window for run in runs for window in prepared_windows(run, vessel)]
     return fit_windows(windows, vessel, prior, start)
+
+
+class TestMode:
+    def test_draws_are_of_the_fit_under_the_spread_with_which_windows_count(self):
+        vessel = with_terms(tanker(), TRUE_TERMS)
+        prior, start = wide_prior(reference_coefficients(vessel), 1.0), reference_coefficients(vessel)
+        windows = prepared_windows(trial(RUNS[0], seed=1), vessel)
+        fit, mode = fit_windows(windows, vessel, prior, start), window_mode(windows, vessel, prior, start)
+        found = mode.choice.fit
+        np.testing.assert_array_equal(found.coefficients, fit.coefficients)
+        np.testing.assert_allclose(np.linalg.inv(found.covariance), fit.information, rtol=1e-9)
+        for noise in found.problem.noise:
+            np.testing.assert_allclose(noise.sd, list(fit.spread.values()), rtol=0.03)
+        tree = laplace_posterior(mode, draws=400, chains=2, rng=np.random.default_rng(1))
+        drawn = tree["posterior"]["coefficients"].stack(sample=("chain", "draw")).transpose("sample", ...).values
+        z = (drawn.mean(axis=0) - fit.coefficients) / (drawn.std(axis=0) / np.sqrt(400))
+        assert np.abs(z).max() < 4.5
+        wrong = (drawn.mean(axis=0) - fit.coefficients - 0.5 * found.sd) / (drawn.std(axis=0) / np.sqrt(400))
+        assert np.abs(wrong).max() > 4.5
 
 
 class TestFit:

@@ -1,0 +1,67 @@
+"""NUTS beside the normal approximation of an identification by parts.
+
+    python docs/explanation/kvlcc2/nuts.py hsva/z20_10_s.csv
+
+Windows of 5 L/U of the runs that are named, each with a start of its own, under the spread with which the windows of an
+identification count. Both posteriors have this likelihood and the priors of the parameters; the widening by scatter
+between windows and runs comes after.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+
+import pymc_ship as ps
+from pymc_ship.motion.weak_form import weak_form_start
+from pymc_ship.sampling.trajectory_model import mode_nuts_posterior
+from pymc_ship.ship.candidates import as_recorded, stated_prior
+from pymc_ship.trajectory.posterior import laplace_posterior
+from pymc_ship.trajectory.windows import prepared_windows, thinned, window_mode
+from pymc_ship.vessel.term_sets import with_terms
+
+SET = "modular, wake by side"
+FORMAT = Path(__file__).parent / "hsva.toml"
+MANOEUVRES = (ps.turning_circle(35), ps.turning_circle(35, side="starboard"), ps.zigzag(10, 10), ps.zigzag(20, 20))
+INDICES = ("advance", "transfer", "tactical_diameter", "first_overshoot_angle", "second_overshoot_angle")
+
+
+def main(paths: Sequence[str]) -> None:
+    """Fit, sample and compare."""
+    trials = [ps.judged_trial(ps.read_trial(path, format=FORMAT), "kvlcc2") for path in paths]
+    vessel = as_recorded(with_terms("kvlcc2", SET), trials)
+    runs = [thinned(trial, vessel) for trial in trials]
+    windows = [window for k, run in enumerate(runs) for window in prepared_windows(run, vessel, k)]
+    prior = stated_prior(runs, vessel, "hull_database")
+    mode = window_mode(windows, vessel, prior, weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4"))
+    normal = laplace_posterior(mode, draws=2000, chains=2, rng=np.random.default_rng(1))
+    nuts = mode_nuts_posterior(mode, draws=300, chains=2, tune=150, rng=np.random.default_rng(2))
+    print(f"{len(windows)} windows, {mode.choice.fit.unknowns.size} unknowns, spread: {mode.choice.sentence}")
+    print(f"normal approximation: {normal.attrs['verdict']} (k-hat {normal.attrs['pareto_khat']:.2f})")
+    print(f"NUTS: {nuts.attrs['verdict']}\n")
+    print(f"{'parameter':12s} {'mode':>9s} {'sd':>9s} {'shift/sd':>9s} {'± mc':>6s} {'sd ratio':>9s}")
+    found, error = nuts["posterior"]["coefficients"], az.mcse(nuts["posterior"])["coefficients"]
+    fit = mode.choice.fit
+    for k, name in enumerate(found["coefficient"].values):
+        draws, sd = found.sel(coefficient=name), fit.sd[k]
+        shift, noise = float(draws.mean() - fit.coefficients[k]) / sd, float(error.sel(coefficient=name)) / sd
+        ratio = float(draws.std()) / sd
+        print(f"{name:12s} {fit.coefficients[k]:9.4g} {sd:9.2g} {shift:9.2f} {noise:6.2f} {ratio:9.2f}")
+    print(f"\n{'index':44s} {'normal':>22s} {'NUTS':>22s}")
+    for manoeuvre in MANOEUVRES:
+        bands = [
+            ps.forecast(vessel, tree, manoeuvre, draws=500, duration=1600, step=0.5, rng=3)["index_bands"]
+            for tree in (normal, nuts)
+        ]
+        for index in (name for name in INDICES if name in bands[0]):
+            label = f"{manoeuvre.label}, {index.replace('_', ' ')}"
+            ends = [[float(one[index].sel(band=b)) for b in ("median", "lower", "upper")] for one in bands]
+            print(f"{label:44s} " + " ".join(f"{m:8.4g} ({low:5.4g}, {high:5.4g})" for m, low, high in ends))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
