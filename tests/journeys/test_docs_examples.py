@@ -28,7 +28,7 @@ QUICK = {
 }
 """Pages whose Python takes no more than a few seconds."""
 
-LONG = {"docs/how_to/pool_several_trials.md", "docs/how_to/fit_trajectories.md"}
+LONG = {f"docs/how_to/{task}.md" for task in ("pool_several_trials", "fit_trajectories", "design_the_next_run")}
 """Pages whose Python an example of a docstring draws at less length."""
 
 

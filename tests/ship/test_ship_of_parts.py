@@ -9,7 +9,17 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
-from pymc_ship.ship.candidates import _shared, as_recorded, default_sets, held_piece
+from pymc_ship.ship.candidates import (
+    _shared,
+    as_recorded,
+    candidates_of,
+    cut_runs,
+    default_sets,
+    held_piece,
+    held_pieces,
+    held_windows,
+)
+from pymc_ship.ship.figures import held_out_windows
 from pymc_ship.ship.model import _prepared
 from pymc_ship.ship.page import write_ship_report
 from pymc_ship.trajectory.windows import prepared_windows
@@ -190,3 +200,26 @@ def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_p
     found = ps.identify_ship(begun, known(truth), terms=[SET], draws=8, rng=1)
     told = [remark for remark in found.remarks if "sets for a ship ahead were fitted to the piece from " in remark]
     assert [remark.split(":")[0] for remark in told] == ["Run 1", "Run 2"]
+
+
+def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
+    """She stops between two pieces, and a third is too short; windows lie in both and in no other."""
+    time, unit = trials[0]["time"].values, truth.particulars.ship_time
+    last = time[-1] - 2.0 * unit
+    stopped = ((time > 150.0) & (time < 190.0)) | ((time > last - 40.0) & (time < last))
+    broken = trials[0].assign({name: trials[0][name] * np.where(stopped, 0.05, 1.0) for name in ("u", "v", "r")})
+    ahead = with_terms(known(truth), AHEAD_SETS[0])
+    first, second = held_pieces(broken, ahead)
+    assert float(first["time"][-1]) == pytest.approx(150.0, abs=10.0)
+    assert float(second["time"][0]) == pytest.approx(190.0, abs=10.0)
+    assert float(second["time"][-1]) == pytest.approx(last - 40.0, abs=10.0)
+    assert held_piece(broken, ahead).identical(max(first, second, key=lambda piece: piece.sizes["time"]))
+    starts = [window.run.start for window in held_windows(broken, ahead)]
+    assert starts == [window.run.start for piece in (first, second) for window in prepared_windows(piece, ahead)]
+    training = _prepared([broken, trials[1]], known(truth), "hull_database")
+    assert default_sets(training)[:2] == AHEAD_SETS
+    candidate = candidates_of([AHEAD_SETS[0]], training)[0][0]
+    (remark,) = cut_runs(("broken", "whole"), training, [candidate])
+    assert remark.startswith("Run broken: sets for a ship ahead were fitted to the pieces from 0 to ")
+    assert " and from " in remark
+    assert len(held_out_windows(candidate, [broken, trials[1]], 0)) == len(held_windows(training.trials[0], ahead))

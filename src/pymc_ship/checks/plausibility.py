@@ -21,6 +21,7 @@ from pymc_ship.checks.verdicts import (
     longest_piece,
     needed,
     not_checked,
+    pieces,
     regressed,
     ship_blocks,
 )
@@ -266,15 +267,14 @@ def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False)
     name = "motion ahead"
     if reason := needed(trial, ("u", "v", "r")):
         return not_checked(name, reason)
-    motion, size = _motion(trial, scale, None)
-    held = motion.ahead & (np.abs(motion.r) * scale.L <= TURNING * motion.U if scale.known else True)
+    held, size = _held(trial, scale)
     time = trial["time"].values
     if held.all():
         return Check(name, "good", "The ship sails ahead all the time.", _piece(time[0], time[-1]))
     longest = longest_piece(held)
     begin, end = longest.start, longest.stop
-    last = time.size - 1 if end == held.size else end * size - 1
-    numbers = _piece(time[begin * size], time[max(last, begin * size)])
+    samples = _samples(longest, held.size, size, time.size)
+    numbers = _piece(time[samples.start], time[max(samples.stop - 1, samples.start)])
     if any_speed:
         share = f"The ship sails ahead, above {SLOW:.0%} of her speed, for {held.mean():.0%} of the time"
         return Check(name, "good", f"{share}; parts for any speed hold the rest.", numbers)
@@ -288,6 +288,38 @@ def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False)
         f"{text} from {numbers[0][1]:.4g} to {numbers[1][1]:.4g} s; only this piece is used ({held.mean():.0%} do so)."
     )
     return Check(name, "doubtful", text, numbers, mendable=True)
+
+
+def pieces_ahead(trial: xr.Dataset, scale: ShipScale) -> list[xr.Dataset]:
+    """Pieces in which the ship sails ahead, as long as a fit takes; the whole record where she always does.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        With u, v and r.
+    scale : ShipScale
+
+    Returns
+    -------
+    list of Dataset
+        In the order of time; :func:`piece_check` says why where there is none.
+    """
+    held, size = _held(trial, scale)
+    if held.all():
+        return [trial]
+    found = [trial.isel(time=_samples(piece, held.size, size, trial.sizes["time"])) for piece in pieces(held)]
+    return [piece for piece in found if np.ptp(piece["time"].values) >= SHORTEST_PIECE * scale.time]
+
+
+def _held(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, int]:
+    """Whether models for a ship ahead hold each block of a record, and the samples of a block."""
+    motion, size = _motion(trial, scale, None)
+    return motion.ahead & (np.abs(motion.r) * scale.L <= TURNING * motion.U if scale.known else True), size
+
+
+def _samples(piece: slice, blocks: int, size: int, samples: int) -> slice:
+    """Samples of a piece of blocks; the last block takes what is left of the record."""
+    return slice(piece.start * size, samples if piece.stop == blocks else piece.stop * size)
 
 
 def _piece(begin: float, end: float) -> tuple[tuple[str, float, str], ...]:

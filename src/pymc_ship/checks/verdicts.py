@@ -61,10 +61,15 @@ def needed(trial: xr.Dataset, channels: tuple[str, ...]) -> str:
     return f"no {', '.join(missing)} in the record" if missing else ""
 
 
+def pieces(wanted: np.ndarray) -> list[slice]:
+    """Runs of neighbours that are wanted."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]))).reshape(-1, 2)
+    return [slice(*edge) for edge in edges.tolist()]
+
+
 def longest_piece(wanted: np.ndarray) -> slice:
     """Longest run of neighbours that are wanted, the first of equal ones; an empty slice where none is."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]))).reshape(-1, 2)
-    return slice(*max(edges.tolist(), key=lambda edge: edge[1] - edge[0], default=(0, 0)))
+    return max(pieces(wanted), key=lambda piece: piece.stop - piece.start, default=slice(0, 0))
 
 
 @dataclass(frozen=True)

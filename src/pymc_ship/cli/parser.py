@@ -287,7 +287,11 @@ def _add_forecast(commands) -> None:
     command.add_argument("--n", type=float, help="revolutions [1/s], of an identified ship (those of the approach)")
     command.add_argument("--wind", type=flow, metavar="SPEED/FROM", help="true wind [m/s, deg] (none)")
     command.add_argument("--current", type=flow, metavar="SPEED/TO", help="water [m/s, deg] (none)")
-    command.add_argument("--facility", metavar="NAME", help="whose steering gear, of an identified ship (of most runs)")
+    command.add_argument(
+        "--facility",
+        metavar="NAME",
+        help="whose steering gear and approach speed, of an identified ship (gear of most runs)",
+    )
     command.add_argument("--side", choices=SIDES, help="side turned to first (port, of an identified ship both)")
     command.add_argument("--out", help="folder of the bands, or of an identified ship's page (her own folder)")
 

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from pymc_ship.checks.plausibility import cut_to_piece, piece_check
+from pymc_ship.checks.plausibility import DRIFT, SHORTEST_PIECE, SLOW, piece_check, pieces_ahead
 from pymc_ship.checks.verdicts import ship_scale
 from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.forces.surroundings import CURRENT
@@ -165,10 +165,10 @@ def default_sets(training: Training) -> tuple[str, ...]:
 
 
 def _time_ahead(trial: xr.Dataset, vessel: Vessel) -> float:
-    """Length [s] of the piece of a record in which the ship sails ahead; 0 of one with revolutions astern."""
+    """Length [s] of the pieces of a record in which the ship sails ahead; 0 of one with revolutions astern."""
     astern = "n" in trial and bool((trial["n"].values < 0.0).any())
-    found = piece_check(trial, ship_scale(trial, vessel))
-    return 0.0 if astern or found.verdict == "bad" else found.value("until") - found.value("from")
+    found = [] if astern else pieces_ahead(trial, ship_scale(trial, vessel))
+    return float(sum(np.ptp(piece["time"].values) for piece in found))
 
 
 @dataclass(frozen=True)
@@ -205,8 +205,8 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
     try:
         plain = as_recorded(with_terms(training.vessel, name), training.trials)
         vessel = informed(plain, training.prior)
-        trials = [held_piece(trial, vessel) for trial in training.trials]
-        runs = [prepared_windows(trial, vessel, k) for k, trial in enumerate(trials)]
+        trials = [piece for trial in training.trials for piece in held_pieces(trial, vessel)]
+        runs = [held_windows(trial, vessel, k) for k, trial in enumerate(training.trials)]
         prior = stated_prior(trials, vessel, training.prior)
         windows = [window for run in runs for window in run]
         whole = _first_fit(trials, windows, vessel, prior, plain)
@@ -234,39 +234,56 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
 
 
 def cut_runs(names: Sequence[str], training: Training, found: Sequence[Candidate]) -> list[str]:
-    """Sentences on the runs of which some sets were fitted to a piece alone."""
+    """Sentences on the runs of which some sets were fitted to pieces alone."""
     ahead = [candidate.vessel for candidate in found if not holds_any_speed(candidate.vessel)]
-    runs = zip(names, training.trials, strict=True)
-    pieces = [(name, trial, held_piece(trial, ahead[0])) for name, trial in runs if ahead]
-    return [
-        f"Run {name}: sets for a ship ahead were fitted to the piece from {piece['time'].values[0]:.4g} to "
-        f"{piece['time'].values[-1]:.4g} s."
-        for name, trial, piece in pieces
-        if piece.sizes["time"] < trial.sizes["time"]
-    ]
+    told = []
+    for name, trial in zip(names, training.trials, strict=True) if ahead else ():
+        pieces = held_pieces(trial, ahead[0])
+        if sum(piece.sizes["time"] for piece in pieces) < trial.sizes["time"]:
+            ends = [piece["time"].values[[0, -1]] for piece in pieces]
+            spans = " and ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in ends)
+            told.append(
+                f"Run {name}: sets for a ship ahead were fitted to the piece{'s' * (len(ends) > 1)} {spans}; in the "
+                f"rest she is below {SLOW:.0%} of her speed, drifts by more than {DRIFT:g} of it or turns on the spot, "
+                f"or sails ahead for less than {SHORTEST_PIECE:g} L/U."
+            )
+    return told
 
 
 def _shared(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None:
     """Windows of each run in which all sets can be judged: those ahead; None where they are not of every run."""
-    pieces = [piece_check(trial, ship_scale(trial, vessel)) for trial in training.trials]
-    if len(pieces) < 2 or any(piece.verdict == "bad" for piece in pieces):
+    ahead = [pieces_ahead(trial, ship_scale(trial, vessel)) for trial in training.trials]
+    if len(ahead) < 2 or not all(ahead):
         return None
-    return [prepared_windows(_ahead(trial, vessel), vessel, k) for k, trial in enumerate(training.trials)]
+    return [_windows(pieces, vessel, k) for k, pieces in enumerate(ahead)]
 
 
-def held_piece(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
-    """The piece of a record that the forces of a vessel hold: all of it, or the longest one ahead.
+def held_pieces(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
+    """The pieces of a record that the forces of a vessel hold: all of it, or those in which she sails ahead.
 
     TrajectoryError where none is long enough.
     """
-    return trial if holds_any_speed(vessel) else _ahead(trial, vessel)
+    if holds_any_speed(vessel):
+        return [trial]
+    scale = ship_scale(trial, vessel)
+    found = pieces_ahead(trial, scale)
+    if not found:
+        raise TrajectoryError(piece_check(trial, scale).sentence)
+    return found
 
 
-def _ahead(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
-    found = piece_check(trial, ship_scale(trial, vessel))
-    if found.verdict == "bad":
-        raise TrajectoryError(found.sentence)
-    return cut_to_piece(trial, found) if found.mendable else trial
+def held_piece(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
+    """The longest of :func:`held_pieces`, the first of equal ones."""
+    return max(held_pieces(trial, vessel), key=lambda piece: piece.sizes["time"])
+
+
+def held_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list[Window]:
+    """Windows of all :func:`held_pieces` of a thinned record, the trial of this number."""
+    return _windows(held_pieces(trial, vessel), vessel, number)
+
+
+def _windows(pieces: Sequence[xr.Dataset], vessel: Vessel, number: int) -> list[Window]:
+    return [window for piece in pieces for window in prepared_windows(piece, vessel, number)]
 
 
 def _first_fit(

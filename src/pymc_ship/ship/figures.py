@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 
 from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
-from pymc_ship.ship.candidates import Candidate, held_piece, held_together
+from pymc_ship.ship.candidates import Candidate, held_together, held_windows
 from pymc_ship.ship.paths import QUANTILES
-from pymc_ship.trajectory.windows import prepared_windows, restarted, thinned
+from pymc_ship.trajectory.windows import restarted, thinned
 from pymc_ship.trial.channels import CHANNELS
 
 BARS = 0.9
@@ -53,7 +53,7 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
     list of HeldOutWindow
         The forecast is NaN where the ship left the model's range.
     """
-    windows = prepared_windows(held_piece(thinned(trials[k], candidate.vessel), candidate.vessel), candidate.vessel)
+    windows = held_windows(thinned(trials[k], candidate.vessel), candidate.vessel)
     fits = [candidate.held_out.fits[k]] * len(windows)
     if len(trials) == 1:
         groups = zip(candidate.held_out.fits, held_together([windows]), strict=True)
