@@ -9,6 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
+from pymc_ship.manoeuvre.recognition import Steering
 from pymc_ship.ship.candidates import (
     _shared,
     as_recorded,
@@ -223,3 +224,13 @@ def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
     assert remark.startswith("Run broken: sets for a ship ahead were fitted to the pieces from 0 to ")
     assert " and from " in remark
     assert len(held_out_windows(candidate, [broken, trials[1]], 0)) == len(held_windows(training.trials[0], ahead))
+
+
+def test_revolutions_that_are_given_are_not_those_of_a_facility(ship, truth):
+    facilities = {"basin": Steering(2.35, 2.5, 4, approach_speed=6.0)}
+    one = ps.IdentifiedShip(ship.models, ship.motion, {}, ship.motion_error, (), facilities)
+    asked = {"rng": 1, "facility": "basin", "duration": 100.0}
+    own = ps.forecast_ship(one, ps.turning_circle(20), **asked)
+    given = ps.forecast_ship(one, ps.turning_circle(20), n=truth.propeller.n, **asked)
+    assert own.attrs["approach_speed"] == 6.0
+    assert given.attrs["approach_speed"] == truth.particulars.nominal_speed
