@@ -153,7 +153,7 @@ def summary(results: Sequence[Result]) -> str:
 
 def page(results: Sequence[Result], seed: int) -> str:
     """All results as a page in Markdown."""
-    heads = ("case", "identified", "inside", "|error| of TD %", "half width of TD %", "of all %", "s", "refusal")
+    heads = ("case", "identified", "inside", "error of TD, size %", "half width of TD %", "of all %", "s", "refusal")
     parts = [
         "# Foreign ships",
         f"`make foreign`, seed {seed}. {' '.join((__doc__ or '').split('``make foreign``.')[1].split())}",
