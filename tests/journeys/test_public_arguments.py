@@ -118,7 +118,7 @@ def test_a_list_where_one_trial_is_meant_is_refused_with_a_sentence(name, trial)
 
 @pytest.mark.parametrize("name", taking("trials"))
 def test_what_holds_no_trials_is_refused_with_a_sentence(name, trial):
-    rest = {"vessel": "kvlcc2", "rng": 1, "mean": np.zeros(25), "scale": np.ones(25)}
+    rest = {"vessel": "kvlcc2", "rng": 1, "mean": np.zeros(29), "scale": np.ones(29)}
     with pytest.raises(
         ps.TrialError, match=r"^A list of trials is meant, found <class 'int'>; give Datasets in a list"
     ):

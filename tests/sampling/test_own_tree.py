@@ -16,7 +16,8 @@ from tests.sampling.cases import hyperparameters, regression
 SETTINGS = {"draws": 500, "tune": 500, "chains": 4}
 DATA, PRIOR = regression("zscored"), ps.ConjugatePrior(**hyperparameters())
 HORSESHOE = pytest.param("horseshoe", marks=pytest.mark.consistency)  # docs/how_to/change_the_model.md draws one
-PATHS = ("conjugate", "gibbs", "nuts", "direct", "own", HORSESHOE)
+DIRECT = pytest.param("direct", marks=pytest.mark.consistency)  # laid out by the same code as the whitened form
+PATHS = ("conjugate", "gibbs", "nuts", DIRECT, "own", HORSESHOE)
 
 
 def laplace(name, mu, sigma, given):

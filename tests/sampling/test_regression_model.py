@@ -177,7 +177,10 @@ def test_nuts_agrees_with_quadrature(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("parametrisation", "sampler"), [("direct", "nutpie"), ("whitened", "pymc")])
+@pytest.mark.parametrize(
+    ("parametrisation", "sampler"),
+    [pytest.param("direct", "nutpie", marks=pytest.mark.consistency), ("whitened", "pymc")],
+)
 def test_other_routes_agree_with_the_closed_form(parametrisation, sampler):
     tree = nuts("zscored", ConjugatePrior, parametrisation, sampler)
     z, limit = z_scores(tree, *conjugate_moments(regression("zscored"), ConjugatePrior(**hyperparameters())))

@@ -1,6 +1,6 @@
 """NUTS beside the normal approximation of an identification by parts.
 
-    python docs/explanation/kvlcc2/nuts.py hsva/z20_10_s.csv
+    python3 docs/explanation/kvlcc2/nuts.py hsva/z20_10_s.csv
 
 Windows of 5 L/U of the runs that are named, each with a start of its own, under the spread with which the windows of an
 identification count. Both posteriors have this likelihood and the priors of the parameters; the widening by scatter

@@ -154,7 +154,7 @@ def identifiability(
     >>> for name in ("Nr", "Nrrr"):
     ...     print(f"{name}: {bound['relative_bound'].sel(coefficient=name):.0f} %")
     Nr: 4 %
-    Nrrr: 3236 %
+    Nrrr: 1328 %
     """
     vessel = as_vessel(vessel)
     root = _root(runs, vessel, coefficients, noise_sd, noise, initial_states)

@@ -146,8 +146,8 @@ def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict]:
     >>> trial = ps.simulate(vessel, ps.turning_circle(35), duration=900, step=0.5)
     >>> for row in ps.imo_criteria(ps.indices(trial), vessel):
     ...     print(f"{row['criterion']}: {row['value']:.2f} {row['units']}, limit {row['limit']}: {row['passed']}")
-    advance: 3.10 L, limit 4.5: True
-    tactical diameter: 3.56 L, limit 5.0: True
+    advance: 3.14 L, limit 4.5: True
+    tactical diameter: 3.61 L, limit 5.0: True
     """
     vessel = as_vessel(vessel)
     rows = []

@@ -48,7 +48,7 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(10, 10), duration=600, step=0.5)
     >>> overshoot = ps.indices(trial)["first_overshoot_angle"]
     >>> print(f"{overshoot:.1f} {overshoot.attrs['units']}")
-    10.1 deg
+    10.2 deg
     """
     name = manoeuvre or one_trial(trial).attrs.get("manoeuvre", "")
     known = [kind.name for kind in KINDS.values() if kind.indices]
