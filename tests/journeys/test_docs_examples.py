@@ -28,7 +28,10 @@ QUICK = {
 }
 """Pages whose Python takes no more than a few seconds."""
 
-LONG = {f"docs/how_to/{task}.md" for task in ("pool_several_trials", "fit_trajectories", "design_the_next_run")}
+LONG = {
+    *(f"docs/how_to/{task}.md" for task in ("pool_several_trials", "fit_trajectories", "design_the_next_run")),
+    "docs/tutorials/your_ship.md",
+}
 """Pages whose Python an example of a docstring draws at less length."""
 
 
