@@ -27,7 +27,6 @@ def differences(found):
 PUBLIC = [example(name, getattr(ps, name)) for name in ps.__all__ if name != "__version__"]
 EXAMPLES = {found.name: found for found in PUBLIC if found.examples}
 MARKS = {name: [pytest.mark.slow] for name in SLOW}
-MARKS["hierarchical_posterior"].append(pytest.mark.consistency)
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, [])) for name in EXAMPLES])

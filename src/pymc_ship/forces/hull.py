@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from numpy.polynomial.legendre import leggauss
 
 from pymc_ship.forces.expressions import Expression, cos, sin, step
-from pymc_ship.forces.hull_database import SOURCE, bare_hull
+from pymc_ship.forces.hull_database import CROSS_FLOW, SOURCE, bare_hull
 from pymc_ship.forces.part import Force, Motion, Parameter, Part, Ship, speed
 from pymc_ship.forces.prime_system import GRAVITY
 
@@ -78,7 +78,7 @@ def _any_speed(ship: Ship) -> tuple[Parameter, ...]:
         Parameter("R_astern", 1.3, 0.4, "a stern is blunter than a bow; by judgement", "over R0"),
         Parameter("Xvv", *known["Xvv"], SOURCE),
         *linear,
-        Parameter("C_D", 0.8, 0.15, cross, "drag coefficient"),
+        Parameter("C_D", CROSS_FLOW, 0.15, cross, "drag coefficient"),
         Parameter("c_N", 1.0, 0.3, f"{cross}; by judgement", "moment of the cross flow over that of a flat plate"),
         Parameter("x_C", 0.0, 0.05, f"{cross}; by judgement", "L, centre of the cross flow"),
     )

@@ -24,24 +24,28 @@ STRIPS = "cross-flow drag of strips, C_D 0.8"
 TYPICAL_RUDDER = "typical rudder behind a single screw"
 """Source of the terms of a rudder that is convex in its angle, and of the even terms in the yaw rate."""
 
-_C_D = 0.8
+CROSS_FLOW = 0.8
+"""Drag coefficient of a strip of the hull, across it."""
+
+CONVEXITY = 0.3, 0.4
+"""Mean and standard deviation of f_2 in a rudder's normal force, F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|)."""
 
 _SQUARES = {
-    "Yv|v|": (-_C_D, 0.4),
-    "Yv|r|": (-_C_D / 2.0, 0.2),
+    "Yv|v|": (-CROSS_FLOW, 0.4),
+    "Yv|r|": (-CROSS_FLOW / 2.0, 0.2),
     "Yr|v|": (0.0, 0.2),
     "Yr|r|": (0.0, 0.05),
     "Nv|v|": (0.0, 0.1),
     "Nv|r|": (0.0, 0.1),
-    "Nr|v|": (-_C_D / 6.0, 0.07),
-    "Nr|r|": (-_C_D / 32.0, 0.0125),
+    "Nr|v|": (-CROSS_FLOW / 6.0, 0.07),
+    "Nr|r|": (-CROSS_FLOW / 32.0, 0.0125),
 }
 """Mean and standard deviation over rho/2 L d U^2: what damps a motion is known to be negative to two sd."""
 
 _RUDDER = {"Y": 0.066, "N": -0.033}
 """Force by rudder angle over rho/2 L d U^2: an area of 1/55 of L d, a slope of 2.7, and a hull that adds a third."""
 
-_BY_RUDDER = {"|r|": (0.0, 0.2), "sincos|delta|": (0.3, 0.4)}
+_BY_RUDDER = {"|r|": (0.0, 0.2), "sincos|delta|": CONVEXITY}
 """Mean and standard deviation over :data:`_RUDDER`.
 
 The flow there differs by side by 0.12 of a drift of 1.6 r'; the force is as convex as that of the parts.

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 from pymc_ship.forces.expressions import Expression, cos, root, sin
 from pymc_ship.forces.hull import MMG
+from pymc_ship.forces.hull_database import CONVEXITY
 from pymc_ship.forces.part import Force, Motion, Parameter, Part, Ship, speed
 
 SLOWEST = 1e-12
@@ -29,7 +30,7 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
     kijima = "Kijima et al. (1990)"
     return (
         Parameter("f_alpha", slope, sd, how, "slope of the normal force"),
-        Parameter("f2", 0.3, 0.4, "stall delayed in the race, by judgement", "convexity"),
+        Parameter("f2", *CONVEXITY, "stall delayed in the race, by judgement", "convexity"),
         Parameter("epsilon", 1.05, 0.15, MMG, "wake of the rudder"),
         Parameter("kappa", ship.kappa, 0.08 if ship.propeller_known else 0.12, MMG, "growth of the race"),
         Parameter("gamma_R", 0.44, 0.13, f"{MMG}, 0.40 and 0.64", "flow straightening"),
