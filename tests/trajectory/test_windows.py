@@ -176,15 +176,16 @@ class TestMode:
 
 class TestFit:
     def test_a_clean_record_gives_back_ships_that_move_alike(self, fitted):
+        """Sailed in fine steps: a rudder that is ordered a quarter of a second later is worth 0.1 deg of overshoot."""
         assert fitted.n_windows == 9
         for what in (*RUNS, ps.turning_circle(25.0)):
             true, found = (
-                ps.indices(trial(what, vessel=vessel, duration=900.0))
+                ps.indices(ps.simulate(vessel, what, duration=900.0, step=0.05, record_interval=1.0, method="rk4"))
                 for vessel in (tanker(), with_values(tanker(), fitted.coefficients))
             )
             for name in true:
                 if np.isfinite(true[name]):
-                    assert float(found[name]) == pytest.approx(float(true[name]), rel=1e-2), (what.label, name)
+                    assert float(found[name]) == pytest.approx(float(true[name]), rel=5e-3), (what.label, name)
 
     def test_the_noise_it_finds_is_what_the_windows_leave(self, fitted):
         assert fitted.channel_sd.keys() == {"u", "v", "r"}
