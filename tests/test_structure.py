@@ -28,10 +28,11 @@ WINGS = {
     "rows": "machine forces vessel trial denoising motion",
     "regression": "machine forces vessel trial rows",
     "trajectory": "machine forces vessel trial motion regression",
+    "captive": "pages trial vessel motion regression trajectory",
     "sampling": "machine vessel motion rows regression trajectory",
     "forecasting": "machine pages forces vessel trial manoeuvre motion rows regression trajectory sampling",
     "design": "machine vessel trial manoeuvre motion trajectory forecasting",
-    "ship": "machine pages forces vessel trial manoeuvre motion checks rows regression trajectory forecasting",
+    "ship": "machine pages forces vessel trial manoeuvre motion checks rows regression trajectory captive forecasting",
     "diagnostics": "machine pages vessel trial rows regression trajectory sampling forecasting design",
     "frontier": "machine pages vessel trial denoising manoeuvre motion regression trajectory forecasting design",
     "replication": "machine pages vessel trial denoising manoeuvre motion rows regression trajectory sampling "

@@ -54,6 +54,8 @@ _PUBLIC = {
     "trajectory.fit": ("TrajectoryError",),
     "trajectory.posterior": ("trajectory_posterior",),
     "trajectory.prior": ("CoefficientPrior", "coefficient_prior", "posterior_prior"),
+    "captive.statement": ("CaptiveFit", "fit_captive"),
+    "captive.table": ("read_captive",),
     "sampling.gibbs": ("gibbs", "gibbs_posterior"),
     "sampling.hierarchical_model": ("hierarchical_model", "hierarchical_posterior"),
     "sampling.own_tree": ("posterior_tree",),

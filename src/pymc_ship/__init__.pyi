@@ -1,3 +1,6 @@
+from pymc_ship.captive.statement import CaptiveFit as CaptiveFit
+from pymc_ship.captive.statement import fit_captive as fit_captive
+from pymc_ship.captive.table import read_captive as read_captive
 from pymc_ship.checks.lag import VelocityLag as VelocityLag
 from pymc_ship.checks.lag import common_lag as common_lag
 from pymc_ship.checks.trial_checks import TrialRefusedError as TrialRefusedError

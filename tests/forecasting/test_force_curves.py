@@ -62,7 +62,9 @@ class TestForceCurves:
         vessel = replace(container, forces=forces, propeller=propeller)
         found = force_draws(vessel, np.arange(1.0, 7.0)[None], "yaw", "delta", np.array([0.2]))
         assert found[0, 0] == pytest.approx(6.0 * np.sin(0.2) * np.cos(0.2))
-        assert force_draws(vessel, np.arange(1.0, 7.0)[None], "surge", "delta", np.array([0.2]))[0, 0] == 1.0
+        assert force_draws(vessel, np.arange(1.0, 7.0)[None], "surge", "delta", np.array([0.2]))[0, 0] == pytest.approx(
+            1.0
+        )
 
     def test_what_does_not_fit_is_said(self, container):
         with pytest.raises(ValueError, match="found none; add one"):

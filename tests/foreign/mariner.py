@@ -61,19 +61,21 @@ def force(terms: dict[str, float], values: dict[str, float]) -> float:
 
 @dataclass(frozen=True)
 class Mariner:
-    """The ship; ``asymmetric`` keeps the constant side force and moment of her single screw."""
+    """The ship; ``asymmetric`` keeps the side force and moment of her single screw, ``rows`` are her forces."""
 
     papers: Papers = PAPERS
     asymmetric: bool = True
+    rows: tuple[dict[str, float], ...] = (SURGE, SWAY, YAW)
 
     def accelerations(self, motion, delta, n, push):
         """Rates of u, v, r and p, the last 0."""
         u, v, r, _, _ = motion
         U = math.hypot(u, v)
         values = {"u": (u - SPEED) / U, "v": v / U, "r": r * LENGTH / U, "d": delta}
-        sides = (SWAY, YAW) if self.asymmetric else (symmetric(SWAY), symmetric(YAW))
+        surge, *sides = self.rows
+        sides = sides if self.asymmetric else [symmetric(row) for row in sides]
         scale = 0.5 * WATER * LENGTH**2 * U * U
-        X = force(SURGE, values) + push[0] / scale
+        X = force(surge, values) + push[0] / scale
         Y = force(sides[0], values) + push[1] / scale
         N = force(sides[1], values) + push[3] / (scale * LENGTH)
         m22, m23 = M - ADDED["Yvdot"], M * X_G - ADDED["Yrdot"]

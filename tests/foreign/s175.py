@@ -29,6 +29,7 @@ ROLL |= {"vvr": -0.000588, "vrr": 0.0010565, "vvf": -0.0012012, "vff": -0.000079
 ROLL |= {"rff": 0.00003569}
 YAW = {"v": -0.0038545, "r": -0.00222, "p": 0.000213, "f": -0.0001424, "vvv": 0.001492, "rrr": -0.00229}
 YAW |= {"vvr": -0.0424, "vrr": 0.00156, "vvf": -0.019058, "vff": -0.0053766, "rrf": -0.0038592, "rff": 0.0024195}
+ROWS = (SURGE, SWAY, ROLL, YAW)
 ASPECT, RUDDER_AREA = 1.8219, 33.0376
 KAPPA, EPSILON, X_R, Z_R = 0.631, 0.921, -0.5, 0.033
 WAKE, TAU, X_P, DEDUCTION, DIAMETER = 0.184, 1.09, -0.526, 0.175, 6.533
@@ -87,9 +88,10 @@ def inverse_inertia() -> np.ndarray:
 
 @dataclass(frozen=True)
 class S175:
-    """The ship at a metacentric height [m]."""
+    """The ship at a metacentric height [m]; ``rows`` are the forces of her hull."""
 
     GM: float = 0.3
+    rows: tuple[dict[str, float], ...] = ROWS
     papers: Papers = field(init=False)
     inverse: list[list[float]] = field(init=False)
 
@@ -99,6 +101,7 @@ class S175:
 
     def accelerations(self, motion, delta, n, push):
         """Rates of u, v, r and p."""
+        surge, sway, roll, yaw = self.rows
         U, delta = math.hypot(motion[0], motion[1]), -delta
         u, v, r, p = motion[0] / U, motion[1] / U, motion[2] * LENGTH / U, motion[3] * LENGTH / U
         values = {"u": u, "v": v, "r": r, "p": p, "f": motion[4]}
@@ -113,12 +116,12 @@ class S175:
         lateral = F_N * math.cos(delta)
         scale = 0.5 * WATER * (LENGTH * U) ** 2
         weight = WATER * GRAVITY * VOLUME / scale
-        X = force(SURGE, values) + (1.0 - DEDUCTION) * thrust + C_RX * F_N * math.sin(delta) + push[0] / scale
+        X = force(surge, values) + (1.0 - DEDUCTION) * thrust + C_RX * F_N * math.sin(delta) + push[0] / scale
         X += (M + M_Y) * v * r
-        Y = force(SWAY, values) + (1.0 + A_H) * lateral - (M + M_X) * u * r + push[1] / scale
-        K = force(ROLL, values) - (1.0 + A_H) * Z_R * lateral + M_X * L_X * u * r
+        Y = force(sway, values) + (1.0 + A_H) * lateral - (M + M_X) * u * r + push[1] / scale
+        K = force(roll, values) - (1.0 + A_H) * Z_R * lateral + M_X * L_X * u * r
         K += push[2] / (scale * LENGTH) - weight * self.GM / LENGTH * motion[4]
-        N = force(YAW, values) + (X_R + A_H * X_H) * lateral + push[3] / (scale * LENGTH)
+        N = force(yaw, values) + (X_R + A_H * X_H) * lateral + push[3] / (scale * LENGTH)
         rate = U * U / LENGTH
         dv, dp, dr = (rate * (row[0] * Y + row[1] * K + row[2] * N) for row in self.inverse)
         return X * rate / (M + M_X), dv, dr / LENGTH, dp / LENGTH

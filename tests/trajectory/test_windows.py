@@ -348,7 +348,7 @@ def test_the_dispersion_is_that_of_the_windows_however_much_the_prior_knows(know
     """Gradients that scatter three times as much as their curvature says, and a prior of half the coefficients."""
     root = np.random.default_rng(3).standard_normal((6, 6))
     curvature, precision = root @ root.T, known * np.repeat([0.0, 1.0], 3)
-    problem = SimpleNamespace(n_shared=6, precision=precision, unit=np.ones(6))
+    problem = SimpleNamespace(n_shared=6, precision=precision, unit=np.ones(6), stated=np.empty((0, 6)))
     covariance = np.linalg.inv(curvature + np.diag(precision))
     fit = SimpleNamespace(square_root=np.linalg.cholesky(covariance), problem=problem)
     monkeypatch.setattr(window_fit, "_squared_gradients", lambda fit: 3.0 * curvature)

@@ -220,6 +220,12 @@ def _add_identify(commands) -> None:
         help="of the coefficients: captive tests of other hulls, wide about 0, or the values of the vessel file "
         "(hull_database where the file states the draught d, else order_damped)",
     )
+    command.add_argument(
+        "--captive",
+        metavar="FILE",
+        help="captive tests of her model: speed, beta, r, delta, n and prime forces X', Y', N', one row a test (none)",
+    )
+    command.add_argument("--captive-format", metavar="FILE.toml", help="signs, reference point, area and scale of them")
     command.add_argument("--draws", type=draws, default=1000, help="posterior draws, a multiple of 4 (%(default)s)")
     command.add_argument("--out", required=True, help="folder of the report, which `forecast` takes")
 

@@ -53,9 +53,16 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     files = [(path, args.format) for path in args.trials]
     files += [(path, layout) for layout, *paths in args.facility for path in paths]
     _check_facilities(args)
+    captive = ps.read_captive(args.captive, vessel, format=args.captive_format) if args.captive else None
     trials, checks = checked_trials(files, vessel, args, progress, any_speed=any_speed)
     out, rng = writable_folder(args.out), np.random.default_rng(args.seed)
-    settings = {"names": list(trials), "terms": args.terms, "prior": args.prior, "draws": args.draws}
+    settings = {
+        "captive": captive,
+        "names": list(trials),
+        "terms": args.terms,
+        "prior": args.prior,
+        "draws": args.draws,
+    }
     try:
         model = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
     except TermSetsRefusedError as error:

@@ -13,8 +13,8 @@ import xarray as xr
 from pymc_ship.design.identifiability import UNKNOWN
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT, check_draws
-from pymc_ship.trajectory.fit import whiten
 from pymc_ship.trajectory.prior import CoefficientPrior
+from pymc_ship.trajectory.runs import whiten
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.vessel.vessel import LETTER
 

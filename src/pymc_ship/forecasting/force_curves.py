@@ -8,12 +8,11 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.forces.programs import run, set_parameters
-from pymc_ship.forces.terms import SYMBOLS, evaluate
+from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.motion.held import held_forces
 from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.vessel.parts import force_program
 from pymc_ship.vessel.vessel import DOFS, LETTER, Vessel
 
 _FORCES = ("surge", "sway", "yaw")
@@ -105,28 +104,10 @@ def force_draws(vessel: Vessel, draws: np.ndarray, dof: str, symbol: str, values
     size = sum(sizes) + len(vessel.parameters)
     if draws.ndim != 2 or draws.shape[1] != size or not len(draws):
         raise ValueError(f"Draws of {vessel.name!r} have shape (draws, {size}), found {draws.shape}; reorder them.")
-    if vessel.modular:
-        return _by_parts(vessel, draws, DOFS.index(dof), symbol, np.asarray(values, dtype=float))
-    begin = sum(sizes[: vessel.dofs.index(dof)])
-    state = {name: np.zeros(values.size) for name in SYMBOLS} | {symbol: np.asarray(values, dtype=float)}
-    if vessel.propeller is not None:
-        state |= {"g": np.ones(values.size), "T": np.zeros(values.size)}
-    mine = draws[:, begin : begin + len(vessel.terms(dof))]
-    return mine @ evaluate(vessel.terms(dof), state).T
-
-
-def _by_parts(vessel: Vessel, draws: np.ndarray, row: int, symbol: str, values: np.ndarray) -> np.ndarray:
-    """The same of a vessel whose forces parts make, at the nominal revolutions and without wind."""
-    program = force_program(vessel)
-    work, found = np.zeros((program.n_rows, values.size)), np.empty((len(draws), values.size))
-    motion = {name: np.zeros(values.size) for name in SYMBOLS} | {symbol: values}
-    speed = 1.0 / (1.0 - motion["u"])
-    for k, draw in enumerate(draws):
-        set_parameters(program, np.tile(draw[:, None], values.size), work)
-        work[0] = speed * np.sqrt(np.maximum(1.0 - motion["v"] ** 2, 0.0))
-        for place, name in ((1, "v"), (2, "r"), (3, "p")):
-            work[place] = speed * motion[name]
-        work[4], work[6], work[7] = motion["phi"], motion["delta"], 1.0
-        run(program, work)
-        found[k] = work[program.results[row]] / speed**2
-    return found
+    s, row = vessel.particulars, DOFS.index(dof)
+    prime = {name: np.zeros(values.size) for name in SYMBOLS} | {symbol: np.asarray(values, dtype=float)}
+    speed = s.nominal_speed / (1.0 - prime["u"])
+    motion = {"v": speed * prime["v"], "phi": prime["phi"], "delta": prime["delta"]}
+    motion |= {name: speed / s.L * prime[name] for name in ("r", "p")}
+    motion["u"] = np.sqrt(np.maximum(speed**2 - motion["v"] ** 2, 0.0))
+    return held_forces(vessel, motion, draws)[:, row]

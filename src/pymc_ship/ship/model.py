@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
+from pymc_ship.captive.comparison import compared
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.forecasting.motion_error import LEADS, Replayed, motion_error
@@ -37,6 +38,7 @@ _REPLAYS = 40  # draws of a held-out run from each window on
 _FORECASTS = 200  # draws of a held-out forecast
 _COUNTED = 0.01  # least weight of a term set that takes part in it
 _BOOTSTRAPS = 2000
+_PRIOR_DRAWS = 500  # beside captive tests
 _ATTEMPTS = 50
 
 
@@ -71,6 +73,9 @@ class ShipModel:
     remarks : tuple of str
     judgement : dict of str to str
         Of the records, see :func:`pymc_ship.trial.judgement.judgement`.
+    captive : Dataset or None
+        Captive tests beside the forces of the candidate that weighs most, see
+        :func:`pymc_ship.captive.comparison.compared`, drawn by "prior alone" and as "identified".
     """
 
     vessel: Vessel
@@ -85,6 +90,7 @@ class ShipModel:
     motion: xr.DataArray
     remarks: tuple[str, ...]
     judgement: dict[str, str]
+    captive: xr.Dataset | None = None
 
     @property
     def models(self) -> list[tuple[Vessel, np.ndarray]]:
@@ -99,6 +105,7 @@ def identify_ship(
     names: Sequence[str] | None = None,
     terms: Sequence[str] | None = None,
     prior: str | None = None,
+    captive: xr.Dataset | None = None,
     draws: int = 1000,
     rng: Seed,
     progress: Callable[[str], None] = lambda _: None,
@@ -120,6 +127,9 @@ def identify_ship(
         :func:`pymc_ship.vessel.hull_database.hull_coefficients`, and wide about 0 for the rest; wide about 0 for all;
         or about the values of the vessel file. By default the first where the vessel states her draught, the second
         else.
+    captive : Dataset, dims (test,), optional
+        Captive tests of her model, from :func:`pymc_ship.read_captive`: they stand beside the prior of every term set
+        with a noise of their own, that of the term set on them.
     draws : int, optional
         Of the whole ensemble.
     rng : int, SeedSequence or Generator
@@ -160,7 +170,7 @@ def identify_ship(
             f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
             f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
         )
-    training = _prepared(trials, vessel, prior)
+    training = replace(_prepared(trials, vessel, prior), captive=captive)
     wanted = tuple(dict.fromkeys(terms)) if terms else default_sets(training)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
     found, refused = candidates_of(wanted, training)
@@ -178,21 +188,33 @@ def identify_ship(
             "windows, not the error of a whole manoeuvre, and are too narrow by what these trials cannot tell."
         )
     progress("draws that do not run away")
-    found = _drawn(found, draws, rng)
+    found = sorted(_drawn(found, draws, rng), key=lambda candidate: -candidate.weight)
+    if captive is not None:
+        remarks.append(
+            f"{captive.sizes['test']} captive tests stand beside the prior of every term set; held-out runs are "
+            "forecast with them, too. Each coefficient differs between carriage and ship by "
+            f"{found[0].captive_apart:.2g} of its prior sd ({found[0].name})."
+        )
     return ShipModel(
         vessel=training.vessel,
         prior=training.prior,
         names=names,
         manoeuvres=tuple(training.manoeuvres),
         facilities=training.facilities,
-        candidates=tuple(sorted(found, key=lambda candidate: -candidate.weight)),
+        candidates=tuple(found),
         index_rows=rows,
         model_error=errors,
         motion_error=motion_error(_held_out_motion(found, training, rng), vessel),
         motion=_motion(training, fullest_vessel),
         remarks=tuple(remarks),
         judgement=judgement(trials, names),
+        captive=None if captive is None else _compared(captive, found[0], rng),
     )
+
+
+def _compared(tests: xr.Dataset, best: Candidate, rng: np.random.Generator) -> xr.Dataset:
+    """Captive tests beside the best candidate before and after it was fitted."""
+    return compared(tests, best.vessel, {"prior alone": best.prior.draw(_PRIOR_DRAWS, rng), "identified": best.draws})
 
 
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Training:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pymc_ship.captive.comparison import captive_forces, comparison_rows, shown_comparison
 from pymc_ship.checks.trial_checks import worst_verdict
 from pymc_ship.checks.verdicts import Check
 from pymc_ship.forecasting.force_curves import force_curves
@@ -45,12 +46,15 @@ SOURCES = (
     "doi:10.1007/s11538-023-01208-6",
 )
 
-_FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves")
+_FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves", "captive_forces")
 DISAGREE = 2.0
 """Prior standard deviations beyond which an estimate and what was known beforehand disagree."""
 
 _OF_PARAMETER = ("estimate", "sd", "known_value", "known_sd")
-_TABLES = ("runs", "checks", "term_sets", "held_out_indices", "model_error", "paths", "coefficients", "correlations")
+_TABLES = (
+    *("runs", "checks", "term_sets", "held_out_indices", "model_error", "paths", "coefficients", "correlations"),
+    "captive",
+)
 
 PAGE = Page(
     "index.html",
@@ -126,6 +130,7 @@ def write_ship_report(
         "paths": [dict(row) for row in paths],
         "coefficients": coefficient_rows(model.candidates[0]),
         "correlations": correlation_rows(model.candidates[0]),
+        "captive": comparison_rows(model.captive) if model.captive is not None else [],
     }
     progress("drawing the figures")
     drawn = _figures(model, list(trials.values()), seed)
@@ -215,6 +220,8 @@ def _figures(model: ShipModel, trials: Sequence[xr.Dataset], seed: int) -> dict[
         differences = score_differences(model.candidates, np.random.default_rng(seed))
         drawn["term_set_scores"] = term_set_scores(differences, best.name)
     drawn["force_curves"] = force_curves(model.models, model.motion)
+    if model.captive is not None:
+        drawn["captive_forces"] = captive_forces(model.captive)
     return drawn
 
 
@@ -338,6 +345,7 @@ def _tables(model: ShipModel, rows: Mapping[str, list[dict]]) -> dict[str, Table
         ),
         "paths": ([_shown(row, channels) for row in rows["paths"]], _path_columns(channels)),
         "correlations": (rows["correlations"], pairs),
+        "captive": shown_comparison(rows["captive"]),
     }
     if model.candidates[0].vessel.modular:
         four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}

@@ -13,7 +13,7 @@ import numpy as np
 
 from pymc_ship.motion.sensitivities import sensitivities
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_dofs
-from pymc_ship.trajectory.runs import Run
+from pymc_ship.trajectory.runs import Run, whiten
 from pymc_ship.vessel.vessel import Vessel
 
 CHANGE = 1e-4
@@ -127,6 +127,12 @@ class Problem:
         precision[self.n_coefficients : self.n_shared] = np.tile(own, len(set(self.sailed)))
         return precision
 
+    @property
+    def stated(self) -> np.ndarray:
+        """Rows of the prior's statement over all unknowns, (n_rows, n_unknowns)."""
+        rows = self.prior.stated.rows
+        return np.pad(rows, ((0, 0), (0, self.unit.size - rows.shape[1])))
+
 
 @dataclass(frozen=True)
 class Linearisation:
@@ -192,9 +198,10 @@ class TrajectoryFit:
 
 def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
     """Simulate all runs with their sensitivities and compare them with the records; None where a ship diverged."""
-    unit = problem.unit
-    gradient, matrix, residuals = np.zeros(unit.size), np.zeros((unit.size, unit.size)), []
-    log_likelihood = 0.0
+    unit, rows = problem.unit, problem.stated
+    misfit = problem.prior.stated.misfit(unknowns[: problem.n_coefficients])
+    gradient, matrix, residuals = -rows.T @ misfit, rows.T @ rows, []
+    log_likelihood = -0.5 * float(misfit @ misfit)
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
     for run, noise, columns, place in pieces:
         rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[place])
@@ -228,17 +235,6 @@ def run_rows(vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, n
             (whiten(misfit, noise.sd[c], noise.correlation[c]), whiten(design, noise.sd[c], noise.correlation[c]))
         )
     return rows
-
-
-def whiten(values: np.ndarray, sd: float, correlation: float) -> np.ndarray:
-    """Divide rows by their sd and take out a first-order autocorrelation along the first axis."""
-    if correlation == 0.0:
-        return values / sd
-    innovation = np.sqrt(1.0 - correlation**2)
-    white = values.copy()
-    white[1:] -= correlation * values[:-1]
-    white[1:] /= innovation
-    return white / sd
 
 
 def _log_normal(white: np.ndarray, noise: Noise) -> float:
@@ -367,7 +363,7 @@ def _approximation(mode: _Mode) -> TrajectoryFit:
     """Normal approximation from the singular values of the whitened design, prior rows included."""
     problem, unknowns = mode.problem, mode.unknowns
     unit, precision = problem.unit, problem.precision
-    blocks = [np.diag(np.sqrt(precision))]
+    blocks = [np.diag(np.sqrt(precision)), problem.stated * unit]
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
     for run, noise, columns, place in pieces:
         which = np.r_[columns, place]

@@ -14,11 +14,11 @@ from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.motion.replay import replay
 from pymc_ship.regression.tree import CITATIONS, provenance, rng_state
-from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit, whiten
+from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit
 from pymc_ship.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.trajectory.noise import sample_residuals
 from pymc_ship.trajectory.prior import CoefficientPrior
-from pymc_ship.trajectory.runs import Run
+from pymc_ship.trajectory.runs import Run, whiten
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import coefficient_names
 

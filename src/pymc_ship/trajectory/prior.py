@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -21,9 +22,23 @@ KINDS = ("flat", "order_damped", "sister_ship")
 """Priors that need no numbers of the user's own."""
 
 
+class Statement(NamedTuple):
+    """What other data say of all coefficients at once: ``values - rows @ theta`` are independent and standard normal.
+
+    ``rows`` (n_rows, n_coefficients), ``values`` (n_rows,).
+    """
+
+    rows: np.ndarray
+    values: np.ndarray
+
+    def misfit(self, coefficients: np.ndarray) -> np.ndarray:
+        """Values minus those of the coefficients, in standard deviations, (n_rows,)."""
+        return self.values - self.rows @ coefficients
+
+
 @dataclass(frozen=True, eq=False)
 class CoefficientPrior:
-    """Independent normal priors of all coefficients, in the vessel's order, prime values.
+    """Independent normal priors of all coefficients, in the vessel's order, prime values, and a statement on top.
 
     Attributes
     ----------
@@ -35,6 +50,8 @@ class CoefficientPrior:
     tuned : ndarray of bool, shape (n_coefficients,)
         Whether the scale is multiplied by the factor tau found by evidence; the others are taken as stated.
     kind : str
+    statement : Statement or None
+        What other data say on top of it, such as captive tests.
     """
 
     mean: np.ndarray
@@ -42,9 +59,15 @@ class CoefficientPrior:
     unit: np.ndarray
     tuned: np.ndarray
     kind: str
+    statement: Statement | None = None
+
+    @property
+    def stated(self) -> Statement:
+        """The statement; one without rows where there is none."""
+        return self.statement or Statement(np.empty((0, self.mean.size)), np.empty(0))
 
     def draw(self, draws: int, rng: np.random.Generator) -> np.ndarray:
-        """Independent draws with every factor tau at 1, shape (draws, n_coefficients).
+        """Independent draws with every factor tau at 1, shape (draws, n_coefficients), the statement left out.
 
         Raises
         ------

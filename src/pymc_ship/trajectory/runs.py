@@ -212,3 +212,14 @@ def _sample_sd(channels: tuple[str, ...], samples: np.ndarray, given: Mapping[st
                 "noise_sd (a channel without any noise has none to estimate)."
             )
     return sd
+
+
+def whiten(values: np.ndarray, sd: float, correlation: float) -> np.ndarray:
+    """Divide rows by their sd and take out a first-order autocorrelation along the first axis."""
+    if correlation == 0.0:
+        return values / sd
+    innovation = np.sqrt(1.0 - correlation**2)
+    white = values.copy()
+    white[1:] -= correlation * values[:-1]
+    white[1:] /= innovation
+    return white / sd

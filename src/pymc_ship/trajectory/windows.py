@@ -314,9 +314,10 @@ def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
-    """Prior precision of the unknowns that runs share, (n_shared, n_shared)."""
+    """Prior precision of the unknowns that runs share, what other data state included, (n_shared, n_shared)."""
     n = fit.problem.n_shared
-    return np.diag(fit.problem.precision[:n] / fit.problem.unit[:n] ** 2)
+    rows = fit.problem.stated[:, :n]
+    return np.diag(fit.problem.precision[:n] / fit.problem.unit[:n] ** 2) + rows.T @ rows
 
 
 def _squared_gradients(fit: TrajectoryFit) -> np.ndarray:

@@ -22,6 +22,7 @@ _FRAME = {
     "rudder_positive": ("port", "starboard"),
     "speeds": ("through water", "over ground"),
     "wind": ("true", "relative"),
+    "forces": ("L2", "Ld"),
 }
 
 
@@ -46,6 +47,8 @@ class TrialFormat:
     wind : {"true", "relative"}
         Whether wind_speed and wind_direction are of the true wind, or as an anemometer on board reads them: the
         direction from the bow, and with the wind of the ship's own motion.
+    forces : {"L2", "Ld"}
+        Area over which the forces of captive tests are prime: L^2 or L d; moments by L more.
     froude : float
         Length of the ship over that of the model.
     delimiter : str or None
@@ -63,6 +66,7 @@ class TrialFormat:
     rudder_positive: str = "port"
     speeds: str = "through water"
     wind: str = "true"
+    forces: str = "L2"
     froude: float = 1.0
     delimiter: str | None = None
     skip_rows: int = 0

@@ -65,9 +65,9 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) 
     psi made continuous over 1 jump of 360 deg.
     """
     path, layout = Path(path), load_format(format)
-    table = _table(_text(path), layout, path)
+    table = text_table(path, layout)
     columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)
-    cells, said = _cells(table, columns, path)
+    cells, said = table_cells(table, columns, path)
     notes = [*table.notes, *notes, *said, *_implausible(columns, cells)]
     time, quantum = columns["time"].si(cells["time"]), columns["time"].factor * rounding(cells["time"])
     channels = {name: column.si(cells[name]) for name, column in columns.items() if name != "time"}
@@ -86,7 +86,7 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) 
 
 
 @dataclass(frozen=True)
-class _Table:
+class TextTable:
     """Headings, units below them, rows of cells, the line number of each row, and what was noticed."""
 
     headings: list[str]
@@ -111,9 +111,9 @@ def _text(path: Path) -> str:
     raise TrialError(f"The trial {path} cannot be read: {reason}.")
 
 
-def _table(text: str, layout: TrialFormat, path: Path) -> _Table:
-    """Header, units and rows of a text."""
-    lines = re.split(r"\r\n|\n|\r", text)
+def text_table(path: Path, layout: TrialFormat) -> TextTable:
+    """Header, units and rows of a file; TrialError where it cannot be read or is no table."""
+    lines = re.split(r"\r\n|\n|\r", _text(path))
     skipped = layout.skip_rows
     numbered = [(number, line) for number, line in enumerate(lines, 1) if number > skipped and line.strip()]
     comments = [(number, line) for number, line in numbered if line.lstrip().startswith(_COMMENTS)]
@@ -129,7 +129,7 @@ def _table(text: str, layout: TrialFormat, path: Path) -> _Table:
         units = [cell.strip(" []{}()-") for cell in rows.pop(0)[1]]
         units += [""] * (len(headings) - len(units))
     whole, notes = _whole_rows(rows, len(headings), path)
-    return _Table(headings, units, [cells for _, cells in whole], [number for number, _ in whole], notes)
+    return TextTable(headings, units, [cells for _, cells in whole], [number for number, _ in whole], notes)
 
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:
@@ -196,7 +196,7 @@ def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[
     return filled, notes
 
 
-def _cells(table: _Table, columns: dict[str, Column], path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     """Numbers of each column, NaN where a cell is missing."""
     texts = {name: [row[column.index].strip() for row in table.rows] for name, column in columns.items()}
     joined = {name: "".join(cells) for name, cells in texts.items()}

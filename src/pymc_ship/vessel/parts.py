@@ -153,7 +153,9 @@ def _parts(vessel: Vessel) -> tuple[Part, ...]:
 
 
 def force_program(vessel: Vessel) -> Program:
-    """Forces X, Y, N, K of the parts of a vessel as a program, primes at the nominal speed."""
+    """Forces X, Y, N, K of the parts of a vessel, primes at the nominal speed; one without results without parts."""
+    if not vessel.parts:
+        return Tape((), ()).program(())
     return program_of(ship_of(vessel), _parts(vessel), tuple(map(tuple, np.eye(4).tolist())))
 
 

@@ -1,0 +1,181 @@
+"""Reading of captive tests: rows of drift, yaw, rudder, speed and revolutions with the measured forces."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.trial.columns import Column
+from pymc_ship.trial.format import TrialFormat, load_format
+from pymc_ship.trial.reading import TextTable, table_cells, text_table
+from pymc_ship.trial.record import TrialError
+from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, RADIAN_PER_SECOND, REVOLUTION_PER_SECOND, Unit
+from pymc_ship.vessel.reading import VesselLike, as_vessel
+from pymc_ship.vessel.vessel import Vessel
+
+FORCES = ("X", "Y", "N")
+"""Measured forces; a file has one of them or more."""
+
+_FROUDE = (0.1, 2.0)
+"""Speeds of captive tests over the nominal one, the median of them."""
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    """A column: the headings that name it, small letters where these do not matter, and its unit, None for a prime."""
+
+    headings: tuple[str, ...]
+    unit: Unit | None = None
+
+
+_MOTION = {
+    "beta": _Quantity(("beta", "β", "drift", "drift angle"), RADIAN),
+    "delta": _Quantity(("delta", "δ", "rudder", "rudder angle"), RADIAN),
+    "r": _Quantity(("r", "r'", "yaw rate"), RADIAN_PER_SECOND),
+    "U": _Quantity(("u", "v", "speed"), METRE_PER_SECOND),
+    "n": _Quantity(("n", "rps", "rpm", "revolutions", "propeller speed"), REVOLUTION_PER_SECOND),
+}
+_MEASURED = {name: _Quantity((name, f"{name}'")) for name in FORCES}
+_KEYS = {"rudder_positive", "reference", "forces", "froude", "facility", "delimiter", "skip_rows"}
+
+
+def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | Mapping | None = None) -> xr.Dataset:
+    """Read captive tests from a text file, plain or gzip: one row for each steady test.
+
+    Columns are told by their headings, with the unit in brackets behind them: drift angle ``beta``, rudder angle
+    ``delta``, yaw rate ``r`` (without a unit r' = r L / U), speed ``U`` or ``speed``, revolutions ``n``, ``rps`` or
+    ``rpm``, and the prime forces ``X'``, ``Y'`` and ``N'``, over rho/2 L^2 U^2 (N' by L more) of the speed of that row.
+    A column of motion that is left out is 0; without revolutions they are the nominal ones.
+
+    Parameters
+    ----------
+    path : str or Path
+    vessel : Vessel, str or Path
+        Gives L and the nominal speed.
+    format : str, Path or mapping, optional
+        TOML file, or its table: ``frame.rudder_positive``, ``frame.reference``, ``frame.forces``, ``scale.froude``; see
+        docs/reference/format_toml.md.
+
+    Returns
+    -------
+    Dataset, dims (test,)
+        u, v [m/s], r [rad/s] and delta [rad] of the ship about her origin, n [1/s] where it was measured, and the
+        prime forces. ``attrs["reading"]`` has a line for each thing that was changed.
+
+    Raises
+    ------
+    TrialError
+        For a file, heading, unit or cell that cannot be read, and speeds that are not those of this ship.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> rows = ["beta [deg],delta [deg],speed [kn],X',Y',N'", "0,10,15.5,-1e-4,5e-4,-3e-4", "8,0,15.5,-2e-4,3e-3,1e-3"]
+    >>> np.savetxt("captive.csv", rows, fmt="%s")
+    >>> tests = ps.read_captive("captive.csv", "kvlcc2")
+    >>> print(tests["v"].values.round(2), tests["Y"].values)
+    [ 0.   -1.11] [0.0005 0.003 ]
+    """
+    vessel, path, layout = as_vessel(vessel), Path(path), load_format(format)
+    unused = [key for key, value in vars(layout).items() if value != getattr(TrialFormat(), key) and key not in _KEYS]
+    if unused:
+        raise TrialError(f"A format of captive tests has no {unused[0]}; leave it out, and name columns in the header.")
+    table = text_table(path, layout)
+    columns = _columns(table, path)
+    cells, notes = table_cells(table, columns, path)
+    found = {name: column.si(cells[name]) for name, column in columns.items()}
+    bad = [name for name, values in found.items() if not np.isfinite(values).all()]
+    if bad:
+        raise TrialError(f"{path}: every captive test needs a number in each column, {bad[0]} lacks one; fill it in.")
+    if "r" in found and not columns["r"].unit:
+        found["r"] = found["r"] * found["U"] / (vessel.particulars.L / layout.froude)
+    tests = _tests(found, layout, vessel)
+    _check_speeds(tests, vessel, path)
+    distinct, said = _distinct(tests)
+    return distinct.assign_attrs(reading="\n".join([*table.notes, *notes, *said]), source=path.name)
+
+
+def _columns(table: TextTable, path: Path) -> dict[str, Column]:
+    """Column of each quantity; TrialError where one is named twice, has a wrong unit or none is measured."""
+    found: dict[str, Column] = {}
+    for index, heading in enumerate(table.headings):
+        name, unit = _name_and_unit(heading, table.units[index])
+        quantity = next((key for key, one in _MEASURED.items() if name in one.headings), None)
+        if quantity is None:
+            quantity = next((key for key, one in _MOTION.items() if name.lower() in one.headings), None)
+        if quantity is None:
+            continue
+        if quantity in found:
+            raise TrialError(
+                f"{path}: {quantity} is to be read from one column, found {found[quantity].heading!r} and {heading!r}; "
+                "rename one."
+            )
+        found[quantity] = _column(
+            quantity, index, heading, unit or (name if name.lower() in ("rps", "rpm") else ""), path
+        )
+    if "U" not in found or not set(FORCES) & set(found):
+        raise TrialError(
+            f"{path}: captive tests have the columns speed and any of X', Y', N', found {', '.join(table.headings)!r}; "
+            "rename them."
+        )
+    return found
+
+
+def _column(quantity: str, index: int, heading: str, unit: str, path: Path) -> Column:
+    known = (_MOTION | _MEASURED)[quantity].unit
+    factor = 1.0 if not unit or known is None else known.factor(unit)
+    if factor is None or (unit and known is None):
+        wanted = f"one of {', '.join(known.spellings)}" if known else "left out, as forces are prime"
+        raise TrialError(f"{path}, column {heading!r}: the unit is {wanted}, found {unit!r}; correct it.")
+    return Column(channel=quantity, index=index, heading=heading, unit=unit, factor=factor)
+
+
+def _name_and_unit(heading: str, below: str) -> tuple[str, str]:
+    bracketed = re.fullmatch(r"(.*?)\s*[\[({]([^\])}]*)[\])}]\s*", heading)
+    return (bracketed[1].strip(), bracketed[2].strip()) if bracketed else (heading.strip(), below)
+
+
+def _tests(found: dict[str, np.ndarray], layout: TrialFormat, vessel: Vessel) -> xr.Dataset:
+    """Tests of the ship at full scale, about her origin, with a positive rudder that turns her to port."""
+    L, root = vessel.particulars.L, np.sqrt(layout.froude)
+    zero = np.zeros_like(found["U"])
+    U, beta = root * found["U"], found.get("beta", zero)
+    u, v, r = U * np.cos(beta), -U * np.sin(beta), found.get("r", zero) / root
+    side = 1.0 if layout.rudder_positive == "port" else -1.0
+    lever = layout.reference * layout.froude
+    motion = {"u": u, "v": v - lever * r, "r": r, "delta": side * found.get("delta", zero)}
+    if "n" in found:
+        motion["n"] = found["n"] / root
+    area = 1.0 if layout.forces == "L2" else vessel.particulars.d / L
+    turned = (U / np.hypot(motion["u"], motion["v"])) ** 2
+    forces = {name: area * turned * found[name] for name in FORCES if name in found}
+    if "N" in forces and lever:
+        if "Y" not in forces:
+            raise TrialError("A moment about another point than the origin needs Y'; add it, or give N' there.")
+        forces["N"] = forces["N"] + lever / L * forces["Y"]
+    return xr.Dataset({name: ("test", values) for name, values in (motion | forces).items()})
+
+
+def _check_speeds(tests: xr.Dataset, vessel: Vessel, path: Path) -> None:
+    nominal = vessel.particulars.nominal_speed
+    ratio = float(np.median(np.hypot(tests["u"], tests["v"]))) / nominal
+    if not _FROUDE[0] < ratio < _FROUDE[1]:
+        raise TrialError(
+            f"{path}: captive tests are at speeds near the ship's nominal {nominal:.3g} m/s, found "
+            f"{ratio * nominal:.3g} m/s in the middle; state the scale of the model as scale.froude in a format file, "
+            "or correct the unit."
+        )
+
+
+def _distinct(tests: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
+    """Tests without those that stand there twice, and a sentence on these."""
+    rows = np.column_stack([tests[name].values for name in tests])
+    first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
+    twice = len(rows) - first.size
+    return tests.isel(test=first), [f"{twice} rows that stand there twice are counted once."] if twice else []

@@ -1,0 +1,85 @@
+"""Reading of captive tests."""
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+
+HEADER = "beta(deg),delta(deg),r,Speed(m/s),rps,X',Y',N'"
+ROWS = ("0,10,0,7.974,1.5,-1e-4,5e-4,-3e-4", "8,0,0.3,7.974,1.5,-2e-4,3e-3,1e-3")
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(*rows, header=HEADER, **settings):
+        path = tmp_path / "captive.csv"
+        path.write_text("\n".join([header, *(rows or ROWS)]))
+        return ps.read_captive(path, "kvlcc2", **settings)
+
+    return read
+
+
+def test_a_row_is_a_motion_and_its_forces(read):
+    tests = read()
+    U, beta = 7.974, np.deg2rad(8.0)
+    np.testing.assert_allclose(tests["u"], [U, U * np.cos(beta)])
+    np.testing.assert_allclose(tests["v"], [0.0, -U * np.sin(beta)])
+    np.testing.assert_allclose(tests["r"], [0.0, 0.3 * U / 320.0])
+    np.testing.assert_allclose(tests["delta"], np.deg2rad([10.0, 0.0]))
+    np.testing.assert_allclose(tests["n"], 1.5)
+    np.testing.assert_allclose(tests["N"], [-3e-4, 1e-3])
+
+
+def test_a_model_is_brought_to_full_scale(read):
+    tests = read("8,0,0.3,1.2,9.9,0,3e-3,1e-3", "8,0,0.2,1.2,9.9,0,3e-3,1e-3", format={"scale": {"froude": 49.0}})
+    assert np.hypot(tests["u"], tests["v"]).values[0] == pytest.approx(8.4)
+    assert tests["n"].values[0] == pytest.approx(9.9 / 7.0)
+    assert tests["r"].values[0] == pytest.approx(0.3 * 8.4 / 320.0)
+
+
+def test_a_yaw_rate_with_a_unit_is_of_the_model(read):
+    tests = read(
+        "0,3.0,1.2,3e-3,1e-3",
+        "0,2.0,1.2,3e-3,1e-3",
+        header="beta [deg],r [deg/s],speed [m/s],Y',N'",
+        format={"scale": {"froude": 49.0}},
+    )
+    np.testing.assert_allclose(tests["r"], np.deg2rad([3.0, 2.0]) / 7.0)
+    assert "n" not in tests
+    assert "X" not in tests
+
+
+def test_signs_area_and_reference_point_of_a_format(read):
+    plain = read()
+    layout = {"frame": {"rudder_positive": "starboard", "forces": "Ld", "reference": 16.0}}
+    tests, slender = read(format=layout), 20.8 / 320.0
+    np.testing.assert_allclose(tests["delta"], -plain["delta"])
+    np.testing.assert_allclose(tests["v"], plain["v"] - 16.0 * plain["r"])
+    turned = (plain["u"] ** 2 + plain["v"] ** 2) / (tests["u"] ** 2 + tests["v"] ** 2)
+    np.testing.assert_allclose(tests["Y"], slender * plain["Y"] * turned)
+    np.testing.assert_allclose(tests["N"], slender * (plain["N"] + 16.0 / 320.0 * plain["Y"]) * turned)
+
+
+def test_rows_that_stand_there_twice_count_once(read):
+    tests = read(*ROWS, ROWS[0])
+    assert tests.sizes["test"] == 2
+    assert "1 rows that stand there twice" in tests.attrs["reading"]
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "settings", "said"),
+    [
+        ("beta,delta,X'", ("0,0,1e-3",) * 2, {}, "captive tests have the columns speed"),
+        ("beta,speed", ("0,8",) * 2, {}, "any of X', Y', N'"),
+        ("speed,speed [kn],X'", ("8,15,1e-3",) * 2, {}, "from one column, found 'speed' and"),
+        ("speed,X [N]", ("8,1e-3",) * 2, {}, "left out, as forces are prime, found 'N'"),
+        ("speed [m],X'", ("8,1e-3",) * 2, {}, "the unit is one of m/s"),
+        ("speed,X'", ("8,1e-3", "8,"), {}, "X lacks one; fill it in"),
+        ("speed,X'", ("0.7,1e-3",) * 2, {}, "near the ship's nominal 7.97 m/s, found 0.7 m/s"),
+        ("speed,X'", ("8,1e-3",) * 2, {"format": {"frame": {"heading": "compass"}}}, "has no heading"),
+        ("speed,N'", ("8,1e-3",) * 2, {"format": {"frame": {"reference": 3.0}}}, "needs Y'; add it"),
+    ],
+)
+def test_what_cannot_be_read_is_said(read, header, rows, settings, said):
+    with pytest.raises(ps.TrialError, match=said.replace("[", r"\[")):
+        read(*rows, header=header, **settings)
