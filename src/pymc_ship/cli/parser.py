@@ -288,6 +288,9 @@ def _add_forecast(commands) -> None:
     )
     command.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
     _add_overrule(command)
+    command.add_argument(
+        "--spiral", action="store_true", help="steady turns and course stability, of an identified ship (none)"
+    )
     command.add_argument("--draws", type=int, help="simulated ships (300, of an identified ship 1000)")
     command.add_argument("--duration", type=float, help="[s] (400, of an identified ship 40 L/U)")
     command.add_argument("--n", type=float, help="revolutions [1/s], of an identified ship (those of the approach)")

@@ -128,6 +128,7 @@ def holds_ship(path: str) -> bool:
 def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Forecast manoeuvres of an identified ship and write the page; the text has indices and IMO verdicts."""
     from pymc_ship.forecasting.page import write_forecast_page
+    from pymc_ship.forecasting.steady_turns import spiral_sentence, steady_turns
 
     ship = load_ship(args.posterior)
     vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
@@ -136,8 +137,11 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
     known = {manoeuvre.label for manoeuvre, _ in measured.values()}
     wanted = {manoeuvre.label: manoeuvre for manoeuvre in manoeuvres if manoeuvre.label not in known}
     wanted |= {label: manoeuvre for label, (manoeuvre, _) in measured.items()}
-    if not wanted:
-        raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35 or --measured.")
+    turns = steady_turns(ship.models) if args.spiral else None
+    if not wanted and turns is None:
+        raise ManoeuvreError(
+            "A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35, --spiral or --measured."
+        )
     out = writable_folder(args.out or args.posterior)
     trees, text = {}, []
     for label, manoeuvre in wanted.items():
@@ -147,6 +151,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
         settings["facility"] = args.facility or _facility(ship, measured.get(label))
         trees[label] = forecast_ship(ship, manoeuvre, rng=np.random.default_rng(args.seed), **settings)
         text.append(_text(trees[label], label, measured, ship.vessel))
+    text += [spiral_sentence(turns)] if turns is not None else []
     page = write_forecast_page(
         trees,
         vessel,
@@ -154,6 +159,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
         measured={label: trial for label, (_, trial) in measured.items()},
         models=ship.models,
         motion=ship.motion,
+        turns=turns,
         remarks=(*ship.remarks, *_remarks(ship, trees)),
         command=made_by(args),
         progress=progress,

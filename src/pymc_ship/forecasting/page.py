@@ -12,6 +12,7 @@ import xarray as xr
 from pymc_ship.forecasting.figures import manoeuvre_figures
 from pymc_ship.forecasting.force_curves import force_curves
 from pymc_ship.forecasting.forecast import NO_ROLL
+from pymc_ship.forecasting.steady_turns import spiral_curve, spiral_sentence
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
 from pymc_ship.manoeuvre.measured import measured_indices
@@ -58,6 +59,7 @@ def write_forecast_page(
     measured: Mapping[str, xr.Dataset] | None = None,
     models: Sequence[tuple[Vessel, np.ndarray]] = (),
     motion: xr.DataArray | None = None,
+    turns: xr.Dataset | None = None,
     remarks: Sequence[str] = (),
     command: str = "",
     progress: Callable[[str], None] = lambda _: None,
@@ -77,6 +79,8 @@ def write_forecast_page(
         Draws whose force curves are shown, pooled over the vessels.
     motion : DataArray, dims (row, symbol), optional
         Prime motion of the training record, shaded in the force curves.
+    turns : Dataset, dims (draw, rate), optional
+        From :func:`pymc_ship.steady_turns`: adds a section on steady turns and course stability.
     remarks : sequence of str, optional
         How the intervals were made, a paragraph each.
     command : str, optional
@@ -93,12 +97,12 @@ def write_forecast_page(
     Raises
     ------
     ValueError
-        For no forecast, a trial of none of them, or draws that do not fit their vessel.
+        For neither a forecast nor steady turns, a trial of none of them, or draws that do not fit their vessel.
     OutputError
         When the folder cannot be written.
     """
     measured = dict(measured or {})
-    _check(forecasts, measured)
+    _check(forecasts, measured, turns)
     out = writable_folder(out)
     verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
     rows, drawn, sections = {"forecast_verdict": verdicts} if verdicts else {}, {}, []
@@ -113,11 +117,14 @@ def write_forecast_page(
     if models:
         progress("drawing the force curves")
         drawn["forecast_forces"] = force_curves(models, motion)
+    if turns is not None:
+        drawn["forecast_spiral"] = spiral_curve(turns)
     progress("writing the page")
     values = _head(forecasts, vessel) | {
         "verdicts": verdict_table(verdicts) if verdicts else None,
         "sections": sections,
         "forces": _FORCES if models else "",
+        "spiral": spiral_sentence(turns) if turns is not None else "",
         "remarks": [*remarks, *([] if "roll" in vessel.dofs else [NO_ROLL])],
         "command": command,
     }
@@ -190,8 +197,8 @@ def _beside(row: Mapping, value: float) -> dict:
     return {"measured": value, "error": float(error), "error_units": units, "covered": covered}
 
 
-def _check(forecasts: Mapping, measured: Mapping) -> None:
-    if not forecasts:
+def _check(forecasts: Mapping, measured: Mapping, turns: xr.Dataset | None) -> None:
+    if not forecasts and turns is None:
         raise ValueError("A page of forecasts needs at least one, found none; forecast a manoeuvre.")
     if unknown := [name for name in measured if name not in forecasts]:
         raise ValueError(

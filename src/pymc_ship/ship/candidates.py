@@ -61,7 +61,7 @@ _FEWEST_SOUND = 0.1  # share of them that must not run away
 class Candidate:
     """One term set of the ensemble.
 
-    ``fit`` is to all runs, widened by the factor ``inflation`` from the scatter of the fits to all runs but one, and so
+    ``fit`` is to all runs, widened by the factor ``inflation`` from how far each run moves it, and so
     are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
     of the normal law that do not run away, ``share_unsound`` of all drawn did. ``prior`` is that of the
     windows, captive tests included, whose coefficients differ from hers by ``captive_apart`` of the prior sd.
@@ -321,14 +321,26 @@ def held_together(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
 
 
 def _inflation(whole: WindowFit, judged: HeldOut) -> float:
-    """Factor on the sd of the coefficients from the scatter of the fits to all runs but one (jackknife), 1 or more.
+    """Factor on the sd of the coefficients from how far they move with each run that is added, 1 or more.
 
-    Windows of one run share what the run has of its own. The traces are taken in the metric of the windows' own
-    information, where what they determine counts and not the prior.
+    Were model and prior right, the mean of a posterior would be a martingale: a run moves it by the covariance without
+    the run less that with it. Without a prior this is the jackknife over runs, whose windows share what the run has of
+    its own; with one, what a lone run leaves to the prior is no scatter. The traces are taken in the metric of the
+    windows' own information, where what they determine counts and not the prior.
     """
-    apart = np.array([fit.coefficients for fit in judged.fits])
-    apart -= apart.mean(axis=0)
-    scatter = (len(apart) - 1) / len(apart) * apart.T @ apart
-    own = whole.information - whole.information @ whole.from_prior @ whole.information
-    ratio = np.trace(own @ scatter) / np.trace(own @ whole.from_windows)
-    return float(np.clip(np.sqrt(ratio), 1.0, LARGEST_INFLATION))
+    known, own = _precisions(whole)
+    covariance = np.linalg.inv(known + own)
+    found = expected = 0.0
+    for fit in judged.fits:
+        prior, windows = _precisions(fit)
+        spread = np.mean([np.log(sd / whole.spread[name]) for name, sd in fit.spread.items()])
+        without = np.linalg.inv(prior + np.exp(2.0 * spread) * windows)
+        moved = fit.coefficients - whole.coefficients
+        found, expected = found + moved @ own @ moved, expected + np.trace(own @ (without - covariance))
+    return float(np.clip(np.sqrt(found / expected), 1.0, LARGEST_INFLATION)) if expected > 0.0 else 1.0
+
+
+def _precisions(fit: WindowFit) -> tuple[np.ndarray, np.ndarray]:
+    """Precision of the coefficients that is the prior's, and that of the windows."""
+    known = fit.information @ fit.from_prior @ fit.information
+    return known, fit.information - known

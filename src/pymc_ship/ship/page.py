@@ -13,6 +13,7 @@ from pymc_ship.captive.comparison import captive_forces, comparison_rows, shown_
 from pymc_ship.checks.trial_checks import worst_verdict
 from pymc_ship.checks.verdicts import Check
 from pymc_ship.forecasting.force_curves import force_curves
+from pymc_ship.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.helm import approach_speed
 from pymc_ship.manoeuvre.kinds import UNITS
@@ -46,7 +47,7 @@ SOURCES = (
     "doi:10.1007/s11538-023-01208-6",
 )
 
-_FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves", "captive_forces")
+_FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves", "captive_forces", "spiral")
 DISAGREE = 2.0
 """Prior standard deviations beyond which an estimate and what was known beforehand disagree."""
 
@@ -133,9 +134,11 @@ def write_ship_report(
         "captive": comparison_rows(model.captive) if model.captive is not None else [],
     }
     progress("drawing the figures")
-    drawn = _figures(model, list(trials.values()), seed)
+    turns = steady_turns(model.models)
+    drawn = _figures(model, list(trials.values()), seed) | {"spiral": spiral_curve(turns)}
     progress("writing the page")
     values = _values(model, trials, rows) | {"steering": _steering(model, given), "command": command, "seed": seed}
+    values["spiral"] = spiral_sentence(turns)
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*model.vessel.sources, *SOURCES)))
 
 
