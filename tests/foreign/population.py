@@ -2,20 +2,33 @@
 
 A ship is one of four by published equations with every force coefficient changed by chance, the two of the MMG method
 at another scale, too; the four themselves are not among them. The trials she sails, the weather and what her papers
-state are drawn, too. Even numbers are for choosing between ways to an interval, odd ones to show what the choice is
-worth.
+state are drawn, too. The first :data:`CHOSEN_ON` ships have been used to choose how intervals grow beyond the motion of
+the runs; the others show what that is worth.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
 import math
-from dataclasses import dataclass, replace
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from scipy.optimize import minimize_scalar
 
+import pymc_ship as ps
+from pymc_ship.forecasting.index_error import BEYOND, index_scale, robust_sd
+from pymc_ship.machine.files import staged, writable_folder
 from pymc_ship.machine.seeds import generator
+from pymc_ship.machine.threads import one_thread
 from tests.foreign import mariner, mmg, s175, sailing
+from tests.foreign.run import ROOT, table
 from tests.foreign.sailing import CALM, SENSORS, Trial, Weather
 
 HULLS = ("tanker", "bulk carrier", "mariner", "s175")
@@ -37,6 +50,10 @@ TRIALS = {
 }
 """Trials by name."""
 
+CHOSEN_ON = 30
+"""Number of ships that :data:`pymc_ship.forecasting.index_error.BEYOND` was chosen on."""
+
+SEED = 16
 _TRIED = 40
 
 
@@ -52,11 +69,6 @@ class Drawn:
     ground: bool
     propeller: bool
     truth: dict[str, dict[str, float]]
-
-    @property
-    def chooses(self) -> bool:
-        """Whether she belongs to the half that is used to choose."""
-        return self.number % 2 == 0
 
     def records(self, seed: int) -> list[xr.Dataset]:
         """Records of her runs, each on a course and with noise of its own."""
@@ -149,3 +161,172 @@ def scaled(ship: mmg.MmgShip, scale: float) -> mmg.MmgShip:
     propeller = p.propeller | {"D": scale * p.propeller["D"], "n": p.propeller["n"] / speed}
     papers = replace(p, **lengths, **areas, volume=scale**3 * p.volume, speed=speed * p.speed, propeller=propeller)
     return replace(ship, papers=papers, rudder=replace(ship.rudder, area=scale**2 * ship.rudder.area))
+
+
+@dataclass(frozen=True)
+class Row:
+    """An index of a forecast beside the truth, in swings of heading or L; ``beyond`` in ranges of the runs' motion.
+
+    ``sd`` is half the width of the central 68 % of the forecast.
+    """
+
+    number: int
+    hull: str
+    trials: str
+    manoeuvre: str
+    index: str
+    error: float
+    lower: float
+    upper: float
+    sd: float
+    beyond: float
+
+    @property
+    def inside(self) -> bool:
+        return self.lower <= 0.0 <= self.upper
+
+    @property
+    def half(self) -> bool:
+        """Whether an interval of 50 % of the normal law of this sd holds the truth."""
+        return abs(self.error) < 0.6745 * self.sd
+
+
+def judged(number: int, seed: int = SEED) -> tuple[list[Row], str]:
+    """Identify a ship of the population and compare her forecasts with her own motion; rows, or why there are none."""
+    one = drawn(number, seed)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "vessel.toml"
+        path.write_text(sailing.vessel_file(one.ship, propeller=one.propeller), encoding="utf-8")
+        try:
+            trials = [ps.judged_trial(record, path) for record in one.records(seed)]
+            ship = ps.identify_ship(trials, path, rng=seed)
+        except ValueError as error:
+            return [], str(error)
+    return [row for trial in sailing.JUDGED for row in _rows(one, ship, trial, seed)], ""
+
+
+def _rows(one: Drawn, ship: ps.ShipModel, trial: Trial, seed: int) -> list[Row]:
+    if trial.kind == "circle":
+        manoeuvre = ps.turning_circle(trial.rudder, side=trial.side)
+    else:
+        manoeuvre = ps.zigzag(trial.rudder, trial.heading, side=trial.side)
+    tree = ps.forecast_ship(ship, manoeuvre, rng=seed)
+    beyond = float(np.nanmax(tree["extrapolation"]["distance"]))
+    found = []
+    for name, truth in one.truth[trial.label].items():
+        quantity = manoeuvre.traits.indices[name].quantity
+        scale = index_scale(quantity, truth, trial.heading, ship.vessel)
+        lower, median, upper = ((tree["index_bands"][name].values - truth) / scale).tolist()
+        sd = robust_sd(tree["indices"][name].values) / scale
+        what = (one.number, one.hull, one.trials, trial.label, name)
+        found.append(Row(*what, error=median, lower=lower, upper=upper, sd=sd, beyond=beyond))
+    return found
+
+
+def fitted_beyond(rows: Sequence[Row]) -> float:
+    """The value of BEYOND at which the errors are most probable."""
+    error, sd, beyond = (np.array([getattr(row, name) for row in rows]) for name in ("error", "sd", "beyond"))
+    known = np.maximum(sd**2 - (BEYOND * beyond) ** 2, 1e-8)
+
+    def surprise(share: float) -> float:
+        variance = known + (share * beyond) ** 2
+        return float(np.sum(0.5 * np.log(variance) + 0.5 * error**2 / variance))
+
+    return float(minimize_scalar(surprise, bounds=(0.0, 0.1), method="bounded").x)
+
+
+def _work(task: tuple[int, int, Path]) -> None:
+    number, seed, out = task
+    path = out / f"{seed}-{number}.json"
+    if path.exists():
+        return
+    begin = time.perf_counter()
+    with one_thread():
+        rows, refusal = judged(number, seed)
+    text = {"refusal": refusal, "seconds": time.perf_counter() - begin, "rows": [asdict(row) for row in rows]}
+    with staged(path) as partial:
+        partial.write_text(json.dumps(text), encoding="utf-8")
+    inside = sum(row.inside for row in rows)
+    print(f"ship {number}: {refusal or f'{inside} of {len(rows)} inside'}, {text['seconds']:.0f} s", flush=True)
+
+
+_GROUPS: Mapping[str, Callable[[Row], str]] = {
+    "all": lambda row: "all",
+    "trials": lambda row: row.trials,
+    "hull": lambda row: row.hull,
+    "index": lambda row: f"{row.manoeuvre.split()[0]}, {row.index.replace('_', ' ')}",
+    "beyond": lambda row: "within one range of the runs" if row.beyond < 1.0 else "one range beyond them or more",
+}
+
+
+def coverage_rows(rows: Sequence[Row]) -> list[list[str]]:
+    """Coverage of 95 and 50 % with its standard error over ships, errors and widths, by group."""
+    found = []
+    for key in _GROUPS.values():
+        for name in sorted({key(row) for row in rows}):
+            mine = [row for row in rows if key(row) == name]
+            ships = [[row for row in mine if row.number == number] for number in sorted({row.number for row in mine})]
+            shares = [np.mean([row.inside for row in ship]) for ship in ships]
+            error = np.std(shares, ddof=1) / math.sqrt(len(shares)) if len(shares) > 1 else math.nan
+            inside, half = (np.mean([getattr(row, of) for row in mine]) for of in ("inside", "half"))
+            z = math.sqrt(np.mean([(row.error / row.sd) ** 2 for row in mine]))
+            size, width = (
+                np.median(values) for values in zip(*((abs(r.error), 1.96 * r.sd) for r in mine), strict=True)
+            )
+            line = [
+                name,
+                str(len(ships)),
+                str(len(mine)),
+                f"{100 * inside:.0f} ± {100 * error:.0f}",
+                f"{100 * half:.0f}",
+            ]
+            found.append([*line, f"{z:.2f}", f"{size:.3f}", f"{width:.3f}"])
+    return found
+
+
+def page(rows: Sequence[Row], refusals: Mapping[int, str], seed: int) -> str:
+    """Both halves of the population as a page in Markdown."""
+    heads = ("", "ships", "indices", "95 % hold %", "50 % hold %", "rms of error / sd", "median error", "half width")
+    halves = {
+        f"Ships that BEYOND was chosen on, numbers below {CHOSEN_ON}": [r for r in rows if r.number < CHOSEN_ON],
+        f"Ships that show it, from number {CHOSEN_ON} on": [r for r in rows if r.number >= CHOSEN_ON],
+    }
+    parts = [
+        "# A population of foreign ships",
+        f"`make population`, seed {seed}. {' '.join((__doc__ or '').split('``make population``.')[1].split())}",
+        "Errors and half widths are in L for distances and in swings of the heading for overshoots; ± is the standard "
+        "error over ships.",
+    ]
+    for head, mine in halves.items():
+        if mine:
+            best = f"Of these ships alone BEYOND would be {fitted_beyond(mine):.4f}; it is {BEYOND:g}."
+            parts += [f"## {head}", best, table(heads, coverage_rows(mine))]
+    parts += [f"Ship {number} was refused: {text}" for number, text in refusals.items()]
+    return "\n\n".join(parts) + "\n"
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Judge the ships that have no result yet, then write the page of all."""
+    parser = argparse.ArgumentParser(prog="python -m tests.foreign.population", description=__doc__)
+    parser.add_argument("--ships", type=int, default=48)
+    parser.add_argument("--first", type=int, default=0, help="number of the first ship")
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "foreign", help="folder of the page")
+    parser.add_argument("--kept", type=Path, default=ROOT / "build" / "population", help="folder of a file a ship")
+    arguments = parser.parse_args(words)
+    kept, seed = writable_folder(arguments.kept), arguments.seed
+    numbers = range(arguments.first, arguments.ships)
+    with get_context("spawn").Pool(arguments.workers) as pool:
+        for _ in pool.imap_unordered(_work, [(number, seed, kept) for number in numbers]):
+            pass
+    found = {number: json.loads((kept / f"{seed}-{number}.json").read_text(encoding="utf-8")) for number in numbers}
+    rows = [Row(**row) for one in found.values() for row in one["rows"]]
+    refusals = {number: one["refusal"] for number, one in found.items() if one["refusal"]}
+    with staged(writable_folder(arguments.out) / "population.md") as path:
+        path.write_text(page(rows, refusals, seed), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -27,6 +27,7 @@ from pymc_ship.cli.texts import (
     score_text,
     term_set_text,
 )
+from pymc_ship.forecasting.index_error import BEYOND
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
@@ -250,4 +251,8 @@ def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str
     ]
     if widened:
         found.append(f"Intervals of the indices also hold what held-out manoeuvres show beyond it, an sd of {widened}.")
-    return found
+    return [
+        *found,
+        f"They hold the error of a model where no run has been, too: an sd of {BEYOND:g} of the swing, of L/U and of L "
+        "for each range of the runs by which the median ship leaves their motion, as foreign ships showed it.",
+    ]

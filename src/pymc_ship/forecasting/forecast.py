@@ -135,7 +135,7 @@ def pooled_forecast(
         Prime motion the models were fitted to.
     errors : mapping of str to float, optional
         Model error of the indices by kind, see :func:`pymc_ship.forecasting.index_error.model_error`: ``indices`` are
-        then those that a trial would show.
+        then those that a trial would show, and hold the error of a model that leaves the motion of its runs.
 
     Returns
     -------
@@ -156,11 +156,13 @@ def pooled_forecast(
     groups = {"trajectories": ships, "bands": quantile_bands(ships[shown], ci_prob)}
     if noise:
         groups["measured_bands"] = quantile_bands(_measured(ships, noise, rng), ci_prob)
+    left = None if motion is None else _over_draws(extrapolation(vessel, simulated, motion))
     if manoeuvre.traits.indices:
         found = indices(simulated)
         rolling = [str(name) for name in found if of_roll(manoeuvre.traits.indices[str(name)])]
         found = _of_those_that_roll(found, rolling, rolls)
-        groups["indices"] = with_model_error(found, errors or {}, vessel, rng)
+        beyond = float(np.nanmax(left["distance"])) if left is not None else 0.0
+        groups["indices"] = found if errors is None else with_model_error(found, errors, vessel, rng, beyond=beyond)
         groups["index_bands"] = quantile_bands(groups["indices"], ci_prob)
     attrs = {
         **ships.attrs,
@@ -172,8 +174,7 @@ def pooled_forecast(
         "share_extrapolated": np.nan,
         "extrapolation": UNKNOWN,
     }
-    if motion is not None:
-        left = _over_draws(extrapolation(vessel, simulated, motion))
+    if left is not None:
         groups["extrapolation"] = left
         attrs |= {"share_extrapolated": left.attrs["share_extrapolated"], "extrapolation": sentence(vessel, left)}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})

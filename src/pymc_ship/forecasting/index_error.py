@@ -4,6 +4,10 @@ Two zigzags of the same ship on the same day differ by some tenths of a degree, 
 The error of a held-out index beyond the spread of the draws is measured in units of what the ship did: overshoot angles
 in the swing of her heading, times in L/U and distances in L, as an error of short ones is as large as one of long ones.
 It is pooled by kind, and a forecast of any manoeuvre is widened by as much.
+
+No held-out zigzag says how wrong a model is where no run has been. What foreign ships showed there grows with the
+distance from the motion of the runs, in the same units: :data:`BEYOND`, of a population of ships that share no code
+with the package (``make population``, docs/explanation/foreign_ships.md).
 """
 
 from __future__ import annotations
@@ -16,6 +20,9 @@ import xarray as xr
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.vessel.vessel import Vessel
+
+BEYOND = 0.011
+"""Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L]."""
 
 _HALVINGS = 60
 
@@ -81,7 +88,7 @@ def index_sd(row: Mapping, errors: Mapping[str, float]) -> float:
 
 
 def with_model_error(
-    found: xr.Dataset, errors: Mapping[str, float], vessel: Vessel, rng: np.random.Generator
+    found: xr.Dataset, errors: Mapping[str, float], vessel: Vessel, rng: np.random.Generator, *, beyond: float = 0.0
 ) -> xr.Dataset:
     """Add to each index of the simulated ships a normal error of its kind, as the indices of trials have.
 
@@ -93,10 +100,12 @@ def with_model_error(
     found : Dataset, dims (draw,)
         From :func:`pymc_ship.indices`.
     errors : mapping of str to float
-        From :func:`model_error`.
+        From :func:`model_error`; may be empty.
     vessel : Vessel
         Gives L and U.
     rng : numpy.random.Generator
+    beyond : float, optional
+        How far the median ship leaves the motion of the runs, in ranges of it.
 
     Returns
     -------
@@ -106,9 +115,10 @@ def with_model_error(
 
     def widened(variable: xr.DataArray) -> xr.DataArray:
         index = table[variable.name]
-        if index.quantity not in errors:
+        error = float(np.hypot(errors.get(index.quantity, 0.0), BEYOND * beyond))
+        if index.quantity not in ERRING or error == 0.0:
             return variable
-        size = errors[index.quantity] * index_scale(index.quantity, variable, heading_deg, vessel)
+        size = error * index_scale(index.quantity, variable, heading_deg, vessel)
         wide = variable + size * rng.standard_normal(variable.shape)
         return wide if index.signed else wide.clip(min=0.0)
 
