@@ -270,17 +270,9 @@ def coverage_rows(rows: Sequence[Row]) -> list[list[str]]:
             error = np.std(shares, ddof=1) / math.sqrt(len(shares)) if len(shares) > 1 else math.nan
             inside, half = (np.mean([getattr(row, of) for row in mine]) for of in ("inside", "half"))
             z = math.sqrt(np.mean([(row.error / row.sd) ** 2 for row in mine]))
-            size, width = (
-                np.median(values) for values in zip(*((abs(r.error), 1.96 * r.sd) for r in mine), strict=True)
-            )
-            line = [
-                name,
-                str(len(ships)),
-                str(len(mine)),
-                f"{100 * inside:.0f} ± {100 * error:.0f}",
-                f"{100 * half:.0f}",
-            ]
-            found.append([*line, f"{z:.2f}", f"{size:.3f}", f"{width:.3f}"])
+            size, width = np.median([(abs(row.error), 1.96 * row.sd) for row in mine], axis=0)
+            line = [name, str(len(ships)), str(len(mine)), f"{100 * inside:.0f} ± {100 * error:.0f}"]
+            found.append([*line, f"{100 * half:.0f}", f"{z:.2f}", f"{size:.3f}", f"{width:.3f}"])
     return found
 
 
