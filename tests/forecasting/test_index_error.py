@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from pymc_ship.forecasting.index_error import index_sd, model_error, robust_sd, with_model_error
+from pymc_ship.forecasting.index_error import BEYOND, index_sd, model_error, robust_sd, with_model_error
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.turning_circles import TURNING_CIRCLE
 from pymc_ship.manoeuvre.zigzags import ZIGZAG
@@ -130,6 +130,20 @@ class TestWithModelError:
         assert with_model_error(before, {}, tanker(), RNG(2)).identical(before)
         none = with_model_error(before, dict.fromkeys(ERRING, 0.0), tanker(), RNG(2))
         assert none.identical(before)
+
+    @pytest.mark.parametrize("errors", [{}, ERRORS])
+    def test_beyond_the_motion_of_the_runs_an_error_is_added_for_each_range(self, errors):
+        before = ships(TURNING_CIRCLE)
+        after = with_model_error(before, errors, tanker(), RNG(2), beyond=3.0)
+        for name, kind in (("advance", "distance"), ("time_to_90", "time")):
+            wanted = np.hypot(errors.get(kind, 0.0), 3.0 * BEYOND) * UNIT[kind]
+            assert float(after[name].std()) == pytest.approx(wanted, rel=MONTE_CARLO), name
+        assert after["steady_speed"].identical(before["steady_speed"])
+        within = with_model_error(before, errors, tanker(), RNG(2), beyond=0.0)
+        assert (
+            float(within["advance"].std())
+            < 0.9 * np.hypot(errors.get("distance", 0.0), 3.0 * BEYOND) * UNIT["distance"]
+        )
 
     def test_a_ship_that_did_not_reach_the_event_stays_nan(self):
         before = ships(TURNING_CIRCLE)

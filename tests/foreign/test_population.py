@@ -1,0 +1,96 @@
+"""Ships of the population: drawn, brought to scale, and what is said of their intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pymc_ship.forecasting.index_error import BEYOND
+from tests.foreign import mmg, population, sailing
+from tests.foreign.population import HULLS, TRIALS, Row, coverage_rows, drawn, fitted_beyond, page, scaled
+
+
+@pytest.fixture(scope="module")
+def ships():
+    return [drawn(number, seed=3) for number in (0, 2, 4, 6)]
+
+
+def test_each_hull_takes_its_turn_and_no_ship_is_one_of_the_four(ships):
+    assert [one.hull for one in ships] == list(HULLS)
+    nominal = [mmg.kvlcc2(), mmg.cargo(), *(ship() for ship in (sailing_of("mariner"), sailing_of("s175")))]
+    for one, ship in zip(ships, nominal, strict=True):
+        own, other = (
+            row["tactical_diameter"] / L
+            for row, L in ((one.truth["circle 35 port"], one.ship.papers.L), (circle(ship), ship.papers.L))
+        )
+        assert abs(own / other - 1.0) > 1e-3
+
+
+def sailing_of(name):
+    return {"mariner": population.mariner.Mariner, "s175": population.s175.S175}[name]
+
+
+def circle(ship):
+    trial = sailing.Trial("circle", 35.0, side="port")
+    return sailing.indices(sailing.sail(ship, trial, interval=0.1), trial)
+
+
+def test_a_ship_is_the_same_for_her_number_and_seed(ships):
+    again = drawn(2, seed=3)
+    assert again == ships[1]
+    assert drawn(2, seed=4).truth != again.truth
+
+
+def test_her_records_are_those_of_her_trials_with_noise(ships):
+    one = ships[1]
+    records = one.records(3)
+    assert len(records) == len(TRIALS[one.trials])
+    for record in records:
+        assert {"u", "v", "r", "psi", "delta", "n"} <= set(record)
+        assert np.abs(np.diff(record["u"], 2)).max() > 0.0
+
+
+def test_a_scaled_ship_sails_the_same_circle_in_lengths():
+    whole, small = mmg.kvlcc2(), scaled(mmg.kvlcc2(), 0.7)
+    assert pytest.approx(0.7 * whole.papers.L) == small.papers.L
+    quick = sailing.Trial("circle", 35.0)
+    found = []
+    for ship in (whole, small):
+        rate = {"rudder_rate_deg": 2.34 * whole.papers.unit / ship.papers.unit, "rudder_delay": 0.0}
+        papers = population.replace(ship.papers, **rate)
+        record = sailing.sail(population.replace(ship, papers=papers), quick, interval=0.1)
+        found.append(np.array(list(sailing.indices(record, quick).values())) / ship.papers.L)
+    np.testing.assert_allclose(*found, rtol=2e-3)
+
+
+def rows_of(share, n=2000):
+    """Rows whose errors have a known sd, and a share of the distance beyond the runs on top."""
+    rng = np.random.default_rng(4)
+    found = []
+    for k in range(n):
+        beyond = float(rng.uniform(0.0, 4.0))
+        sd = float(np.hypot(0.02, BEYOND * beyond))
+        error = float(np.hypot(0.02, share * beyond) * rng.standard_normal())
+        what = (k % 40, HULLS[k % 4], "one 20/20", "circle 35 port", "advance")
+        found.append(Row(*what, error=error, lower=error - 1.96 * sd, upper=error + 1.96 * sd, sd=sd, beyond=beyond))
+    return found
+
+
+@pytest.mark.parametrize("share", [0.004, BEYOND, 0.03])
+def test_the_growth_is_found_from_the_errors(share):
+    assert fitted_beyond(rows_of(share)) == pytest.approx(share, rel=0.15)
+
+
+def test_coverage_is_that_of_the_rows():
+    right, narrow = (coverage_rows(rows_of(share))[0] for share in (BEYOND, 0.03))
+    assert right[:3] == ["all", "40", "2000"]
+    assert float(right[3].split()[0]) == pytest.approx(95.0, abs=2.0)
+    assert float(right[4]) == pytest.approx(50.0, abs=4.0)
+    assert float(narrow[3].split()[0]) < 85.0  # broken twin: errors that grow three times as fast
+
+
+def test_the_page_tells_both_halves_apart_and_who_was_refused():
+    text = page(rows_of(BEYOND, 80), {7: "No term set can be fitted."}, seed=3)
+    assert "## Ships that BEYOND was chosen on, numbers below 30" in text
+    assert "## Ships that show it, from number 30 on" in text
+    assert text.endswith("Ship 7 was refused: No term set can be fitted.\n")
