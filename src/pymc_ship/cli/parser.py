@@ -291,6 +291,12 @@ def _add_forecast(commands) -> None:
     command.add_argument(
         "--spiral", action="store_true", help="steady turns and course stability, of an identified ship (none)"
     )
+    command.add_argument(
+        "--stop",
+        type=float,
+        metavar="RPS",
+        help="stopping test with these revolutions astern [1/s], of an identified ship with forces at any speed (none)",
+    )
     command.add_argument("--draws", type=int, help="simulated ships (300, of an identified ship 1000)")
     command.add_argument("--duration", type=float, help="[s] (400, of an identified ship 40 L/U)")
     command.add_argument("--n", type=float, help="revolutions [1/s], of an identified ship (those of the approach)")

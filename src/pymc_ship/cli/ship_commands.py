@@ -130,6 +130,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
     """Forecast manoeuvres of an identified ship and write the page; the text has indices and IMO verdicts."""
     from pymc_ship.forecasting.page import write_forecast_page
     from pymc_ship.forecasting.steady_turns import spiral_sentence, steady_turns
+    from pymc_ship.forecasting.stopping import stopping, stopping_sentence
 
     ship = load_ship(args.posterior)
     vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
@@ -139,9 +140,10 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
     wanted = {manoeuvre.label: manoeuvre for manoeuvre in manoeuvres if manoeuvre.label not in known}
     wanted |= {label: manoeuvre for label, (manoeuvre, _) in measured.items()}
     turns = steady_turns(ship.models) if args.spiral else None
-    if not wanted and turns is None:
+    stop = None if args.stop is None else stopping(ship.models, astern=args.stop)
+    if not wanted and turns is None and stop is None:
         raise ManoeuvreError(
-            "A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35, --spiral or --measured."
+            "A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35, --spiral, --stop or --measured."
         )
     out = writable_folder(args.out or args.posterior)
     trees, text = {}, []
@@ -153,6 +155,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
         trees[label] = forecast_ship(ship, manoeuvre, rng=np.random.default_rng(args.seed), **settings)
         text.append(_text(trees[label], label, measured, ship.vessel))
     text += [spiral_sentence(turns)] if turns is not None else []
+    text += [stopping_sentence(stop)] if stop is not None else []
     page = write_forecast_page(
         trees,
         vessel,
@@ -161,6 +164,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
         models=ship.models,
         motion=ship.motion,
         turns=turns,
+        stop=stop,
         remarks=(*ship.remarks, *_remarks(ship, trees)),
         command=made_by(args),
         progress=progress,

@@ -6,6 +6,7 @@
 - `extrapolation`: how far a forecast leaves the motion of the data.
 - `motion_error`: error of the motion along a record, by the time since its start.
 - `steady_turns`: the rudder that holds each rate of turn, and the loop of an unstable ship.
+- `stopping`: full astern until the ship is dead in the water.
 - `index_error`: model error of indices from held-out manoeuvres.
 - `figures`: heading, rudder and motion of a forecast.
 - `force_curves`: forces of the draws over drift, yaw rate and rudder.

@@ -13,6 +13,8 @@ from pymc_ship.forecasting.figures import manoeuvre_figures
 from pymc_ship.forecasting.force_curves import force_curves
 from pymc_ship.forecasting.forecast import NO_ROLL
 from pymc_ship.forecasting.steady_turns import spiral_curve, spiral_sentence
+from pymc_ship.forecasting.stopping import COLUMNS as STOPPING_COLUMNS
+from pymc_ship.forecasting.stopping import stopping_rows, stopping_sentence, stopping_tracks
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
 from pymc_ship.manoeuvre.measured import measured_indices
@@ -60,6 +62,7 @@ def write_forecast_page(
     models: Sequence[tuple[Vessel, np.ndarray]] = (),
     motion: xr.DataArray | None = None,
     turns: xr.Dataset | None = None,
+    stop: xr.Dataset | None = None,
     remarks: Sequence[str] = (),
     command: str = "",
     progress: Callable[[str], None] = lambda _: None,
@@ -81,6 +84,8 @@ def write_forecast_page(
         Prime motion of the training record, shaded in the force curves.
     turns : Dataset, dims (draw, rate), optional
         From :func:`pymc_ship.steady_turns`: adds a section on steady turns and course stability.
+    stop : Dataset, dims (draw, time), optional
+        From :func:`pymc_ship.stopping`: adds a section on the stopping test.
     remarks : sequence of str, optional
         How the intervals were made, a paragraph each.
     command : str, optional
@@ -97,12 +102,14 @@ def write_forecast_page(
     Raises
     ------
     ValueError
-        For neither a forecast nor steady turns, a trial of none of them, or draws that do not fit their vessel.
+        For nothing to show, a trial of none of them, or draws that do not fit their vessel.
     OutputError
         When the folder cannot be written.
     """
     measured = dict(measured or {})
-    _check(forecasts, measured, turns)
+    if not forecasts and turns is None and stop is None:
+        raise ValueError("A page of forecasts needs at least one, found none; forecast a manoeuvre.")
+    _check(forecasts, measured)
     out = writable_folder(out)
     verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
     rows, drawn, sections = {"forecast_verdict": verdicts} if verdicts else {}, {}, []
@@ -119,12 +126,17 @@ def write_forecast_page(
         drawn["forecast_forces"] = force_curves(models, motion)
     if turns is not None:
         drawn["forecast_spiral"] = spiral_curve(turns)
+    if stop is not None:
+        drawn["forecast_stopping"] = stopping_tracks(stop)
+        rows["forecast_stopping"] = stopping_rows(stop)
     progress("writing the page")
     values = _head(forecasts, vessel) | {
         "verdicts": verdict_table(verdicts) if verdicts else None,
         "sections": sections,
         "forces": _FORCES if models else "",
         "spiral": spiral_sentence(turns) if turns is not None else "",
+        "stopping": stopping_sentence(stop) if stop is not None else "",
+        "stopping_table": table(rows["forecast_stopping"], STOPPING_COLUMNS) if stop is not None else None,
         "remarks": [*remarks, *([] if "roll" in vessel.dofs else [NO_ROLL])],
         "command": command,
     }
@@ -197,9 +209,7 @@ def _beside(row: Mapping, value: float) -> dict:
     return {"measured": value, "error": float(error), "error_units": units, "covered": covered}
 
 
-def _check(forecasts: Mapping, measured: Mapping, turns: xr.Dataset | None) -> None:
-    if not forecasts and turns is None:
-        raise ValueError("A page of forecasts needs at least one, found none; forecast a manoeuvre.")
+def _check(forecasts: Mapping, measured: Mapping) -> None:
     if unknown := [name for name in measured if name not in forecasts]:
         raise ValueError(
             f"A measured trial belongs to one of the forecasts {', '.join(forecasts)}; found {unknown[0]!r}; rename it."

@@ -1,0 +1,199 @@
+"""The stopping test: full astern from the approach, until the ship is dead in the water (IMO MSC.137(76), 5.3.3).
+
+Revolutions go from those of the approach to the ones astern at an even rate, the rudder stays amidships. What the
+propeller does astern is known beforehand only by judgement where no run went astern: the interval holds that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from pymc_ship.manoeuvre.criteria import shown_probability
+from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.inputs import takes_revolutions
+from pymc_ship.motion.replay import replay
+from pymc_ship.motion.stepping import SimulationError
+from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
+from pymc_ship.pages.tables import fixed
+from pymc_ship.vessel.parts import ship_of
+from pymc_ship.vessel.term_sets import holds_any_speed
+from pymc_ship.vessel.vessel import Vessel
+
+LIMIT, LARGE = 15.0, 20.0
+"""Track reach [L] that IMO MSC.137(76) allows, and where a large displacement makes that impracticable."""
+
+INDICES = {
+    "track_reach": "m",
+    "head_reach": "m",
+    "lateral_deviation": "m",
+    "stopping_time": "s",
+    "heading_change": "deg",
+}
+"""Indices of the test and their units."""
+
+COLUMNS = {"index": ("index", str), "units": ("", str)} | {
+    name: (name, fixed(1)) for name in ("median", "lower", "upper")
+}
+"""Columns in which a page shows them."""
+
+_LONGEST = 150.0  # L/U
+_STEPS = 20  # in L/U
+_MOST_ASTERN = 1.5  # over the nominal revolutions
+_SHOWN = 40  # tracks of a figure
+
+
+def stopping(
+    models: Sequence[tuple[Vessel, np.ndarray]],
+    *,
+    astern: float,
+    reversal: float = 60.0,
+    approach_speed: float | None = None,
+) -> xr.Dataset:
+    """Stop every drawn ship by reversing her propeller.
+
+    Parameters
+    ----------
+    models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients))
+        As a pooled forecast takes them; ships whose forces do not know way astern are left out.
+    astern : float
+        Revolutions astern [1/s], a magnitude.
+    reversal : float, optional
+        Time from the order to these revolutions [s].
+    approach_speed : float, optional
+        [m/s]; the nominal speed by default.
+
+    Returns
+    -------
+    Dataset, dims (draw,), (draw, time)
+        ``track_reach``, ``head_reach`` and ``lateral_deviation`` [m], positive to starboard, ``stopping_time`` [s] and
+        ``heading_change`` [deg] from the order until she makes no way ahead, NaN where she does not stop within 150
+        L/U; ``x``, ``y`` [m] and ``u`` [m/s], NaN after that. Attrs tell ``L``, ``astern`` and ``reversal``.
+
+    Raises
+    ------
+    SimulationError
+        Where no ship knows way astern, or for revolutions or times that no engine has.
+
+    Examples
+    --------
+    A tanker of parts that hold at any speed, with what is typical of her propeller astern:
+
+    >>> import pymc_ship as ps
+    >>> from pymc_ship.vessel.vessel import reference_coefficients
+    >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed, rudder by side")
+    >>> stop = ps.stopping([(vessel, reference_coefficients(vessel)[None])], astern=1.0)
+    >>> print(f"track reach {stop['track_reach'].item() / 320.0:.1f} L in {stop['stopping_time'].item():.0f} s")
+    track reach 13.3 L in 1323 s
+    """
+    known = [(vessel, np.atleast_2d(rows)) for vessel, rows in models if _knows_astern(vessel)]
+    if not known:
+        raise SimulationError(
+            "A stopping test needs forces at any speed and a propeller that is stated, found none among the models; "
+            'identify the ship with --terms "modular at any speed, rudder by side" and [propeller] in her file.'
+        )
+    s, nominal = known[0][0].particulars, ship_of(known[0][0]).n
+    if not 0.0 < astern <= _MOST_ASTERN * nominal or not 0.0 <= reversal < np.inf:
+        raise SimulationError(
+            f"A stopping test has revolutions astern up to {_MOST_ASTERN:g} times the nominal {nominal:.3g} 1/s and a "
+            f"time from 0 s to reach them, found {astern} and {reversal}; correct them (1/min over 60 are 1/s)."
+        )
+    speed = s.nominal_speed if approach_speed is None else approach_speed
+    step = s.ship_time / _STEPS
+    time = step * np.arange(round(_LONGEST * _STEPS) + 1)
+    inputs = np.zeros((4, time.size))
+    inputs[1] = np.interp(time, [0.0, max(reversal, 1e-9)], [speed / s.nominal_speed, -astern / nominal])
+    states = []
+    for vessel, rows in known:
+        initial = np.zeros((len(rows), len(STATE)))
+        initial[:, 0] = speed
+        states.append(replay(vessel, inputs, initial, rows, interval=step))
+    found = _stopped(np.concatenate(states, axis=1), time)
+    attrs = {"L": s.L, "astern": astern, "reversal": reversal, "approach_speed": speed}
+    return found.assign_attrs(attrs)
+
+
+def stopping_sentence(stop: xr.Dataset) -> str:
+    """Track reach with its interval and the probability that it keeps the limit of IMO MSC.137(76)."""
+    reach = stop["track_reach"].values / stop.attrs["L"]
+    known = np.isfinite(reach)
+    if not known.any():
+        return f"No drawn ship stops with {stop.attrs['astern']:g} 1/s astern."
+    lower, median, upper = np.quantile(reach[known], [0.025, 0.5, 0.975])
+    kept = [shown_probability(float(np.mean(known & (reach <= limit)))) for limit in (LIMIT, LARGE)]
+    lost = f" {100.0 * np.mean(~known):.2g} % of the ships do not stop." if not known.all() else ""
+    return (
+        f"Stopping test with {stop.attrs['astern']:g} 1/s astern: track reach {median:.1f} L ({lower:.1f} to "
+        f"{upper:.1f}), within the {LIMIT:g} L of IMO MSC.137(76) with probability {kept[0]}, within the {LARGE:g} L "
+        f"of large ships with {kept[1]}.{lost}"
+    )
+
+
+def stopping_rows(stop: xr.Dataset) -> list[dict]:
+    """Median and interval of 95 % of each index over the ships that stop; distances in L."""
+    rows = []
+    for name, units in INDICES.items():
+        values = stop[name].values / (stop.attrs["L"] if units == "m" else 1.0)
+        row = {"index": name.replace("_", " "), "units": "L" if units == "m" else units}
+        known = np.isfinite(values)
+        ends = np.quantile(values[known], [0.5, 0.025, 0.975]) if known.any() else np.full(3, np.nan)
+        rows.append(row | dict(zip(("median", "lower", "upper"), ends.tolist(), strict=True)))
+    return rows
+
+
+@styled
+def stopping_tracks(stop: xr.Dataset) -> Figure:
+    """Tracks of the ships until they stop [L], and their speed ahead against time."""
+    L = stop.attrs["L"]
+    fig, axes = subplots(8.0, 3.6, 1, 2)
+    track, speed = axes[0]
+    reach = stop["track_reach"].values
+    order = np.argsort(reach)[: np.isfinite(reach).sum()]
+    for k in order[:: max(order.size // _SHOWN, 1)]:
+        track.plot(stop["y"].values[k] / L, stop["x"].values[k] / L, color=NOISE, lw=0.6)
+        speed.plot(stop["time"].values, stop["u"].values[k], color=NOISE, lw=0.6)
+    if order.size:
+        k = order[order.size // 2]
+        track.plot(stop["y"].values[k] / L, stop["x"].values[k] / L, color=BLUE, label="median of the track reach")
+        speed.plot(stop["time"].values, stop["u"].values[k], color=BLUE)
+        track.legend(loc="best")
+    track.set_aspect("equal", adjustable="datalim")
+    track.set_xlabel("transfer to starboard [L]")
+    track.set_ylabel("advance [L]")
+    speed.set_xlabel("time from the order [s]")
+    speed.set_ylabel("surge velocity u [m/s]")
+    return fig
+
+
+def _knows_astern(vessel: Vessel) -> bool:
+    return holds_any_speed(vessel) and takes_revolutions(vessel)
+
+
+def _stopped(states: np.ndarray, time: np.ndarray) -> xr.Dataset:
+    """Indices and motion of ships (8, n_draws, n_time) until they make no way ahead."""
+    u, psi, x, y = (states[STATE.index(name)] for name in ("u", "psi", "x", "y"))
+    n_draws = len(u)
+    values = {name: np.full(n_draws, np.nan) for name in INDICES}
+    shown = {name: np.full(u.shape, np.nan) for name in ("u", "x", "y")}
+    for k in range(n_draws):
+        still = np.flatnonzero(u[k] <= 0.0)
+        if not still.size:
+            continue
+        end = still[0]
+        share = u[k, end - 1] / (u[k, end - 1] - u[k, end])
+        last = [row[k, end - 1] + share * (row[k, end] - row[k, end - 1]) for row in (x, y, psi)]
+        path_x, path_y = np.append(x[k, :end], last[0]), np.append(y[k, :end], last[1])
+        values["track_reach"][k] = np.sum(np.hypot(np.diff(path_x), np.diff(path_y)))
+        values["head_reach"][k], values["lateral_deviation"][k] = last[:2]
+        values["stopping_time"][k] = time[end - 1] + share * (time[end] - time[end - 1])
+        values["heading_change"][k] = np.rad2deg(last[2])
+        for name, row in (("u", u), ("x", x), ("y", y)):
+            shown[name][k, :end] = row[k, :end]
+    kept = int(np.flatnonzero(np.isfinite(shown["u"]).any(axis=0)).max(initial=0)) + 1
+    found = {name: ("draw", value, {"units": INDICES[name]}) for name, value in values.items()}
+    units = {"u": "m/s", "x": "m", "y": "m"}
+    found |= {name: (("draw", "time"), row[:, :kept], {"units": units[name]}) for name, row in shown.items()}
+    return xr.Dataset(found, {"draw": np.arange(n_draws), "time": ("time", time[:kept], {"units": "s"})})
