@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import shutil
 from collections import Counter
 from pathlib import Path
@@ -130,3 +131,18 @@ def test_mutated_trials_with_mutated_formats_are_checked_or_refused(made, tmp_pa
     counts = fuzz_trials(trial_and_format(made), tmp_path, range(200))
     assert set(counts) == {0, 2, 3} or set(counts) == {2, 3}, counts
     assert counts[2] > 20
+
+
+@pytest.mark.parametrize("change", ["facilities", "gear"])
+def test_a_ship_of_another_version_is_refused_with_status_2(whole, tmp_path, capsys, change):
+    at = Path(shutil.copytree(whole["ship"][0], tmp_path / "at"))
+    index = json.loads((at / "model" / "ship.json").read_text(encoding="utf-8"))
+    del index["sha256"]
+    if change == "gear":
+        index["facilities"] = {"": {"rudder_rate_deg": 2.0}}
+    else:
+        del index["facilities"]
+    (at / "model" / "ship.json").write_text(json.dumps(index), encoding="utf-8")
+    assert main(["forecast", str(at), "--turn", "35", "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "was written by another version of pymc_ship" in line

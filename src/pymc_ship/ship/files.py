@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,7 @@ FOLDER = "model"
 """Folder of an identified ship inside that of its report."""
 
 _INDEX, _SUM = "ship.json", "sha256"
+_KEYS = ("terms", "facilities", "model_error", "motion_error", "remarks")
 _CHAINS = 4
 
 
@@ -262,6 +263,12 @@ def load_ship(out: str | Path) -> IdentifiedShip:
         raise VesselError(
             f"The identified ship in {folder} was damaged or changed, its checksum does not fit; copy it again or run "
             "`pymc-ship identify` again."
+        )
+    gear = {one.name for one in fields(Steering)}
+    if not set(_KEYS) <= set(index) or any(set(one) != gear for one in index["facilities"].values()):
+        raise VesselError(
+            f"The identified ship in {folder} was written by another version of pymc_ship: its {_INDEX} does not have "
+            f"{', '.join(_KEYS)} as this one reads them; run `pymc-ship identify` again."
         )
     models, motion = [], None
     for path in (folder / entry["file"] for entry in index["terms"]):
