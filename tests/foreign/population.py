@@ -2,7 +2,7 @@
 
 A ship is one of four by published equations with every force coefficient changed by chance, the two of the MMG method
 at another scale, too; the four themselves are not among them. The trials she sails, the weather and what her papers
-state are drawn, too. The first :data:`CHOSEN_ON` ships have been used to choose how intervals grow beyond the motion of
+state are drawn, too. Thirty ships, numbers 0 to 29, have been used to choose how intervals grow beyond the motion of
 the runs; the others show what that is worth.
 """
 
@@ -271,12 +271,17 @@ def coverage_rows(rows: Sequence[Row]) -> list[list[str]]:
             inside, half = (np.mean([getattr(row, of) for row in mine]) for of in ("inside", "half"))
             z = math.sqrt(np.mean([(row.error / row.sd) ** 2 for row in mine]))
             size, width = np.median([(abs(row.error), 1.96 * row.sd) for row in mine], axis=0)
-            line = [name, str(len(ships)), str(len(mine)), f"{100 * inside:.0f} ± {100 * error:.0f}"]
+            line = [
+                name,
+                str(len(ships)),
+                str(len(mine)),
+                f"{100 * inside:.0f}{f' ± {100 * error:.0f}' if error > 0.0 else ''}",
+            ]
             found.append([*line, f"{100 * half:.0f}", f"{z:.2f}", f"{size:.3f}", f"{width:.3f}"])
     return found
 
 
-def page(rows: Sequence[Row], refusals: Mapping[int, str], seed: int) -> str:
+def page(rows: Sequence[Row], refusals: Mapping[int, str], command: str) -> str:
     """Both halves of the population as a page in Markdown."""
     heads = ("", "ships", "indices", "95 % hold %", "50 % hold %", "rms of error / sd", "median error", "half width")
     halves = {
@@ -285,7 +290,7 @@ def page(rows: Sequence[Row], refusals: Mapping[int, str], seed: int) -> str:
     }
     parts = [
         "# A population of foreign ships",
-        f"`make population`, seed {seed}. {' '.join((__doc__ or '').split('``make population``.')[1].split())}",
+        f"`{command}`. {' '.join((__doc__ or '').split('``make population``.')[1].split())}",
         "Errors and half widths are in L for distances and in swings of the heading for overshoots; ± is the standard "
         "error over ships.",
     ]
@@ -316,7 +321,10 @@ def main(words: Sequence[str] | None = None) -> int:
     rows = [Row(**row) for one in found.values() for row in one["rows"]]
     refusals = {number: one["refusal"] for number, one in found.items() if one["refusal"]}
     with staged(writable_folder(arguments.out) / "population.md") as path:
-        path.write_text(page(rows, refusals, seed), encoding="utf-8")
+        command = (
+            f"python -m tests.foreign.population --first {arguments.first} --ships {arguments.ships} --seed {seed}"
+        )
+        path.write_text(page(rows, refusals, command), encoding="utf-8")
     return 0
 
 

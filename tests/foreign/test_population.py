@@ -90,7 +90,7 @@ def test_coverage_is_that_of_the_rows():
 
 
 def test_the_page_tells_both_halves_apart_and_who_was_refused():
-    text = page(rows_of(BEYOND, 80), {7: "No term set can be fitted."}, seed=3)
+    text = page(rows_of(BEYOND, 80), {7: "No term set can be fitted."}, "make population")
     assert "## Ships that BEYOND was chosen on, numbers below 30" in text
     assert "## Ships that show it, from number 30 on" in text
     assert text.endswith("Ship 7 was refused: No term set can be fitted.\n")

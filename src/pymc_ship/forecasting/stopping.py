@@ -42,6 +42,7 @@ COLUMNS = {"index": ("index", str), "units": ("", str)} | {
 
 _LONGEST = 150.0  # L/U
 _STEPS = 20  # in L/U
+_REVERSAL = 1.5  # L/U
 _MOST_ASTERN = 1.5  # over the nominal revolutions
 _SHOWN = 40  # tracks of a figure
 
@@ -50,7 +51,7 @@ def stopping(
     models: Sequence[tuple[Vessel, np.ndarray]],
     *,
     astern: float,
-    reversal: float = 60.0,
+    reversal: float | None = None,
     approach_speed: float | None = None,
 ) -> xr.Dataset:
     """Stop every drawn ship by reversing her propeller.
@@ -62,7 +63,7 @@ def stopping(
     astern : float
         Revolutions astern [1/s], a magnitude.
     reversal : float, optional
-        Time from the order to these revolutions [s].
+        Time from the order to these revolutions [s]; 1.5 L/U by default, a minute for a large tanker.
     approach_speed : float, optional
         [m/s]; the nominal speed by default.
 
@@ -96,6 +97,7 @@ def stopping(
             'identify the ship with --terms "modular at any speed, rudder by side" and [propeller] in her file.'
         )
     s, nominal = known[0][0].particulars, ship_of(known[0][0]).n
+    reversal = _REVERSAL * s.ship_time if reversal is None else reversal
     if not 0.0 < astern <= _MOST_ASTERN * nominal or not 0.0 <= reversal < np.inf:
         raise SimulationError(
             f"A stopping test has revolutions astern up to {_MOST_ASTERN:g} times the nominal {nominal:.3g} 1/s and a "
