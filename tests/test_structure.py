@@ -28,7 +28,7 @@ WINGS = {
     "rows": "machine forces vessel trial denoising motion",
     "regression": "machine forces vessel trial rows",
     "trajectory": "machine forces vessel trial motion regression",
-    "captive": "pages trial vessel motion regression trajectory",
+    "captive": "pages forces trial vessel motion regression trajectory",
     "sampling": "machine vessel motion rows regression trajectory",
     "forecasting": "machine pages forces vessel trial manoeuvre motion rows regression trajectory sampling",
     "design": "machine vessel trial manoeuvre motion trajectory forecasting",

@@ -1,14 +1,17 @@
 """What captive tests say of the coefficients: beside the prior, and of the ship under way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.captive.statement import fit_captive, held_motion, known_tests, shared_with_trials
+from pymc_ship.captive.statement import CaptiveFit, fit_captive, held_motion, known_tests, shared_with_trials
 from pymc_ship.motion.held import held_forces, held_slopes
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.vessel.parts import HELD
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
 NOISE = {"X": 2e-5, "Y": 1e-4, "N": 4e-5}
 PARTS = "modular, rudder by side"
@@ -81,7 +84,9 @@ class TestSharedWithTrials:
 
     def shared(self, apart):
         statement = Statement(100.0 * np.eye(4), 100.0 * apart * np.array([1.0, -1.0, 1.0, -1.0]))
-        return shared_with_trials(statement, self.prior, np.zeros(4), self.covariance)
+        fit = CaptiveFit(np.zeros(4), self.covariance, statement, {}, 1.0)
+        found = shared_with_trials(fit, self.prior, np.zeros(4), self.covariance)
+        return found.statement, found.apart
 
     def test_where_both_agree_the_tests_count_in_full(self):
         statement, share = self.shared(0.01)
@@ -103,3 +108,23 @@ def test_slopes_and_statement_are_of_the_same_coefficients(tanker):
     fit = fit_captive(tests, vessel, prior)
     np.testing.assert_allclose(fit.statement.rows[:, blind], 0.0, atol=1e-12)
     assert reference_coefficients(vessel).size == fit.statement.rows.shape[1]
+
+
+def test_revolutions_of_the_carriage_are_its_own(tanker):
+    """Tests at revolutions that are off by 6 %: the ship's own nominal ones stay, and so does her resistance."""
+    vessel, prior = tanker
+    column = coefficient_names(vessel).index("n_0")
+    held = replace(prior, scale=np.where(np.arange(prior.scale.size) == column, HELD, prior.scale))
+    tests = program(vessel, np.random.default_rng(5), prior.mean)
+    n = vessel.propeller.n * np.ones(tests.sizes["test"])
+    right, off = (fit_captive(tests.assign(n=("test", n * share)), vessel, held) for share in (1.0, 1.06))
+    sd = np.sqrt(right.covariance[column, column])
+    assert off.revolutions / right.revolutions == pytest.approx(1.06, abs=4.0 * sd)
+    rows, values = off.statement
+    precision = np.diag(held.scale**-2) + rows.T @ rows
+    at = held.mean + np.linalg.solve(precision, rows.T @ (values - rows @ held.mean))
+    own = coefficient_names(vessel).index("R0")
+    assert abs(at[own] - prior.mean[own]) < 3.0 * np.sqrt(right.covariance[own, own])
+    assert at[column] == pytest.approx(1.0, abs=1e-6)
+    blind = fit_captive(tests.assign(n=("test", n * 1.06)), vessel, replace(held, scale=held.scale)).coefficients
+    assert abs(blind[column] - 1.0) > 0.04  # what would have gone into the resistance

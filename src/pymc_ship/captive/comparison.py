@@ -23,7 +23,9 @@ _FEWEST = 3  # tests of a series that is drawn
 _AT_SPEED = 0.1  # share by which the speed of a drawn test is off the most usual one
 
 
-def compared(tests: xr.Dataset, vessel: Vessel, draws: Mapping[str, np.ndarray]) -> xr.Dataset:
+def compared(
+    tests: xr.Dataset, vessel: Vessel, draws: Mapping[str, np.ndarray], *, revolutions: float = 1.0
+) -> xr.Dataset:
     """Measured forces of captive tests beside the bands of 95 % of ships, drawn in one way or more.
 
     Parameters
@@ -33,6 +35,8 @@ def compared(tests: xr.Dataset, vessel: Vessel, draws: Mapping[str, np.ndarray])
     vessel : Vessel
     draws : mapping of str to ndarray, shape (n_draws, n_coefficients)
         By how they were drawn.
+    revolutions : float, optional
+        Nominal ones on the carriage over those of the vessel.
 
     Returns
     -------
@@ -42,7 +46,7 @@ def compared(tests: xr.Dataset, vessel: Vessel, draws: Mapping[str, np.ndarray])
     tests = known_tests(tests, vessel)
     s = vessel.particulars
     found = tests.assign_coords(drawn=list(draws), band=list(BANDS)).assign_attrs(U_nom=s.nominal_speed, L=s.L)
-    forces = [held_forces(vessel, held_motion(tests, vessel), rows) for rows in draws.values()]
+    forces = [held_forces(vessel, held_motion(tests, vessel, revolutions), rows) for rows in draws.values()]
     for name in (name for name in FORCES if name in tests):
         row = DOFS.index(_DOF[name])
         bands = [np.quantile(one[:, row], _TAILS, axis=0) for one in forces]

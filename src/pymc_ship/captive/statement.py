@@ -13,13 +13,14 @@ her trials alone make (empirical Bayes). Where trials say little it is 0.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 from scipy.optimize import least_squares
 
 from pymc_ship.captive.table import FORCES
+from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.motion.held import held_slopes
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement
@@ -34,6 +35,7 @@ _PASSES, _SETTLED = 20, 0.01
 _LEAST = 1e-3  # of the largest force: the noise of exact ones
 _SAME_SPEED = 0.05
 _SHARES = 101  # of the prior sd that are tried
+_REVOLUTIONS = 0.1  # sd of the nominal revolutions on a carriage over those of the vessel
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,10 @@ class CaptiveFit:
         What the fitted ship leaves of each force, prime at the nominal speed.
     dispersion : float
         How many times less the tests count than rows independent of each other would.
+    revolutions : float
+        Nominal revolutions of the model on the carriage over those of the vessel: they belong to a facility.
+    apart : float
+        Share of the prior sd by which coefficients differ between carriage and ship, once her trials are known.
     """
 
     coefficients: np.ndarray
@@ -58,13 +64,18 @@ class CaptiveFit:
     statement: Statement
     noise_sd: dict[str, float]
     dispersion: float
+    revolutions: float = 1.0
+    apart: float = 0.0
 
 
-def held_motion(tests: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:
-    """Motion of captive tests as :func:`pymc_ship.motion.held.held_forces` takes it."""
+def held_motion(tests: xr.Dataset, vessel: Vessel, revolutions: float = 1.0) -> dict[str, np.ndarray]:
+    """Motion of captive tests as :func:`pymc_ship.motion.held.held_forces` takes it.
+
+    ``revolutions`` are the nominal ones on the carriage over those of the vessel.
+    """
     motion = {name: tests[name].values for name in ("u", "v", "r", "delta")}
     if vessel.modular and "n" in tests:
-        motion["n"] = tests["n"].values / ship_of(vessel).n
+        motion["n"] = tests["n"].values / ship_of(vessel).n / revolutions
     return motion
 
 
@@ -84,7 +95,7 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
         From :func:`pymc_ship.read_captive`.
     vessel : Vessel, str or Path
     prior : CoefficientPrior
-        With a finite scale of every coefficient.
+        With a finite scale of every coefficient. Nominal revolutions that it holds are free on the carriage.
 
     Returns
     -------
@@ -127,6 +138,9 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
             f"Terms stand for the nominal revolutions alone, found none of the captive tests of {vessel.name!r} within "
             f"{_NOMINAL:.0%} of them; choose sets of parts, or state the propeller's own n."
         )
+    own = [k for k, name in enumerate(coefficient_names(vessel)) if name == NOMINAL_REVOLUTIONS and "n" in tests]
+    held = prior.scale[own] < _REVOLUTIONS
+    prior = replace(prior, scale=np.where(np.isin(np.arange(prior.scale.size), own), _REVOLUTIONS, prior.scale))
     rows, weight = _rows(tests, vessel), _weight(tests, vessel)
     measured = [place for place, name in enumerate(FORCES) if name in tests]
     least = np.array([_LEAST * np.abs(tests[name] * weight).max() if name in tests else np.nan for name in FORCES])
@@ -145,27 +159,39 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     dispersion = _dispersion(white, left, groups, scale)
     white, left = white / np.sqrt(dispersion), left / np.sqrt(dispersion)
     orthogonal, triangle = np.linalg.qr(white)
-    statement = Statement(triangle, triangle @ at + orthogonal.T @ left)
+    values = triangle @ at + orthogonal.T @ left
     precision = triangle.T @ triangle + np.diag(scale**-2.0)
     size = np.sqrt(np.diag(precision))
     covariance = np.linalg.inv(precision / np.outer(size, size)) / np.outer(size, size)
-    return CaptiveFit(at, covariance, statement, {FORCES[place]: float(sd[place]) for place in measured}, dispersion)
+    found = CaptiveFit(at, covariance, Statement(triangle, values), _by_force(sd, measured), dispersion)
+    return _at_own_revolutions(found, own[0]) if own and held.all() else found
+
+
+def _by_force(sd: np.ndarray, measured: list[int]) -> dict[str, float]:
+    return {FORCES[place]: float(sd[place]) for place in measured}
+
+
+def _at_own_revolutions(fit: CaptiveFit, column: int) -> CaptiveFit:
+    """Fit whose statement takes the nominal revolutions of the carriage, in this column, as found."""
+    rows, n_0 = fit.statement.rows.copy(), float(fit.coefficients[column])
+    values = fit.statement.values - rows[:, column] * (n_0 - 1.0)
+    return replace(fit, statement=Statement(rows, values), revolutions=n_0)
 
 
 def shared_with_trials(
-    statement: Statement, prior: CoefficientPrior, coefficients: np.ndarray, covariance: np.ndarray
-) -> tuple[Statement, float]:
-    """What tests say of the coefficients under way, and the share of the prior sd by which these differ from theirs.
+    fit: CaptiveFit, prior: CoefficientPrior, coefficients: np.ndarray, covariance: np.ndarray
+) -> CaptiveFit:
+    """Fit whose statement is of the coefficients under way, which differ from those on the carriage by ``apart``.
 
     Parameters
     ----------
-    statement : Statement
-        What the tests say of the coefficients on the carriage.
+    fit : CaptiveFit
+        Of the coefficients on the carriage.
     prior : CoefficientPrior
     coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
         Of the ship by her trials and the prior alone.
     """
-    rows, left = statement.rows, statement.misfit(coefficients)
+    rows, left = fit.statement.rows, fit.statement.misfit(coefficients)
     scaled, identity = rows * prior.scale, np.eye(len(rows))
     known = identity + rows @ covariance @ rows.T
 
@@ -177,7 +203,8 @@ def shared_with_trials(
     shares = np.linspace(0.0, 1.0, _SHARES)
     share = float(shares[np.argmin([surprise(one) for one in shares])])
     root = np.linalg.cholesky(identity + share**2 * scaled @ scaled.T)
-    return Statement(np.linalg.solve(root, rows), np.linalg.solve(root, statement.values)), share
+    statement = Statement(np.linalg.solve(root, rows), np.linalg.solve(root, fit.statement.values))
+    return replace(fit, statement=statement, apart=share)
 
 
 Rows = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from pymc_ship.captive.statement import fit_captive, shared_with_trials
+from pymc_ship.captive.statement import CaptiveFit, fit_captive, shared_with_trials
 from pymc_ship.checks.plausibility import DRIFT, SHORTEST_PIECE, SLOW, piece_check, pieces_ahead
 from pymc_ship.checks.verdicts import ship_scale
 from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
@@ -64,7 +64,7 @@ class Candidate:
     ``fit`` is to all runs, widened by the factor ``inflation`` from how far each run moves it, and so
     are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
     of the normal law that do not run away, ``share_unsound`` of all drawn did. ``prior`` is that of the
-    windows, captive tests included, whose coefficients differ from hers by ``captive_apart`` of the prior sd.
+    windows, ``captive`` what captive tests say beside it.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Candidate:
     weight: float
     draws: np.ndarray
     share_unsound: float
-    captive_apart: float = 0.0
+    captive: CaptiveFit | None = None
 
     @property
     def vessel(self) -> Vessel:
@@ -214,11 +214,11 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         runs = [held_windows(trial, vessel, k) for k, trial in enumerate(training.trials)]
         prior = stated_prior(trials, vessel, training.prior)
         windows = [window for run in runs for window in run]
-        whole, apart = _first_fit(trials, windows, vessel, prior, plain), 0.0
+        whole, tests = _first_fit(trials, windows, vessel, prior, plain), None
         if training.captive is not None:
-            tests = fit_captive(training.captive, vessel, prior).statement
-            tests, apart = shared_with_trials(tests, prior, whole.coefficients, whole.covariance)
-            prior = replace(prior, statement=tests)
+            tests = fit_captive(training.captive, vessel, prior)
+            tests = shared_with_trials(tests, prior, whole.coefficients, whole.covariance)
+            prior = replace(prior, statement=tests.statement)
             whole = fit_windows(windows, vessel, prior, whole.coefficients, whole.spread)
 
         def fit(windows: Sequence[Window]) -> WindowFit:
@@ -240,7 +240,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         sentence = f"The {name} terms were left out: fitted to these trials, they make a ship that runs away{share}"
         return Refusal(name, f"{sentence}, {failure}.", vessel, failure)
     not_drawn = {"weight": 0.0, "draws": tried[:0], "share_unsound": 0.0}
-    return Candidate(name, whole, prior, judged, inflation, **not_drawn, captive_apart=apart)
+    return Candidate(name, whole, prior, judged, inflation, **not_drawn, captive=tests)
 
 
 def cut_runs(names: Sequence[str], training: Training, found: Sequence[Candidate]) -> list[str]:

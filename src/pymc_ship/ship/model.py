@@ -193,7 +193,7 @@ def identify_ship(
         remarks.append(
             f"{captive.sizes['test']} captive tests stand beside the prior of every term set; held-out runs are "
             "forecast with them, too. Each coefficient differs between carriage and ship by "
-            f"{found[0].captive_apart:.2g} of its prior sd ({found[0].name})."
+            f"{found[0].captive.apart:.2g} of its prior sd ({found[0].name})."
         )
     return ShipModel(
         vessel=training.vessel,
@@ -214,7 +214,8 @@ def identify_ship(
 
 def _compared(tests: xr.Dataset, best: Candidate, rng: np.random.Generator) -> xr.Dataset:
     """Captive tests beside the best candidate before and after it was fitted."""
-    return compared(tests, best.vessel, {"prior alone": best.prior.draw(_PRIOR_DRAWS, rng), "identified": best.draws})
+    draws = {"prior alone": best.prior.draw(_PRIOR_DRAWS, rng), "identified": best.draws}
+    return compared(tests, best.vessel, draws, revolutions=best.captive.revolutions)
 
 
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Training:
