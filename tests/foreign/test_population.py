@@ -15,6 +15,7 @@ def ships():
     return [drawn(number, seed=3) for number in (0, 2, 4, 6)]
 
 
+@pytest.mark.consistency
 def test_each_hull_takes_its_turn_and_no_ship_is_one_of_the_four(ships):
     assert [one.hull for one in ships] == list(HULLS)
     nominal = [mmg.kvlcc2(), mmg.cargo(), *(ship() for ship in (sailing_of("mariner"), sailing_of("s175")))]
@@ -35,12 +36,14 @@ def circle(ship):
     return sailing.indices(sailing.sail(ship, trial, interval=0.1), trial)
 
 
+@pytest.mark.consistency
 def test_a_ship_is_the_same_for_her_number_and_seed(ships):
     again = drawn(2, seed=3)
     assert again == ships[1]
     assert drawn(2, seed=4).truth != again.truth
 
 
+@pytest.mark.consistency
 def test_her_records_are_those_of_her_trials_with_noise(ships):
     one = ships[1]
     records = one.records(3)
@@ -50,6 +53,7 @@ def test_her_records_are_those_of_her_trials_with_noise(ships):
         assert np.abs(np.diff(record["u"], 2)).max() > 0.0
 
 
+@pytest.mark.consistency
 def test_a_scaled_ship_sails_the_same_circle_in_lengths():
     whole, small = mmg.kvlcc2(), scaled(mmg.kvlcc2(), 0.7)
     assert pytest.approx(0.7 * whole.papers.L) == small.papers.L

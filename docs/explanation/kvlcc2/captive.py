@@ -1,0 +1,31 @@
+"""Captive tests of the KVLCC2 alone: how well the parts follow them, and where her zigzags disagree.
+
+Usage: python3 docs/explanation/kvlcc2/captive.py captive.csv reports/kvlcc2
+"""
+
+import sys
+
+import numpy as np
+
+import pymc_ship as ps
+from pymc_ship.captive.comparison import compared, comparison_rows
+from pymc_ship.vessel.parts import HELD
+
+FORMAT = {"scale": {"froude": 46.4}}
+ship = ps.load_ship(sys.argv[2])
+tests = ps.read_captive(sys.argv[1], "kvlcc2", format=FORMAT)
+rng = np.random.default_rng(1)
+for vessel, draws in ship.models:
+    if not vessel.modular:
+        continue
+    prior = ps.coefficient_prior([], vessel, damping=1.0)
+    fit = ps.fit_captive(tests, vessel, prior)
+    alone = rng.multivariate_normal(fit.coefficients, fit.covariance, 400)
+    found = compared(tests, vessel, {"captive tests alone": alone}, revolutions=fit.revolutions)
+    print(
+        vessel.title.split(";")[-1].strip(), *(f"{row['force']} R2 {row['R2']:.3f}" for row in comparison_rows(found))
+    )
+    apart = (draws.mean(axis=0) - fit.coefficients) / prior.scale
+    known = (draws.std(axis=0) < 0.9 * prior.scale) & (prior.scale > HELD)
+    names = [parameter.name for parameter in vessel.parameters]
+    print({name: f"{z:+.1f}" for name, z, sure in zip(names, apart, known, strict=True) if sure and abs(z) > 1.0})
