@@ -140,7 +140,8 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
         )
     own = [k for k, name in enumerate(coefficient_names(vessel)) if name == NOMINAL_REVOLUTIONS and "n" in tests]
     held = prior.scale[own] < _REVOLUTIONS
-    prior = replace(prior, scale=np.where(np.isin(np.arange(prior.scale.size), own), _REVOLUTIONS, prior.scale))
+    free = np.where(np.isin(np.arange(prior.scale.size), own), _REVOLUTIONS, 0.0)
+    prior = replace(prior, scale=np.maximum(prior.scale, free))
     rows, weight = _rows(tests, vessel), _weight(tests, vessel)
     measured = [place for place, name in enumerate(FORCES) if name in tests]
     least = np.array([_LEAST * np.abs(tests[name] * weight).max() if name in tests else np.nan for name in FORCES])
