@@ -94,6 +94,11 @@ from pymc_ship.sampling.regression_model import nuts_posterior as nuts_posterior
 from pymc_ship.sampling.regression_model import pymc_model as pymc_model
 from pymc_ship.sampling.trajectory_model import trajectory_model as trajectory_model
 from pymc_ship.sampling.trajectory_model import trajectory_nuts_posterior as trajectory_nuts_posterior
+from pymc_ship.sea_trials.conditions import SeaTrialError as SeaTrialError
+from pymc_ship.sea_trials.current import drift_current as drift_current
+from pymc_ship.sea_trials.page import trial_report as trial_report
+from pymc_ship.sea_trials.sea_trial import SeaTrial as SeaTrial
+from pymc_ship.sea_trials.sea_trial import sea_trial as sea_trial
 from pymc_ship.ship.files import IdentifiedShip as IdentifiedShip
 from pymc_ship.ship.files import forecast_ship as forecast_ship
 from pymc_ship.ship.files import load_ship as load_ship

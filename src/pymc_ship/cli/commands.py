@@ -230,6 +230,13 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     return scored(args, progress)
 
 
+def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Report on a sea trial, see :func:`pymc_ship.cli.ship_commands.trial_report`."""
+    from pymc_ship.cli.ship_commands import trial_report as reported
+
+    return reported(args, progress)
+
+
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Forecast manoeuvres; the text has the indices of each beside those of the vessel file's ship."""
     from pymc_ship.cli.ship_commands import forecast_identified, holds_ship

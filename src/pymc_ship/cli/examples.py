@@ -71,3 +71,7 @@ SCORE = """examples:
   pymc-ship score reports/my_ship circle.csv zigzag.csv --format columns.toml
   pymc-ship score my_ship.toml trials/*.csv --length 100 --every 20 --out scored
 """
+TRIAL_REPORT = """examples:
+  pymc-ship trial-report circle.csv zigzag.csv --vessel my_ship.toml --conditions day.toml --out reports/trial
+  pymc-ship trial-report runs/*.csv --vessel ballast.toml --ship reports/my_ship --full-load full.toml --out trial
+"""

@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with _interrupts_kept(), _progress(args.quiet) as progress:
             from pymc_ship.cli import commands
 
-            text, path, *failures = getattr(commands, args.command)(args, progress)
+            text, path, *failures = getattr(commands, args.command.replace("-", "_"))(args, progress)
         if text:
             print(text, flush=True)
         if path and not args.quiet:

@@ -59,6 +59,7 @@ def parser() -> argparse.ArgumentParser:
         _add_tune,
         _add_forecast,
         _add_score,
+        _add_trial_report,
         _add_design,
         _add_frontier,
         _add_montecarlo,
@@ -320,6 +321,22 @@ def _add_score(commands) -> None:
     command.add_argument("--every", type=float, help="from a window's start to the next [s] (its length)")
     command.add_argument("--draws", type=int, default=100, help="simulated ships at most (%(default)s)")
     command.add_argument("--out", help="folder of the page (none)")
+
+
+def _add_trial_report(commands) -> None:
+    description = "report on a sea trial as IMO MSC/Circ.1053 asks for it"
+    command = _command(commands, "trial-report", description, examples.TRIAL_REPORT)
+    _add_trial(command, "trials", nargs="+")
+    _add_overrule(command)
+    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file, as she was tried")
+    command.add_argument("--conditions", metavar="FILE.toml", help="what was noted of the day: depth, draughts, wind")
+    command.add_argument(
+        "--ship", metavar="REPORT", help="folder that `identify` wrote: corrects wind and loading (not corrected)"
+    )
+    command.add_argument(
+        "--full-load", metavar="VESSEL", help="her TOML file at full load, where she was tried at another draught"
+    )
+    command.add_argument("--out", required=True, help="folder of the page")
 
 
 def _add_design(commands) -> None:

@@ -21,6 +21,7 @@ from pymc_ship.cli.files import (
 )
 from pymc_ship.cli.texts import (
     forecast_text,
+    form_text,
     held_out_text,
     index_text,
     probability_text,
@@ -191,6 +192,21 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ship.score_page import write_score_page
 
     return text, write_score_page(ship, trials, found, rows, out, draws=args.draws, command=made_by(args))
+
+
+def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Report on a sea trial; the text has the form's manoeuvring data and what was not corrected."""
+    vessel = vessel_argument(args.vessel, progress)
+    ship = load_ship(args.ship) if args.ship else None
+    full_load = vessel_argument(args.full_load, progress) if args.full_load else None
+    files = [(path, args.format) for path in args.trials]
+    trials, _ = checked_trials(files, vessel, args, progress, any_speed=True)
+    out = writable_folder(args.out)
+    settings = {"conditions": args.conditions, "ship": ship, "full_load": full_load, "rng": args.seed}
+    found = ps.sea_trial(trials, vessel, progress=progress, **settings)
+    progress("writing the page")
+    text = "\n\n".join(filter(None, [form_text(found.form), "\n".join(found.remarks)]))
+    return text, ps.trial_report(found, out, command=made_by(args))
 
 
 def _measured(

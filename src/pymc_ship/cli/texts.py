@@ -215,6 +215,12 @@ def index_text(rows: Sequence[Mapping]) -> str:
     return table(header, [[row[key] for key in keys] for row in index_errors(rows)])
 
 
+def form_text(form: Sequence[Mapping]) -> str:
+    """Manoeuvring data of a sea trial, line by line."""
+    keys = ("item", "port", "starboard", "criterion", "judgement")
+    return table(keys, [[row[key] for key in keys] for row in form])
+
+
 def held_out_text(model: ShipModel) -> str:
     """Indices of each held-out manoeuvre beside their forecast; empty where none was held out."""
     if not model.index_rows:

@@ -1,4 +1,4 @@
-"""The stopping test: full astern from the approach, until the ship is dead in the water (IMO MSC.137(76), 5.3.3).
+"""The stopping test: full astern from the approach, until the ship is dead in the water (IMO MSC.137(76), 5.3.4).
 
 Revolutions go from those of the approach to the ones astern at an even rate, the rudder stays amidships. What the
 propeller does astern is known beforehand only by judgement where no run went astern: the interval holds that.
@@ -13,6 +13,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.manoeuvre.criteria import shown_probability
+from pymc_ship.manoeuvre.stopping_tests import INDICES, LARGE, LIMIT
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.inputs import takes_revolutions
 from pymc_ship.motion.replay import replay
@@ -22,18 +23,6 @@ from pymc_ship.pages.tables import fixed
 from pymc_ship.vessel.parts import ship_of
 from pymc_ship.vessel.term_sets import holds_any_speed
 from pymc_ship.vessel.vessel import Vessel
-
-LIMIT, LARGE = 15.0, 20.0
-"""Track reach [L] that IMO MSC.137(76) allows, and where a large displacement makes that impracticable."""
-
-INDICES = {
-    "track_reach": "m",
-    "head_reach": "m",
-    "lateral_deviation": "m",
-    "stopping_time": "s",
-    "heading_change": "deg",
-}
-"""Indices of the test and their units."""
 
 COLUMNS = {"index": ("index", str), "units": ("", str)} | {
     name: (name, fixed(1)) for name in ("median", "lower", "upper")

@@ -11,4 +11,5 @@
 - `helm`: execution, held angles and reversals of a rudder.
 - `recognition`: which manoeuvre a record holds, and its steering gear.
 - `measured`: a measured manoeuvre beside a forecast one.
+- `stopping_tests`: the stopping test in a record, with its indices and IMO limit.
 """

@@ -78,8 +78,13 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
         those of the track. Overshoots of a zigzag that was steered by hand count from its own reversals, indices of a
         rudder that is held end where it is put back.
     """
+    return smooth_indices(smoothed(measured), attrs)
+
+
+def smooth_indices(smooth: xr.Dataset, attrs: Mapping) -> dict[str, float]:
+    """Indices of a measured trial whose motion is smooth already; all else as :func:`measured_indices`."""
     kind = kind_named(attrs["manoeuvre"])
-    trial = aligned(_smooth(measured)).dropna("time")
+    trial = aligned(smooth).dropna("time")
     if "psi" not in trial or trial.sizes["time"] < 3:
         return {}
     has = set(trial.data_vars)
@@ -115,10 +120,20 @@ def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping) -> dict[str, tuple[floa
     return {"reversals": tuple(ordered)} if np.abs(headings - headings.mean()).max() > BY_HAND else {}
 
 
-def _smooth(measured: xr.Dataset) -> xr.Dataset:
-    """Trial with its motion denoised where it is sampled uniformly, without gaps and long enough."""
+def denoisable(measured: xr.Dataset) -> list[str]:
+    """Channels of the motion that can be denoised: in a record that is uniform and long enough, those without gaps."""
     names = [name for name in _MOTION if name in measured and np.isfinite(measured[name].values).all()]
-    if not names or measured.sizes["time"] < MIN_LENGTH or not is_uniform(measured["time"].values):
-        return measured
-    unwrapped = {"psi": ("time", np.unwrap(measured["psi"].values))} if "psi" in names else {}
-    return denoise(measured.assign(unwrapped), channels=names)
+    whole = measured.sizes["time"] >= MIN_LENGTH and is_uniform(measured["time"].values)
+    return names if whole else []
+
+
+def through(measured: xr.Dataset) -> xr.Dataset:
+    """Trial whose heading runs through, where it has no gaps."""
+    known = "psi" in measured and np.isfinite(measured["psi"].values).all()
+    return measured.assign(psi=("time", np.unwrap(measured["psi"].values))) if known else measured
+
+
+def smoothed(measured: xr.Dataset) -> xr.Dataset:
+    """Trial whose heading runs through and whose motion is denoised where it can be, see :func:`denoisable`."""
+    names = denoisable(measured)
+    return denoise(through(measured), channels=names) if names else measured

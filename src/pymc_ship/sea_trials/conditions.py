@@ -1,0 +1,199 @@
+"""Conditions of a sea trial: what was noted beside the records, and the limits that IMO MSC/Circ.1053 sets a trial."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pymc_ship.machine.toml import Entry, toml_file
+from pymc_ship.vessel.vessel import Vessel
+
+SHALLOWEST = 4.0
+"""Water depth over mean draught from which a trial is in deep water (2.2.1.2.1 of the circular)."""
+
+WINDIEST, ROUGHEST = 5, 4
+"""Highest Beaufort number and sea state of a trial."""
+
+DRAUGHT = 0.05
+"""Share by which the mean draught of a trial at full load may deviate from that of full load."""
+
+SLOWEST = 0.9
+"""Least approach speed, over that at 85 % of the highest engine output."""
+
+TEXTS = (
+    "administration",
+    "reference",
+    "date",
+    "place",
+    "ship_type",
+    "rudder_type",
+    "number_of_rudders",
+    "propeller_type",
+    "number_of_propellers",
+    "engine_type",
+)
+"""Texts of the form in appendix 6 of the circular that no record and no vessel file holds."""
+
+_BEAUFORT = (0.3, 1.6, 3.4, 5.5, 8.0, 10.8, 13.9, 17.2, 20.8, 24.5, 28.5, 32.7)  # m/s, least of each number from 1
+_KEYS = {
+    "water": ("depth", "sea_state"),
+    "wind": ("speed", "from"),
+    "loading": ("fore", "aft", "full_load"),
+    "engine": ("speed_at_85_percent",),
+    "form": TEXTS,
+}
+
+
+class SeaTrialError(ValueError):
+    """Conditions or runs of which no report can be made; the sentence names the key or the run."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What was noted of a sea trial; NaN or empty where nothing was.
+
+    Attributes
+    ----------
+    water_depth : float
+        [m].
+    sea_state : float
+        Code of the WMO, 0 to 9.
+    wind : (float, float) or None
+        Speed [m/s] of the true wind and where it comes from [deg].
+    fore, aft, full_load : float
+        Draughts forward and aft, and the mean draught at full load [m].
+    speed_at_85_percent : float
+        Speed at 85 % of the highest engine output [m/s].
+    form : dict of str to str
+        Texts by the keys of :data:`TEXTS`.
+    """
+
+    water_depth: float = math.nan
+    sea_state: float = math.nan
+    wind: tuple[float, float] | None = None
+    fore: float = math.nan
+    aft: float = math.nan
+    full_load: float = math.nan
+    speed_at_85_percent: float = math.nan
+    form: dict[str, str] = field(default_factory=dict)
+
+    def draught(self, vessel: Vessel) -> float:
+        """Mean draught of the trial [m]: of the draughts noted, else that of the vessel; NaN where neither is known."""
+        noted = 0.5 * (self.fore + self.aft)
+        return noted if np.isfinite(noted) else vessel.particulars.d or math.nan
+
+
+def load_conditions(source: str | Path | Mapping | None) -> Conditions:
+    """Read and check the conditions of a trial.
+
+    Parameters
+    ----------
+    source : str, Path, mapping or None
+        TOML file, or the table in it; None for a trial of which nothing was noted.
+
+    Returns
+    -------
+    Conditions
+
+    Raises
+    ------
+    SeaTrialError
+        For a file that cannot be read, unknown keys and values that no trial has.
+    """
+    if source is None:
+        return Conditions()
+    if isinstance(source, Mapping):
+        return _conditions(Entry(source, "The conditions", SeaTrialError))
+    return _conditions(toml_file(source, "The conditions file", SeaTrialError))
+
+
+def _conditions(file: Entry) -> Conditions:
+    file.check_keys(tuple(_KEYS))
+    tables = {name: file.at(name, {}) for name in _KEYS}
+    for name, table in tables.items():
+        table.check_keys(_KEYS[name], _KEYS[name] if name == "wind" and name in file else ())
+    water, wind, loading = tables["water"], tables["wind"], tables["loading"]
+    state = _number(water, "sea_state")
+    if state not in (*range(10),) and np.isfinite(state):
+        water.at("sea_state").fail(f"must be a whole number from 0 to 9, found {state:g}; correct it.")
+    return Conditions(
+        water_depth=_size(water, "depth"),
+        sea_state=state,
+        wind=(_number(wind, "speed"), wind.at("from").number()) if "wind" in file else None,
+        fore=_size(loading, "fore"),
+        aft=_size(loading, "aft"),
+        full_load=_size(loading, "full_load"),
+        speed_at_85_percent=_size(tables["engine"], "speed_at_85_percent"),
+        form={key: tables["form"].at(key).text() for key in tables["form"]},
+    )
+
+
+def _number(table: Entry, key: str) -> float:
+    """Number from 0 up; NaN where the key is missing."""
+    return table.at(key).number(least=0.0) if key in table else math.nan
+
+
+def _size(table: Entry, key: str) -> float:
+    """Positive number; NaN where the key is missing."""
+    value = _number(table, key)
+    if value == 0.0:
+        table.at(key).fail("must be positive, found 0; correct it.")
+    return value
+
+
+def beaufort(speed: float) -> int:
+    """Beaufort number of a wind speed [m/s] at a height of 10 m."""
+    return int(np.searchsorted(_BEAUFORT, speed, side="right"))
+
+
+def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speeds: Mapping[str, float]) -> list[dict]:
+    """Conditions beside the limits that the circular sets a trial.
+
+    Parameters
+    ----------
+    conditions : Conditions
+    vessel : Vessel
+        As she was tried.
+    wind : float
+        Largest mean wind speed of a run [m/s]; NaN where none is known.
+    speeds : mapping of str to float
+        Approach speed of each run [m/s].
+
+    Returns
+    -------
+    list of dict
+        ``condition``, ``found`` and ``limit`` in words, and ``judgement``: met, not met or not stated.
+    """
+    draught = conditions.draught(vessel)
+    depth = conditions.water_depth / draught
+    slowest = min(speeds.values(), default=math.nan)
+    sea = conditions.sea_state
+    blows = f"Beaufort {beaufort(wind)} ({wind:.1f} m/s)" if np.isfinite(wind) else ""
+    number = beaufort(wind) if np.isfinite(wind) else math.nan
+    full = f"{draught:.4g} m, {conditions.full_load:.4g} m at full load"
+    off_draught = abs(draught / conditions.full_load - 1.0)
+    share = slowest / conditions.speed_at_85_percent
+    return [
+        _row("water depth over mean draught", f"{depth:.1f}", f"above {SHALLOWEST:g}", depth, depth > SHALLOWEST),
+        _row("wind", blows, f"up to Beaufort {WINDIEST}", number, number <= WINDIEST),
+        _row("sea state", f"{sea:g}", f"up to {ROUGHEST}", sea, sea <= ROUGHEST),
+        _row("mean draught", full, f"within {100.0 * DRAUGHT:g} % of full load", off_draught, off_draught <= DRAUGHT),
+        _row(
+            "slowest approach speed",
+            f"{slowest:.2f} m/s, {100.0 * share:.0f} % of that at 85 % output",
+            f"from {100.0 * SLOWEST:g} %",
+            share,
+            share >= SLOWEST,
+        ),
+    ]
+
+
+def _row(condition: str, found: str, limit: str, value: float, met: bool) -> dict:
+    """Row of a condition; a value of NaN is one that was not stated."""
+    known = np.isfinite(value)
+    judgement = ("met" if met else "not met") if known else "not stated"
+    return {"condition": condition, "found": found if known else "not stated", "limit": limit, "judgement": judgement}

@@ -1,0 +1,263 @@
+"""Current, wind and loading taken off the indices of a sea trial, with the uncertainty of what is left.
+
+An index is measured on the denoised record, from whose track the current has been taken. Wind and loading are corrected
+as IMO MSC/Circ.1053 has it (3.4.1.2): R = T F / B, the index T of the trial times what a model says of full load in
+calm, F, over what the same model says of the trial's loading and wind, B. The parts of the uncertainty are those of the
+record, of the current and of the model, each by draws; they add up as squares to u_c, and U = 2 u_c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.denoising.draws import denoise_draws
+from pymc_ship.manoeuvre.criteria import SURE, imo_limits
+from pymc_ship.manoeuvre.helm import base_course
+from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.kinds import ERRING
+from pymc_ship.manoeuvre.measured import denoisable, smooth_indices, smoothed, through
+from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.motion.simulation import simulate
+from pymc_ship.motion.stepping import simulation_settings
+from pymc_ship.sea_trials.conditions import Conditions, SeaTrialError
+from pymc_ship.sea_trials.current import DriftCurrent, drift_current
+from pymc_ship.sea_trials.loading import at_loading
+from pymc_ship.trial.record import OVER_GROUND
+from pymc_ship.vessel.vessel import Vessel
+
+DRAWS = 100
+"""Draws of the record, of the current and of the model, each."""
+
+_DRIFTS = 30  # draws of the drift by the wind
+_LONGER = 1.3  # than the record, for which ships turn that are slower than she
+_TAILS = (0.025, 0.975)
+
+
+@dataclass(frozen=True)
+class Model:
+    """The ship by which wind and loading are corrected.
+
+    Attributes
+    ----------
+    models : list of (Vessel, ndarray of shape (n_draws, n_coefficients))
+        As identified, see :class:`pymc_ship.ship.files.IdentifiedShip`; empty where nothing is corrected.
+    tried : Vessel or None
+        Her file at the loading of the trial.
+    loaded : Vessel or None
+        Her file at full load, where that is another loading.
+    wind : bool
+        Whether the models know the wind that blew; True in calm.
+    """
+
+    models: list[tuple[Vessel, np.ndarray]] = field(default_factory=list)
+    tried: Vessel | None = None
+    loaded: Vessel | None = None
+    wind: bool = True
+
+
+def corrected_indices(
+    trial: xr.Dataset,
+    manoeuvre: Manoeuvre,
+    vessel: Vessel,
+    *,
+    rudder_delay: float,
+    wind: tuple[float, float] | None,
+    current: DriftCurrent | None,
+    model: Model,
+    rng: np.random.Generator,
+) -> list[dict]:
+    """Indices of one run as measured and corrected, with the parts of their uncertainty.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        Checked and corrected record of the run.
+    manoeuvre : Manoeuvre
+        What the run was recognised as.
+    vessel : Vessel
+        Gives L.
+    rudder_delay : float
+        Of the steering gear [s].
+    wind : (float, float) or None
+        Speed [m/s] of the mean true wind and where it comes from [deg]; None where it is not corrected for.
+    current : DriftCurrent or None
+    model : Model
+    rng : Generator
+
+    Returns
+    -------
+    list of dict
+        For each angle, time and distance that the record reaches: ``index``, ``units`` (L for distances), ``raw``,
+        ``less_current``, ``ratio`` F / B (1 without a model), ``corrected``, the standard uncertainties ``u_record``,
+        ``u_current`` and ``u_model``, ``u_c``, ``U`` = 2 u_c, the ends ``lower`` and ``upper`` of the interval of 95 %,
+        and, for a criterion of IMO MSC.137(76), ``limit`` and ``judgement``: met where 95 % or more of the draws keep
+        it, not met where 5 % or fewer do, open between. A part is NaN, and so are u_c, U and the interval, for a record
+        that cannot be denoised, a distance without a current, and a wind without a model; then the judgement is of the
+        value alone and says "as measured". Limit NaN and judgement empty stand for other indices.
+
+    Raises
+    ------
+    SeaTrialError
+        When the model cannot sail the manoeuvre.
+    """
+    attrs = manoeuvre.attrs | {"rudder_delay": rudder_delay, "approach_speed": manoeuvre.approach_speed}
+    smooth, flow = smoothed(trial), np.zeros(2) if current is None else current.velocity
+    measured = smooth_indices(smooth, attrs)
+    still = smooth_indices(without_current(smooth, flow), attrs)
+    by_record = _by_record(trial, flow, attrs, rng)
+    by_current = _by_current(smooth, current, attrs, rng)
+    by_model = _ratios(manoeuvre, trial, wind, model)
+    limits = {name: limit for name, limit, _, _ in imo_limits(attrs, vessel)}
+    rows = []
+    for name, index in manoeuvre.traits.indices.items():
+        if index.quantity not in ERRING or not np.isfinite(still.get(name, np.nan)):
+            continue
+        distance = index.quantity == "distance"
+        unit = vessel.particulars.L if distance else 1.0
+        ratios = by_model.get(name, np.ones(1) if model.wind else np.full(1, np.nan))
+        ratio = float(np.nan_to_num(np.median(ratios), nan=1.0))
+        value = still[name] / unit
+        unknown = np.full(1, np.nan)
+        parts = {
+            "u_record": ratio * by_record.get(name, unknown) / unit,
+            "u_current": ratio * by_current.get(name, unknown) / unit if distance else np.zeros(1),
+            "u_model": value * (ratios - ratio),
+        }
+        drawn = value * ratio + sum(rng.choice(part, 20 * DRAWS) for part in parts.values())
+        sds = {key: float(np.std(part)) for key, part in parts.items()}
+        u_c = float(np.linalg.norm(list(sds.values())))
+        lower, upper = np.quantile(drawn, _TAILS)
+        rows.append(
+            {
+                "index": name,
+                "units": "L" if distance else index.units,
+                "raw": measured.get(name, np.nan) / unit,
+                "less_current": value,
+                "ratio": ratio,
+                "corrected": value * ratio,
+                **sds,
+                "u_c": u_c,
+                "U": 2.0 * u_c,
+                "lower": float(lower),
+                "upper": float(upper),
+                "limit": limits.get(name, np.nan),
+                "judgement": judgement(value * ratio, drawn, limits[name]) if name in limits else "",
+            }
+        )
+    return rows
+
+
+def without_current(smooth: xr.Dataset, velocity: np.ndarray) -> xr.Dataset:
+    """Trial as it would be in still water: its track and, where they are over ground, its velocities."""
+    moved, time = {}, smooth["time"].values - smooth["time"].values[0]
+    for name, rate in zip(("x", "y"), velocity, strict=True):
+        if name in smooth:
+            moved[name] = ("time", smooth[name].values - rate * time)
+    if smooth.attrs.get("speeds") == OVER_GROUND and {"u", "v", "psi"} <= set(smooth.data_vars):
+        turned = (velocity[0] + 1j * velocity[1]) * np.exp(-1j * smooth["psi"].values)
+        moved |= {"u": ("time", smooth["u"].values - turned.real), "v": ("time", smooth["v"].values - turned.imag)}
+    return smooth.assign(moved)
+
+
+def mean_wind(trial: xr.Dataset, conditions: Conditions) -> tuple[float, float] | None:
+    """Mean true wind of a run, speed [m/s] and where it comes from [deg]: as recorded, else as noted, else None."""
+    if not {"wind_speed", "wind_direction"} <= set(trial.data_vars):
+        return conditions.wind
+    flow = np.nanmean(trial["wind_speed"].values * np.exp(1j * trial["wind_direction"].values))
+    return float(np.abs(flow)), float(np.rad2deg(np.angle(flow)) % 360.0)
+
+
+def less_wind(
+    found: DriftCurrent, trial: xr.Dataset, manoeuvre: Manoeuvre, wind: tuple[float, float], model: Model
+) -> DriftCurrent:
+    """Current of a turn without what the wind drifts the ship, as the model has it in the same turn and wind.
+
+    Indices keep that drift: F / B takes it off.
+    """
+    course = float(base_course(trial))
+    lasts = _LONGER * float(trial["time"].values[-1] - trial["time"].values[0])
+    drifts = []
+    for vessel, rows in _shares(model, _DRIFTS):
+        settings = simulation_settings(vessel) | {"duration": lasts, "wind": _from_bow(wind, course)}
+        ships = simulate(vessel, manoeuvre, coefficients=rows, **settings)
+        ships = ships.isel(draw=~ships["diverged"].values)
+        drifts += [drift_current(ships.isel(draw=k)).velocity @ (1.0, 1j) for k in range(ships.sizes["draw"])]
+    if not drifts:
+        raise SeaTrialError(f"No drawn ship sails the {manoeuvre.label} in this wind; leave the ship out.")
+    turned = np.array(drifts) * np.exp(1j * course)
+    parts = np.stack([turned.real, turned.imag], axis=1)
+    return DriftCurrent(found.velocity - parts.mean(axis=0), np.hypot(found.sd, parts.std(axis=0)), found.local)
+
+
+def _from_bow(wind: tuple[float, float], course: float) -> tuple[float, float]:
+    """Wind as a simulated ship meets it, whose first course is 0; the course is in rad, directions are in deg."""
+    return wind[0], wind[1] - float(np.rad2deg(course))
+
+
+def _shares(model: Model, draws: int) -> list[tuple[Vessel, np.ndarray]]:
+    """Models with so many draws at most, each its share of them."""
+    share = min(draws / sum(len(rows) for _, rows in model.models), 1.0)
+    return [(vessel, rows[: max(round(len(rows) * share), 1)]) for vessel, rows in model.models]
+
+
+def _by_record(trial: xr.Dataset, flow: np.ndarray, attrs: Mapping, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Deviation of each index over draws of the denoised record; empty for one that cannot be denoised."""
+    names = denoisable(trial)
+    if not names:
+        return {}
+    drawn = denoise_draws(through(trial), draws=DRAWS, rng=rng, channels=names)
+    return _deviations(smooth_indices(without_current(drawn.isel(draw=k), flow), attrs) for k in range(DRAWS))
+
+
+def _by_current(
+    smooth: xr.Dataset, current: DriftCurrent | None, attrs: Mapping, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Deviation of each index over draws of the current; empty without one."""
+    if current is None:
+        return {}
+    drawn = current.velocity + current.sd * rng.standard_normal((DRAWS, 2))
+    return _deviations(smooth_indices(without_current(smooth, velocity), attrs) for velocity in drawn)
+
+
+def _deviations(found: Iterable[Mapping[str, float]]) -> dict[str, np.ndarray]:
+    """Finite values of each index about their mean."""
+    rows = list(found)
+    values = {name: np.array([row.get(name, np.nan) for row in rows]) for name in rows[0]}
+    finite = {name: column[np.isfinite(column)] for name, column in values.items()}
+    return {name: column - column.mean() for name, column in finite.items() if column.size}
+
+
+def _ratios(
+    manoeuvre: Manoeuvre, trial: xr.Dataset, wind: tuple[float, float] | None, model: Model
+) -> dict[str, np.ndarray]:
+    """F / B of each index over draws of the ship; empty where nothing is to be corrected."""
+    if not model.models or (wind is None and model.loaded is None):
+        return {}
+    around = None if wind is None else _from_bow(wind, base_course(trial))
+    found: dict[str, list[np.ndarray]] = {}
+    for vessel, rows in _shares(model, DRAWS):
+        full = (vessel, rows) if model.loaded is None else at_loading(vessel, rows, model.tried, model.loaded)
+        both = []
+        for ship, draws, blowing in ((*full, None), (vessel, rows, around)):
+            settings = simulation_settings(ship) | {"duration": manoeuvre.traits.reach * ship.particulars.ship_time}
+            both.append(indices(simulate(ship, manoeuvre, coefficients=draws, wind=blowing, **settings)))
+        for name in both[0]:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                found.setdefault(str(name), []).append(both[0][name].values / both[1][name].values)
+    ratios = {name: np.concatenate(values) for name, values in found.items()}
+    ratios = {name: values[np.isfinite(values)] for name, values in ratios.items()}
+    if not any(values.size for values in ratios.values()):
+        raise SeaTrialError(f"No drawn ship sails the {manoeuvre.label} in these conditions; leave the model out.")
+    return {name: values for name, values in ratios.items() if values.size}
+
+
+def judgement(value: float, drawn: np.ndarray, limit: float) -> str:
+    """Whether a value keeps a limit, as its draws have it or, where they are unknown, as it was measured."""
+    if not np.isfinite(drawn).all():
+        return f"{'met' if value <= limit else 'not met'} as measured"
+    kept = float(np.mean(drawn <= limit))
+    return "met" if kept >= SURE else "not met" if kept <= 1.0 - SURE else "open"

@@ -1,0 +1,1 @@
+"""Tests of pymc_ship.sea_trials."""

@@ -1,0 +1,52 @@
+"""A tanker of parts whose true coefficients are known, her draws as if she had been identified, and a day at sea."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.vessel.parts import HELD
+from pymc_ship.vessel.vessel import Windage, reference_coefficients
+
+WIND, CURRENT = (9.0, 200.0), (0.4, 90.0)
+STEP = 0.5
+
+
+@cache
+def tanker():
+    """The shipped tanker with areas above the water, made of parts that hold at any speed."""
+    vessel = replace(ps.load_vessel("kvlcc2"), windage=Windage(frontal_area=1160.0, lateral_area=4260.0))
+    return ps.with_terms(vessel, "modular at any speed, rudder by side")
+
+
+@cache
+def draws(n=60, seed=3):
+    """Draws about the true coefficients, as of a ship that is identified well: by a tenth of the prior sd."""
+    vessel = tanker()
+    sd = np.array([c.sd if c.sd > HELD else 0.0 for c in vessel.parameters])
+    rng = np.random.default_rng(seed)
+    return reference_coefficients(vessel) + 0.1 * sd * rng.standard_normal((n, sd.size))
+
+
+@cache
+def ship():
+    """What `load_ship` would give of her."""
+    return ps.IdentifiedShip(
+        models=[(tanker(), draws())],
+        motion=xr.DataArray(np.zeros((2, 1)), {"symbol": ["u"]}, ("row", "symbol")),
+        model_error={},
+        motion_error=xr.Dataset(),
+        remarks=(),
+    )
+
+
+def sailed(manoeuvre, duration, *, wind=WIND, current=CURRENT, vessel=None):
+    """Record of a run at a base course of 0, with the wind measured where there is any."""
+    run = ps.simulate(vessel or tanker(), manoeuvre, duration=duration, step=STEP, wind=wind, current=current)
+    measured = {}
+    if wind is not None:
+        measured = {"wind_speed": np.full(run.sizes["time"], wind[0])}
+        measured["wind_direction"] = np.full(run.sizes["time"], np.deg2rad(wind[1]))
+    return run.assign({name: ("time", values) for name, values in measured.items()})
