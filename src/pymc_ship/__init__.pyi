@@ -99,10 +99,10 @@ from pymc_ship.sea_trials.current import drift_current as drift_current
 from pymc_ship.sea_trials.page import trial_report as trial_report
 from pymc_ship.sea_trials.sea_trial import SeaTrial as SeaTrial
 from pymc_ship.sea_trials.sea_trial import sea_trial as sea_trial
-from pymc_ship.ship.files import IdentifiedShip as IdentifiedShip
 from pymc_ship.ship.files import forecast_ship as forecast_ship
 from pymc_ship.ship.files import load_ship as load_ship
 from pymc_ship.ship.files import save_ship as save_ship
+from pymc_ship.ship.model import IdentifiedShip as IdentifiedShip
 from pymc_ship.ship.model import ShipModel as ShipModel
 from pymc_ship.ship.model import identify_ship as identify_ship
 from pymc_ship.ship.replayed import replay as replay

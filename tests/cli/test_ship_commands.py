@@ -49,6 +49,19 @@ class TestIdentify:
         assert "pymc-ship" in index["made_by"]
         assert not list(identified.glob(".*"))
 
+    def test_an_earlier_report_is_a_prior(self, identified, tmp_path, capsys):
+        words = ["identify", CIRCLE, *COMMON, *VESSEL, "--prior", str(identified), "--draws", "40", "--quiet"]
+        assert main([*words, "--out", str(tmp_path / "both")]) == 0
+        assert "Earlier runs stand beside the prior" in capsys.readouterr().out
+        first, both = (ps.load_ship(folder) for folder in (identified, tmp_path / "both"))
+        (one,), (other,) = first.said.values(), both.said.values()
+        assert len(other.log_density) > len(one.log_density)
+        assert both.motion.sizes["row"] > first.motion.sizes["row"]
+
+    def test_a_prior_that_is_neither_a_kind_nor_a_report_is_refused(self, tmp_path, capsys):
+        words = ["identify", *RUNS, *COMMON, *VESSEL, "--prior", tmp_path / "none", "--quiet", "--out", tmp_path]
+        assert "holds no identified ship" in refused(capsys, *words)
+
     def test_the_saved_ship_is_a_vessel_and_a_posterior(self, identified):
         vessel = ps.load_vessel(identified / "model" / "hull-and-loading-cubic.toml")
         tree = ps.read_posterior(identified / "model" / "hull-and-loading-cubic.nc")

@@ -12,7 +12,9 @@ from pymc_ship.experiments.store import opened
 from pymc_ship.forecasting.motion_error import motion_error
 from pymc_ship.manoeuvre.recognition import Steering
 from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.ship.candidates import Earlier
 from pymc_ship.ship.files import load_ship, save_ship
+from pymc_ship.trajectory.prior import Statement
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.experiments.folders import run
 
@@ -33,7 +35,7 @@ def write_posteriors(vessel, out):
 
 def write_ship(vessel, out):
     """A ship of two term sets."""
-    values = reference_coefficients(vessel)
+    values, names = reference_coefficients(vessel), coefficient_names(vessel)
     fit = SimpleNamespace(coefficients=values, dispersion=1.0)
     candidates = [
         SimpleNamespace(
@@ -53,6 +55,9 @@ def write_ship(vessel, out):
         "motion_error": motion_error([], vessel),
         "facilities": {"": Steering(2.3, 1.0, 4)},
         "judgement": {},
+        "said": {c.name: Earlier(tuple(names), Statement(np.eye(values.size), values), np.ones(2)) for c in candidates},
+        "known_rows": [{"kind": "angle", "measured": 1.0}],
+        "held_tests": False,
     }
     save_ship(SimpleNamespace(candidates=candidates, motion=motion, names=("a",), remarks=("b",), **settings), out)
 
@@ -64,7 +69,8 @@ def _plain(tree):
 def read_ship(out):
     ship = load_ship(out)
     models = [(vessel.name, reference_coefficients(vessel).tolist(), rows.tolist()) for vessel, rows in ship.models]
-    return [models, ship.motion.values.tolist(), ship.model_error, ship.remarks]
+    said = [(name, one.statement.values.tolist(), one.log_density.tolist()) for name, one in ship.said.items()]
+    return [models, ship.motion.values.tolist(), ship.model_error, ship.remarks, said, ship.known_rows]
 
 
 def read_parts(study, out):

@@ -26,8 +26,8 @@ from pymc_ship.forecasting.page import index_rows, write_forecast_page
 from pymc_ship.manoeuvre.kinds import SIDES, Index, ManoeuvreKind
 from pymc_ship.manoeuvre.registry import KINDS, register
 from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre, written_manoeuvre
-from pymc_ship.ship.files import IdentifiedShip
 from pymc_ship.ship.held_out import index_rows as held_out_rows
+from pymc_ship.ship.model import IdentifiedShip
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.forecasting.cases import SETTINGS, forecast, posterior, scattered, trial
 

@@ -147,7 +147,7 @@ class TestWeights:
         return Candidate("", None, None, held, 1.0, 0.0, np.empty((0, 1)), 0.0)
 
     def weights(self, *densities):
-        found = ship_model._weighted([self.candidate(row) for row in densities], np.random.default_rng(5))
+        found = ship_model._weighted([self.candidate(row) for row in densities], {}, np.random.default_rng(5))
         return [candidate.weight for candidate in found]
 
     def test_equal_densities_weigh_alike(self):

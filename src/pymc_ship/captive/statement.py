@@ -24,6 +24,7 @@ from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.motion.held import held_slopes
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement
+from pymc_ship.trajectory.statements import loosened
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.parts import ship_of
 from pymc_ship.vessel.reading import VesselLike, as_vessel
@@ -34,7 +35,6 @@ _NOMINAL = 0.05  # share by which revolutions may be off the nominal ones for te
 _PASSES, _SETTLED = 20, 0.01
 _LEAST = 1e-3  # of the largest force: the noise of exact ones
 _SAME_SPEED = 0.05
-_SHARES = 101  # of the prior sd that are tried
 _REVOLUTIONS = 0.1  # sd of the nominal revolutions on a carriage over those of the vessel
 
 
@@ -192,19 +192,7 @@ def shared_with_trials(
     coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
         Of the ship by her trials and the prior alone.
     """
-    rows, left = fit.statement.rows, fit.statement.misfit(coefficients)
-    scaled, identity = rows * prior.scale, np.eye(len(rows))
-    known = identity + rows @ covariance @ rows.T
-
-    def surprise(share: float) -> float:
-        root = np.linalg.cholesky(known + share**2 * scaled @ scaled.T)
-        white = np.linalg.solve(root, left)
-        return float(0.5 * white @ white + np.sum(np.log(np.diag(root))))
-
-    shares = np.linspace(0.0, 1.0, _SHARES)
-    share = float(shares[np.argmin([surprise(one) for one in shares])])
-    root = np.linalg.cholesky(identity + share**2 * scaled @ scaled.T)
-    statement = Statement(np.linalg.solve(root, rows), np.linalg.solve(root, fit.statement.values))
+    statement, share = loosened(fit.statement, prior, coefficients, covariance)
     return replace(fit, statement=statement, apart=share)
 
 

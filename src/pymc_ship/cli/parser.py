@@ -217,9 +217,10 @@ def _add_identify(commands) -> None:
     )
     command.add_argument(
         "--prior",
-        choices=SHIP_PRIORS,
-        help="of the coefficients: captive tests of other hulls, wide about 0, or the values of the vessel file "
-        "(hull_database where the file states the draught d, else order_damped)",
+        metavar="KIND",
+        help=f"of the coefficients: {', '.join(SHIP_PRIORS)}, which are captive tests of other hulls, wide about 0, or "
+        "the values of the vessel file (the first where the file states the draught d, else the second); or the folder "
+        "of an earlier report, whose runs count on",
     )
     command.add_argument(
         "--captive",

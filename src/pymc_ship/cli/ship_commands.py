@@ -19,6 +19,7 @@ from pymc_ship.cli.files import (
     requested_manoeuvres,
     vessel_argument,
 )
+from pymc_ship.cli.parser import SHIP_PRIORS
 from pymc_ship.cli.texts import (
     forecast_text,
     form_text,
@@ -33,7 +34,8 @@ from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.ship.files import FOLDER, IdentifiedShip, forecast_ship, load_ship, save_ship
+from pymc_ship.ship.files import FOLDER, forecast_ship, load_ship, save_ship
+from pymc_ship.ship.model import IdentifiedShip
 from pymc_ship.trial.format import load_format
 from pymc_ship.trial.record import facility_of
 from pymc_ship.vessel.term_sets import holds_any_speed, takes_part_sets
@@ -62,7 +64,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         "captive": captive,
         "names": list(trials),
         "terms": args.terms,
-        "prior": args.prior,
+        "prior": args.prior if args.prior in (None, *SHIP_PRIORS) else load_ship(args.prior),
         "draws": args.draws,
     }
     try:
@@ -71,10 +73,9 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         page = write_refusal_page(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
     progress("other paths to the coefficients")
+    best = next((one for one in model.candidates if not one.vessel.modular), None)
     paths = []
-    if len(trials) > 1:
-        best = next((one for one in model.candidates if not one.vessel.modular), None)
-    if best is not None:
+    if best is not None and len(trials) > 1:
         known = {"names": list(trials), "trajectory": best.held_out, "progress": progress}
         paths = compare_paths(list(trials.values()), best.vessel, model.prior, **known)
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}

@@ -44,7 +44,7 @@ class Model:
     Attributes
     ----------
     models : list of (Vessel, ndarray of shape (n_draws, n_coefficients))
-        As identified, see :class:`pymc_ship.ship.files.IdentifiedShip`; empty where nothing is corrected.
+        As identified, see :class:`pymc_ship.ship.model.IdentifiedShip`; empty where nothing is corrected.
     tried : Vessel or None
         Her file at the loading of the trial.
     loaded : Vessel or None

@@ -19,8 +19,7 @@ from pymc_ship.sea_trials.conditions import SeaTrialError, condition_rows, load_
 from pymc_ship.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
 from pymc_ship.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.sea_trials.form import form_rows, ship_rows
-from pymc_ship.ship.files import IdentifiedShip
-from pymc_ship.ship.model import ShipModel
+from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.trial.record import TrialError, facility_of, trial_list
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel

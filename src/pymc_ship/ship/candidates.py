@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -24,7 +24,8 @@ from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.held_out import HeldOut, held_out
 from pymc_ship.ship.soundness import Failure, first_failure, sound
 from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_prior
+from pymc_ship.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
+from pymc_ship.trajectory.statements import joined, loosened, said_by_windows
 from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, normal_draws, prepared_windows, widened
 from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
 from pymc_ship.vessel.hull_database import with_hull_database, with_typical_rudder
@@ -37,7 +38,7 @@ from pymc_ship.vessel.term_sets import (
     term_sets,
     with_terms,
 )
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, coefficient_names
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
@@ -64,7 +65,8 @@ class Candidate:
     ``fit`` is to all runs, widened by the factor ``inflation`` from how far each run moves it, and so
     are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
     of the normal law that do not run away, ``share_unsound`` of all drawn did. ``prior`` is that of the
-    windows, ``captive`` what captive tests say beside it.
+    windows, ``captive`` what captive tests say beside it, ``apart`` the share of the prior sd by which coefficients
+    differ from those of earlier runs, NaN without any.
     """
 
     name: str
@@ -76,6 +78,12 @@ class Candidate:
     draws: np.ndarray
     share_unsound: float
     captive: CaptiveFit | None = None
+    apart: float = np.nan
+
+    @property
+    def said(self) -> Statement:
+        """All that data have said of these coefficients: the windows of the runs, and what stood beside the prior."""
+        return joined([self.prior.statement, said_by_windows(self.fit, self.prior, self.inflation)])
 
     @property
     def vessel(self) -> Vessel:
@@ -84,8 +92,42 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class Earlier:
+    """What earlier runs have said of a term set.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of its coefficients.
+    statement : Statement
+        Of them, beside the prior.
+    log_density : ndarray, shape (n_runs,)
+        Log predictive density of each of these runs, held out.
+    """
+
+    names: tuple[str, ...]
+    statement: Statement
+    log_density: np.ndarray
+
+    def of(self, vessel: Vessel) -> Statement:
+        """Statement of the coefficients of a vessel with this term set; PriorError where it lacks one that was told."""
+        mine = coefficient_names(vessel)
+        lacking = [name for k, name in enumerate(self.names) if name not in mine and self.statement.rows[:, k].any()]
+        if lacking:
+            raise PriorError(
+                f"What earlier runs said of {', '.join(lacking)} has no place in {vessel.name!r}; state the "
+                "vessel file of these runs."
+            )
+        rows = np.zeros((len(self.statement.rows), len(mine)))
+        for k, name in enumerate(self.names):
+            if name in mine:
+                rows[:, mine.index(name)] = self.statement.rows[:, k]
+        return Statement(rows, self.statement.values)
+
+
+@dataclass(frozen=True)
 class Training:
-    """Thinned trials and what was recognised of them."""
+    """Thinned trials and what was recognised of them; ``earlier`` is what earlier runs said, by term set."""
 
     trials: list[xr.Dataset]
     manoeuvres: list[Manoeuvre | None]
@@ -93,6 +135,7 @@ class Training:
     vessel: Vessel
     prior: str
     captive: xr.Dataset | None = None
+    earlier: Mapping[str, Earlier] = field(default_factory=dict)
 
 
 def chosen_prior(vessel: Vessel, kind: str | None) -> str:
@@ -218,7 +261,14 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         if training.captive is not None:
             tests = fit_captive(training.captive, vessel, prior)
             tests = shared_with_trials(tests, prior, whole.coefficients, whole.covariance)
-            prior = replace(prior, statement=tests.statement)
+        before, apart = None, np.nan
+        if name in training.earlier:
+            before = training.earlier[name].of(vessel)
+            known = np.linalg.inv(whole.information)  # the scatter of a few windows would claim to know too much
+            before, apart = loosened(before, prior, whole.coefficients, known)
+        beside = joined([before, tests.statement if tests else None])
+        if beside is not None:
+            prior = replace(prior, statement=beside)
             whole = fit_windows(windows, vessel, prior, whole.coefficients, whole.spread)
 
         def fit(windows: Sequence[Window]) -> WindowFit:
@@ -240,7 +290,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         sentence = f"The {name} terms were left out: fitted to these trials, they make a ship that runs away{share}"
         return Refusal(name, f"{sentence}, {failure}.", vessel, failure)
     not_drawn = {"weight": 0.0, "draws": tried[:0], "share_unsound": 0.0}
-    return Candidate(name, whole, prior, judged, inflation, **not_drawn, captive=tests)
+    return Candidate(name, whole, prior, judged, inflation, **not_drawn, captive=tests, apart=apart)
 
 
 def cut_runs(names: Sequence[str], training: Training, found: Sequence[Candidate]) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,43 +20,21 @@ from pymc_ship.manoeuvre.recognition import Steering, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.stepping import SimulationError, simulation_settings
 from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
-from pymc_ship.ship.candidates import Candidate
-from pymc_ship.ship.model import ShipModel
+from pymc_ship.ship.candidates import Candidate, Earlier
+from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trajectory.prior import Statement
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.reading import load_vessel
-from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names, fullest
+from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names
 
 FOLDER = "model"
 """Folder of an identified ship inside that of its report."""
 
 _INDEX, _SUM = "ship.json", "sha256"
-_KEYS = ("terms", "facilities", "model_error", "motion_error", "remarks")
+_KEYS = ("terms", "facilities", "model_error", "motion_error", "remarks", "prior", "index_rows", "held_tests")
 _CHAINS = 4
-
-
-@dataclass(frozen=True)
-class IdentifiedShip:
-    """What a forecast needs of an identified ship; see :class:`pymc_ship.ship.model.ShipModel`, whose part it is.
-
-    ``models`` holds vessel and coefficient draws of each term set, ``motion`` the prime motion of the runs,
-    ``model_error`` the relative sd of indices by kind, ``motion_error`` that of the motion by lead, ``remarks`` how the
-    intervals came about and ``facilities`` how the rudder was steered at each facility, the first being that of the
-    models' vessels.
-    """
-
-    models: list[tuple[Vessel, np.ndarray]]
-    motion: xr.DataArray
-    model_error: dict[str, float]
-    motion_error: xr.Dataset
-    remarks: tuple[str, ...]
-    facilities: dict[str, Steering] = field(default_factory=dict)
-
-    @property
-    def vessel(self) -> Vessel:
-        """Vessel of the term set that weighs most, of those that roll where some do."""
-        return fullest(vessel for vessel, _ in self.models)
 
 
 def forecast_ship(
@@ -225,12 +203,14 @@ def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:
             path.with_suffix(".toml").write_text(_vessel_text(candidate), encoding="utf-8")
             write_posterior(_tree(candidate, model, made_by), path.with_suffix(".nc"))
         index = {
-            "terms": [{"name": c.name, "file": _stem(c.name), "weight": c.weight} for c in counted],
+            "terms": [_entry(c, model) for c in counted],
             "prior": model.prior,
             "model_error": model.model_error,
             "motion_error": model.motion_error.to_dict(),
             "facilities": {name: asdict(gear) for name, gear in model.facilities.items()},
             "runs": list(model.names),
+            "index_rows": model.known_rows,
+            "held_tests": model.held_tests,
             "remarks": list(model.remarks),
             **model.judgement,
             "made_by": made_by,
@@ -270,22 +250,40 @@ def load_ship(out: str | Path) -> IdentifiedShip:
             f"The identified ship in {folder} was written by another version of pymc_ship: its {_INDEX} does not have "
             f"{', '.join(_KEYS)} as this one reads them; run `pymc-ship identify` again."
         )
-    models, motion = [], None
-    for path in (folder / entry["file"] for entry in index["terms"]):
+    models, said, motion = [], {}, None
+    for entry in index["terms"]:
+        path = folder / entry["file"]
         vessel, tree = load_vessel(path.with_suffix(".toml")), read_posterior(path.with_suffix(".nc"))
         draws = tree["posterior"]["coefficients"].stack(sample=("draw", "chain"))
         rows = draws.sel(coefficient=coefficient_names(vessel)).transpose("sample", "coefficient").values
         models.append((vessel, rows))
-        motion = tree["constant_data"]["motion"]
+        told = tree["constant_data"].to_dataset()
+        motion = told["motion"]
+        statement = Statement(told["statement"].values, told["stated"].values)
+        names = tuple(map(str, told["coefficient"].values))
+        said[entry["name"]] = Earlier(names, statement, np.array(entry["log_density"], dtype=float))
     error = xr.Dataset.from_dict(index["motion_error"])
     facilities = {name: Steering(**gear) for name, gear in index["facilities"].items()}
-    return IdentifiedShip(models, motion, index["model_error"], error, tuple(index["remarks"]), facilities)
+    known = {"prior": index["prior"], "said": said, "known_rows": index["index_rows"]}
+    known["held_tests"] = index["held_tests"]
+    return IdentifiedShip(models, motion, index["model_error"], error, tuple(index["remarks"]), facilities, **known)
 
 
 def _checksum(folder: Path, index: Mapping) -> str:
     """Checksum of an index and of the files that it names."""
     names = [str(Path(entry["file"]).with_suffix(ending)) for entry in index["terms"] for ending in (".toml", ".nc")]
     return folder_checksum(folder, names, index)
+
+
+def _entry(candidate: Candidate, model: ShipModel) -> dict:
+    """What ship.json says of a term set."""
+    density = model.said[candidate.name].log_density.tolist()
+    return {
+        "name": candidate.name,
+        "file": _stem(candidate.name),
+        "weight": candidate.weight,
+        "log_density": density,
+    }
 
 
 def _stem(name: str) -> str:
@@ -299,7 +297,7 @@ def _tree(candidate: Candidate, model: ShipModel, made_by: str) -> xr.DataTree:
     """
     chains = _CHAINS if len(candidate.draws) % _CHAINS == 0 else 1
     values = candidate.draws.reshape(-1, chains, candidate.draws.shape[1]).swapaxes(0, 1)
-    names = coefficient_names(candidate.vessel)
+    names, statement = coefficient_names(candidate.vessel), model.said[candidate.name].statement
     coords = {"chain": np.arange(chains), "draw": np.arange(values.shape[1]), "coefficient": names}
     posterior = xr.Dataset({"coefficients": (("chain", "draw", "coefficient"), values)}, coords)
     attrs = {
@@ -318,7 +316,14 @@ def _tree(candidate: Candidate, model: ShipModel, made_by: str) -> xr.DataTree:
         {
             "/": xr.Dataset(attrs=attrs),
             "posterior": posterior,
-            "constant_data": xr.Dataset({"motion": model.motion}),
+            "constant_data": xr.Dataset(
+                {
+                    "motion": model.motion,
+                    "statement": (("statement_row", "coefficient"), statement.rows),
+                    "stated": ("statement_row", statement.values),
+                },
+                {"coefficient": names},
+            ),
         }
     )
 

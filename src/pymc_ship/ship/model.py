@@ -8,8 +8,8 @@ between the sets is one part of the model error, the other is what the indices o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -22,8 +22,9 @@ from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import Steering, recognise_by_facility, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
+from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.along import measured_states, sailed_along
-from pymc_ship.ship.candidates import Candidate, Training, candidates_of, chosen_prior, cut_runs, default_sets
+from pymc_ship.ship.candidates import Candidate, Earlier, Training, candidates_of, chosen_prior, cut_runs, default_sets
 from pymc_ship.ship.held_out import index_rows, left_out
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
@@ -32,7 +33,7 @@ from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
 from pymc_ship.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel, fullest
+from pymc_ship.vessel.vessel import Vessel, coefficient_names, fullest
 
 _REPLAYS = 40  # draws of a held-out run from each window on
 _FORECASTS = 200  # draws of a held-out forecast
@@ -73,6 +74,12 @@ class ShipModel:
     remarks : tuple of str
     judgement : dict of str to str
         Of the records, see :func:`pymc_ship.trial.judgement.judgement`.
+    said : dict of str to Earlier
+        What all runs so far have said of each term set, for runs to come.
+    known_rows : list of dict
+        Index rows of all runs so far.
+    held_tests : bool
+        Whether captive tests have said something of her so far.
     captive : Dataset or None
         Captive tests beside the forces of the candidate that weighs most, see
         :func:`pymc_ship.captive.comparison.compared`, drawn by "prior alone" and as "identified".
@@ -90,6 +97,9 @@ class ShipModel:
     motion: xr.DataArray
     remarks: tuple[str, ...]
     judgement: dict[str, str]
+    said: dict[str, Earlier] = field(default_factory=dict)
+    known_rows: list[dict] = field(default_factory=list)
+    held_tests: bool = False
     captive: xr.Dataset | None = None
 
     @property
@@ -98,13 +108,40 @@ class ShipModel:
         return [(c.vessel, c.draws) for c in self.candidates if len(c.draws)]
 
 
+@dataclass(frozen=True)
+class IdentifiedShip:
+    """What forecasts and later runs need of an identified ship; part of a :class:`ShipModel`, whose names it has.
+
+    ``models`` holds vessel and coefficient draws of each term set, ``motion`` the prime motion of the runs,
+    ``model_error`` the relative sd of indices by kind, ``motion_error`` that of the motion by lead, ``remarks`` how the
+    intervals came about and ``facilities`` how the rudder was steered at each facility, the first being that of the
+    models' vessels. ``prior``, ``said``, ``known_rows`` and ``held_tests`` are for runs to come.
+    """
+
+    models: list[tuple[Vessel, np.ndarray]]
+    motion: xr.DataArray
+    model_error: dict[str, float]
+    motion_error: xr.Dataset
+    remarks: tuple[str, ...]
+    facilities: dict[str, Steering] = field(default_factory=dict)
+    prior: str = ""
+    said: dict[str, Earlier] = field(default_factory=dict)
+    known_rows: list[dict] = field(default_factory=list)
+    held_tests: bool = False
+
+    @property
+    def vessel(self) -> Vessel:
+        """Vessel of the term set that weighs most, of those that roll where some do."""
+        return fullest(vessel for vessel, _ in self.models)
+
+
 def identify_ship(
     trials: Sequence[xr.Dataset],
     vessel: VesselLike,
     *,
     names: Sequence[str] | None = None,
     terms: Sequence[str] | None = None,
-    prior: str | None = None,
+    prior: str | IdentifiedShip | ShipModel | None = None,
     captive: xr.Dataset | None = None,
     draws: int = 1000,
     rng: Seed,
@@ -122,11 +159,12 @@ def identify_ship(
         Of the trials; numbers by default.
     terms : sequence of str, optional
         Of :func:`pymc_ship.vessel.term_sets.term_sets` or "own terms"; by default all sets the vessel can have.
-    prior : {"hull_database", "order_damped", "sister_ship"}, optional
+    prior : {"hull_database", "order_damped", "sister_ship"}, IdentifiedShip or ShipModel, optional
         Of the coefficients without an ``sd``: what captive tests of other ships say of the hull, see
         :func:`pymc_ship.vessel.hull_database.hull_coefficients`, and wide about 0 for the rest; wide about 0 for all;
         or about the values of the vessel file. By default the first where the vessel states her draught, the second
-        else.
+        else. Or the ship as earlier runs identified her: their term sets, with what they said beside their prior. Her
+        coefficients may have changed since, each by a share of its prior sd, the most probable one.
     captive : Dataset, dims (test,), optional
         Captive tests of her model, from :func:`pymc_ship.read_captive`: they stand beside the prior of every term set
         with a noise of their own, that of the term set on them.
@@ -147,7 +185,8 @@ def identify_ship(
     TrajectoryError
         When no term set can be fitted, or all of them run away.
     VesselError, PriorError
-        For unknown term sets or priors, or the hull database without a draught.
+        For unknown term sets or priors, the hull database without a draught, or term sets or captive tests that do not
+        go with an earlier ship.
 
     Examples
     --------
@@ -163,26 +202,30 @@ def identify_ship(
     [('zigzag', 10.0), ('zigzag', 20.0)]
     """
     rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)
-    prior = chosen_prior(vessel, prior)
+    before = prior if isinstance(prior, IdentifiedShip | ShipModel) else None
+    kind = chosen_prior(vessel, before.prior if before else prior)
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     if not trials or len(names) != len(trials) or draws < 2:
         raise TrialError(
             f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
             f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
         )
-    training = replace(_prepared(trials, vessel, prior), captive=captive)
-    wanted = tuple(dict.fromkeys(terms)) if terms else default_sets(training)
+    training = replace(_prepared(trials, vessel, kind), captive=captive, earlier=before.said if before else {})
+    wanted = tuple(dict.fromkeys(terms or (before.said if before else default_sets(training))))
+    if before is not None:
+        _check_goes_with(before, wanted, captive)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
     found, refused = candidates_of(wanted, training)
     fullest_vessel = fullest(candidate.vessel for candidate in found)
     remarks = [*vessel_remarks(fullest_vessel), *refused, *cut_runs(names, training, found)]
     progress("weights and model error from held-out runs")
-    found = _weighted(found, rng)
+    found = _weighted(found, training.earlier, rng)
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
-    errors = model_error(rows)
+    known_rows = [*(before.known_rows if before else []), *rows]
+    errors = model_error(known_rows)
     rows = [row | {"sd": index_sd(row, errors)} for row in rows]
     remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
-    if not rows:
+    if not known_rows:
         remarks.append(
             "No run of a standard manoeuvre was held out: the intervals hold the spread of the term sets and of the "
             "windows, not the error of a whole manoeuvre, and are too narrow by what these trials cannot tell."
@@ -195,19 +238,31 @@ def identify_ship(
             "forecast with them, too. Each coefficient differs between carriage and ship by "
             f"{found[0].captive.apart:.2g} of its prior sd ({found[0].name})."
         )
+    if before is not None:
+        remarks.append(
+            f"Earlier runs stand beside the prior. Each coefficient differs from theirs by {found[0].apart:.2g} of its "
+            f"prior sd ({found[0].name})."
+        )
+    old = before.facilities if before else {}
+    moved = motion_error(_held_out_motion(found, training, rng), vessel)
     return ShipModel(
         vessel=training.vessel,
         prior=training.prior,
         names=names,
         manoeuvres=tuple(training.manoeuvres),
-        facilities=training.facilities,
+        facilities=training.facilities | {k: v for k, v in old.items() if k not in training.facilities},
         candidates=tuple(found),
         index_rows=rows,
         model_error=errors,
-        motion_error=motion_error(_held_out_motion(found, training, rng), vessel),
-        motion=_motion(training, fullest_vessel),
+        motion_error=moved if before is None or moved.sizes["lead"] else before.motion_error,
+        motion=_motion(training, fullest_vessel, before),
         remarks=tuple(remarks),
         judgement=judgement(trials, names),
+        said={
+            c.name: Earlier(tuple(coefficient_names(c.vessel)), c.said, _densities(c, training.earlier)) for c in found
+        },
+        known_rows=known_rows,
+        held_tests=captive is not None or (before is not None and before.held_tests),
         captive=None if captive is None else _compared(captive, found[0], rng),
     )
 
@@ -226,9 +281,27 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Train
     return Training([thinned(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
 
 
-def _weighted(found: Sequence[Candidate], rng: np.random.Generator) -> list[Candidate]:
+def _check_goes_with(before: IdentifiedShip | ShipModel, wanted: Sequence[str], captive: xr.Dataset | None) -> None:
+    """Refuse term sets that earlier runs said nothing of, and captive tests that stand beside them already."""
+    unknown = [name for name in wanted if name not in before.said]
+    if unknown:
+        raise PriorError(
+            f"Earlier runs were identified with {'; '.join(before.said)}, found {unknown[0]!r} asked for; choose of "
+            "theirs, or identify all runs together."
+        )
+    if captive is not None and before.held_tests:
+        raise PriorError("Captive tests stand beside the earlier runs already; leave them out.")
+
+
+def _densities(candidate: Candidate, earlier: Mapping[str, Earlier]) -> np.ndarray:
+    """Log predictive density of every run so far."""
+    old = [earlier[candidate.name].log_density] if candidate.name in earlier else []
+    return np.concatenate([*old, candidate.held_out.log_density])
+
+
+def _weighted(found: Sequence[Candidate], earlier: Mapping[str, Earlier], rng: np.random.Generator) -> list[Candidate]:
     """Pseudo-BMA+: mean over Bayesian bootstraps of the runs of weights proportional to the predictive density."""
-    density = np.array([candidate.held_out.log_density for candidate in found])
+    density = np.array([_densities(candidate, earlier) for candidate in found])
     shares = rng.dirichlet(np.ones(density.shape[1]), _BOOTSTRAPS)
     finite = np.where(np.isfinite(density), density, -1e9)
     total = density.shape[1] * shares @ finite.T
@@ -295,9 +368,9 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
     return drawn
 
 
-def _motion(training: Training, vessel: Vessel) -> xr.DataArray:
-    """Prime motion of all runs at every fifth sample."""
-    rows = []
+def _motion(training: Training, vessel: Vessel, before: IdentifiedShip | ShipModel | None) -> xr.DataArray:
+    """Prime motion of all runs so far at every fifth sample."""
+    rows = [] if before is None else [before.motion.values]
     for trial in training.trials:
         prime, _, _ = prime_record(vessel, motion_record(trial.isel(time=slice(None, None, 5)), vessel))
         rows.append(np.column_stack([prime[symbol] for symbol in SYMBOLS]))

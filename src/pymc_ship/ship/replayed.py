@@ -14,9 +14,8 @@ from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, with_steering
 from pymc_ship.motion.equations import STATE
 from pymc_ship.ship.along import sailed_along
-from pymc_ship.ship.files import IdentifiedShip
 from pymc_ship.ship.held_out import index_rows
-from pymc_ship.ship.model import ShipModel
+from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.ship.paths import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import TrialError, check_trial, facility_of, one_trial, trial_list

@@ -7,4 +7,5 @@
 - `mode`: the best mode from several starts.
 - `posterior`: draws around the mode as a DataTree.
 - `windows`: fits to windows of several runs, with robust covariance.
+- `statements`: what windows said, carried on beside the prior of other runs.
 """

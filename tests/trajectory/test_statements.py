@@ -1,0 +1,79 @@
+"""What windows said, as a statement beside the prior of other windows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.trajectory.prior import CoefficientPrior, Statement
+from pymc_ship.trajectory.statements import joined, loosened, said_by_windows
+from pymc_ship.trajectory.windows import WindowFit
+
+RNG = np.random.default_rng(4)
+N = len(ps.load_vessel("kvlcc2").forces["surge"]) + 2 * len(ps.load_vessel("kvlcc2").forces["yaw"])
+
+
+def linear_case(earlier=None):
+    """A fit of a linear model: prior, windows' precision and their own estimate, and the fit that both make."""
+    vessel = ps.load_vessel("kvlcc2")
+    scale = 10.0 ** RNG.uniform(-5, -2, N)
+    mean = scale * RNG.standard_normal(N)
+    prior = CoefficientPrior(mean, scale, scale, np.zeros(N, dtype=bool), "stated", earlier)
+    root = RNG.standard_normal((N + 5, N)) / scale
+    windows, own = root.T @ root, mean + scale * RNG.standard_normal(N)
+    rows = prior.stated.rows
+    information = windows + np.diag(scale**-2.0) + rows.T @ rows
+    right = windows @ own + mean / scale**2 + rows.T @ prior.stated.values
+    size = np.sqrt(np.diag(information))
+    found = np.linalg.solve(information / np.outer(size, size), right / size) / size
+    zero = np.zeros((N, N))
+    return WindowFit(vessel, found, zero, zero, information, {}, 1.0, 1), prior, windows, own
+
+
+@pytest.mark.parametrize("earlier", [None, Statement(1e3 * np.eye(N)[:4], np.ones(4))])
+def test_a_linear_fit_says_its_windows(earlier):
+    fit, prior, windows, own = linear_case(earlier)
+    said = said_by_windows(fit, prior)
+    unit = np.outer(prior.scale, prior.scale)
+    np.testing.assert_allclose(said.rows.T @ said.rows * unit, windows * unit, rtol=1e-6, atol=1e-6)
+    assert np.abs(said.misfit(own)).max() < 1e-5 * np.abs(said.values).max()
+
+
+def test_an_inflated_fit_says_less():
+    fit, prior, *_ = linear_case()
+    plain, wide = said_by_windows(fit, prior), said_by_windows(fit, prior, 2.0)
+    np.testing.assert_allclose(2.0 * wide.rows, plain.rows)
+    np.testing.assert_allclose(2.0 * wide.values, plain.values)
+
+
+def test_constants_of_a_run_are_not_carried_on():
+    vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular, rudder by side")
+    parameters = tuple(replace(c, of_run=k == 3) for k, c in enumerate(vessel.parameters))
+    n = len(parameters)
+    scale = np.full(n, 0.1)
+    prior = CoefficientPrior(np.zeros(n), scale, scale, np.zeros(n, dtype=bool), "stated")
+    zero = np.zeros((n, n))
+    fit = WindowFit(replace(vessel, parameters=parameters), np.ones(n), zero, zero, 300.0 * np.eye(n), {}, 1.0, 1)
+    said = said_by_windows(fit, prior)
+    assert not said.rows[:, 3].any()
+    assert len(said.rows) == n - 1
+
+
+def test_statements_are_joined_in_order():
+    one, other = Statement(np.eye(2), np.array([1.0, 2.0])), Statement(np.ones((1, 2)), np.array([3.0]))
+    assert joined([None, None]) is None
+    both = joined([one, None, other])
+    np.testing.assert_array_equal(both.values, [1.0, 2.0, 3.0])
+    assert both.rows.shape == (3, 2)
+
+
+@pytest.mark.parametrize(("shift", "low", "high"), [(0.0, 0.0, 0.0), (0.5, 0.3, 0.8)])
+def test_a_statement_is_loosened_as_far_as_coefficients_have_moved(shift, low, high):
+    n = 40
+    moved = shift * np.random.default_rng(2).standard_normal(n)
+    prior = CoefficientPrior(np.zeros(n), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), "stated")
+    statement = Statement(100.0 * np.eye(n), np.zeros(n))
+    found, share = loosened(statement, prior, moved, 1e-4 * np.eye(n))
+    assert low <= share <= high
+    assert np.linalg.norm(found.rows) <= np.linalg.norm(statement.rows) * (1.0 + 1e-12)
