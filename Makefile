@@ -17,7 +17,7 @@ frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> re
 foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour and more -> reports/foreign/foreign.md
 	$(PYTHON) -m tests.foreign.run
 
-population: $(STAMP)  ## 48 drawn ships of these simulators, forecasts and coverage, an hour and more; kept ship by ship
+population: $(STAMP)  ## 60 drawn ships of these simulators, forecasts and coverage, an hour and more; kept ship by ship
 	$(PYTHON) -m tests.foreign.population
 
 test: $(STAMP) lint  ## every test, a file at a time on each core

@@ -53,6 +53,12 @@ TRIALS = {
 CHOSEN_ON = 30
 """Number of ships that :data:`pymc_ship.forecasting.index_error.BEYOND` was chosen on."""
 
+LEADS = (1.0, 5.0, 15.0)
+"""Lengths of restarted windows [L/U]."""
+
+STATED = (0.5, 0.8, 0.9, 0.95, 0.99)
+"""Probabilities of statements "at most" and "at least" that are counted."""
+
 SEED = 16
 _TRIED = 40
 
@@ -167,7 +173,8 @@ def scaled(ship: mmg.MmgShip, scale: float) -> mmg.MmgShip:
 class Row:
     """An index of a forecast beside the truth, in swings of heading or L; ``beyond`` in ranges of the runs' motion.
 
-    ``sd`` is half the width of the central 68 % of the forecast.
+    ``sd`` is half the width of the central 68 % of the forecast, ``pit`` the share of its draws below the truth,
+    ``crps`` its continuous ranked probability score.
     """
 
     number: int
@@ -180,6 +187,8 @@ class Row:
     upper: float
     sd: float
     beyond: float
+    pit: float
+    crps: float
 
     @property
     def inside(self) -> bool:
@@ -191,8 +200,26 @@ class Row:
         return abs(self.error) < 0.6745 * self.sd
 
 
-def judged(number: int, seed: int = SEED) -> tuple[list[Row], str]:
-    """Identify a ship of the population and compare her forecasts with her own motion; rows, or why there are none."""
+@dataclass(frozen=True)
+class Bands:
+    """Share of the instants inside bands of 90 % of a ship that is restarted in a run she has not seen, by lead."""
+
+    number: int
+    lead: float
+    held: float
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What became of a ship: her indices and bands, or the sentence of her refusal."""
+
+    rows: Sequence[Row] = ()
+    bands: Sequence[Bands] = ()
+    refusal: str = ""
+
+
+def judged(number: int, seed: int = SEED) -> Judged:
+    """Identify a ship of the population and compare her forecasts with her own motion."""
     one = drawn(number, seed)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "vessel.toml"
@@ -201,8 +228,16 @@ def judged(number: int, seed: int = SEED) -> tuple[list[Row], str]:
             trials = [ps.judged_trial(record, path) for record in one.records(seed)]
             ship = ps.identify_ship(trials, path, rng=seed)
         except ValueError as error:
-            return [], str(error)
-    return [row for trial in sailing.JUDGED for row in _rows(one, ship, trial, seed)], ""
+            return Judged(refusal=str(error))
+    return Judged([row for trial in sailing.JUDGED for row in _rows(one, ship, trial, seed)], _bands(one, ship, seed))
+
+
+def _bands(one: Drawn, ship: ps.ShipModel, seed: int) -> list[Bands]:
+    """Bands in a 15/15 zigzag and a circle that begins in it, calm and as the sensors read them."""
+    unit, noise = one.ship.papers.unit, 1000 * seed + 10 * one.number + 9
+    runs = [sailing.sail(one.ship, trial, sensors=SENSORS, seed=noise) for trial in sailing.JUDGED[::2]]
+    scores = {lead: ps.score(ship, runs, length=lead * unit, every=2.0 * unit) for lead in LEADS}
+    return [Bands(one.number, lead, float(score["coverage"].mean())) for lead, score in scores.items()]
 
 
 def _rows(one: Drawn, ship: ps.ShipModel, trial: Trial, seed: int) -> list[Row]:
@@ -217,9 +252,13 @@ def _rows(one: Drawn, ship: ps.ShipModel, trial: Trial, seed: int) -> list[Row]:
         quantity = manoeuvre.traits.indices[name].quantity
         scale = index_scale(quantity, truth, trial.heading, ship.vessel)
         lower, median, upper = ((tree["index_bands"][name].values - truth) / scale).tolist()
-        sd = robust_sd(tree["indices"][name].values) / scale
+        drawn = tree["indices"][name].values
+        drawn = (drawn[np.isfinite(drawn)] - truth) / scale
+        spread = float(np.abs(drawn[:, None] - drawn).mean())
+        known = {"sd": robust_sd(drawn), "pit": float(np.mean(drawn < 0.0)), "beyond": beyond}
+        known["crps"] = float(np.abs(drawn).mean()) - 0.5 * spread
         what = (one.number, one.hull, one.trials, trial.label, name)
-        found.append(Row(*what, error=median, lower=lower, upper=upper, sd=sd, beyond=beyond))
+        found.append(Row(*what, error=median, lower=lower, upper=upper, **known))
     return found
 
 
@@ -242,12 +281,12 @@ def _work(task: tuple[int, int, Path]) -> None:
         return
     begin = time.perf_counter()
     with one_thread():
-        rows, refusal = judged(number, seed)
-    text = {"refusal": refusal, "seconds": time.perf_counter() - begin, "rows": [asdict(row) for row in rows]}
+        found = judged(number, seed)
+    text = asdict(found) | {"seconds": time.perf_counter() - begin}
     with staged(path) as partial:
         partial.write_text(json.dumps(text), encoding="utf-8")
-    inside = sum(row.inside for row in rows)
-    print(f"ship {number}: {refusal or f'{inside} of {len(rows)} inside'}, {text['seconds']:.0f} s", flush=True)
+    inside = f"{sum(row.inside for row in found.rows)} of {len(found.rows)} inside"
+    print(f"ship {number}: {found.refusal or inside}, {text['seconds']:.0f} s", flush=True)
 
 
 _GROUPS: Mapping[str, Callable[[Row], str]] = {
@@ -271,33 +310,88 @@ def coverage_rows(rows: Sequence[Row]) -> list[list[str]]:
             inside, half = (np.mean([getattr(row, of) for row in mine]) for of in ("inside", "half"))
             z = math.sqrt(np.mean([(row.error / row.sd) ** 2 for row in mine]))
             size, width = np.median([(abs(row.error), 1.96 * row.sd) for row in mine], axis=0)
+            crps = np.mean([row.crps for row in mine])
             line = [
                 name,
                 str(len(ships)),
                 str(len(mine)),
                 f"{100 * inside:.0f}{f' ± {100 * error:.0f}' if error > 0.0 else ''}",
             ]
-            found.append([*line, f"{100 * half:.0f}", f"{z:.2f}", f"{size:.3f}", f"{width:.3f}"])
+            found.append([*line, f"{100 * half:.0f}", f"{z:.2f}", f"{size:.3f}", f"{width:.3f}", f"{crps:.4f}"])
     return found
 
 
-def page(rows: Sequence[Row], refusals: Mapping[int, str], command: str) -> str:
+def reliability_rows(rows: Sequence[Row]) -> list[list[str]]:
+    """Statements "at most" and "at least" by the probability they were made with, and the share of them that held.
+
+    A share has its standard error over ships.
+    """
+    found = []
+    for head, key in (("within one range", False), ("one range beyond or more", True), ("all", None)):
+        mine = [row for row in rows if key is None or (row.beyond >= 1.0) == key]
+        line = [head, str(2 * len(mine))]
+        for stated in STATED:
+            held = {
+                number: np.mean([[row.pit <= stated, row.pit >= 1.0 - stated] for row in mine if row.number == number])
+                for number in {row.number for row in mine}
+            }
+            error = np.std(list(held.values()), ddof=1) / math.sqrt(len(held)) if len(held) > 1 else math.nan
+            share = np.mean([[row.pit <= stated, row.pit >= 1.0 - stated] for row in mine]) if mine else math.nan
+            line.append(f"{100 * share:.1f} ± {100 * error:.1f}")
+        found.append(line)
+    return found
+
+
+def band_rows(bands: Sequence[Bands]) -> list[list[str]]:
+    """Share of instants inside bands of 90 % by lead, with its standard error over ships."""
+    found = []
+    for lead in LEADS:
+        held = [one.held for one in bands if one.lead == lead]
+        if not held:
+            continue
+        error = np.std(held, ddof=1) / math.sqrt(len(held)) if len(held) > 1 else math.nan
+        found.append(
+            [f"{lead:g}", str(len(held)), f"{100 * np.mean(held):.0f} ± {100 * error:.0f}", f"{100 * min(held):.0f}"]
+        )
+    return found
+
+
+def page(rows: Sequence[Row], bands: Sequence[Bands], refusals: Mapping[int, str], command: str) -> str:
     """Both halves of the population as a page in Markdown."""
-    heads = ("", "ships", "indices", "95 % hold %", "50 % hold %", "rms of error / sd", "median error", "half width")
+    heads = (
+        "",
+        "ships",
+        "indices",
+        "95 % hold %",
+        "50 % hold %",
+        "rms of error / sd",
+        "median error",
+        "half width",
+        "CRPS",
+    )
     halves = {
-        f"Ships that BEYOND was chosen on, numbers below {CHOSEN_ON}": [r for r in rows if r.number < CHOSEN_ON],
-        f"Ships that show it, from number {CHOSEN_ON} on": [r for r in rows if r.number >= CHOSEN_ON],
+        f"Ships that BEYOND was chosen on, numbers below {CHOSEN_ON}": range(CHOSEN_ON),
+        f"Ships that show it, from number {CHOSEN_ON} on": range(CHOSEN_ON, 10**6),
     }
+    stated = ("forecast", "statements", *(f"{100 * one:g} %" for one in STATED))
+    lead = ("window [L/U]", "ships", "inside 90 % bands [%]", "the worst ship")
     parts = [
         "# A population of foreign ships",
         f"`{command}`. {' '.join((__doc__ or '').split('``make population``.')[1].split())}",
         "Errors and half widths are in L for distances and in swings of the heading for overshoots; ± is the standard "
         "error over ships.",
     ]
-    for head, mine in halves.items():
+    for head, numbers in halves.items():
+        mine, held = ([one for one in every if one.number in numbers] for every in (rows, bands))
         if mine:
             best = f"Of these ships alone BEYOND would be {fitted_beyond(mine):.4f}; it is {BEYOND:g}."
             parts += [f"## {head}", best, table(heads, coverage_rows(mine))]
+            parts += ['Statements "at most" and "at least", with the probability they were made with, that held [%]:']
+            parts += [table(stated, reliability_rows(mine))]
+            parts += [
+                "Ships restarted every two L/U in a circle of 35 deg and a 15/15 zigzag that they were not given:"
+            ]
+            parts += [table(lead, band_rows(held))]
     parts += [f"Ship {number} was refused: {text}" for number, text in refusals.items()]
     return "\n\n".join(parts) + "\n"
 
@@ -305,7 +399,7 @@ def page(rows: Sequence[Row], refusals: Mapping[int, str], command: str) -> str:
 def main(words: Sequence[str] | None = None) -> int:
     """Judge the ships that have no result yet, then write the page of all."""
     parser = argparse.ArgumentParser(prog="python -m tests.foreign.population", description=__doc__)
-    parser.add_argument("--ships", type=int, default=48)
+    parser.add_argument("--ships", type=int, default=60)
     parser.add_argument("--first", type=int, default=0, help="number of the first ship")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--workers", type=int, default=2)
@@ -319,12 +413,13 @@ def main(words: Sequence[str] | None = None) -> int:
             pass
     found = {number: json.loads((kept / f"{seed}-{number}.json").read_text(encoding="utf-8")) for number in numbers}
     rows = [Row(**row) for one in found.values() for row in one["rows"]]
+    bands = [Bands(**row) for one in found.values() for row in one["bands"]]
     refusals = {number: one["refusal"] for number, one in found.items() if one["refusal"]}
     with staged(writable_folder(arguments.out) / "population.md") as path:
         command = (
             f"python -m tests.foreign.population --first {arguments.first} --ships {arguments.ships} --seed {seed}"
         )
-        path.write_text(page(rows, refusals, command), encoding="utf-8")
+        path.write_text(page(rows, bands, refusals, command), encoding="utf-8")
     return 0
 
 

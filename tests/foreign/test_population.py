@@ -4,10 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from pymc_ship.forecasting.index_error import BEYOND
 from tests.foreign import mmg, population, sailing
-from tests.foreign.population import HULLS, TRIALS, Row, coverage_rows, drawn, fitted_beyond, page, scaled
+from tests.foreign.population import (
+    HULLS,
+    LEADS,
+    STATED,
+    TRIALS,
+    Bands,
+    Row,
+    band_rows,
+    coverage_rows,
+    drawn,
+    fitted_beyond,
+    page,
+    reliability_rows,
+    scaled,
+)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +91,9 @@ def rows_of(share, n=2000):
         sd = float(np.hypot(0.02, BEYOND * beyond))
         error = float(np.hypot(0.02, share * beyond) * rng.standard_normal())
         what = (k % 40, HULLS[k % 4], "one 20/20", "circle 35 port", "advance")
-        found.append(Row(*what, error=error, lower=error - 1.96 * sd, upper=error + 1.96 * sd, sd=sd, beyond=beyond))
+        ends = {"lower": error - 1.96 * sd, "upper": error + 1.96 * sd}
+        known = {"sd": sd, "beyond": beyond, "pit": float(norm.cdf(-error / sd)), "crps": sd}
+        found.append(Row(*what, error=error, **ends, **known))
     return found
 
 
@@ -93,8 +110,29 @@ def test_coverage_is_that_of_the_rows():
     assert float(narrow[3].split()[0]) < 85.0  # broken twin: errors that grow three times as fast
 
 
+def test_statements_hold_as_often_as_they_say_and_those_of_narrow_intervals_do_not():
+    right, narrow = (reliability_rows(rows_of(share))[2] for share in (BEYOND, 0.03))
+    assert right[:2] == ["all", "4000"]
+    for stated, cell in zip(STATED, right[2:], strict=True):
+        share, error = map(float, cell.split(" ± "))
+        assert abs(share - 100.0 * stated) < 4.0 * error
+    share, error = map(float, narrow[-1].split(" ± "))
+    assert share < 99.0 - 4.0 * error
+
+
+def test_bands_are_told_by_lead_with_the_worst_ship():
+    bands = [Bands(k, lead, 0.8 + 0.1 * (k % 2)) for k in range(20) for lead in LEADS]
+    assert [row[0] for row in band_rows(bands)] == ["1", "5", "15"]
+    assert band_rows(bands)[0][1:] == ["20", "85 ± 1", "80"]
+
+
 def test_the_page_tells_both_halves_apart_and_who_was_refused():
-    text = page(rows_of(BEYOND, 80), {7: "No term set can be fitted."}, "make population")
+    text = page(
+        rows_of(BEYOND, 80),
+        [Bands(k, 5.0, 0.9) for k in range(80)],
+        {7: "No term set can be fitted."},
+        "make population",
+    )
     assert "## Ships that BEYOND was chosen on, numbers below 30" in text
     assert "## Ships that show it, from number 30 on" in text
     assert text.endswith("Ship 7 was refused: No term set can be fitted.\n")
