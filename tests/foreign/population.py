@@ -56,7 +56,7 @@ CHOSEN_ON = 30
 LEADS = (1.0, 5.0, 15.0)
 """Lengths of restarted windows [L/U]."""
 
-STATED = (0.5, 0.8, 0.9, 0.95, 0.99)
+STATED = (0.75, 0.9, 0.95, 0.99)
 """Probabilities of statements "at most" and "at least" that are counted."""
 
 SEED = 16
