@@ -8,20 +8,17 @@ from scipy.stats import norm
 
 from pymc_ship.forecasting.index_error import BEYOND
 from tests.foreign import mmg, population, sailing
-from tests.foreign.population import (
-    HULLS,
+from tests.foreign.population import HULLS, TRIALS, drawn, scaled
+from tests.foreign.population_page import (
     LEADS,
     STATED,
-    TRIALS,
     Bands,
     Row,
     band_rows,
     coverage_rows,
-    drawn,
     fitted_beyond,
     page,
     reliability_rows,
-    scaled,
 )
 
 
@@ -132,6 +129,7 @@ def test_the_page_tells_both_halves_apart_and_who_was_refused():
         [Bands(k, 5.0, 0.9) for k in range(80)],
         {7: "No term set can be fitted."},
         "make population",
+        "Ships.",
     )
     assert "## Ships that BEYOND was chosen on, numbers below 30" in text
     assert "## Ships that show it, from number 30 on" in text

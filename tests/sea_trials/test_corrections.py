@@ -8,7 +8,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.sea_trials.conditions import Conditions
-from pymc_ship.sea_trials.corrections import judgement, mean_wind
+from pymc_ship.sea_trials.corrections import mean_wind
 from tests.sea_trials.cases import CURRENT, WIND, sailed, ship, tanker
 
 CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
@@ -135,12 +135,6 @@ def test_the_wind_is_that_of_the_record_or_else_as_noted():
     speed, come = mean_wind(sailed(ZIGZAG, 60), noted)
     assert (speed, come) == (pytest.approx(WIND[0]), pytest.approx(WIND[1]))
     assert mean_wind(xr.Dataset(), Conditions()) is None
-
-
-@pytest.mark.parametrize(("share", "word"), [(0.96, "met"), (0.5, "open"), (0.04, "not met")])
-def test_a_judgement_is_of_the_draws(share, word):
-    drawn = np.where(np.arange(1000) < 1000 * share, 4.0, 6.0)
-    assert judgement(5.0, drawn, 5.0) == word
 
 
 def test_the_current_is_that_of_the_day(day):

@@ -134,9 +134,10 @@ def sentence(vessel: Vessel, summary: xr.Dataset) -> str:
     named = sorted((found for found in departures if found[0] >= _VISIBLE), key=lambda found: -found[0])[:_NAMED]
     where = "; ".join(_departure(vessel, *found[1:]) for found in named)
     return (
-        f"{100.0 * share:.3g} % of the instants lie outside the motion of the record, by "
-        f"{summary.attrs['median_distance']:.2g} of its range in the median: "
-        f"{where or 'combinations of quantities that each keep to their range in the median ship'}."
+        f"{100.0 * share:.3g} % of the instants lie outside the motion of the record, typically by "
+        f"{summary.attrs['median_distance']:.2g} times the span that it covers: "
+        f"{where or 'combinations of quantities that each keep to their range in the median ship'}. A run that goes "
+        "there would tell."
     )
 
 

@@ -22,7 +22,8 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict]:
     ----------
     tree : DataTree
         From :func:`pymc_ship.forecast`: groups ``trajectories`` (``diverged`` by draw), ``indices`` (dims draw) and
-        ``index_bands`` (dims band).
+        ``index_bands`` (dims band). Its attr ``surest``, which a forecast beyond the runs of a ship has, bounds the
+        probabilities: no more is known of statements made there.
     vessel : Vessel, str or Path
         Gives L; the speed is the approach speed of the manoeuvre.
 
@@ -61,11 +62,12 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict]:
         return []
     found, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
     running = ~tree["trajectories"]["diverged"].values
+    surest = tree.attrs.get("surest", 1.0)
     rows = []
     for name, limit, unit, units in imo_limits(found.attrs, vessel):
         values = found[name].values / unit
         reached = running & np.isfinite(values)
-        probability = float(np.mean(reached & (values <= limit)))
+        probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - surest, surest))
         row = {"criterion": name.replace("_", " "), "limit": limit, "units": units}
         row |= {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}
         row |= {

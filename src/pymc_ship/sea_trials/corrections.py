@@ -1,9 +1,8 @@
-"""Current, wind and loading taken off the indices of a sea trial, with the uncertainty of what is left.
+"""Current, wind and loading taken off the indices of a sea trial, and how far draws leave what is left.
 
 An index is measured on the denoised record, from whose track the current has been taken. Wind and loading are corrected
 as IMO MSC/Circ.1053 has it (3.4.1.2): R = T F / B, the index T of the trial times what a model says of full load in
-calm, F, over what the same model says of the trial's loading and wind, B. The parts of the uncertainty are those of the
-record, of the current and of the model, each by draws; they add up as squares to u_c, and U = 2 u_c.
+calm, F, over what the same model says of the trial's loading and wind, B.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.denoising.draws import denoise_draws
-from pymc_ship.manoeuvre.criteria import SURE, imo_limits
+from pymc_ship.manoeuvre.criteria import imo_limits
 from pymc_ship.manoeuvre.helm import base_course
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.kinds import ERRING
@@ -34,7 +33,6 @@ DRAWS = 100
 
 _DRIFTS = 30  # draws of the drift by the wind
 _LONGER = 1.3  # than the record, for which ships turn that are slower than she
-_TAILS = (0.025, 0.975)
 
 
 @dataclass(frozen=True)
@@ -92,12 +90,9 @@ def corrected_indices(
     -------
     list of dict
         For each angle, time and distance that the record reaches: ``index``, ``units`` (L for distances), ``raw``,
-        ``less_current``, ``ratio`` F / B (1 without a model), ``corrected``, the standard uncertainties ``u_record``,
-        ``u_current`` and ``u_model``, ``u_c``, ``U`` = 2 u_c, the ends ``lower`` and ``upper`` of the interval of 95 %,
-        and, for a criterion of IMO MSC.137(76), ``limit`` and ``judgement``: met where 95 % or more of the draws keep
-        it, not met where 5 % or fewer do, open between. A part is NaN, and so are u_c, U and the interval, for a record
-        that cannot be denoised, a distance without a current, and a wind without a model; then the judgement is of the
-        value alone and says "as measured". Limit NaN and judgement empty stand for other indices.
+        ``less_current``, ``ratio`` F / B (1 without a model), ``corrected``, ``limit`` of IMO MSC.137(76), NaN where
+        there is none, and the deviations of ``u_record``, ``u_current`` and ``u_model``, arrays of shape (n_draws,).
+        They are NaN for a record that cannot be denoised, a distance without a current, and a wind without a model.
 
     Raises
     ------
@@ -122,15 +117,6 @@ def corrected_indices(
         ratio = float(np.nan_to_num(np.median(ratios), nan=1.0))
         value = still[name] / unit
         unknown = np.full(1, np.nan)
-        parts = {
-            "u_record": ratio * by_record.get(name, unknown) / unit,
-            "u_current": ratio * by_current.get(name, unknown) / unit if distance else np.zeros(1),
-            "u_model": value * (ratios - ratio),
-        }
-        drawn = value * ratio + sum(rng.choice(part, 20 * DRAWS) for part in parts.values())
-        sds = {key: float(np.std(part)) for key, part in parts.items()}
-        u_c = float(np.linalg.norm(list(sds.values())))
-        lower, upper = np.quantile(drawn, _TAILS)
         rows.append(
             {
                 "index": name,
@@ -139,13 +125,10 @@ def corrected_indices(
                 "less_current": value,
                 "ratio": ratio,
                 "corrected": value * ratio,
-                **sds,
-                "u_c": u_c,
-                "U": 2.0 * u_c,
-                "lower": float(lower),
-                "upper": float(upper),
                 "limit": limits.get(name, np.nan),
-                "judgement": judgement(value * ratio, drawn, limits[name]) if name in limits else "",
+                "u_record": ratio * by_record.get(name, unknown) / unit,
+                "u_current": ratio * by_current.get(name, unknown) / unit if distance else np.zeros(1),
+                "u_model": value * (ratios - ratio),
             }
         )
     return rows
@@ -253,11 +236,3 @@ def _ratios(
     if not any(values.size for values in ratios.values()):
         raise SeaTrialError(f"No drawn ship sails the {manoeuvre.label} in these conditions; leave the model out.")
     return {name: values for name, values in ratios.items() if values.size}
-
-
-def judgement(value: float, drawn: np.ndarray, limit: float) -> str:
-    """Whether a value keeps a limit, as its draws have it or, where they are unknown, as it was measured."""
-    if not np.isfinite(drawn).all():
-        return f"{'met' if value <= limit else 'not met'} as measured"
-    kept = float(np.mean(drawn <= limit))
-    return "met" if kept >= SURE else "not met" if kept <= 1.0 - SURE else "open"

@@ -89,7 +89,7 @@ def form_rows(rows: Sequence[Mapping]) -> list[dict]:
     Parameters
     ----------
     rows : sequence of mapping
-        Indices of the runs: ``manoeuvre``, ``side``, ``index``, ``corrected``, ``U``, ``units``, ``limit``,
+        Indices of the runs: ``manoeuvre``, ``side``, ``index``, ``corrected``, ``U``, ``runs``, ``units``, ``limit``,
         ``judgement``.
 
     Returns
@@ -124,7 +124,8 @@ def _cell(row: Mapping) -> str:
     if not np.isfinite(row["corrected"]):
         return "not reached"
     known = f" ± {row['U']:.2g}" if np.isfinite(row["U"]) else ""
-    return f"{row['corrected']:.{decimals}f}{known} {row['units']}"
+    alone = " in one run" if known and row["runs"] == 1 else ""
+    return f"{row['corrected']:.{decimals}f}{known} {row['units']}{alone}"
 
 
 def _criterion(manoeuvre: str, rows: Sequence[Mapping]) -> str:

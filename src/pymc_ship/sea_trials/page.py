@@ -64,7 +64,7 @@ def trial_report(found: SeaTrial, out: str | Path, *, command: str = "pymc_ship.
     values = {"raw": ("as measured", three), "less_current": ("less current", three), "ratio": ("F / B", fixed(3))}
     values |= {"corrected": ("corrected", three), "U": ("U = 2 u_c", number(2))}
     values |= {"lower": ("95 % from", three), "upper": ("to", three), "limit": ("limit", three)}
-    parts = {"u_record": "record", "u_current": "current", "u_model": "model", "u_c": "u_c"}
+    parts = {"u_record": "record", "u_current": "current", "u_model": "model", "u_runs": "runs", "u_c": "u_c"}
     flows = _flows(found.currents)
     shown = [row | {"index": row["index"].replace("_", " ")} for row in found.indices]
     content = {

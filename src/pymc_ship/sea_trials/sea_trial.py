@@ -14,11 +14,12 @@ from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.manoeuvre.stopping_tests import INDICES as STOPPING
-from pymc_ship.manoeuvre.stopping_tests import LARGE, LIMIT, measured_stopping
+from pymc_ship.manoeuvre.stopping_tests import LIMIT, measured_stopping
 from pymc_ship.sea_trials.conditions import SeaTrialError, condition_rows, load_conditions
 from pymc_ship.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
 from pymc_ship.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.sea_trials.form import form_rows, ship_rows
+from pymc_ship.sea_trials.uncertainty import PARTS, stated
 from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.trial.record import TrialError, facility_of, trial_list
 from pymc_ship.vessel.reading import VesselLike, as_vessel
@@ -41,8 +42,9 @@ class SeaTrial:
     manoeuvres : dict of str to Manoeuvre
         Of each run that was recognised, by its name.
     indices : list of dict
-        Rows of :func:`pymc_ship.sea_trials.corrections.corrected_indices` with ``run``, ``manoeuvre`` and ``side``;
-        those of stopping tests are as measured, their side is empty.
+        Rows of :func:`pymc_ship.sea_trials.corrections.corrected_indices` with their uncertainty, see
+        :func:`pymc_ship.sea_trials.uncertainty.stated`, and ``run``, ``manoeuvre`` and ``side``; those of stopping
+        tests are as measured, their side is empty.
     currents : dict of str to DriftCurrent
         By which each run was corrected; runs without one are left out.
     winds : dict of str to (float, float)
@@ -152,6 +154,7 @@ def sea_trial(
         rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in found]
     for name, stop in stops.items():
         rows += [{"run": name} | row for row in _stopping_rows(stop, vessel.particulars.L)]
+    rows = stated(rows, rng)
     speeds = {name: manoeuvre.approach_speed or np.nan for name, manoeuvre in manoeuvres.items()}
     windiest = max((speed for speed, _ in winds.values()), default=np.nan)
     return SeaTrial(
@@ -231,11 +234,8 @@ def _stopping_rows(stop: Mapping[str, float], L: float) -> list[dict]:
     rows = []
     for name, units in STOPPING.items():
         value = stop[name] / (L if units == "m" else 1.0)
-        reach = name == "track_reach"
-        kept = "met as measured" if value <= LIMIT else "open" if value <= LARGE else "not met as measured"
         row = {"manoeuvre": STOPPING_TEST, "side": "", "index": name, "units": "L" if units == "m" else units}
         row |= dict.fromkeys(("raw", "less_current", "corrected"), value) | {"ratio": 1.0}
-        row |= dict.fromkeys(("u_record", "u_current", "u_model", "u_c", "U", "lower", "upper"), np.nan)
-        row |= {"limit": LIMIT if reach else np.nan, "judgement": kept if reach and np.isfinite(value) else ""}
-        rows.append(row)
+        row |= {"limit": LIMIT if name == "track_reach" and np.isfinite(value) else np.nan}
+        rows.append(row | dict.fromkeys(PARTS, np.full(1, np.nan)))
     return rows

@@ -1,0 +1,181 @@
+"""What is said of the population: coverage, reliability and bands, by half, as a page in Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from pymc_ship.forecasting.index_error import BEYOND
+from tests.foreign.run import table
+
+CHOSEN_ON = 30
+"""Number of ships that :data:`pymc_ship.forecasting.index_error.BEYOND` was chosen on."""
+
+LEADS = (1.0, 5.0, 15.0)
+"""Lengths of restarted windows [L/U]."""
+
+STATED = (0.75, 0.9, 0.95, 0.99)
+"""Probabilities of statements "at most" and "at least" that are counted."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """An index of a forecast beside the truth, in swings of heading or L; ``beyond`` in ranges of the runs' motion.
+
+    ``sd`` is half the width of the central 68 % of the forecast, ``pit`` the share of its draws below the truth,
+    ``crps`` its continuous ranked probability score.
+    """
+
+    number: int
+    hull: str
+    trials: str
+    manoeuvre: str
+    index: str
+    error: float
+    lower: float
+    upper: float
+    sd: float
+    beyond: float
+    pit: float
+    crps: float
+
+    @property
+    def inside(self) -> bool:
+        return self.lower <= 0.0 <= self.upper
+
+    @property
+    def half(self) -> bool:
+        """Whether an interval of 50 % of the normal law of this sd holds the truth."""
+        return abs(self.error) < 0.6745 * self.sd
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Share of the instants inside bands of 90 % of a ship that is restarted in a run she has not seen, by lead."""
+
+    number: int
+    lead: float
+    held: float
+
+
+def fitted_beyond(rows: Sequence[Row]) -> float:
+    """The value of BEYOND at which the errors are most probable."""
+    error, sd, beyond = (np.array([getattr(row, name) for row in rows]) for name in ("error", "sd", "beyond"))
+    known = np.maximum(sd**2 - (BEYOND * beyond) ** 2, 1e-8)
+
+    def surprise(share: float) -> float:
+        variance = known + (share * beyond) ** 2
+        return float(np.sum(0.5 * np.log(variance) + 0.5 * error**2 / variance))
+
+    return float(minimize_scalar(surprise, bounds=(0.0, 0.1), method="bounded").x)
+
+
+_GROUPS: Mapping[str, Callable[[Row], str]] = {
+    "all": lambda row: "all",
+    "trials": lambda row: row.trials,
+    "hull": lambda row: row.hull,
+    "index": lambda row: f"{row.manoeuvre.split()[0]}, {row.index.replace('_', ' ')}",
+    "beyond": lambda row: "within one range of the runs" if row.beyond < 1.0 else "one range beyond them or more",
+}
+
+
+def coverage_rows(rows: Sequence[Row]) -> list[list[str]]:
+    """Coverage of 95 and 50 % with its standard error over ships, errors and widths, by group."""
+    found = []
+    for key in _GROUPS.values():
+        for name in sorted({key(row) for row in rows}):
+            mine = [row for row in rows if key(row) == name]
+            ships = [[row for row in mine if row.number == number] for number in sorted({row.number for row in mine})]
+            shares = [np.mean([row.inside for row in ship]) for ship in ships]
+            error = np.std(shares, ddof=1) / math.sqrt(len(shares)) if len(shares) > 1 else math.nan
+            inside, half = (np.mean([getattr(row, of) for row in mine]) for of in ("inside", "half"))
+            z = math.sqrt(np.mean([(row.error / row.sd) ** 2 for row in mine]))
+            size, width = np.median([(abs(row.error), 1.96 * row.sd) for row in mine], axis=0)
+            crps = np.mean([row.crps for row in mine])
+            line = [
+                name,
+                str(len(ships)),
+                str(len(mine)),
+                f"{100 * inside:.0f}{f' ± {100 * error:.0f}' if error > 0.0 else ''}",
+            ]
+            found.append([*line, f"{100 * half:.0f}", f"{z:.2f}", f"{size:.3f}", f"{width:.3f}", f"{crps:.4f}"])
+    return found
+
+
+def reliability_rows(rows: Sequence[Row]) -> list[list[str]]:
+    """Statements "at most" and "at least" by the probability they were made with, and the share of them that held.
+
+    A share has its standard error over ships.
+    """
+    found = []
+    for head, key in (("within one range", False), ("one range beyond or more", True), ("all", None)):
+        mine = [row for row in rows if key is None or (row.beyond >= 1.0) == key]
+        line = [head, str(2 * len(mine))]
+        for stated in STATED:
+            held = {
+                number: np.mean([[row.pit <= stated, row.pit >= 1.0 - stated] for row in mine if row.number == number])
+                for number in {row.number for row in mine}
+            }
+            error = np.std(list(held.values()), ddof=1) / math.sqrt(len(held)) if len(held) > 1 else math.nan
+            share = np.mean([[row.pit <= stated, row.pit >= 1.0 - stated] for row in mine]) if mine else math.nan
+            line.append(f"{100 * share:.1f} ± {100 * error:.1f}")
+        found.append(line)
+    return found
+
+
+def band_rows(bands: Sequence[Bands]) -> list[list[str]]:
+    """Share of instants inside bands of 90 % by lead, with its standard error over ships."""
+    found = []
+    for lead in LEADS:
+        held = [one.held for one in bands if one.lead == lead]
+        if not held:
+            continue
+        error = np.std(held, ddof=1) / math.sqrt(len(held)) if len(held) > 1 else math.nan
+        found.append(
+            [f"{lead:g}", str(len(held)), f"{100 * np.mean(held):.0f} ± {100 * error:.0f}", f"{100 * min(held):.0f}"]
+        )
+    return found
+
+
+def page(rows: Sequence[Row], bands: Sequence[Bands], refusals: Mapping[int, str], command: str, about: str) -> str:
+    """Both halves of the population as a page in Markdown."""
+    heads = (
+        "",
+        "ships",
+        "indices",
+        "95 % hold %",
+        "50 % hold %",
+        "rms of error / sd",
+        "median error",
+        "half width",
+        "CRPS",
+    )
+    halves = {
+        f"Ships that BEYOND was chosen on, numbers below {CHOSEN_ON}": range(CHOSEN_ON),
+        f"Ships that show it, from number {CHOSEN_ON} on": range(CHOSEN_ON, 10**6),
+    }
+    stated = ("forecast", "statements", *(f"{100 * one:g} %" for one in STATED))
+    lead = ("window [L/U]", "ships", "inside 90 % bands [%]", "the worst ship")
+    parts = [
+        "# A population of foreign ships",
+        f"`{command}`. {' '.join(about.split())}",
+        "Errors and half widths are in L for distances and in swings of the heading for overshoots; ± is the standard "
+        "error over ships.",
+    ]
+    for head, numbers in halves.items():
+        mine, held = ([one for one in every if one.number in numbers] for every in (rows, bands))
+        if mine:
+            best = f"Of these ships alone BEYOND would be {fitted_beyond(mine):.4f}; it is {BEYOND:g}."
+            parts += [f"## {head}", best, table(heads, coverage_rows(mine))]
+            parts += ['Statements "at most" and "at least", with the probability they were made with, that held [%]:']
+            parts += [table(stated, reliability_rows(mine))]
+            parts += [
+                "Ships restarted every two L/U in a circle of 35 deg and a 15/15 zigzag that they were not given:"
+            ]
+            parts += [table(lead, band_rows(held))]
+    parts += [f"Ship {number} was refused: {text}" for number, text in refusals.items()]
+    return "\n\n".join(parts) + "\n"
