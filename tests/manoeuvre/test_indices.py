@@ -279,7 +279,7 @@ class TestBatches:
 class TestErrors:
     def test_other_manoeuvres_have_no_indices(self, container):
         run = ps.simulate(container, ps.rudder_programme([0.0, 9.0], [0.0, 0.1]), duration=20.0)
-        with pytest.raises(ps.TrialError, match="zigzag or a turning_circle, found 'rudder_programme'"):
+        with pytest.raises(ps.TrialError, match="zigzag, a turning_circle or a pull_out, found 'rudder_programme'"):
             ps.indices(run)
 
     @pytest.mark.parametrize("name", ["u", "v", "r", "phi", "psi", "x", "y"])

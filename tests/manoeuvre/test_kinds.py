@@ -9,12 +9,12 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.manoeuvre.kinds import UNITS, Index, ManoeuvreKind
 from pymc_ship.manoeuvre.registry import KINDS, RUDDER_PROGRAMME, either, kind_named, register
-from pymc_ship.manoeuvre.turning_circles import TURNING_CIRCLE
+from pymc_ship.manoeuvre.turning_circles import PULL_OUT, TURNING_CIRCLE
 from pymc_ship.manoeuvre.zigzags import ZIGZAG
 
 
 def test_the_standard_kinds_are_known_in_this_order():
-    assert list(KINDS.values()) == [ZIGZAG, TURNING_CIRCLE, RUDDER_PROGRAMME]
+    assert list(KINDS.values()) == [ZIGZAG, TURNING_CIRCLE, PULL_OUT, RUDDER_PROGRAMME]
     assert kind_named("zigzag") is ZIGZAG
 
 
@@ -72,7 +72,7 @@ def test_a_kind_has_what_its_uses_need(settings, message):
 def test_a_name_and_an_option_belong_to_one_kind(twin):
     with pytest.raises(ps.ManoeuvreError, match="has its own name and option, found"):
         register(twin)
-    assert list(KINDS) == ["zigzag", "turning_circle", "rudder_programme"]
+    assert list(KINDS) == ["zigzag", "turning_circle", "pull_out", "rudder_programme"]
 
 
 @pytest.mark.parametrize(

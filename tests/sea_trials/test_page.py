@@ -69,6 +69,8 @@ def test_the_least_favourable_run_and_judgement_stand_in_the_form():
     assert line["port"] == "19.9 ± 0.1 deg"
     assert line["starboard"] == "8.0 ± 0.1 deg in one run"
     assert line["judgement"] == "open"
+    (lacking,) = [one for one in form_rows(rows) if one["item"] == "zigzag 10/10, second overshoot angle"]
+    assert (lacking["port"], lacking["judgement"]) == ("not measured", "")
     (other,) = [one for one in form_rows(rows) if one["item"] == "stopping, track reach"]
     assert (other["port"], other["judgement"]) == ("not sailed", "")
 

@@ -239,11 +239,13 @@ def _text(tree: xr.DataTree, label: str, measured: Mapping[str, tuple[Manoeuvre,
     from pymc_ship.manoeuvre.measured import measured_indices
 
     beside = {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
+    verdicts = ps.imo_probabilities(tree, vessel)
     parts = [
         forecast_text(tree, beside),
         tree.attrs["steering"],
         _refused(tree),
-        probability_text(ps.imo_probabilities(tree, vessel)),
+        probability_text(verdicts),
+        tree.attrs.get("reliability", "") if verdicts else "",
     ]
     return "\n".join(filter(None, parts))
 
@@ -269,6 +271,7 @@ def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str
         "coefficients make the bands, tracks and force curves.",
         *(f"{label}: {tree.attrs['steering']}" for label, tree in trees.items()),
         *filter(None, map(_refused, trees.values())),
+        *dict.fromkeys(tree.attrs["reliability"] for tree in trees.values() if "reliability" in tree.attrs),
     ]
     if widened:
         found.append(f"Intervals of the indices also hold what held-out manoeuvres show beyond it, an sd of {widened}.")

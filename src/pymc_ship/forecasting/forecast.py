@@ -9,7 +9,7 @@ import xarray as xr
 
 from pymc_ship.forecasting.draws import coefficient_draws, fitted_motion, sensor_noise
 from pymc_ship.forecasting.extrapolation import UNKNOWN, extrapolation, sentence
-from pymc_ship.forecasting.index_error import with_model_error
+from pymc_ship.forecasting.index_error import reliability, with_model_error
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.indices import indices, of_roll
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
@@ -157,11 +157,11 @@ def pooled_forecast(
     if noise:
         groups["measured_bands"] = quantile_bands(_measured(ships, noise, rng), ci_prob)
     left = None if motion is None else _over_draws(extrapolation(vessel, simulated, motion))
+    beyond = float(np.nanmax(left["distance"])) if left is not None else 0.0
     if manoeuvre.traits.indices:
         found = indices(simulated)
         rolling = [str(name) for name in found if of_roll(manoeuvre.traits.indices[str(name)])]
         found = _of_those_that_roll(found, rolling, rolls)
-        beyond = float(np.nanmax(left["distance"])) if left is not None else 0.0
         groups["indices"] = found if errors is None else with_model_error(found, errors, vessel, rng, beyond=beyond)
         groups["index_bands"] = quantile_bands(groups["indices"], ci_prob)
     attrs = {
@@ -173,6 +173,7 @@ def pooled_forecast(
         "share_diverged": float(ships["diverged"].mean()),
         "share_extrapolated": np.nan,
         "extrapolation": UNKNOWN,
+        **(reliability(beyond) if errors is not None else {}),
     }
     if left is not None:
         groups["extrapolation"] = left

@@ -24,6 +24,10 @@ from pymc_ship.vessel.vessel import Vessel
 BEYOND = 0.011
 """Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L]."""
 
+HELD, MADE = 0, 0
+"""Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
+and how many there were, on the ships of that population that :data:`BEYOND` was not chosen on."""
+
 _HALVINGS = 60
 
 
@@ -85,6 +89,22 @@ def _excess_sd(square: np.ndarray, known: np.ndarray) -> float:
 def index_sd(row: Mapping, errors: Mapping[str, float]) -> float:
     """Standard deviation of the forecast of a row of :func:`index_rows`: draws, models and model error together."""
     return float(np.sqrt(row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + (errors[row["kind"]] * row["scale"]) ** 2))
+
+
+def reliability(beyond: float) -> dict[str, float | str]:
+    """What is known of sure statements of a forecast that leaves the motion of its runs, as attrs of it.
+
+    ``surest``, the largest probability that can be stood by (Laplace's rule of succession), and ``reliability``, a
+    sentence; empty inside the motion of the runs.
+    """
+    if beyond <= 0.0:
+        return {}
+    surest = (HELD + 1.0) / (MADE + 2.0)
+    sentence = (
+        f"The forecast goes beyond the motion of the runs: of {MADE} statements of 99 % that were made so on foreign "
+        f"ships, {HELD} held. No probability is stated above {surest:.3f}."
+    )
+    return {"surest": surest, "reliability": sentence}
 
 
 def with_model_error(

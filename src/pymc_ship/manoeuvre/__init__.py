@@ -2,7 +2,7 @@
 
 - `kinds`: what the manoeuvres of one kind have in common, as one value.
 - `zigzags`: the zigzag test as such a value, with its indices, limits and recognition.
-- `turning_circles`: the turning circle likewise.
+- `turning_circles`: the turning circle and the pull-out likewise.
 - `registry`: the known kinds by name, where a new one is registered.
 - `standard`: zigzag, turning circle and free rudder programme as values.
 - `events`: headings reached, peaks, distances and the steady turn of one run.

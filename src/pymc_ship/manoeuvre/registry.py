@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from pymc_ship.manoeuvre.kinds import ManoeuvreError, ManoeuvreKind
-from pymc_ship.manoeuvre.turning_circles import TURNING_CIRCLE
+from pymc_ship.manoeuvre.turning_circles import PULL_OUT, TURNING_CIRCLE
 from pymc_ship.manoeuvre.zigzags import ZIGZAG
 
 RUDDER_PROGRAMME = ManoeuvreKind("rudder_programme")
 """Rudder angles at breakpoints of time; a manoeuvre without indices."""
 
-KINDS = {kind.name: kind for kind in (ZIGZAG, TURNING_CIRCLE, RUDDER_PROGRAMME)}
+KINDS = {kind.name: kind for kind in (ZIGZAG, TURNING_CIRCLE, PULL_OUT, RUDDER_PROGRAMME)}
 """Kinds by name, in the order of the options of the command line and in which records are recognised."""
 
 

@@ -13,6 +13,8 @@ from pymc_ship.machine.arguments import check_choice, shown
 from pymc_ship.manoeuvre.kinds import SIDES, ManoeuvreError, ManoeuvreKind
 from pymc_ship.manoeuvre.registry import KINDS, kind_named
 
+_TWO_ROUNDS = 720.0  # deg of heading
+
 
 @dataclass(frozen=True)
 class Manoeuvre:
@@ -122,12 +124,13 @@ def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_s
         For an unknown kind, another number of angles, angles that are not positive, an unknown side or a speed that is
         not positive.
     """
-    names = kind_named(kind).angles
+    traits = kind_named(kind)
+    names = traits.angles
     if not names or len(angles) != len(names):
         wanted = " and ".join(names) or "its own constructor"
         raise ManoeuvreError(f"A {kind} is made with {wanted}, found {len(angles)} angles; correct it.")
     given = dict(zip(names, angles, strict=True))
-    _check(side, approach_speed, **given)
+    _check(side, approach_speed, widest=_TWO_ROUNDS if traits.reversal == 0.0 else 90.0, **given)
     return Manoeuvre(kind, side=side, approach_speed=approach_speed, **{k: float(angle) for k, angle in given.items()})
 
 
@@ -239,10 +242,13 @@ def rudder_programme(
     return Manoeuvre("rudder_programme", approach_speed=approach_speed, **programme)
 
 
-def _check(side: str, approach_speed: float | None, **angles: float) -> None:
+def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angles: float) -> None:
     check_choice("The side", side, SIDES, ManoeuvreError)
     if approach_speed is not None and not 0.0 < approach_speed < np.inf:
         raise ManoeuvreError(f"The approach speed must be positive and finite, found {approach_speed} m/s; correct it.")
     for name, angle in angles.items():
-        if not 0.0 < angle < 90.0:
-            raise ManoeuvreError(f"{name} is a magnitude between 0 and 90 deg, found {angle}; use `side` for the sign.")
+        most = widest if name == "heading_deg" else 90.0
+        if not 0.0 < angle < most:
+            raise ManoeuvreError(
+                f"{name} is a magnitude between 0 and {most:g} deg, found {angle}; use `side` for the sign."
+            )

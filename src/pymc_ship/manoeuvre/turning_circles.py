@@ -1,4 +1,4 @@
-"""The turning circle as a kind of manoeuvre: the rudder is put over and held."""
+"""The turning circle as a kind of manoeuvre, the rudder is put over and held, and the pull-out, which ends a turn."""
 
 from __future__ import annotations
 
@@ -16,6 +16,10 @@ _FULL_TURN = 120.0  # deg of heading that a turning circle changes at least
 _LEAST_RUDDER = 3.0  # deg
 _HARD_OVER = 35.0  # deg, from which on the limits hold
 _WATER = ("psi", "u", "v")
+_LAST = 0.1  # of the time with the rudder amidships, over which the rate that is left is measured
+_LEFT = 0.5  # of the rate of the turn, until which the time is measured
+_AMIDSHIPS = 0.2  # of the angle held: a rudder within it is amidships, whatever its zero and the helm
+_AFTER = 0.5  # of the time of the turn for which the rudder of a pull-out stays amidships at least
 
 
 def _indices(record: Record, attrs: Mapping) -> dict[str, float]:
@@ -73,4 +77,62 @@ TURNING_CIRCLE = ManoeuvreKind(
     limits=_limits,
     recognise=_recognise,
     circles=True,
+)
+
+
+def _pull_out_indices(record: Record, attrs: Mapping) -> dict[str, float]:
+    """Indices of the rate of turn from the heading on at which the rudder is ordered amidships."""
+    import numpy as np
+
+    side = SIDES[attrs["side"]]
+    begin = record.crossing(math.radians(attrs["heading_deg"]), side)
+    after = record.time >= begin
+    if not math.isfinite(begin) or after.sum() < 2:
+        return {}
+    rate, time = side * record.psi_dot, record.time
+    before = float(np.interp(begin, time, rate))
+    last = time >= time[-1] - _LAST * (time[-1] - begin)
+    found = {"rate_before": math.degrees(before), "residual_yaw_rate": math.degrees(rate[last].mean())}
+    slow = np.flatnonzero(after & (rate <= _LEFT * before))
+    if slow.size:
+        k = max(int(slow[0]), 1)
+        found["time_to_half_rate"] = (
+            float(np.interp(-_LEFT * before, -rate[k - 1 : k + 1], time[k - 1 : k + 1])) - begin
+        )
+    return found
+
+
+def _recognise_pull_out(helm: Helm) -> tuple[tuple[float, ...], str] | None:
+    """Rudder angle, heading and side of a turn that ends with the rudder amidships before it is a turning circle."""
+    import numpy as np
+
+    from pymc_ship.manoeuvre.helm import execution, steered
+
+    angle, turned = helm.held_angle, helm.turned
+    if abs(angle) <= _LEAST_RUDDER or not 0.5 * _FULL_TURN <= abs(turned) <= _FULL_TURN:
+        return None
+    time, delta = helm.trial["time"].values, np.rad2deg(helm.trial["delta"].values)
+    end = time[steered(helm.trial)][-1]
+    after = delta[time > end + _AMIDSHIPS * (end - execution(helm.trial))]
+    lasts = time[-1] - end >= _AFTER * (end - execution(helm.trial))
+    if not lasts or not after.size or np.quantile(np.abs(after), 0.9) > _AMIDSHIPS * abs(angle):
+        return None
+    return (helm.ordered(abs(angle)), 5 * max(round(abs(turned) / 5.0), 1)), "starboard" if turned > 0.0 else "port"
+
+
+PULL_OUT = ManoeuvreKind(
+    name="pull_out",
+    angles=("rudder_deg", "heading_deg"),
+    example="20/90",
+    option="pull-out",
+    title="pull-out, rudder amidships after a change of heading",
+    reversal=0.0,
+    indices={
+        "rate_before": Index("rate", ("psi", "r"), signed=True),
+        "time_to_half_rate": Index("time", ("psi", "r"), scored=True),
+        "residual_yaw_rate": Index("rate", ("psi", "r"), signed=True),
+    },
+    measure=_pull_out_indices,
+    recognise=_recognise_pull_out,
+    reach=60.0,
 )

@@ -21,6 +21,9 @@ LINES = (
 )
 """Lines of the manoeuvring data: the item, the manoeuvre and the index it is of."""
 
+SIDES = ("port", "starboard")
+"""Columns of the manoeuvring data."""
+
 STATED = "not stated"
 """What stands in a cell that nothing is known for."""
 
@@ -99,23 +102,26 @@ def form_rows(rows: Sequence[Mapping]) -> list[dict]:
     """
     found = []
     for item, manoeuvre, index in LINES:
-        mine = [row for row in rows if row["manoeuvre"].startswith(manoeuvre) and row["index"] == index]
-        worst = {
-            side: max(
-                (row for row in mine if row["side"] in (side, "")), key=lambda row: row["corrected"], default=None
-            )
-            for side in ("port", "starboard")
-        }
-        sailed = [row for row in worst.values() if row is not None]
+        sailed = [row for row in rows if row["manoeuvre"].startswith(manoeuvre)]
+        shown = {side: _shown([row for row in sailed if row["side"] in (side, "")], index) for side in SIDES}
+        mine = [row for row in sailed if row["index"] == index]
         found.append(
             {
                 "item": item,
-                **{side: "not sailed" if row is None else _cell(row) for side, row in worst.items()},
-                "criterion": _criterion(manoeuvre, sailed),
-                "judgement": _least({row["judgement"] for row in sailed}),
+                **shown,
+                "criterion": _criterion(manoeuvre, mine),
+                "judgement": _least({row["judgement"] for row in mine}),
             }
         )
     return found
+
+
+def _shown(rows: Sequence[Mapping], index: str) -> str:
+    """Least favourable value of an index over the runs of a manoeuvre to one side."""
+    if not rows:
+        return "not sailed"
+    mine = [row for row in rows if row["index"] == index]
+    return _cell(max(mine, key=lambda row: row["corrected"])) if mine else "not measured"
 
 
 def _cell(row: Mapping) -> str:
