@@ -41,7 +41,11 @@ def test_the_shipped_grid_is_five_levels_four_methods_and_a_hundred_seeds():
         ('["small.toml"]', '["small.toml", "./small.toml"]', "different names, found 'small' twice; rename one."),
         ('"weak form"', '"weak"', "a method is one of paper's pipeline, central difference at 1 s"),
         ('"weak form"', '"paper\'s pipeline"', 'methods must name everything once, found "paper\'s pipeline" twice'),
-        ('"zigzag 20/20"', '"zigzag 20"', "a manoeuvre is 'zigzag 20/20', 'turning circle 35', 'pull out 20/90' or one of them with"),
+        (
+            '"zigzag 20/20"',
+            '"zigzag 20"',
+            "a manoeuvre is 'zigzag 20/20', 'turning circle 35', 'pull out 20/90' or one of them with",
+        ),
         ('"zigzag 20/20"', '"zig 20/20"', "found 'zig 20/20'; write it so."),
         ('"zigzag 20/20"', '""', "found ''; write it so."),
         ('"zigzag 20/20"', '"zigzag 20/-20"', "manoeuvres cannot have 'zigzag 20/-20': heading_deg is a magnitude"),

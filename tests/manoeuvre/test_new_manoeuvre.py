@@ -222,7 +222,8 @@ class TestWords:
         )
         path.write_text(GRID.format("rudder kick 20"))
         with pytest.raises(
-            ps.MonteCarloError, match="'turning circle 35', 'pull out 20/90', 'rudder kick 20/40' or one of them with its side"
+            ps.MonteCarloError,
+            match="'turning circle 35', 'pull out 20/90', 'rudder kick 20/40' or one of them with its side",
         ):
             read_grid(path)
 

@@ -69,7 +69,11 @@ def test_a_label_with_angles_that_no_rudder_has_is_an_error():
     [
         ("zigzag", (20.0,), "A zigzag is made with rudder_deg and heading_deg, found 1 angles"),
         ("rudder_programme", (), "A rudder_programme is made with its own constructor, found 0 angles"),
-        ("anchor", (20.0,), "a zigzag, a turning_circle, a pull_out or a rudder_programme; found 'anchor'; register this kind"),
+        (
+            "anchor",
+            (20.0,),
+            "a zigzag, a turning_circle, a pull_out or a rudder_programme; found 'anchor'; register this kind",
+        ),
     ],
 )
 def test_a_manoeuvre_of_a_kind_has_its_angles(kind, angles, message):

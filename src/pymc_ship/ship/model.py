@@ -202,18 +202,17 @@ def identify_ship(
     [('zigzag', 10.0), ('zigzag', 20.0)]
     """
     rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)
-    before = prior if isinstance(prior, IdentifiedShip | ShipModel) else None
-    kind = chosen_prior(vessel, before.prior if before else prior)
+    before = prior if isinstance(prior, IdentifiedShip | ShipModel) else _nothing_known(prior or "")
+    kind = chosen_prior(vessel, before.prior or None)
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     if not trials or len(names) != len(trials) or draws < 2:
         raise TrialError(
             f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
             f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
         )
-    training = replace(_prepared(trials, vessel, kind), captive=captive, earlier=before.said if before else {})
-    wanted = tuple(dict.fromkeys(terms or (before.said if before else default_sets(training))))
-    if before is not None:
-        _check_goes_with(before, wanted, captive)
+    training = replace(_prepared(trials, vessel, kind), captive=captive, earlier=before.said)
+    wanted = tuple(dict.fromkeys(terms or before.said or default_sets(training)))
+    _check_goes_with(before, wanted, captive)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
     found, refused = candidates_of(wanted, training)
     fullest_vessel = fullest(candidate.vessel for candidate in found)
@@ -221,7 +220,7 @@ def identify_ship(
     progress("weights and model error from held-out runs")
     found = _weighted(found, training.earlier, rng)
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
-    known_rows = [*(before.known_rows if before else []), *rows]
+    known_rows = [*before.known_rows, *rows]
     errors = model_error(known_rows)
     rows = [row | {"sd": index_sd(row, errors)} for row in rows]
     remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
@@ -238,23 +237,22 @@ def identify_ship(
             "forecast with them, too. Each coefficient differs between carriage and ship by "
             f"{found[0].captive.apart:.2g} of its prior sd ({found[0].name})."
         )
-    if before is not None:
+    if before.said:
         remarks.append(
             f"Earlier runs stand beside the prior. Each coefficient differs from theirs by {found[0].apart:.2g} of its "
             f"prior sd ({found[0].name})."
         )
-    old = before.facilities if before else {}
     moved = motion_error(_held_out_motion(found, training, rng), vessel)
     return ShipModel(
         vessel=training.vessel,
         prior=training.prior,
         names=names,
         manoeuvres=tuple(training.manoeuvres),
-        facilities=training.facilities | {k: v for k, v in old.items() if k not in training.facilities},
+        facilities=training.facilities | {k: v for k, v in before.facilities.items() if k not in training.facilities},
         candidates=tuple(found),
         index_rows=rows,
         model_error=errors,
-        motion_error=moved if before is None or moved.sizes["lead"] else before.motion_error,
+        motion_error=moved if moved.sizes["lead"] or not before.said else before.motion_error,
         motion=_motion(training, fullest_vessel, before),
         remarks=tuple(remarks),
         judgement=judgement(trials, names),
@@ -262,7 +260,7 @@ def identify_ship(
             c.name: Earlier(tuple(coefficient_names(c.vessel)), c.said, _densities(c, training.earlier)) for c in found
         },
         known_rows=known_rows,
-        held_tests=captive is not None or (before is not None and before.held_tests),
+        held_tests=captive is not None or before.held_tests,
         captive=None if captive is None else _compared(captive, found[0], rng),
     )
 
@@ -281,10 +279,16 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Train
     return Training([thinned(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
 
 
+def _nothing_known(prior: str) -> IdentifiedShip:
+    """A ship of whom no run has said anything."""
+    motion = xr.DataArray(np.empty((0, len(SYMBOLS))), {"symbol": list(SYMBOLS)}, ("row", "symbol"))
+    return IdentifiedShip([], motion, {}, xr.Dataset(coords={"lead": []}), (), prior=prior)
+
+
 def _check_goes_with(before: IdentifiedShip | ShipModel, wanted: Sequence[str], captive: xr.Dataset | None) -> None:
     """Refuse term sets that earlier runs said nothing of, and captive tests that stand beside them already."""
     unknown = [name for name in wanted if name not in before.said]
-    if unknown:
+    if before.said and unknown:
         raise PriorError(
             f"Earlier runs were identified with {'; '.join(before.said)}, found {unknown[0]!r} asked for; choose of "
             "theirs, or identify all runs together."
@@ -368,9 +372,9 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
     return drawn
 
 
-def _motion(training: Training, vessel: Vessel, before: IdentifiedShip | ShipModel | None) -> xr.DataArray:
+def _motion(training: Training, vessel: Vessel, before: IdentifiedShip | ShipModel) -> xr.DataArray:
     """Prime motion of all runs so far at every fifth sample."""
-    rows = [] if before is None else [before.motion.values]
+    rows = [before.motion.values]
     for trial in training.trials:
         prime, _, _ = prime_record(vessel, motion_record(trial.isel(time=slice(None, None, 5)), vessel))
         rows.append(np.column_stack([prime[symbol] for symbol in SYMBOLS]))
