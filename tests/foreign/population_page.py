@@ -174,7 +174,8 @@ def page(rows: Sequence[Row], bands: Sequence[Bands], refusals: Mapping[int, str
             parts += ['Statements "at most" and "at least", with the probability they were made with, that held [%]:']
             parts += [table(stated, reliability_rows(mine))]
             parts += [
-                "Ships restarted every two L/U in a circle of 35 deg and a 15/15 zigzag that they were not given:"
+                "Ships restarted every two L/U in a circle of 35 deg and a 15/15 zigzag that they were not given. Bands are "
+                "of the motion, counted are instants as noisy sensors read them, whose noise is most of a short window:"
             ]
             parts += [table(lead, band_rows(held))]
     parts += [f"Ship {number} was refused: {text}" for number, text in refusals.items()]

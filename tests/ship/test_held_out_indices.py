@@ -85,7 +85,9 @@ class TestLeftOut:
         stairs = trial(ps.rudder_programme([0.0, 150.0, 300.0], np.deg2rad([5.0, 10.0, 20.0])), duration=300.0)
         runs = {"own": trial(RUNS[0]), "stairs": stairs}
         (told,) = left_out(runs, [RUNS[0], None], tanker())
-        assert told.startswith("Run stairs: It is not recognised as a zigzag, a turning circle or a pull out: the rudder is ")
+        assert told.startswith(
+            "Run stairs: It is not recognised as a zigzag, a turning circle or a pull out: the rudder is "
+        )
 
     def test_roll_that_is_measured_and_not_modelled_is_told(self):
         run = trial(RUNS[0])

@@ -269,7 +269,9 @@ class TestOtherRuns:
         assert found.manoeuvres == (None, None)
         assert found.index_rows == []
         (first, second, last) = found.remarks
-        assert first.startswith("Run 1: It is not recognised as a zigzag, a turning circle or a pull out: the rudder is ")
+        assert first.startswith(
+            "Run 1: It is not recognised as a zigzag, a turning circle or a pull out: the rudder is "
+        )
         assert first.endswith("It is fitted, but no index of it is held out.")
         assert second.startswith("Run 2: ")
         assert "No run of a standard manoeuvre was held out" in last
