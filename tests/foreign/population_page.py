@@ -74,6 +74,11 @@ def fitted_beyond(rows: Sequence[Row]) -> float:
     return float(minimize_scalar(surprise, bounds=(0.0, 0.1), method="bounded").x)
 
 
+_RESTARTED = (
+    "Ships restarted every two L/U in a circle of 35 deg and a 15/15 zigzag that they were not given. Bands are of the "
+    "motion, counted are instants as noisy sensors read them, whose noise is most of a short window:"
+)
+
 _GROUPS: Mapping[str, Callable[[Row], str]] = {
     "all": lambda row: "all",
     "trials": lambda row: row.trials,
@@ -173,10 +178,7 @@ def page(rows: Sequence[Row], bands: Sequence[Bands], refusals: Mapping[int, str
             parts += [f"## {head}", best, table(heads, coverage_rows(mine))]
             parts += ['Statements "at most" and "at least", with the probability they were made with, that held [%]:']
             parts += [table(stated, reliability_rows(mine))]
-            parts += [
-                "Ships restarted every two L/U in a circle of 35 deg and a 15/15 zigzag that they were not given. Bands are "
-                "of the motion, counted are instants as noisy sensors read them, whose noise is most of a short window:"
-            ]
+            parts += [_RESTARTED]
             parts += [table(lead, band_rows(held))]
     parts += [f"Ship {number} was refused: {text}" for number, text in refusals.items()]
     return "\n\n".join(parts) + "\n"

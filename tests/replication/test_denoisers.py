@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,9 @@ def test_signal_to_noise_is_that_of_the_noise():
     noise = 0.1 * np.random.default_rng(1).standard_normal(10_000)
     assert signal_to_noise(signal, signal + noise) == pytest.approx(10.0 * np.log10(0.5 / 0.01), abs=0.2)
     assert signal_to_noise(signal, signal) == np.inf
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(signal_to_noise(0.0 * signal, 0.0 * signal))
 
 
 def test_every_method_gains_on_every_channel(trial, noisy, container):

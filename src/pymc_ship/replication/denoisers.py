@@ -50,8 +50,11 @@ def denoiser_rows(trial: xr.Dataset, noisy: xr.Dataset, vessel: Vessel, *, inter
 
 
 def signal_to_noise(clean: np.ndarray, record: np.ndarray) -> float:
-    """Variance of the clean signal over the mean squared error of a record, in dB; infinite without an error."""
-    with np.errstate(divide="ignore"):
+    """Variance of the clean signal over the mean squared error of a record, in dB.
+
+    Infinite without an error, NaN of a signal that never changes and has none.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
         return float(10.0 * np.log10(np.var(clean) / np.mean((record - clean) ** 2)))
 
 
