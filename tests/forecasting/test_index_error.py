@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 from scipy import stats
 
-from pymc_ship.forecasting.index_error import BEYOND, index_sd, model_error, robust_sd, with_model_error
+from pymc_ship.forecasting.index_error import (
+    BEYOND,
+    HELD,
+    MADE,
+    index_sd,
+    model_error,
+    reliability,
+    robust_sd,
+    with_model_error,
+)
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.turning_circles import TURNING_CIRCLE
 from pymc_ship.manoeuvre.zigzags import ZIGZAG
@@ -167,3 +178,20 @@ class TestWithModelError:
         before = ships(TURNING_CIRCLE) - 102.0
         after = with_model_error(before.assign_attrs(manoeuvre="turning_circle"), ERRORS, tanker(), RNG(2))
         assert float(after["transfer"].min()) < 0.0 <= float(after["advance"].min())
+
+
+def test_no_probability_is_stated_beyond_the_runs_that_others_did_not_bear_out():
+    assert reliability(0.0) == {}
+    found = reliability(0.3)
+    assert found["surest"] == pytest.approx((HELD + 1) / (MADE + 2))
+    assert 0.95 < found["surest"] < 0.995
+    assert f"of {MADE} statements of 99 % that were made so on foreign ships, {HELD} held" in found["reliability"]
+
+
+def test_the_page_of_the_population_bears_the_bound_out():
+    """The counts are those of the kept results, which the page shows as a share of all statements beyond the runs."""
+    text = (Path(__file__).parents[2] / "reports" / "foreign" / "population.md").read_text(encoding="utf-8")
+    shown = text[text.index("Ships that show it") :]
+    beyond = next(line for line in shown.splitlines() if line.startswith("| one range beyond or more |"))
+    share = float(beyond.split("|")[-2].split(" ± ")[0])
+    assert abs(share - 100.0 * HELD / MADE) < 0.5

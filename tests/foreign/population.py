@@ -26,8 +26,9 @@ from pymc_ship.forecasting.index_error import index_scale, robust_sd
 from pymc_ship.machine.files import staged, writable_folder
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
+from pymc_ship.pages.drawing import BESIDE_DPI, png
 from tests.foreign import mariner, mmg, s175, sailing
-from tests.foreign.population_page import LEADS, Bands, Row, page
+from tests.foreign.population_page import CHOSEN_ON, LEADS, Bands, Row, page, reliability_figure
 from tests.foreign.run import ROOT
 from tests.foreign.sailing import CALM, SENSORS, Trial, Weather
 
@@ -254,6 +255,9 @@ def main(words: Sequence[str] | None = None) -> int:
         path.write_text(
             page(rows, bands, refusals, command, (__doc__ or "").split("``make population``.")[1]), encoding="utf-8"
         )
+    shown = [row for row in rows if row.number >= CHOSEN_ON]
+    with staged(arguments.out / "reliability.png") as path:
+        path.write_bytes(png(reliability_figure(shown or rows), BESIDE_DPI))
     return 0
 
 

@@ -7,9 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.optimize import minimize_scalar
 
 from pymc_ship.forecasting.index_error import BEYOND
+from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from tests.foreign.run import table
 
 CHOSEN_ON = 30
@@ -130,6 +132,31 @@ def reliability_rows(rows: Sequence[Row]) -> list[list[str]]:
             line.append(f"{100 * share:.1f} ± {100 * error:.1f}")
         found.append(line)
     return found
+
+
+@styled
+def reliability_figure(rows: Sequence[Row]) -> Figure:
+    """Share of the statements "at most" and "at least" that held, by the probability they were made with."""
+    fig, axes = subplots(4.4, 3.8)
+    ax, stated = axes[0, 0], np.linspace(0.5, 0.995, 100)
+    ax.plot(stated, stated, color=REFERENCE, ls="--", lw=0.9, label="as stated")
+    for label, colour, key in (("within one range of the runs", BLUE, False), ("beyond", RUST, True)):
+        mine = [row for row in rows if (row.beyond >= 1.0) == key]
+        ships = sorted({row.number for row in mine})
+        held = np.array([_held([row.pit for row in mine if row.number == number], stated) for number in ships])
+        mean, error = held.mean(axis=0), held.std(axis=0, ddof=1) / math.sqrt(len(ships))
+        ax.plot(stated, mean, color=colour, label=label)
+        ax.fill_between(stated, mean - error, np.minimum(mean + error, 1.0), color=colour, alpha=0.2, lw=0.0)
+    ax.set_xlabel("probability stated")
+    ax.set_ylabel("share that held, ± standard error over ships")
+    ax.legend(loc="upper left")
+    return fig
+
+
+def _held(pit: Sequence[float], stated: np.ndarray) -> np.ndarray:
+    """Share of the statements to both sides that held, by probability."""
+    pit = np.asarray(pit)[:, None]
+    return 0.5 * (np.mean(pit <= stated, axis=0) + np.mean(pit >= 1.0 - stated, axis=0))
 
 
 def band_rows(bands: Sequence[Bands]) -> list[list[str]]:

@@ -18,6 +18,7 @@ from tests.foreign.population_page import (
     coverage_rows,
     fitted_beyond,
     page,
+    reliability_figure,
     reliability_rows,
 )
 
@@ -115,6 +116,17 @@ def test_statements_hold_as_often_as_they_say_and_those_of_narrow_intervals_do_n
         assert abs(share - 100.0 * stated) < 4.0 * error
     share, error = map(float, narrow[-1].split(" ± "))
     assert share < 99.0 - 4.0 * error
+
+
+def test_the_figure_has_a_line_within_and_one_beyond():
+    fig = reliability_figure(rows_of(BEYOND, 400))
+    assert [text.get_text() for text in fig.axes[0].get_legend().get_texts()] == [
+        "as stated",
+        "within one range of the runs",
+        "beyond",
+    ]
+    stated, within = (line.get_ydata() for line in fig.axes[0].get_lines()[:2])
+    assert np.abs(within - stated).max() < 0.1
 
 
 def test_bands_are_told_by_lead_with_the_worst_ship():

@@ -57,6 +57,14 @@ def test_ships_that_diverge_or_do_not_arrive_do_not_pass(container):
     assert "50 % of the ships diverge or do not reach it, which does not count as passing" in first["verdict"]
 
 
+def test_a_probability_is_bounded_by_what_is_known_of_statements_like_it(container):
+    tree = zigzag([12.0, 14.0, 15.0, 15.1, 30.0])
+    tree.attrs["surest"] = 0.98
+    first, second, _ = ps.imo_probabilities(tree, container)
+    assert (first["probability"], second["probability"]) == (0.6, 0.98)
+    assert (second["judgement"], "with probability 0.98." in second["verdict"]) == ("passes", True)
+
+
 def test_the_verdict_says_value_interval_limit_and_probability(container):
     first, _, distance = ps.imo_probabilities(zigzag([10.0, 12.0, 14.0, 16.0]), container)
     assert first["verdict"] == (

@@ -24,7 +24,7 @@ from pymc_ship.vessel.vessel import Vessel
 BEYOND = 0.011
 """Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L]."""
 
-HELD, MADE = 0, 0
+HELD, MADE = 561, 568
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
 and how many there were, on the ships of that population that :data:`BEYOND` was not chosen on."""
 
