@@ -105,7 +105,10 @@ def test_the_command_prints_verdicts_and_writes_the_corrected_trial(tmp_path, ca
 def test_the_command_says_what_a_trial_is_recognised_as_and_what_is_not_modelled(tmp_path, capsys, zigzag):
     programme = ps.rudder_programme(np.arange(0.0, 400.0, 40.0), np.deg2rad([20, -10, 15, -20, 5, 20, 0, -15, 10, -20]))
     other = ps.simulate(ps.load_vessel("container"), programme, duration=400.0, record_interval=0.2)
-    cases = ((other, "It is not recognised as a zigzag or a "), (zigzag, "It is recognised as a zigzag 20/20 port."))
+    cases = (
+        (other, "It is not recognised as a zigzag, a turning circle or a pull out: "),
+        (zigzag, "It is recognised as a zigzag 20/20 port."),
+    )
     for trial, told in cases:
         ps.write_trial(trial, tmp_path / "trial.csv")
         assert main(["check", str(tmp_path / "trial.csv"), "--vessel", "container", "--quiet"]) == 0

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.sea_trials import corrections
 from pymc_ship.sea_trials.conditions import Conditions
 from pymc_ship.sea_trials.corrections import mean_wind
 from tests.sea_trials.cases import CURRENT, WIND, sailed, ship, tanker
@@ -78,6 +79,15 @@ def test_without_a_ship_the_wind_stays_and_no_uncertainty_is_claimed(measured):
     assert np.isnan(row["u_model"])
     assert row["judgement"] == "met as measured"
     assert "Wind is not corrected for: that needs an identified ship." in found.remarks
+
+
+def test_an_index_that_the_model_does_not_reach_claims_no_uncertainty(monkeypatch, day):
+    monkeypatch.setattr(corrections, "_ratios", lambda *given: {"advance": np.full(5, 1.1)})
+    rows = rows_of(ps.sea_trial({"circle": day["circle"]}, tanker(), ship=ship(), rng=1), "circle")
+    assert rows["advance"]["ratio"] == 1.1
+    assert np.isfinite(rows["advance"]["U"])
+    assert rows["transfer"]["ratio"] == 1.0
+    assert np.isnan(rows["transfer"]["U"])
 
 
 def test_without_a_turn_distances_claim_no_uncertainty_but_angles_do():

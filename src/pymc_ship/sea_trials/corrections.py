@@ -107,16 +107,16 @@ def corrected_indices(
     by_current = _by_current(smooth, current, attrs, rng)
     by_model = _ratios(manoeuvre, trial, wind, model)
     limits = {name: limit for name, limit, _, _ in imo_limits(attrs, vessel)}
+    unknown = np.full(1, np.nan)
     rows = []
     for name, index in manoeuvre.traits.indices.items():
         if index.quantity not in ERRING or not np.isfinite(still.get(name, np.nan)):
             continue
         distance = index.quantity == "distance"
         unit = vessel.particulars.L if distance else 1.0
-        ratios = by_model.get(name, np.ones(1) if model.wind else np.full(1, np.nan))
+        ratios = by_model.get(name, unknown if by_model or not model.wind else np.ones(1))
         ratio = float(np.nan_to_num(np.median(ratios), nan=1.0))
         value = still[name] / unit
-        unknown = np.full(1, np.nan)
         rows.append(
             {
                 "index": name,
