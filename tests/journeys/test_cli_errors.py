@@ -1,4 +1,6 @@
 import re
+import resource
+import subprocess
 from dataclasses import replace
 
 import pytest
@@ -6,7 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.regression import identify as identification
-from tests.journeys.cases import ALL_COMMANDS, LONG_WORK, files
+from tests.journeys.cases import ALL_COMMANDS, LONG_WORK, files, program
 from tests.vessel.cases import TERMS, toml
 
 
@@ -228,3 +230,21 @@ def test_errors_of_others_become_one_sentence(made, tmp_path, capsys, monkeypatc
     monkeypatch.setattr(ps, "denoise", denoise)
     assert refused(capsys, "denoise", made / "trial.csv", "--out", tmp_path / "smooth.csv") == sentence
     assert files(tmp_path) == []
+
+
+@pytest.mark.parametrize(("limit", "status"), [(600_000_000, 2), (3_900_000_000, 2), (8_000_000_000, 0)])
+def test_a_limit_on_the_address_space_is_a_sentence_not_an_abort(limit, status, tmp_path):
+    words = program(
+        "simulate", "kvlcc2", "--turn", "35", "--duration", "20", "--quiet", "--out", tmp_path / "trial.csv"
+    )
+    run = subprocess.run(
+        words,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+    )
+    assert run.returncode == status
+    found = f"found a limit of {limit / 1e9:.1f} GB; raise it (ulimit -v)."
+    assert run.stderr == (f"pymc-ship: A run needs an address space of 4 GB, {found}\n" if status else "")
+    assert (tmp_path / "trial.csv").exists() == (status == 0)

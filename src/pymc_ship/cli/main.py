@@ -18,6 +18,9 @@ from contextlib import contextmanager
 from pymc_ship.cli.parser import parser
 from pymc_ship.cli.sentences import sentence
 
+_ADDRESS_SPACE = 4_000_000_000
+"""Address space [bytes] below which the libraries of linear algebra, threads and compilation may abort."""
+
 _MACHINE = {
     "no locator available": "Compiled functions are kept in a folder, found none that can be written; set "
     "NUMBA_CACHE_DIR to one.",
@@ -46,6 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     try:
         args = parser().parse_args(argv)
+        _check_address_space()
         with _interrupts_kept(), _progress(args.quiet) as progress:
             from pymc_ship.cli import commands
 
@@ -73,6 +77,20 @@ def main(argv: Sequence[str] | None = None) -> int:
                 return _fail(said, 2)
         raise
     return _fail(failures[0], 3) if any(failures) else 0
+
+
+def _check_address_space() -> None:
+    """Refuse to run where a limit on the address space would let a library abort in the midst of a run."""
+    try:
+        import resource
+    except ImportError:  # Windows knows no such limit
+        return
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < _ADDRESS_SPACE:
+        raise OSError(
+            f"A run needs an address space of {_ADDRESS_SPACE / 1e9:.0f} GB, found a limit of {limit / 1e9:.1f} GB; "
+            "raise it (ulimit -v)."
+        )
 
 
 def _unloaded(error: Exception) -> int:
