@@ -52,7 +52,10 @@ class TestIdentify:
     def test_an_earlier_report_is_a_prior(self, identified, tmp_path, capsys):
         words = ["identify", CIRCLE, *COMMON, *VESSEL, "--prior", str(identified), "--draws", "40", "--quiet"]
         assert main([*words, "--out", str(tmp_path / "both")]) == 0
-        assert "Earlier runs stand beside the prior" in capsys.readouterr().out
+        text = capsys.readouterr().out
+        assert "Earlier runs stand beside the prior" in text
+        assert "Of the standard manoeuvres least is known of the " in text
+        assert "Tactical diameter of the turning circle of 35 deg: " in (tmp_path / "both" / "index.html").read_text()
         first, both = (ps.load_ship(folder) for folder in (identified, tmp_path / "both"))
         (one,), (other,) = first.said.values(), both.said.values()
         assert len(other.log_density) > len(one.log_density)

@@ -283,7 +283,7 @@ class TestOtherRuns:
         identified(trials(0)[:1], progress=said.append)
         assert said[0].startswith("term sets ")
         assert said[0].endswith(": fits to all of 1 runs and to all but one")
-        assert len(said) == 3
+        assert len(said) == 4
 
 
 class TestErrors:

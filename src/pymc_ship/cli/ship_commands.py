@@ -82,8 +82,8 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
         save_ship(model, folder, made_by=made_by(args))
         write_ship_report(model, trials, checks, paths, folder, **made)
-    text = [term_set_text(model), held_out_text(model), "\n".join(model.remarks), model.judgement["record_remarks"]]
-    return "\n\n".join(filter(None, text)), out / PAGE.file
+    text = [term_set_text(model), held_out_text(model), "\n".join(model.outlook), "\n".join(model.remarks)]
+    return "\n\n".join(filter(None, [*text, model.judgement["record_remarks"]])), out / PAGE.file
 
 
 def _names(paths: Sequence[str]) -> list[str]:

@@ -26,7 +26,7 @@ from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.along import measured_states, sailed_along
 from pymc_ship.ship.candidates import Candidate, Earlier, Training, candidates_of, chosen_prior, cut_runs, default_sets
 from pymc_ship.ship.held_out import index_rows, left_out
-from pymc_ship.ship.soundness import sound
+from pymc_ship.ship.soundness import outlook, sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.windows import LENGTH, normal_draws, thinned
 from pymc_ship.trial.judgement import judgement
@@ -72,6 +72,8 @@ class ShipModel:
     motion : DataArray, dims (row, symbol)
         Prime motion of all runs.
     remarks : tuple of str
+    outlook : tuple of str
+        What she does in hard turns, and which manoeuvre would tell most next.
     judgement : dict of str to str
         Of the records, see :func:`pymc_ship.trial.judgement.judgement`.
     said : dict of str to Earlier
@@ -96,6 +98,7 @@ class ShipModel:
     motion_error: xr.Dataset
     motion: xr.DataArray
     remarks: tuple[str, ...]
+    outlook: tuple[str, ...]
     judgement: dict[str, str]
     said: dict[str, Earlier] = field(default_factory=dict)
     known_rows: list[dict] = field(default_factory=list)
@@ -243,6 +246,8 @@ def identify_ship(
             f"prior sd ({found[0].name})."
         )
     moved = motion_error(_held_out_motion(found, training, rng), vessel)
+    motion = _motion(training, fullest_vessel, before)
+    progress("outlook on standard manoeuvres")
     return ShipModel(
         vessel=training.vessel,
         prior=training.prior,
@@ -253,8 +258,9 @@ def identify_ship(
         index_rows=rows,
         model_error=errors,
         motion_error=moved if moved.sizes["lead"] or not before.said else before.motion_error,
-        motion=_motion(training, fullest_vessel, before),
+        motion=motion,
         remarks=tuple(remarks),
+        outlook=outlook([(c.vessel, c.draws) for c in found if len(c.draws)], motion, errors, rng),
         judgement=judgement(trials, names),
         said={
             c.name: Earlier(tuple(coefficient_names(c.vessel)), c.said, _densities(c, training.earlier)) for c in found

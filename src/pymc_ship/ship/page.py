@@ -264,7 +264,7 @@ def _short(model: ShipModel, rows: Mapping[str, list[dict]]) -> list[str]:
         f"Runs with a doubtful check: {', '.join(worst)}." if worst else "No check of a run is doubtful.",
     ]
     text = f"{100.0 * share:.2g} % ran away and were drawn anew, none of those kept does" if share else "none ran away"
-    return [*found, f"Every draw of the coefficients was tried in six standard manoeuvres; {text}."]
+    return [*found, f"Every draw of the coefficients was tried in six standard manoeuvres; {text}.", *model.outlook]
 
 
 _PRIORS = {

@@ -1,15 +1,19 @@
-"""Whether a model of a ship runs away in the manoeuvres that every ship must be able to run."""
+"""The manoeuvres that every ship must be able to run: whether a model runs away in them, and which tells most next."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.forecasting.forecast import pooled_forecast
+from pymc_ship.forecasting.index_error import index_scale
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.simulation import simulate
+from pymc_ship.motion.stepping import simulation_settings
 from pymc_ship.vessel.vessel import Vessel
 
 FASTEST = 1.15
@@ -20,6 +24,7 @@ TIGHTEST = 0.5
 
 _REACH = 60.0  # L/U, of the manoeuvres
 _STEP = 1.0 / 60.0  # L/U
+_DRAWS = 200  # of a forecast, at most
 
 
 STANDARD = tuple(
@@ -80,6 +85,66 @@ def _faults(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np
         tight = np.abs(ships["r"].values) * L * TIGHTEST > speed
         fast = speed > FASTEST * max(manoeuvre.approach_speed or U, U)
     return fast, tight
+
+
+def outlook(
+    models: Sequence[tuple[Vessel, np.ndarray]],
+    motion: xr.DataArray,
+    errors: Mapping[str, float],
+    rng: np.random.Generator,
+) -> tuple[str, ...]:
+    """Sentences on the turning circle of a ship, and on the standard manoeuvre of which least is known.
+
+    Parameters
+    ----------
+    models : sequence of (Vessel, ndarray of shape (n_draws, n_coefficients))
+    motion, errors
+        Prime motion of her runs and model error of the indices, as :func:`pymc_ship.forecasting.forecast
+        .pooled_forecast` takes them.
+    rng : Generator
+
+    Returns
+    -------
+    tuple of str
+        Empty where no draw reaches an index.
+    """
+    vessel = models[0][0]
+    share = min(_DRAWS / sum(len(rows) for _, rows in models), 1.0)
+    drawn = [(ship, rows[: max(round(share * len(rows)), 1)]) for ship, rows in models]
+    settings = simulation_settings(vessel) | {"ci_prob": 0.95, "rng": rng, "motion": motion, "errors": errors}
+    found = []
+    for manoeuvre in STANDARD:
+        duration = manoeuvre.traits.reach * vessel.particulars.ship_time
+        bands = pooled_forecast(drawn, manoeuvre, duration=duration, **settings)["index_bands"]
+        for name in manoeuvre.traits.scored:
+            quantity = manoeuvre.traits.indices[name].quantity
+            lower, median, upper = bands[name].values.tolist()
+            width = 0.5 * (upper - lower) / index_scale(quantity, median, manoeuvre.heading_deg, vessel)
+            found.append(_Known(manoeuvre, name, (median, lower, upper), width if quantity != "time" else np.nan))
+    circles = [one for one in found if one.index == "tactical_diameter" and np.isfinite(one.values).all()]
+    widest = max((one for one in found if np.isfinite(one.width)), key=lambda one: one.width, default=None)
+    turns = ["{:.2f} L ({:.2f} to {:.2f}) to {}".format(*one.in_lengths(vessel), one.manoeuvre.side) for one in circles]
+    said = [f"Tactical diameter of the turning circle of 35 deg: {', '.join(turns)}."] if turns else []
+    if widest is not None:
+        said.append(
+            f"Of the standard manoeuvres least is known of the {widest.manoeuvre.label}, whose "
+            f"{widest.index.replace('_', ' ')} has the widest interval, ± {100.0 * widest.width:.2g} % of the ship's "
+            f"{'length' if widest.manoeuvre.traits.circles else 'swing'}: as the next run it would tell most."
+        )
+    return tuple(said)
+
+
+class _Known(NamedTuple):
+    """An index of a standard manoeuvre: median and ends of its interval, half its width in L or in the swing."""
+
+    manoeuvre: Manoeuvre
+    index: str
+    values: tuple[float, float, float]
+    width: float
+
+    def in_lengths(self, vessel: Vessel) -> list[float]:
+        """Median and ends of a distance [L]."""
+        return [value / vessel.particulars.L for value in self.values]
 
 
 @dataclass(frozen=True)
