@@ -10,6 +10,7 @@ import pymc_ship as ps
 from pymc_ship.sea_trials import corrections
 from pymc_ship.sea_trials.conditions import Conditions
 from pymc_ship.sea_trials.corrections import mean_wind
+from pymc_ship.trial.record import OVER_GROUND
 from tests.sea_trials.cases import CURRENT, WIND, sailed, ship, tanker
 
 CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
@@ -145,6 +146,55 @@ def test_the_wind_is_that_of_the_record_or_else_as_noted():
     speed, come = mean_wind(sailed(ZIGZAG, 60), noted)
     assert (speed, come) == (pytest.approx(WIND[0]), pytest.approx(WIND[1]))
     assert mean_wind(xr.Dataset(), Conditions()) is None
+
+
+def turned(run, course):
+    """The same run on another course, wind and current turned with it."""
+    track = (run["x"].values + 1j * run["y"].values) * np.exp(1j * course)
+    channels = {"x": track.real, "y": track.imag, "psi": run["psi"].values + course}
+    channels["wind_direction"] = run["wind_direction"].values + course
+    return run.assign({name: ("time", values) for name, values in channels.items()})
+
+
+def test_the_course_of_a_run_does_not_matter(day):
+    course = np.deg2rad(130.0)
+    runs = {"circle": day["circle"], "turned": turned(day["circle"], course)}
+    found = ps.sea_trial(runs, tanker(), ship=ship(), rng=1)
+    plain, other = (rows_of(found, run) for run in runs)
+    for name in ("advance", "tactical_diameter", "transfer"):
+        assert other[name]["ratio"] == pytest.approx(plain[name]["ratio"], rel=1e-6)
+        assert other[name]["corrected"] == pytest.approx(plain[name]["corrected"], rel=2e-3)
+    flows = [found.currents[run].velocity @ (1.0, 1j) for run in runs]
+    assert flows[1] == pytest.approx(flows[0] * np.exp(1j * course), abs=0.01)
+
+
+def test_velocities_over_ground_lose_the_current_and_others_keep_theirs():
+    run = sailed(ZIGZAG, 200, wind=None)
+    velocity = np.array([0.3, -0.2])
+    ground = run.assign(
+        {name: run[name] + part for name, part in zip("uv", body(velocity, run["psi"].values), strict=True)}
+    )
+    marked = ground.assign_attrs(speeds=OVER_GROUND)
+    for name in "uv":
+        np.testing.assert_allclose(corrections.without_current(marked, velocity)[name], run[name], atol=1e-12)
+        np.testing.assert_array_equal(corrections.without_current(ground, velocity)[name], ground[name])
+
+
+def body(velocity, psi):
+    flow = (velocity[0] + 1j * velocity[1]) * np.exp(-1j * psi)
+    return flow.real, flow.imag
+
+
+def test_circles_that_differ_leave_a_run_without_one_their_scatter():
+    runs = {
+        "east": sailed(CIRCLE, 2400, wind=None, current=(0.3, 90.0)),
+        "more": sailed(ps.turning_circle(35, side="starboard"), 2400, wind=None, current=(0.5, 90.0)),
+        "zigzag": sailed(ZIGZAG, 900, wind=None),
+    }
+    found = ps.sea_trial(runs, tanker(), rng=1).currents
+    assert found["zigzag"].velocity[1] == pytest.approx(0.4, abs=0.01)
+    assert found["zigzag"].sd[1] == pytest.approx(0.2 / np.sqrt(2.0), abs=0.01)
+    assert found["east"].sd[1] < 0.02
 
 
 def test_the_current_is_that_of_the_day(day):
