@@ -195,3 +195,4 @@ def test_the_page_of_the_population_bears_the_bound_out():
     beyond = next(line for line in shown.splitlines() if line.startswith("| one range beyond or more |"))
     share = float(beyond.split("|")[-2].split(" ± ")[0])
     assert abs(share - 100.0 * HELD / MADE) < 0.5
+    assert f"Of {MADE} statements of 99 % on indices beyond the motion of the runs {HELD} held." in shown

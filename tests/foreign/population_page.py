@@ -121,17 +121,18 @@ def reliability_rows(rows: Sequence[Row]) -> list[list[str]]:
     found = []
     for head, key in (("within one range", False), ("one range beyond or more", True), ("all", None)):
         mine = [row for row in rows if key is None or (row.beyond >= 1.0) == key]
-        line = [head, str(2 * len(mine))]
-        for stated in STATED:
-            held = {
-                number: np.mean([[row.pit <= stated, row.pit >= 1.0 - stated] for row in mine if row.number == number])
-                for number in {row.number for row in mine}
-            }
-            error = np.std(list(held.values()), ddof=1) / math.sqrt(len(held)) if len(held) > 1 else math.nan
-            share = np.mean([[row.pit <= stated, row.pit >= 1.0 - stated] for row in mine]) if mine else math.nan
-            line.append(f"{100 * share:.1f} ± {100 * error:.1f}")
-        found.append(line)
+        if mine:
+            held = _by_ship(mine, STATED)
+            error = held.std(axis=0, ddof=1) / math.sqrt(len(held)) if len(held) > 1 else np.full(len(STATED), math.nan)
+            shares = zip(100 * _held(mine, STATED), 100 * error, strict=True)
+            found.append([head, str(2 * len(mine)), *(f"{share:.1f} ± {off:.1f}" for share, off in shares)])
     return found
+
+
+def borne_out(rows: Sequence[Row]) -> tuple[int, int]:
+    """Statements of 99 % on indices beyond the motion of the runs: those that held, and all."""
+    beyond = [row for row in rows if row.beyond > 0.0]
+    return sum((row.pit <= 0.99) + (row.pit >= 0.01) for row in beyond), 2 * len(beyond)
 
 
 @styled
@@ -142,9 +143,8 @@ def reliability_figure(rows: Sequence[Row]) -> Figure:
     ax.plot(stated, stated, color=REFERENCE, ls="--", lw=0.9, label="as stated")
     for label, colour, key in (("within one range of the runs", BLUE, False), ("beyond", RUST, True)):
         mine = [row for row in rows if (row.beyond >= 1.0) == key]
-        ships = sorted({row.number for row in mine})
-        held = np.array([_held([row.pit for row in mine if row.number == number], stated) for number in ships])
-        mean, error = held.mean(axis=0), held.std(axis=0, ddof=1) / math.sqrt(len(ships))
+        held = _by_ship(mine, stated)
+        mean, error = held.mean(axis=0), held.std(axis=0, ddof=1) / math.sqrt(len(held))
         ax.plot(stated, mean, color=colour, label=label)
         ax.fill_between(stated, mean - error, np.minimum(mean + error, 1.0), color=colour, alpha=0.2, lw=0.0)
     ax.set_xlabel("probability stated")
@@ -153,10 +153,16 @@ def reliability_figure(rows: Sequence[Row]) -> Figure:
     return fig
 
 
-def _held(pit: Sequence[float], stated: np.ndarray) -> np.ndarray:
+def _held(rows: Sequence[Row], stated: Sequence[float]) -> np.ndarray:
     """Share of the statements to both sides that held, by probability."""
-    pit = np.asarray(pit)[:, None]
+    pit, stated = np.array([[row.pit] for row in rows]), np.asarray(stated)
     return 0.5 * (np.mean(pit <= stated, axis=0) + np.mean(pit >= 1.0 - stated, axis=0))
+
+
+def _by_ship(rows: Sequence[Row], stated: Sequence[float]) -> np.ndarray:
+    """The same of each ship, shape (n_ships, n_stated)."""
+    ships = sorted({row.number for row in rows})
+    return np.array([_held([row for row in rows if row.number == number], stated) for number in ships])
 
 
 def band_rows(bands: Sequence[Bands]) -> list[list[str]]:
@@ -207,5 +213,8 @@ def page(rows: Sequence[Row], bands: Sequence[Bands], refusals: Mapping[int, str
             parts += [table(stated, reliability_rows(mine))]
             parts += [_RESTARTED]
             parts += [table(lead, band_rows(held))]
+    held, made = borne_out([row for row in rows if row.number >= CHOSEN_ON])
+    if made:
+        parts += [f"Of {made} statements of 99 % on indices beyond the motion of the runs {held} held."]
     parts += [f"Ship {number} was refused: {text}" for number, text in refusals.items()]
     return "\n\n".join(parts) + "\n"

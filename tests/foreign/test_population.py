@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -15,6 +17,7 @@ from tests.foreign.population_page import (
     Bands,
     Row,
     band_rows,
+    borne_out,
     coverage_rows,
     fitted_beyond,
     page,
@@ -127,6 +130,14 @@ def test_the_figure_has_a_line_within_and_one_beyond():
     ]
     stated, within = (line.get_ydata() for line in fig.axes[0].get_lines()[:2])
     assert np.abs(within - stated).max() < 0.1
+
+
+def test_sure_statements_beyond_the_runs_are_counted():
+    rows = rows_of(BEYOND, 400)
+    held, made = borne_out(rows)
+    assert made == 800
+    assert abs(held / made - 0.99) < 4.0 * np.sqrt(0.99 * 0.01 / made)
+    assert borne_out([replace(row, beyond=0.0) for row in rows]) == (0, 0)
 
 
 def test_bands_are_told_by_lead_with_the_worst_ship():

@@ -77,6 +77,12 @@ def _rows(held: xr.DataTree, names: Sequence[str], lacks: str, draws: int, rng: 
     return sample.sel(coefficient=names).transpose("sample", "coefficient").values[chosen]
 
 
+def thinned_draws(models: Sequence[tuple[Vessel, np.ndarray]], draws: int) -> list[tuple[Vessel, np.ndarray]]:
+    """Models with so many rows of draws at most, each its share of them and one at least."""
+    share = min(draws / sum(len(rows) for _, rows in models), 1.0)
+    return [(vessel, rows[: max(round(share * len(rows)), 1)]) for vessel, rows in models]
+
+
 def fitted_motion(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> xr.DataArray | None:
     """Prime motion that posteriors were fitted to, dims (row, symbol).
 

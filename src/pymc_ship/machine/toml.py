@@ -93,6 +93,11 @@ class Entry:
         return f"{self.key}.{key}" if self.key else key
 
 
+def toml_table(source: str | Path | Mapping, what: str, error: type[ValueError]) -> Entry:
+    """A table as it is given, or that of a TOML file; ``what`` it is called, with "file" behind it where it is one."""
+    return Entry(source, what, error) if isinstance(source, Mapping) else toml_file(source, f"{what} file", error)
+
+
 def toml_file(path: str | Path, what: str, error: type[ValueError]) -> Entry:
     """Table of a TOML file; ``error`` with one sentence, begun by ``what`` the file is, where it cannot be read."""
     try:

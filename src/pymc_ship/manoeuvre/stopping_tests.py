@@ -8,6 +8,9 @@ import xarray as xr
 from pymc_ship.manoeuvre.events import Record
 from pymc_ship.manoeuvre.measured import smoothed
 
+LABEL = "stopping test"
+"""What a run is called in which a ship is stopped."""
+
 LIMIT, LARGE = 15.0, 20.0
 """Track reach [L] that IMO MSC.137(76) allows, and where a large displacement makes that impracticable."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pymc_ship.machine.toml import Entry, toml_file
+from pymc_ship.machine.toml import Entry, toml_table
 from pymc_ship.vessel.vessel import Vessel
 
 SHALLOWEST = 4.0
@@ -37,6 +37,9 @@ TEXTS = (
     "engine_type",
 )
 """Texts of the form in appendix 6 of the circular that no record and no vessel file holds."""
+
+NOT_STATED = "not stated"
+"""What stands where nothing was noted."""
 
 _BEAUFORT = (0.3, 1.6, 3.4, 5.5, 8.0, 10.8, 13.9, 17.2, 20.8, 24.5, 28.5, 32.7)  # m/s, least of each number from 1
 _KEYS = {
@@ -106,9 +109,7 @@ def load_conditions(source: str | Path | Mapping | None) -> Conditions:
     """
     if source is None:
         return Conditions()
-    if isinstance(source, Mapping):
-        return _conditions(Entry(source, "The conditions", SeaTrialError))
-    return _conditions(toml_file(source, "The conditions file", SeaTrialError))
+    return _conditions(toml_table(source, "The conditions", SeaTrialError))
 
 
 def _conditions(file: Entry) -> Conditions:
@@ -195,5 +196,5 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
 def _row(condition: str, found: str, limit: str, value: float, met: bool) -> dict:
     """Row of a condition; a value of NaN is one that was not stated."""
     known = np.isfinite(value)
-    judgement = ("met" if met else "not met") if known else "not stated"
-    return {"condition": condition, "found": found if known else "not stated", "limit": limit, "judgement": judgement}
+    judgement = ("met" if met else "not met") if known else NOT_STATED
+    return {"condition": condition, "found": found if known else NOT_STATED, "limit": limit, "judgement": judgement}

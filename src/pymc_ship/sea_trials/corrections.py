@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.denoising.draws import denoise_draws
+from pymc_ship.forecasting.draws import thinned_draws
 from pymc_ship.manoeuvre.criteria import imo_limits
 from pymc_ship.manoeuvre.helm import base_course
 from pymc_ship.manoeuvre.indices import indices
@@ -164,7 +165,7 @@ def less_wind(
     course = float(base_course(trial))
     lasts = _LONGER * float(trial["time"].values[-1] - trial["time"].values[0])
     drifts = []
-    for vessel, rows in _shares(model, _DRIFTS):
+    for vessel, rows in thinned_draws(model.models, _DRIFTS):
         settings = simulation_settings(vessel) | {"duration": lasts, "wind": _from_bow(wind, course)}
         ships = simulate(vessel, manoeuvre, coefficients=rows, **settings)
         ships = ships.isel(draw=~ships["diverged"].values)
@@ -179,12 +180,6 @@ def less_wind(
 def _from_bow(wind: tuple[float, float], course: float) -> tuple[float, float]:
     """Wind as a simulated ship meets it, whose first course is 0; the course is in rad, directions are in deg."""
     return wind[0], wind[1] - float(np.rad2deg(course))
-
-
-def _shares(model: Model, draws: int) -> list[tuple[Vessel, np.ndarray]]:
-    """Models with so many draws at most, each its share of them."""
-    share = min(draws / sum(len(rows) for _, rows in model.models), 1.0)
-    return [(vessel, rows[: max(round(len(rows) * share), 1)]) for vessel, rows in model.models]
 
 
 def _by_record(trial: xr.Dataset, flow: np.ndarray, attrs: Mapping, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -222,7 +217,7 @@ def _ratios(
         return {}
     around = None if wind is None else _from_bow(wind, base_course(trial))
     found: dict[str, list[np.ndarray]] = {}
-    for vessel, rows in _shares(model, DRAWS):
+    for vessel, rows in thinned_draws(model.models, DRAWS):
         full = (vessel, rows) if model.loaded is None else at_loading(vessel, rows, model.tried, model.loaded)
         both = []
         for ship, draws, blowing in ((*full, None), (vessel, rows, around)):

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pymc_ship.manoeuvre.stopping_tests import LARGE, LIMIT
-from pymc_ship.sea_trials.conditions import DRAUGHT, Conditions, beaufort
+from pymc_ship.manoeuvre.stopping_tests import LABEL, LARGE, LIMIT
+from pymc_ship.sea_trials.conditions import DRAUGHT, NOT_STATED, Conditions, beaufort
 from pymc_ship.vessel.vessel import Vessel
 
 LINES = (
@@ -17,15 +17,12 @@ LINES = (
     ("zigzag 10/10, second overshoot angle", "zigzag 10/10", "second_overshoot_angle"),
     ("zigzag 20/20, first overshoot angle", "zigzag 20/20", "first_overshoot_angle"),
     ("initial turning, distance to turn 10 deg with 10 deg rudder", "zigzag 10/10", "initial_turning_distance"),
-    ("stopping, track reach", "stopping test", "track_reach"),
+    ("stopping, track reach", LABEL, "track_reach"),
 )
 """Lines of the manoeuvring data: the item, the manoeuvre and the index it is of."""
 
 SIDES = ("port", "starboard")
 """Columns of the manoeuvring data."""
-
-STATED = "not stated"
-"""What stands in a cell that nothing is known for."""
 
 
 def ship_rows(vessel: Vessel, loaded: Vessel | None, conditions: Conditions, wind: float) -> list[dict]:
@@ -50,24 +47,24 @@ def ship_rows(vessel: Vessel, loaded: Vessel | None, conditions: Conditions, win
     trim = conditions.aft - conditions.fore
     draught = conditions.draught(vessel)
     values = {
-        "administration": form.get("administration", STATED),
-        "reference": form.get("reference", STATED),
-        "date": form.get("date", STATED),
-        "place": form.get("place", STATED),
-        "ship type": form.get("ship_type", STATED),
+        "administration": form.get("administration", NOT_STATED),
+        "reference": form.get("reference", NOT_STATED),
+        "date": form.get("date", NOT_STATED),
+        "place": form.get("place", NOT_STATED),
+        "ship type": form.get("ship_type", NOT_STATED),
         "L/V": _stated(s.ship_time, ".1f", " s"),
         "L/B": _stated(s.L / s.B, ".2f"),
         "B/T": _stated(s.B / d, ".2f"),
         "C_B": _stated(s.volume / (s.L * s.B * d), ".3f"),
-        "rudder type": form.get("rudder_type", STATED),
+        "rudder type": form.get("rudder_type", NOT_STATED),
         "total rudder area over L T": _stated(100.0 * area, ".2f", " %"),
-        "number of rudders": form.get("number_of_rudders", STATED),
-        "propeller type": form.get("propeller_type", STATED),
-        "number of propellers": form.get("number_of_propellers", STATED),
-        "engine type": form.get("engine_type", STATED),
+        "number of rudders": form.get("number_of_rudders", NOT_STATED),
+        "propeller type": form.get("propeller_type", NOT_STATED),
+        "number of propellers": form.get("number_of_propellers", NOT_STATED),
+        "engine type": form.get("engine_type", NOT_STATED),
         "trim": _stated(trim, ".2f", " m by the stern"),
         "water depth over trial draught": _stated(conditions.water_depth / draught, ".1f"),
-        "wind": f"Beaufort {beaufort(wind)}" if np.isfinite(wind) else STATED,
+        "wind": f"Beaufort {beaufort(wind)}" if np.isfinite(wind) else NOT_STATED,
         "sea state": _stated(conditions.sea_state, ".0f"),
         "loading condition": _loading(draught, conditions.full_load, corrected=loaded is not None),
     }
@@ -75,14 +72,14 @@ def ship_rows(vessel: Vessel, loaded: Vessel | None, conditions: Conditions, win
 
 
 def _stated(value: float, form: str, unit: str = "") -> str:
-    return f"{value:{form}}{unit}" if np.isfinite(value) else STATED
+    return f"{value:{form}}{unit}" if np.isfinite(value) else NOT_STATED
 
 
 def _loading(draught: float, full: float, *, corrected: bool) -> str:
     if corrected:
         return "tested at partial load and corrected"
     if not np.isfinite(draught / full):
-        return STATED
+        return NOT_STATED
     return "tested at full load" if abs(draught / full - 1.0) <= DRAUGHT else "tested at partial load, not corrected"
 
 
@@ -135,7 +132,7 @@ def _cell(row: Mapping) -> str:
 
 
 def _criterion(manoeuvre: str, rows: Sequence[Mapping]) -> str:
-    if manoeuvre == "stopping test":
+    if manoeuvre == LABEL:
         return f"{LIMIT:g} to {LARGE:g} L"
     return f"{rows[0]['limit']:.3g} {rows[0]['units']}" if rows else ""
 

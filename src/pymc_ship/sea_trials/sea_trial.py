@@ -14,7 +14,7 @@ from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.manoeuvre.stopping_tests import INDICES as STOPPING
-from pymc_ship.manoeuvre.stopping_tests import LIMIT, measured_stopping
+from pymc_ship.manoeuvre.stopping_tests import LABEL, LIMIT, measured_stopping
 from pymc_ship.sea_trials.conditions import SeaTrialError, condition_rows, load_conditions
 from pymc_ship.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
 from pymc_ship.sea_trials.current import DriftCurrent, drift_current
@@ -24,9 +24,6 @@ from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.trial.record import TrialError, facility_of, trial_list
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
-
-STOPPING_TEST = "stopping test"
-"""Label of a run in which she is stopped."""
 
 
 @dataclass(frozen=True)
@@ -234,7 +231,7 @@ def _stopping_rows(stop: Mapping[str, float], L: float) -> list[dict]:
     rows = []
     for name, units in STOPPING.items():
         value = stop[name] / (L if units == "m" else 1.0)
-        row = {"manoeuvre": STOPPING_TEST, "side": "", "index": name, "units": "L" if units == "m" else units}
+        row = {"manoeuvre": LABEL, "side": "", "index": name, "units": "L" if units == "m" else units}
         row |= dict.fromkeys(("raw", "less_current", "corrected"), value) | {"ratio": 1.0}
         row |= {"limit": LIMIT if name == "track_reach" and np.isfinite(value) else np.nan}
         rows.append(row | dict.fromkeys(PARTS, np.full(1, np.nan)))

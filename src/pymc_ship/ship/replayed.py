@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.forecasting.draws import thinned_draws
 from pymc_ship.forecasting.forecast import BANDS, quantile_bands
 from pymc_ship.forecasting.index_error import index_sd
 from pymc_ship.forecasting.motion_error import with_motion_error
@@ -301,9 +302,7 @@ def _models(ship, draws: int) -> list[tuple[Vessel, np.ndarray]]:
     if not isinstance(ship, ShipModel | IdentifiedShip):
         vessel = as_vessel(ship)
         return [(vessel, reference_coefficients(vessel)[None])]
-    total = sum(len(rows) for _, rows in ship.models)
-    share = min(draws / total, 1.0)
-    return [(vessel, rows[: max(round(share * len(rows)), 1)]) for vessel, rows in ship.models]
+    return thinned_draws(ship.models, draws)
 
 
 def _first_vessel(ship) -> Vessel:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from pymc_ship.forecasting.draws import thinned_draws
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.forecasting.index_error import index_scale
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
@@ -109,8 +110,7 @@ def outlook(
         Empty where no draw reaches an index.
     """
     vessel = models[0][0]
-    share = min(_DRAWS / sum(len(rows) for _, rows in models), 1.0)
-    drawn = [(ship, rows[: max(round(share * len(rows)), 1)]) for ship, rows in models]
+    drawn = thinned_draws(models, _DRAWS)
     settings = simulation_settings(vessel) | {"ci_prob": 0.95, "rng": rng, "motion": motion, "errors": errors}
     found = []
     for manoeuvre in STANDARD:

@@ -14,7 +14,7 @@ import numpy as np
 from pymc_ship.motion.sensitivities import sensitivities
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.trajectory.runs import Run, whiten
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, places_of_run
 
 CHANGE = 1e-4
 """The fit has converged when the next step promises to lower the negative log posterior by less."""
@@ -68,9 +68,7 @@ class Problem:
     @property
     def of_run(self) -> np.ndarray:
         """Places among the coefficients of those that every trial has its own of."""
-        first = self.n_coefficients - len(self.vessel.parameters)
-        own = [first + k for k, parameter in enumerate(self.vessel.parameters) if parameter.of_run]
-        return np.array(own if self.sailed else [], dtype=int)
+        return np.array(places_of_run(self.vessel) if self.sailed else [], dtype=int)
 
     @property
     def n_shared(self) -> int:

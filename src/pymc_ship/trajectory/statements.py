@@ -12,6 +12,7 @@ import numpy as np
 
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement
 from pymc_ship.trajectory.windows import WindowFit
+from pymc_ship.vessel.vessel import places_of_run
 
 _SHARES = 101  # of the prior sd that are tried
 _TOLD = 1e-9  # of the largest eigenvalue, from which windows tell of a direction
@@ -36,10 +37,8 @@ def said_by_windows(fit: WindowFit, prior: CoefficientPrior, inflation: float = 
     scale, stated = prior.scale, prior.stated
     known = np.diag(scale**-2.0) + stated.rows.T @ stated.rows
     pull = (fit.coefficients - prior.mean) / scale**2 - stated.rows.T @ stated.misfit(fit.coefficients)
-    first = fit.coefficients.size - len(fit.vessel.parameters)
-    own = [first + k for k, parameter in enumerate(fit.vessel.parameters) if parameter.of_run]
     free = np.ones(scale.size)
-    free[own] = 0.0
+    free[places_of_run(fit.vessel)] = 0.0
     unit = scale * free
     windows = unit[:, None] * (fit.information - known) * unit
     values, vectors = np.linalg.eigh(0.5 * (windows + windows.T))

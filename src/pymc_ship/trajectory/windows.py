@@ -36,7 +36,7 @@ from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.channels import CHANNELS, sensors
 from pymc_ship.trial.record import TrialError, sampling_interval
 from pymc_ship.vessel.parts import HELD
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, places_of_run
 
 LENGTH = 5.0
 """Length of a window in L/U_nom, which is about the ship lengths it covers."""
@@ -349,9 +349,8 @@ def with_constants(windows: Sequence[Window], fit: WindowFit) -> np.ndarray:
     ndarray, shape (n_coefficients,)
         Those of the fit where the vessel has no such constants, or none are found.
     """
-    first = fit.coefficients.size - len(fit.vessel.parameters)
-    own = np.array([first + k for k, parameter in enumerate(fit.vessel.parameters) if parameter.of_run], dtype=int)
-    if not own.size:
+    own = places_of_run(fit.vessel)
+    if not own:
         return fit.coefficients
     scale = np.full(fit.coefficients.size, HELD)
     scale[own] = [parameter.sd for parameter in fit.vessel.parameters if parameter.of_run]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pymc_ship.machine.toml import Entry, toml_file
+from pymc_ship.machine.toml import Entry, toml_table
 from pymc_ship.trial.channels import CHANNELS, readable
 from pymc_ship.trial.record import TrialError
 
@@ -97,9 +97,7 @@ def load_format(source: str | Path | Mapping | None) -> TrialFormat:
     """
     if source is None:
         return TrialFormat()
-    if isinstance(source, Mapping):
-        return _format(Entry(source, "The format", TrialError))
-    return _format(toml_file(source, "The format file", TrialError))
+    return _format(toml_table(source, "The format", TrialError))
 
 
 def _format(file: Entry) -> TrialFormat:

@@ -239,6 +239,12 @@ def reference_coefficients(vessel: Vessel) -> np.ndarray:
     return np.concatenate([*rows, [parameter.value for parameter in vessel.parameters]])
 
 
+def places_of_run(vessel: Vessel) -> list[int]:
+    """Places among the coefficients of the parameters that every run has its own of."""
+    first = sum(len(force) for force in vessel.forces.values())
+    return [first + k for k, parameter in enumerate(vessel.parameters) if parameter.of_run]
+
+
 def fullest(vessels: Iterable[Vessel]) -> Vessel:
     """Vessel with the most degrees of freedom, the first of several."""
     return max(vessels, key=lambda vessel: len(vessel.dofs))
