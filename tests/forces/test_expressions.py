@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pymc_ship.forces.expressions import Tape, arctan2, cos, exp, ramp, root, sin, step
-from pymc_ship.forces.programs import run, set_parameters, sweep
+from pymc_ship.forces.programs import ADD, DIVIDE, MULTIPLY, MULTIPLY_ADD, run, set_parameters, sweep
 
-INPUTS, PARAMETERS, LANES = ("u", "v"), ("a", "b"), 7
+INPUTS, PARAMETERS, LANES = ("u", "v"), ("a", "b"), (1, 7)
 
 FORMULAE = {
     "polynomial": (
@@ -16,6 +16,10 @@ FORMULAE = {
         lambda u, v, a, b: a * u**2 * v - b * v**3 + 2 * u,
     ),
     "quotient": (lambda u, v, a, b: (1.0 - a) / u - v / (b * b), lambda u, v, a, b: (1 - a) / u - v / b**2),
+    "sums of products": (
+        lambda u, v, a, b: (a * u - b * (u * v)) - (v * v - u * v) + (a - u) / b,
+        lambda u, v, a, b: a * u - b * u * v - v**2 + u * v + (a - u) / b,
+    ),
     "root": (lambda u, v, a, b: a * root(u * u + v * v), lambda u, v, a, b: a * np.hypot(u, v)),
     "waves": (lambda u, v, a, b: sin(a * u) * cos(v - b), lambda u, v, a, b: np.sin(a * u) * np.cos(v - b)),
     "decay": (lambda u, v, a, b: exp(-2.0 * abs(v)) * b, lambda u, v, a, b: np.exp(-2 * abs(v)) * b),
@@ -27,11 +31,11 @@ FORMULAE = {
 }
 
 
-def at(seed=0):
+def at(seed=0, lanes=7):
     """Inputs and parameters away from the kinks, (4, n_lanes)."""
     rng = np.random.default_rng(seed)
-    values = rng.uniform(0.3, 1.5, (4, LANES))
-    values[1] *= rng.choice((-1.0, 1.0), LANES)
+    values = rng.uniform(0.3, 1.5, (4, lanes))
+    values[1] *= rng.choice((-1.0, 1.0), lanes)
     return values
 
 
@@ -44,13 +48,39 @@ def evaluated(program, values):
     return work
 
 
+@pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", FORMULAE)
-def test_a_program_has_the_value_of_its_formula(name):
+def test_a_program_has_the_value_of_its_formula(name, lanes):
     formula, numpy = FORMULAE[name]
-    tape, values = Tape(INPUTS, PARAMETERS), at()
+    tape, values = Tape(INPUTS, PARAMETERS), at(lanes=lanes)
     program = tape.program([formula(*tape.inputs.values(), *tape.parameters.values())])
     work = evaluated(program, values)
     np.testing.assert_allclose(work[program.results[0]], numpy(*values), rtol=1e-14, atol=1e-15)
+
+
+def of_lanes(formula, u, v):
+    """Values of a formula of two inputs, one lane for each pair."""
+    tape = Tape(INPUTS, PARAMETERS)
+    program = tape.program([formula(*tape.inputs.values())])
+    return evaluated(program, np.array([u, v, np.zeros(len(u)), np.zeros(len(u))]))[program.results[0]]
+
+
+def test_a_power_of_e_is_good_to_two_ulp_and_stays_finite():
+    x = np.concatenate([np.linspace(-707.0, 707.0, 100001), np.linspace(-1e-3, 1e-3, 1001), [0.0, -1e-300]])
+    true = np.exp(x)
+    assert np.max(np.abs(of_lanes(lambda u, v: exp(u), x, x) - true) / np.spacing(true)) <= 2.0
+    beyond = of_lanes(lambda u, v: exp(u), [-1e300, 1e300, -np.inf, np.inf, np.nan], np.zeros(5))
+    np.testing.assert_allclose(beyond, np.exp([-708.0, 708.0, -708.0, 708.0, np.nan]), rtol=1e-15)
+
+
+def test_the_angle_of_a_direction_is_good_to_three_ulp_in_every_quadrant():
+    rng = np.random.default_rng(5)
+    scale = 10.0 ** rng.uniform(-12, 12, 100000)
+    u, v = rng.normal(size=100000), rng.normal(size=100000) * scale
+    true = np.arctan2(v, u)
+    assert np.max(np.abs(of_lanes(lambda u, v: arctan2(v, u), u, v) - true) / np.spacing(np.abs(true))) <= 3.0
+    u, v = (side.ravel() for side in np.meshgrid([-2.0, 0.0, 2.0], [-2.0, -0.0, 0.0, 2.0]))
+    np.testing.assert_allclose(of_lanes(lambda u, v: arctan2(v, u), u, v), np.arctan2(v, u), rtol=3e-16)
 
 
 @pytest.mark.parametrize("name", FORMULAE)
@@ -103,9 +133,32 @@ def test_operations_of_one_kind_stand_together_and_operands_come_first():
     u, v = tape.inputs.values()
     program = tape.program([(u + 1.0) * (v + 2.0) + (u + 3.0) * (v + 4.0) + u / v])
     first = program.n_rows - program.operation.size
-    for k, (a, b) in enumerate(zip(program.left, program.right, strict=True)):
-        assert max(a, b) < first + k
+    for k, operands in enumerate(zip(program.left, program.right, program.added, strict=True)):
+        assert max(operands) < first + k
     kinds = [kind for kind, _, _ in program.segments]
     assert len(kinds) < program.operation.size
     covered = [k for _, begin, end in program.segments for k in range(begin, end)]
     assert covered == list(range(program.operation.size))
+
+
+def moving(program):
+    """Operations that are carried out at every instant."""
+    return program.operation[program.n_static :].tolist()
+
+
+def test_a_product_that_one_sum_needs_is_formed_with_it():
+    tape = Tape(INPUTS, PARAMETERS)
+    u, v = tape.inputs.values()
+    a, _ = tape.parameters.values()
+    assert moving(tape.program([u * v + a])) == [MULTIPLY_ADD]
+    assert moving(tape.program([v - a * u])) == [MULTIPLY_ADD]
+    product = u * v
+    assert sorted(moving(tape.program([product + a, product]))) == [ADD, MULTIPLY]
+
+
+def test_what_a_parameter_divides_is_multiplied_by_its_reciprocal():
+    tape = Tape(INPUTS, PARAMETERS)
+    u, v = tape.inputs.values()
+    a, b = tape.parameters.values()
+    assert moving(tape.program([u / a, v / a, u / (a + b)])) == [MULTIPLY] * 3
+    assert DIVIDE in moving(tape.program([u / v]))

@@ -8,7 +8,8 @@ needs no compilation.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -20,12 +21,14 @@ from pymc_ship.forces.programs import (
     DIVIDE,
     EXPONENTIAL,
     MULTIPLY,
+    MULTIPLY_ADD,
     RAMP,
     ROOT,
     SINE,
     STEP,
     SUBTRACT,
     Program,
+    stretch_of,
 )
 
 _VALUES = {
@@ -135,6 +138,7 @@ class Tape:
     def __init__(self, inputs: Sequence[str], parameters: Sequence[str]) -> None:
         self._known: dict[tuple, int] = {}
         self._nodes: list[tuple] = []
+        self._moves: list[bool] = []
         self.inputs = {name: Expression(self, self._node(("input", name))) for name in inputs}
         self.parameters = {name: Expression(self, self._node(("parameter", name))) for name in parameters}
 
@@ -152,6 +156,12 @@ class Tape:
         neutral = {ADD: 0.0, SUBTRACT: 0.0, MULTIPLY: 1.0, DIVIDE: 1.0}
         if values[1] is not None and values[1] == neutral.get(operation):
             return Expression(self, a)
+        if operation == DIVIDE and self._moves[a] and not self._moves[b]:
+            return self.noted(MULTIPLY, Expression(self, a), self.noted(DIVIDE, 1.0, Expression(self, b)))
+        if operation == SUBTRACT and self._nodes[b][0] == MULTIPLY:
+            still, moving = sorted(self._nodes[b][1:], key=self._moves.__getitem__)
+            if not self._moves[still]:
+                return Expression(self, a) + -Expression(self, still) * Expression(self, moving)
         if operation in _COMMUTE and a > b:
             a, b = b, a
         return Expression(self, self._node((operation, a, a if unary else b)))
@@ -167,6 +177,8 @@ class Tape:
         if key not in self._known:
             self._known[key] = len(self._nodes)
             self._nodes.append(key)
+            made = not isinstance(key[0], str)
+            self._moves.append(any(self._moves[node] for node in key[1:]) if made else key[0] == "input")
         return self._known[key]
 
     def program(self, results: Sequence[Expression | float]) -> Program:
@@ -174,32 +186,25 @@ class Tape:
         wanted = [self._operand(result) for result in results]
         reached = [self._reached([node]) for node in wanted]
         every = sorted(set().union(*reached))
-        is_static: dict[int, bool] = {}
-        for node in every:
-            kind = self._nodes[node][0]
-            is_static[node] = (
-                kind != "input"
-                if isinstance(kind, str)
-                else all(is_static[operand] for operand in self._nodes[node][1:])
-            )
-        constants = [node for node in every if self._nodes[node][0] == "constant"]
-        made = [node for node in every if not isinstance(self._nodes[node][0], str)]
-        static = [node for node in made if is_static[node]]
-        moving = [node for node in made if not is_static[node]]
-        made = self._grouped(static) + self._grouped(moving)
+        lowered = self._lowered([node for node in every if not isinstance(self._nodes[node][0], str)], wanted)
+        static, moving = ([node for node in lowered if self._moves[node] == moves] for moves in (False, True))
+        made = _grouped({node: lowered[node] for node in static}) + _grouped({node: lowered[node] for node in moving})
+        operands = {operand for operation in lowered.values() for operand in operation[1:]}
+        constants = [node for node in sorted({*operands, *wanted}) if self._nodes[node][0] == "constant"]
         leaves = [expression.node for expression in (*self.inputs.values(), *self.parameters.values())]
         row = {node: k for k, node in enumerate((*leaves, *constants, *made))}
         needed = np.zeros((len(wanted), len(made)), dtype=bool)
         for result, mine in enumerate(reached):
             needed[result] = [node in mine for node in made]
-        operations = np.array([self._nodes[node][0] for node in made], dtype=np.int64)
-        left, right = (
-            np.array([row[self._nodes[node][side]] for node in made], dtype=np.int64).reshape(-1) for side in (1, 2)
+        operations = np.array([lowered[node][0] for node in made], dtype=np.int64)
+        left, right, added = (
+            np.array([row[lowered[node][side]] for node in made], dtype=np.uint32).reshape(-1) for side in (1, 2, 3)
         )
         return Program(
             operation=operations,
             left=left,
             right=right,
+            added=added,
             constants=np.array([self._nodes[node][1] for node in constants], dtype=float),
             results=np.array([row[node] for node in wanted], dtype=np.int64),
             needed=needed,
@@ -209,25 +214,25 @@ class Tape:
             segments=_segments(operations, len(static)),
         )
 
-    def _grouped(self, nodes: Sequence[int]) -> list[int]:
-        """Nodes in an order in which operands come first and operations of one kind stand together."""
-        waiting, found = list(nodes), []
-        inside, done = set(nodes), set()
+    def _lowered(self, nodes: Sequence[int], wanted: Sequence[int]) -> dict[int, tuple[int, int, int, int]]:
+        """Operation, left, right and added node of each operation; sums and products are all left * right + added.
 
-        def ready(node: int) -> bool:
-            return all(operand in done or operand not in inside for operand in self._nodes[node][1:])
-
-        while waiting:
-            kinds = [self._nodes[node][0] for node in waiting if ready(node)]
-            kind = max(dict.fromkeys(kinds), key=kinds.count)
-            rest = []
-            for node in waiting:
-                if self._nodes[node][0] == kind and ready(node):
-                    found.append(node)
-                    done.add(node)
-                else:
-                    rest.append(node)
-            waiting = rest
+        A product that one sum alone needs is formed with that sum.
+        """
+        zero, one, minus_one = (self.constant(value).node for value in (0.0, 1.0, -1.0))
+        uses = Counter([*wanted, *(operand for node in nodes for operand in self._nodes[node][1:])])
+        found: dict[int, tuple[int, int, int, int]] = {}
+        for node in nodes:
+            kind, a, b = self._nodes[node]
+            if kind == ADD:
+                found[node] = (ADD, a, one, b)
+                for product, other in ((a, b), (b, a)):
+                    alike = uses[product] == 1 and self._moves[product] == self._moves[node]
+                    if alike and found.get(product, (None,))[0] == MULTIPLY:
+                        found[node] = (MULTIPLY_ADD, *found.pop(product)[1:3], other)
+                        break
+            else:
+                found[node] = (kind, b, minus_one, a) if kind == SUBTRACT else (kind, a, b, zero)
         return found
 
     def _reached(self, begin: Sequence[int]) -> set[int]:
@@ -241,9 +246,31 @@ class Tape:
         return found
 
 
+def _grouped(operations: Mapping[int, tuple[int, int, int, int]]) -> list[int]:
+    """Nodes in an order in which operands come first and operations of one kind stand together.
+
+    Those that can be formed at the same time come before those that need them, so that no operation waits for the one
+    before it.
+    """
+    waiting, found, done = list(operations), [], set()
+
+    def ready(node: int) -> bool:
+        return all(operand in done or operand not in operations for operand in operations[node][1:])
+
+    while waiting:
+        kinds = [stretch_of(operations[node][0]) for node in waiting if ready(node)]
+        kind = max(dict.fromkeys(kinds), key=kinds.count)
+        taken = [node for node in waiting if stretch_of(operations[node][0]) == kind and ready(node)]
+        found += taken
+        done.update(taken)
+        waiting = [node for node in waiting if node not in done]
+    return found
+
+
 def _segments(operations: np.ndarray, n_static: int) -> np.ndarray:
     """Kind, begin and end of stretches of one kind; the static operations end one."""
-    cuts = [0, *(k for k in range(1, operations.size) if operations[k] != operations[k - 1] or k == n_static)]
-    ends = [*cuts[1:], operations.size]
-    rows = [(operations[begin], begin, end) for begin, end in zip(cuts, ends, strict=True) if end > begin]
+    kinds = [stretch_of(operation) for operation in operations.tolist()]
+    cuts = [0, *(k for k in range(1, len(kinds)) if kinds[k] != kinds[k - 1] or k == n_static)]
+    ends = [*cuts[1:], len(kinds)]
+    rows = [(kinds[begin], begin, end) for begin, end in zip(cuts, ends, strict=True) if end > begin]
     return np.array(rows, dtype=np.int64).reshape(-1, 3)

@@ -55,15 +55,16 @@ def _ahead(ship: Ship) -> tuple[Parameter, ...]:
 def _hull_ahead(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
     u, v, r = motion.u, motion.v, motion.r
     U = speed(u, v)
+    per_U = 1.0 / U
     vv, vr, rr = v * v, v * r, r * r
 
     def side(linear_v: str, linear_r: str, cubes: tuple[str, ...]) -> Expression:
         cubic = v * (p[cubes[0]] * vv + p[cubes[1]] * vr + p[cubes[2]] * rr) + p[cubes[3]] * r * rr
-        return U * (p[linear_v] * v + p[linear_r] * r) + cubic / U
+        return U * (p[linear_v] * v + p[linear_r] * r) + cubic * per_U
 
     Y = side("Yv", "Yr", ("Yvvv", "Yvvr", "Yvrr", "Yrrr"))
     N = side("Nv", "Nr", ("Nvvv", "Nvvr", "Nvrr", "Nrrr"))
-    X = p["Xvv"] * vv + p["Xvr"] * vr + p["Xrr"] * rr + p["Xvvvv"] * vv * vv / (U * U) - p["R0"] * U * U
+    X = p["Xvv"] * vv + p["Xvr"] * vr + p["Xrr"] * rr + p["Xvvvv"] * (vv * per_U) * (vv * per_U) - p["R0"] * U * U
     shared["Y_hull"] = Y
     return Force(X, Y, N)
 
