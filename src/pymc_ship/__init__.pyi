@@ -38,6 +38,8 @@ from pymc_ship.manoeuvre.indices import indices as indices
 from pymc_ship.manoeuvre.kinds import ManoeuvreError as ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise as recognise
 from pymc_ship.manoeuvre.standard import Manoeuvre as Manoeuvre
+from pymc_ship.manoeuvre.standard import direct_spiral as direct_spiral
+from pymc_ship.manoeuvre.standard import pull_out as pull_out
 from pymc_ship.manoeuvre.standard import rudder_programme as rudder_programme
 from pymc_ship.manoeuvre.standard import turning_circle as turning_circle
 from pymc_ship.manoeuvre.standard import zigzag as zigzag

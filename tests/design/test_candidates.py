@@ -18,8 +18,12 @@ def test_candidates_are_manoeuvres_that_can_be_ordered_at_sea(container):
     assert candidates != ps.candidate_trials(container, duration=100.0, rng=rng(2))
     assert {one.approach_speed for one in candidates.values()} == {None, 6.35}
     programmes = [one for one in candidates.values() if one.kind == "rudder_programme"]
-    assert len(programmes) == 3
+    spiral = candidates["direct spiral 15/5"]
+    assert len(programmes) == 4
+    assert spiral == ps.direct_spiral(15, 5, hold=8.0)
     for one in programmes:
+        if one == spiral:
+            continue
         angles = np.rad2deg(one.delta)
         np.testing.assert_allclose(angles, np.round(angles), atol=1e-9)
         assert np.abs(angles).max() <= 35.0 + 1e-9

@@ -7,7 +7,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.standard import Manoeuvre, rudder_programme, turning_circle, zigzag
+from pymc_ship.manoeuvre.standard import (
+    Manoeuvre,
+    direct_spiral,
+    pull_out,
+    rudder_programme,
+    turning_circle,
+    zigzag,
+)
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 _JUMP = 0.1  # s, from one angle to the next; the rudder follows at its own rate
@@ -21,7 +28,7 @@ def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) 
     vessel : Vessel, str or Path
         Its nominal speed, and half of it, are the approach speeds.
     duration : float, optional
-        Of the rudder programmes [s].
+        Of the rudder programmes [s]; a spiral holds each of its 13 angles for about a thirteenth.
     rng : int, SeedSequence or Generator
         Draws the programmes: angles of up to 35 deg held for 8 to 30 s, and 20 deg to either side held for multiples
         of 10 s, in whole degrees and seconds.
@@ -36,7 +43,7 @@ def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) 
     >>> import pymc_ship as ps
     >>> candidates = ps.candidate_trials(ps.load_vessel("kvlcc2"), rng=np.random.default_rng(1))
     >>> candidates["zigzag 35/20 port"].heading_deg, len(candidates)
-    (20.0, 9)
+    (20.0, 11)
     """
     rng = random_generator(rng)
     vessel = as_vessel(vessel)
@@ -45,12 +52,16 @@ def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) 
         *(zigzag(*angles) for angles in ((35, 35), (35, 20), (20, 20), (10, 10))),
         zigzag(20, 20, approach_speed=half),
         turning_circle(35),
+        pull_out(20, 90),
     ]
+    largest, step = 15, 5
+    spiral = direct_spiral(largest, step, hold=float(round(duration / (4 * largest // step + 1))))
     steps, binary = (lambda: (rng.integers(8, 31), rng.integers(-35, 36))), (lambda: (10, 20 * rng.choice((-1, 1))))
     return {
         "random steps 35": _programme(steps, duration, None),
         f"random steps 35 from {half:g} m/s": _programme(steps, duration, half),
         "random binary 20": _programme(binary, duration, None),
+        f"direct spiral {largest}/{step}": spiral,
     } | labelled_trials(manoeuvres)
 
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymc_ship.manoeuvre.criteria import shown_probability
@@ -117,20 +118,26 @@ def spiral_sentence(turns: xr.Dataset) -> str:
 @styled
 def spiral_curve(turns: xr.Dataset, *, ci_prob: float = 0.95) -> Figure:
     """Rate of turn against rudder angle: the steady turns of the median ship, and the band of rudders at each rate."""
-    tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
-    kept = np.isfinite(turns["delta"].values).mean(axis=0) > ci_prob
-    lower, median, upper = np.nanquantile(turns["delta"].values[:, kept], tails, axis=0)
-    rate = np.nanmedian(turns["r"].values[:, kept], axis=0)
     fig, axes = subplots(5.6, 4.4)
-    ax = axes[0, 0]
-    ax.fill_betweenx(rate, lower, upper, color=BLUE, alpha=0.25, lw=0, label=f"{100.0 * ci_prob:g} % band")
-    ax.plot(median, rate, color=BLUE, label="median")
+    draw_curve(axes[0, 0], turns, ci_prob)
+    axes[0, 0].legend(loc="upper right")
+    return fig
+
+
+def draw_curve(ax: Axes, turns: xr.Dataset | None, ci_prob: float) -> None:
+    """Draw the curve and its band, where steady turns are known, on the axes of a spiral test."""
     ax.axhline(0.0, color=REFERENCE, lw=0.6)
     ax.axvline(0.0, color=REFERENCE, lw=0.6)
     ax.set_xlabel("rudder δ [deg], positive to port")
     ax.set_ylabel("steady yaw rate r [deg/s], positive to starboard")
-    ax.legend(loc="upper right")
-    return fig
+    if turns is None:
+        return
+    tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
+    kept = np.isfinite(turns["delta"].values).mean(axis=0) > ci_prob
+    lower, median, upper = np.nanquantile(turns["delta"].values[:, kept], tails, axis=0)
+    rate = np.nanmedian(turns["r"].values[:, kept], axis=0)
+    ax.fill_betweenx(rate, lower, upper, color=BLUE, alpha=0.25, lw=0, label=f"{100.0 * ci_prob:g} % band")
+    ax.plot(median, rate, color=BLUE, label="median")
 
 
 def _loop(delta: np.ndarray, r: np.ndarray, middle: int) -> tuple[float, float, float]:

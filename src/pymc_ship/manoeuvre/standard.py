@@ -14,6 +14,7 @@ from pymc_ship.manoeuvre.kinds import SIDES, ManoeuvreError, ManoeuvreKind
 from pymc_ship.manoeuvre.registry import KINDS, kind_named
 
 _TWO_ROUNDS = 720.0  # deg of heading
+_STEP = 0.1  # s, in which the order goes from one angle to the next; the rudder follows at its own rate
 
 
 @dataclass(frozen=True)
@@ -192,6 +193,68 @@ def turning_circle(rudder_deg: float = 35.0, *, side: str = "port", approach_spe
     'starboard'
     """
     return standard_manoeuvre("turning_circle", rudder_deg, side=side, approach_speed=approach_speed)
+
+
+def pull_out(
+    rudder_deg: float = 20.0, heading_deg: float = 90.0, *, side: str = "port", approach_speed: float | None = None
+) -> Manoeuvre:
+    """Pull-out: a turn with constant rudder, which is put amidships at a change of heading of heading_deg.
+
+    Parameters and errors as :func:`zigzag`; heading_deg up to 720 deg.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> ps.pull_out(20, 90).label
+    'pull out 20/90 port'
+    """
+    return standard_manoeuvre("pull_out", rudder_deg, heading_deg, side=side, approach_speed=approach_speed)
+
+
+def direct_spiral(
+    rudder_deg: float = 15.0, step_deg: float = 5.0, *, hold: float, approach_speed: float | None = None
+) -> Manoeuvre:
+    """Direct spiral: rudder angles from rudder_deg on one side to the other and back, each held until a turn is steady.
+
+    Parameters
+    ----------
+    rudder_deg, step_deg : float
+        Largest angle and the step to the next one [deg].
+    hold : float
+        Time at each angle [s]; 10 L/U lets most ships turn steadily.
+    approach_speed : float, optional
+        [m/s]; the vessel's nominal speed by default.
+
+    Returns
+    -------
+    Manoeuvre
+        A rudder programme, whose last time is its duration.
+
+    Raises
+    ------
+    ManoeuvreError
+        For an angle or a time that is not positive, or a step that does not divide the largest angle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> spiral = ps.direct_spiral(15, 5, hold=400)
+    >>> print(np.rad2deg(spiral.delta[::2]).round(), spiral.time[-1])
+    [ 15.  10.   5.   0.  -5. -10. -15. -10.  -5.   0.   5.  10.  15.] 5200.0
+    """
+    _check("port", approach_speed, rudder_deg=rudder_deg, step_deg=step_deg)
+    steps = round(rudder_deg / step_deg)
+    if not (_STEP < hold < np.inf and abs(steps * step_deg - rudder_deg) < 1e-9 * rudder_deg):
+        raise ManoeuvreError(
+            "A direct spiral holds each angle for some time and goes on in steps that divide the largest, found "
+            f"{rudder_deg:g} deg in steps of {step_deg:g} deg held for {hold:g} s; correct it."
+        )
+    there = np.linspace(rudder_deg, -rudder_deg, 2 * steps + 1)
+    angles = np.deg2rad(np.append(there, there[-2::-1]))
+    begin = hold * np.arange(angles.size)
+    time = np.column_stack([begin + _STEP * (begin > 0.0), begin + hold]).ravel()
+    return rudder_programme(time, np.repeat(angles, 2), approach_speed=approach_speed)
 
 
 def rudder_programme(

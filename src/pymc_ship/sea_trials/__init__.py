@@ -5,8 +5,9 @@
 - `loading`: the draws of an identified ship at another draught.
 - `corrections`: current, wind and loading taken off measured indices.
 - `uncertainty`: the uncertainty of the result and what it leaves of a criterion.
+- `spiral_test`: the spiral test in a record, and its loop.
 - `form`: the circular's form, line by line.
 - `sea_trial`: a trial's runs, conditions and corrected indices.
-- `figures`: tracks of circles with and without the current, headings of zigzags.
+- `figures`: tracks of circles with and without the current, headings of zigzags, turns of spirals.
 - `page`: the report.
 """

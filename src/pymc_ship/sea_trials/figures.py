@@ -1,13 +1,15 @@
-"""Figures of a sea trial: tracks of turning circles with and without the current, headings of zigzags."""
+"""Figures of a sea trial: tracks of turning circles, headings of zigzags, steady turns of spiral tests."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pymc_ship.forecasting.steady_turns import draw_curve
 from pymc_ship.manoeuvre.measured import aligned, smoothed
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, styled, subplots
 from pymc_ship.sea_trials.corrections import without_current
@@ -55,6 +57,18 @@ def swings(trials: Mapping[str, xr.Dataset], switching: Mapping[str, float]) -> 
         ax.set_xlabel("time [s]")
         ax.set_ylabel("angle [deg]")
     _legend(fig, axes)
+    return fig
+
+
+@styled
+def spirals(measured: Mapping[str, xr.Dataset], turns: xr.Dataset | None) -> Figure:
+    """Steady rates of spiral tests against the rudder angle, joined as they were sailed, and those of a known ship."""
+    fig, axes = subplots(8.0, 4.4)
+    ax = axes[0, 0]
+    draw_curve(ax, turns, 0.95)
+    for (name, sailed), colour in zip(measured.items(), cycle((RUST, REFERENCE)), strict=False):
+        ax.plot(sailed["delta"], sailed["r"], "o-", ms=4, lw=0.7, color=colour, label=f"{name}, as sailed")
+    ax.legend(loc="upper right")
     return fig
 
 

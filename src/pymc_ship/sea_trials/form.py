@@ -8,6 +8,7 @@ import numpy as np
 
 from pymc_ship.manoeuvre.stopping_tests import LABEL, LARGE, LIMIT
 from pymc_ship.sea_trials.conditions import DRAUGHT, NOT_STATED, Conditions, beaufort
+from pymc_ship.sea_trials.spiral_test import LABEL as SPIRAL
 from pymc_ship.vessel.vessel import Vessel
 
 LINES = (
@@ -20,6 +21,9 @@ LINES = (
     ("stopping, track reach", LABEL, "track_reach"),
 )
 """Lines of the manoeuvring data: the item, the manoeuvre and the index it is of."""
+
+ADDITIONAL = (("spiral, width of the loop", SPIRAL, "loop_width"),)
+"""Lines that stand only where the manoeuvre was sailed: the circular recommends it for a ship that is unstable."""
 
 SIDES = ("port", "starboard")
 """Columns of the manoeuvring data."""
@@ -98,8 +102,10 @@ def form_rows(rows: Sequence[Mapping]) -> list[dict]:
         ``item``, ``port``, ``starboard``, ``criterion`` and ``judgement``, that of the less favourable side.
     """
     found = []
-    for item, manoeuvre, index in LINES:
+    for item, manoeuvre, index in (*LINES, *ADDITIONAL):
         sailed = [row for row in rows if row["manoeuvre"].startswith(manoeuvre)]
+        if not sailed and (item, manoeuvre, index) in ADDITIONAL:
+            continue
         shown = {side: _shown([row for row in sailed if row["side"] in (side, "")], index) for side in SIDES}
         mine = [row for row in sailed if row["index"] == index]
         found.append(

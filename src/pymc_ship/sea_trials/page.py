@@ -10,7 +10,7 @@ import numpy as np
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.sea_trials.current import DriftCurrent
-from pymc_ship.sea_trials.figures import circles, swings
+from pymc_ship.sea_trials.figures import circles, spirals, swings
 from pymc_ship.sea_trials.sea_trial import SeaTrial
 
 PAGE = Page(
@@ -95,6 +95,8 @@ def trial_report(found: SeaTrial, out: str | Path, *, command: str = "pymc_ship.
     if swinging:
         switching = {name: found.manoeuvres[name].heading_deg for name in swinging}
         figures["sea_trial_zigzags"] = swings(swinging, switching)
+    if found.spirals:
+        figures["sea_trial_spirals"] = spirals(found.spirals, found.turns)
     rows = {"sea_trial_indices": found.indices, "sea_trial_form": [*found.ship_data, *found.form]}
     rows |= {"sea_trial_conditions": found.conditions, "sea_trial_currents": flows}
     return write_page(PAGE, out, Content(content, figures, rows, sources=SOURCES))

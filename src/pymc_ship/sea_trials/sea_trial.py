@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.surroundings import WIND
+from pymc_ship.forecasting.steady_turns import largest_loop, steady_turns
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
@@ -19,6 +20,7 @@ from pymc_ship.sea_trials.conditions import SeaTrialError, condition_rows, load_
 from pymc_ship.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
 from pymc_ship.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.sea_trials.form import form_rows, ship_rows
+from pymc_ship.sea_trials.spiral_test import measured_spiral, spiral_rows
 from pymc_ship.sea_trials.uncertainty import PARTS, stated
 from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.trial.record import TrialError, facility_of, trial_list
@@ -41,7 +43,7 @@ class SeaTrial:
     indices : list of dict
         Rows of :func:`pymc_ship.sea_trials.corrections.corrected_indices` with their uncertainty, see
         :func:`pymc_ship.sea_trials.uncertainty.stated`, and ``run``, ``manoeuvre`` and ``side``; those of stopping
-        tests are as measured, their side is empty.
+        and spiral tests are as measured, their side is empty.
     currents : dict of str to DriftCurrent
         By which each run was corrected; runs without one are left out.
     winds : dict of str to (float, float)
@@ -50,6 +52,10 @@ class SeaTrial:
         See :func:`pymc_ship.sea_trials.conditions.condition_rows`.
     ship_data, form : list of dict
         See :func:`pymc_ship.sea_trials.form.ship_rows` and :func:`pymc_ship.sea_trials.form.form_rows`.
+    spirals : dict of str to Dataset
+        Steady turns of each spiral test, see :func:`pymc_ship.sea_trials.spiral_test.measured_spiral`.
+    turns : Dataset or None
+        Steady turns of the identified ship beside them, see :func:`pymc_ship.steady_turns`.
     remarks : tuple of str
         What was left out or not corrected, and why.
     """
@@ -63,6 +69,8 @@ class SeaTrial:
     conditions: list[dict]
     ship_data: list[dict]
     form: list[dict]
+    spirals: dict[str, xr.Dataset]
+    turns: xr.Dataset | None
     remarks: tuple[str, ...]
 
 
@@ -81,8 +89,8 @@ def sea_trial(
     Parameters
     ----------
     trials : mapping of str to Dataset, or sequence of Dataset
-        Checked and corrected records of one day, by name: zigzags, turning circles and stopping tests. The current is
-        that of the circles that turn 630 deg or more; a run that is none takes the mean of theirs.
+        Checked and corrected records of one day, by name: zigzags, turning circles, pull-outs, stopping and spiral
+        tests. The current is that of the circles that turn 630 deg or more; other runs take the mean of theirs.
     vessel : Vessel, str or Path
         As she was tried.
     conditions : str, Path or mapping, optional
@@ -132,9 +140,12 @@ def sea_trial(
     manoeuvres = {name: one for name, one in zip(named, recognised, strict=True) if one is not None}
     stops = {name: measured_stopping(trial) for name, trial in named.items() if name not in manoeuvres}
     stops = {name: found for name, found in stops.items() if found}
-    if not manoeuvres and not stops:
+    unit = vessel.particulars.ship_time
+    others = [name for name in named if name not in manoeuvres and name not in stops]
+    spirals = {name: turns for name in others if (turns := measured_spiral(named[name], unit)) is not None}
+    if not manoeuvres and not stops and not spirals:
         raise SeaTrialError(f"No run is of a standard manoeuvre. {unrecognised(next(iter(named.values())))}")
-    lost = [name for name in named if name not in manoeuvres and name not in stops]
+    lost = [name for name in others if name not in spirals]
     remarks = [f"{name} is left out. {unrecognised(named[name])}" for name in lost]
     winds = {name: wind for name in named if (wind := mean_wind(named[name], noted)) is not None}
     model, said = _model(ship, vessel, loaded, blowing=bool(winds))
@@ -151,6 +162,8 @@ def sea_trial(
         rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in found]
     for name, stop in stops.items():
         rows += [{"run": name} | row for row in _stopping_rows(stop, vessel.particulars.L)]
+    for name, turns in spirals.items():
+        rows += [{"run": name} | row for row in spiral_rows(turns, largest_loop(unit))]
     rows = stated(rows, rng)
     speeds = {name: manoeuvre.approach_speed or np.nan for name, manoeuvre in manoeuvres.items()}
     windiest = max((speed for speed, _ in winds.values()), default=np.nan)
@@ -164,6 +177,8 @@ def sea_trial(
         conditions=condition_rows(noted, vessel, wind=windiest, speeds=speeds),
         ship_data=ship_rows(vessel, loaded, noted, windiest),
         form=form_rows(rows),
+        spirals=spirals,
+        turns=steady_turns(ship.models) if spirals and ship is not None else None,
         remarks=(*remarks, *said, *more),
     )
 
