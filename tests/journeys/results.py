@@ -12,9 +12,9 @@ from pymc_ship.experiments.store import opened
 from pymc_ship.forecasting.motion_error import motion_error
 from pymc_ship.manoeuvre.recognition import Steering
 from pymc_ship.regression.tree import read_posterior, write_posterior
-from pymc_ship.ship.candidates import Earlier
 from pymc_ship.ship.files import load_ship, save_ship
 from pymc_ship.trajectory.prior import Statement
+from pymc_ship.trajectory.statements import Earlier
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.experiments.folders import run
 
@@ -55,7 +55,12 @@ def write_ship(vessel, out):
         "motion_error": motion_error([], vessel),
         "facilities": {"": Steering(2.3, 1.0, 4)},
         "judgement": {},
-        "said": {c.name: Earlier(tuple(names), Statement(np.eye(values.size), values), np.ones(2)) for c in candidates},
+        "said": {
+            c.name: Earlier(
+                tuple(names), Statement(np.eye(values.size), values), np.ones(2), values, np.ones(values.size)
+            )
+            for c in candidates
+        },
         "known_rows": [{"kind": "angle", "measured": 1.0}],
         "held_tests": False,
     }

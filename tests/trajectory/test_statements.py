@@ -7,7 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement
-from pymc_ship.trajectory.statements import joined, loosened, said_by_windows
+from pymc_ship.trajectory.statements import Earlier, joined, loosened, said_by_windows
 from pymc_ship.trajectory.windows import WindowFit
 
 RNG = np.random.default_rng(4)
@@ -74,6 +74,42 @@ def test_a_statement_is_loosened_as_far_as_coefficients_have_moved(shift, low, h
     moved = shift * np.random.default_rng(2).standard_normal(n)
     prior = CoefficientPrior(np.zeros(n), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), "stated")
     statement = Statement(100.0 * np.eye(n), np.zeros(n))
-    found, share = loosened(statement, prior, moved, 1e-4 * np.eye(n))
+    found, (share,) = loosened(statement, prior, moved, 1e-4 * np.eye(n))
     assert low <= share <= high
     assert np.linalg.norm(found.rows) <= np.linalg.norm(statement.rows) * (1.0 + 1e-12)
+
+
+def test_coefficients_of_a_facility_have_a_share_of_their_own():
+    """Five of forty have moved by their prior sd; one share for all, the broken twin, lets the others go, too."""
+    n, own = 40, [3, 7, 11, 20, 33]
+    moved = np.zeros(n)
+    moved[own] = (1.0, -1.2, 0.9, -0.8, 1.1)
+    prior = CoefficientPrior(np.zeros(n), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), "stated")
+    statement = Statement(100.0 * np.eye(n), np.zeros(n))
+    found, (shared, apart) = loosened(statement, prior, moved, 1e-4 * np.eye(n), own)
+    assert shared == 0.0
+    assert 0.7 < apart <= 1.0
+    sizes = np.linalg.norm(found.rows, axis=0)
+    others = np.setdiff1d(np.arange(n), own)
+    assert sizes[own].max() < 2.0
+    np.testing.assert_allclose(sizes[others], 100.0)
+    alike, (share,) = loosened(statement, prior, moved, 1e-4 * np.eye(n))
+    assert share > 0.2
+    assert np.linalg.norm(alike.rows, axis=0).max() < 10.0
+
+
+def test_at_another_draught_a_ship_is_as_far_from_what_is_typical():
+    rng = np.random.default_rng(7)
+    names, n = ("Yv", "Nr", "R0", "gone"), 4
+    mean, scale = rng.normal(size=n), rng.uniform(0.5, 2.0, n)
+    here = Earlier(names, Statement(rng.normal(size=(6, n)), rng.normal(size=6)), np.zeros(2), mean, scale)
+    other = CoefficientPrior(
+        rng.normal(size=3), rng.uniform(0.5, 2.0, 3), np.ones(3), np.zeros(3, dtype=bool), "stated"
+    )
+    there = here.at_loading(names[:3], other)
+    away = rng.normal(size=n)
+    moved = np.append(other.mean + other.scale * away[:3], mean[3] + scale[3] * away[3])
+    np.testing.assert_allclose(there.statement.misfit(moved), here.statement.misfit(mean + scale * away))
+    again = there.at_loading(names, CoefficientPrior(mean, scale, np.ones(n), np.zeros(n, dtype=bool), "stated"))
+    np.testing.assert_allclose(again.statement.rows, here.statement.rows)
+    np.testing.assert_allclose(again.statement.values, here.statement.values)

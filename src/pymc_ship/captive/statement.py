@@ -192,7 +192,7 @@ def shared_with_trials(
     coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
         Of the ship by her trials and the prior alone.
     """
-    statement, share = loosened(fit.statement, prior, coefficients, covariance)
+    statement, (share,) = loosened(fit.statement, prior, coefficients, covariance)
     return replace(fit, statement=statement, apart=share)
 
 

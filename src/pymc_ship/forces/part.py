@@ -91,7 +91,8 @@ class Ship(NamedTuple):
 class Parameter:
     """A parameter of a part: what is known of it before a trial.
 
-    ``unit`` is "prime" or what the number stands for; ``of_run`` says that every run has its own.
+    ``unit`` is "prime" or what the number stands for; ``of_run`` says that every run has its own, ``of_facility`` that
+    it may be another one where the same ship is tried elsewhere: revolutions, wake, asymmetry of propeller and rudder.
     """
 
     name: str
@@ -100,6 +101,7 @@ class Parameter:
     source: str
     unit: str = "prime"
     of_run: bool = False
+    of_facility: bool = False
 
 
 class Motion(NamedTuple):

@@ -25,7 +25,7 @@ from pymc_ship.ship.held_out import HeldOut, held_out
 from pymc_ship.ship.soundness import Failure, first_failure, sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
-from pymc_ship.trajectory.statements import joined, loosened, said_by_windows
+from pymc_ship.trajectory.statements import Earlier, joined, loosened, said_by_windows
 from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, normal_draws, prepared_windows, widened
 from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
 from pymc_ship.vessel.hull_database import with_hull_database, with_typical_rudder
@@ -38,7 +38,7 @@ from pymc_ship.vessel.term_sets import (
     term_sets,
     with_terms,
 )
-from pymc_ship.vessel.vessel import Vessel, coefficient_names
+from pymc_ship.vessel.vessel import Vessel, coefficient_names, places_of_facility
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
@@ -65,8 +65,8 @@ class Candidate:
     ``fit`` is to all runs, widened by the factor ``inflation`` from how far each run moves it, and so
     are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
     of the normal law that do not run away, ``share_unsound`` of all drawn did. ``prior`` is that of the
-    windows, ``captive`` what captive tests say beside it, ``apart`` the share of the prior sd by which coefficients
-    differ from those of earlier runs, NaN without any.
+    windows, ``captive`` what captive tests say beside it, ``apart`` the shares of the prior sd by which coefficients
+    differ from those of earlier runs, see :func:`pymc_ship.trajectory.statements.loosened`; empty without any.
     """
 
     name: str
@@ -78,12 +78,22 @@ class Candidate:
     draws: np.ndarray
     share_unsound: float
     captive: CaptiveFit | None = None
-    apart: float = np.nan
+    apart: tuple[float, ...] = ()
 
     @property
     def said(self) -> Statement:
         """All that data have said of these coefficients: the windows of the runs, and what stood beside the prior."""
         return joined([self.prior.statement, said_by_windows(self.fit, self.prior, self.inflation)])
+
+    def densities(self, earlier: Mapping[str, Earlier]) -> np.ndarray:
+        """Log predictive density of every run so far, (n_runs,)."""
+        old = [earlier[self.name].log_density] if self.name in earlier else []
+        return np.concatenate([*old, self.held_out.log_density])
+
+    def told(self, earlier: Mapping[str, Earlier]) -> Earlier:
+        """What all runs so far have said, for runs to come."""
+        names, prior = tuple(coefficient_names(self.vessel)), self.prior
+        return Earlier(names, self.said, self.densities(earlier), prior.mean, prior.scale)
 
     @property
     def vessel(self) -> Vessel:
@@ -92,42 +102,12 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Earlier:
-    """What earlier runs have said of a term set.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of its coefficients.
-    statement : Statement
-        Of them, beside the prior.
-    log_density : ndarray, shape (n_runs,)
-        Log predictive density of each of these runs, held out.
-    """
-
-    names: tuple[str, ...]
-    statement: Statement
-    log_density: np.ndarray
-
-    def of(self, vessel: Vessel) -> Statement:
-        """Statement of the coefficients of a vessel with this term set; PriorError where it lacks one that was told."""
-        mine = coefficient_names(vessel)
-        lacking = [name for k, name in enumerate(self.names) if name not in mine and self.statement.rows[:, k].any()]
-        if lacking:
-            raise PriorError(
-                f"What earlier runs said of {', '.join(lacking)} has no place in {vessel.name!r}; state the "
-                "vessel file of these runs."
-            )
-        rows = np.zeros((len(self.statement.rows), len(mine)))
-        for k, name in enumerate(self.names):
-            if name in mine:
-                rows[:, mine.index(name)] = self.statement.rows[:, k]
-        return Statement(rows, self.statement.values)
-
-
-@dataclass(frozen=True)
 class Training:
-    """Thinned trials and what was recognised of them; ``earlier`` is what earlier runs said, by term set."""
+    """Thinned trials and what was recognised of them.
+
+    ``earlier`` is what earlier runs said, by term set; ``elsewhere`` that they were at other facilities, ``reloaded``
+    that they were at another draught.
+    """
 
     trials: list[xr.Dataset]
     manoeuvres: list[Manoeuvre | None]
@@ -136,6 +116,23 @@ class Training:
     prior: str
     captive: xr.Dataset | None = None
     earlier: Mapping[str, Earlier] = field(default_factory=dict)
+    elsewhere: bool = False
+    reloaded: bool = False
+
+
+def beside_earlier(best: Candidate, training: Training) -> str:
+    """Sentence on how far the best term set differs from what earlier runs said of it."""
+    shared, *own = best.apart
+    said = f"Earlier runs stand beside the prior. Each coefficient differs from theirs by {shared:.2g} of its prior sd"
+    if own:
+        parameters = [best.vessel.parameters[k] for k in places_of_facility(best.vessel)]
+        names = ", ".join(parameter.name for parameter in parameters)
+        said += f", those that may belong to the facility ({names}) by {own[0]:.2g}"
+    loading = (
+        " They were sailed at another draught: a ship of parts is taken to be as many prior sd from what is typical as "
+        "there, and terms of a polynomial know no draught."
+    )
+    return f"{said} ({best.name}).{loading * training.reloaded}"
 
 
 def chosen_prior(vessel: Vessel, kind: str | None) -> str:
@@ -261,11 +258,14 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         if training.captive is not None:
             tests = fit_captive(training.captive, vessel, prior)
             tests = shared_with_trials(tests, prior, whole.coefficients, whole.covariance)
-        before, apart = None, np.nan
+        before, apart = None, ()
         if name in training.earlier:
-            before = training.earlier[name].of(vessel)
+            earlier = training.earlier[name]
+            if training.reloaded and vessel.modular:
+                earlier = earlier.at_loading(coefficient_names(vessel), prior)
             known = np.linalg.inv(whole.information)  # the scatter of a few windows would claim to know too much
-            before, apart = loosened(before, prior, whole.coefficients, known)
+            own = places_of_facility(vessel) if training.elsewhere else ()
+            before, apart = loosened(earlier.of(vessel), prior, whole.coefficients, known, own)
         beside = joined([before, tests.statement if tests else None])
         if beside is not None:
             prior = replace(prior, statement=beside)

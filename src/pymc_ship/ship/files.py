@@ -20,11 +20,12 @@ from pymc_ship.manoeuvre.recognition import Steering, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.motion.stepping import SimulationError, simulation_settings
 from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
-from pymc_ship.ship.candidates import Candidate, Earlier
+from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import Statement
+from pymc_ship.trajectory.statements import Earlier
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.reading import load_vessel
 from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names
@@ -261,7 +262,8 @@ def load_ship(out: str | Path) -> IdentifiedShip:
         motion = told["motion"]
         statement = Statement(told["statement"].values, told["stated"].values)
         names = tuple(map(str, told["coefficient"].values))
-        said[entry["name"]] = Earlier(names, statement, np.array(entry["log_density"], dtype=float))
+        prior = (told["prior_mean"].values, told["prior_scale"].values)
+        said[entry["name"]] = Earlier(names, statement, np.array(entry["log_density"], dtype=float), *prior)
     error = xr.Dataset.from_dict(index["motion_error"])
     facilities = {name: Steering(**gear) for name, gear in index["facilities"].items()}
     known = {"prior": index["prior"], "said": said, "known_rows": index["index_rows"]}
@@ -297,7 +299,7 @@ def _tree(candidate: Candidate, model: ShipModel, made_by: str) -> xr.DataTree:
     """
     chains = _CHAINS if len(candidate.draws) % _CHAINS == 0 else 1
     values = candidate.draws.reshape(-1, chains, candidate.draws.shape[1]).swapaxes(0, 1)
-    names, statement = coefficient_names(candidate.vessel), model.said[candidate.name].statement
+    names, said = coefficient_names(candidate.vessel), model.said[candidate.name]
     coords = {"chain": np.arange(chains), "draw": np.arange(values.shape[1]), "coefficient": names}
     posterior = xr.Dataset({"coefficients": (("chain", "draw", "coefficient"), values)}, coords)
     attrs = {
@@ -319,8 +321,10 @@ def _tree(candidate: Candidate, model: ShipModel, made_by: str) -> xr.DataTree:
             "constant_data": xr.Dataset(
                 {
                     "motion": model.motion,
-                    "statement": (("statement_row", "coefficient"), statement.rows),
-                    "stated": ("statement_row", statement.values),
+                    "statement": (("statement_row", "coefficient"), said.statement.rows),
+                    "stated": ("statement_row", said.statement.values),
+                    "prior_mean": ("coefficient", said.mean),
+                    "prior_scale": ("coefficient", said.scale),
                 },
                 {"coefficient": names},
             ),

@@ -24,16 +24,25 @@ from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.along import measured_states, sailed_along
-from pymc_ship.ship.candidates import Candidate, Earlier, Training, candidates_of, chosen_prior, cut_runs, default_sets
+from pymc_ship.ship.candidates import (
+    Candidate,
+    Training,
+    beside_earlier,
+    candidates_of,
+    chosen_prior,
+    cut_runs,
+    default_sets,
+)
 from pymc_ship.ship.held_out import index_rows, left_out
 from pymc_ship.ship.soundness import outlook, sound
 from pymc_ship.trajectory.fit import TrajectoryError
+from pymc_ship.trajectory.statements import Earlier
 from pymc_ship.trajectory.windows import LENGTH, normal_draws, thinned
 from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
 from pymc_ship.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel, coefficient_names, fullest
+from pymc_ship.vessel.vessel import Vessel, fullest
 
 _REPLAYS = 40  # draws of a held-out run from each window on
 _FORECASTS = 200  # draws of a held-out forecast
@@ -213,7 +222,7 @@ def identify_ship(
             f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
             f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
         )
-    training = replace(_prepared(trials, vessel, kind), captive=captive, earlier=before.said)
+    training = _after(before, replace(_prepared(trials, vessel, kind), captive=captive))
     wanted = tuple(dict.fromkeys(terms or before.said or default_sets(training)))
     _check_goes_with(before, wanted, captive)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
@@ -241,10 +250,7 @@ def identify_ship(
             f"{found[0].captive.apart:.2g} of its prior sd ({found[0].name})."
         )
     if before.said:
-        remarks.append(
-            f"Earlier runs stand beside the prior. Each coefficient differs from theirs by {found[0].apart:.2g} of its "
-            f"prior sd ({found[0].name})."
-        )
+        remarks.append(beside_earlier(found[0], training))
     moved = motion_error(_held_out_motion(found, training, rng), vessel)
     motion = _motion(training, fullest_vessel, before)
     progress("outlook on standard manoeuvres")
@@ -262,9 +268,7 @@ def identify_ship(
         remarks=tuple(remarks),
         outlook=outlook([(c.vessel, c.draws) for c in found if len(c.draws)], motion, errors, rng),
         judgement=judgement(trials, names),
-        said={
-            c.name: Earlier(tuple(coefficient_names(c.vessel)), c.said, _densities(c, training.earlier)) for c in found
-        },
+        said={c.name: c.told(training.earlier) for c in found},
         known_rows=known_rows,
         held_tests=captive is not None or before.held_tests,
         captive=None if captive is None else _compared(captive, found[0], rng),
@@ -285,6 +289,16 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Train
     return Training([thinned(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
 
 
+def _after(before: IdentifiedShip | ShipModel, training: Training) -> Training:
+    """Training with what earlier runs said, and whether facility and draught are theirs."""
+    if not before.said:
+        return training
+    here, there = (ship.vessel.particulars for ship in (training, before))
+    reloaded = (here.d, here.volume) != (there.d, there.volume)
+    elsewhere = not set(before.facilities) & set(training.facilities)
+    return replace(training, earlier=before.said, reloaded=reloaded, elsewhere=elsewhere)
+
+
 def _nothing_known(prior: str) -> IdentifiedShip:
     """A ship of whom no run has said anything."""
     motion = xr.DataArray(np.empty((0, len(SYMBOLS))), {"symbol": list(SYMBOLS)}, ("row", "symbol"))
@@ -303,15 +317,9 @@ def _check_goes_with(before: IdentifiedShip | ShipModel, wanted: Sequence[str], 
         raise PriorError("Captive tests stand beside the earlier runs already; leave them out.")
 
 
-def _densities(candidate: Candidate, earlier: Mapping[str, Earlier]) -> np.ndarray:
-    """Log predictive density of every run so far."""
-    old = [earlier[candidate.name].log_density] if candidate.name in earlier else []
-    return np.concatenate([*old, candidate.held_out.log_density])
-
-
 def _weighted(found: Sequence[Candidate], earlier: Mapping[str, Earlier], rng: np.random.Generator) -> list[Candidate]:
     """Pseudo-BMA+: mean over Bayesian bootstraps of the runs of weights proportional to the predictive density."""
-    density = np.array([_densities(candidate, earlier) for candidate in found])
+    density = np.array([candidate.densities(earlier) for candidate in found])
     shares = rng.dirichlet(np.ones(density.shape[1]), _BOOTSTRAPS)
     finite = np.where(np.isfinite(density), density, -1e9)
     total = density.shape[1] * shares @ finite.T

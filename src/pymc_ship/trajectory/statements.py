@@ -7,15 +7,75 @@ this statement in place of the windows is the posterior of all windows, as far a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
+from pymc_ship.regression.priors import PriorError
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement
 from pymc_ship.trajectory.windows import WindowFit
-from pymc_ship.vessel.vessel import places_of_run
+from pymc_ship.vessel.vessel import Vessel, coefficient_names, places_of_run
 
-_SHARES = 101  # of the prior sd that are tried
+_SHARES = {1: 101, 2: 31}  # of the prior sd that are tried, by the number of groups
 _TOLD = 1e-9  # of the largest eigenvalue, from which windows tell of a direction
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """What earlier runs have said of a term set.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of its coefficients.
+    statement : Statement
+        Of them, beside the prior.
+    log_density : ndarray, shape (n_runs,)
+        Log predictive density of each of these runs, held out.
+    mean, scale : ndarray, shape (n_coefficients,)
+        Of the prior that stood beside these runs.
+    """
+
+    names: tuple[str, ...]
+    statement: Statement
+    log_density: np.ndarray
+    mean: np.ndarray
+    scale: np.ndarray
+
+    def of(self, vessel: Vessel) -> Statement:
+        """Statement of the coefficients of a vessel with this term set; PriorError where it lacks one that was told."""
+        mine = coefficient_names(vessel)
+        lacking = [name for k, name in enumerate(self.names) if name not in mine and self.statement.rows[:, k].any()]
+        if lacking:
+            raise PriorError(
+                f"What earlier runs said of {', '.join(lacking)} has no place in {vessel.name!r}; state the "
+                "vessel file of these runs."
+            )
+        rows = np.zeros((len(self.statement.rows), len(mine)))
+        for k, name in enumerate(self.names):
+            if name in mine:
+                rows[:, mine.index(name)] = self.statement.rows[:, k]
+        return Statement(rows, self.statement.values)
+
+    def at_loading(self, names: Sequence[str], prior: CoefficientPrior) -> Earlier:
+        """The same of the ship at another draught: as many prior sd from the prior's mean there as here.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Of the coefficients of the prior.
+        prior : CoefficientPrior
+            At the other draught.
+        """
+        mean, scale = self.mean.copy(), self.scale.copy()
+        for k, name in enumerate(self.names):
+            if name in names:
+                mean[k], scale[k] = (values[list(names).index(name)] for values in (prior.mean, prior.scale))
+        share = self.scale / scale
+        rows, values = self.statement
+        moved = Statement(rows * share, values - rows @ (self.mean - share * mean))
+        return Earlier(self.names, moved, self.log_density, mean, scale)
 
 
 def said_by_windows(fit: WindowFit, prior: CoefficientPrior, inflation: float = 1.0) -> Statement:
@@ -58,8 +118,12 @@ def joined(statements: Sequence[Statement | None]) -> Statement | None:
 
 
 def loosened(
-    statement: Statement, prior: CoefficientPrior, coefficients: np.ndarray, covariance: np.ndarray
-) -> tuple[Statement, float]:
+    statement: Statement,
+    prior: CoefficientPrior,
+    coefficients: np.ndarray,
+    covariance: np.ndarray,
+    own: Sequence[int] = (),
+) -> tuple[Statement, tuple[float, ...]]:
     """Statement of coefficients that differ from those it was made of, by a share of the prior's sd each.
 
     Parameters
@@ -68,24 +132,31 @@ def loosened(
     prior : CoefficientPrior
     coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
         By other data and the prior alone.
+    own : sequence of int, optional
+        Places of coefficients with a share of their own.
 
     Returns
     -------
     Statement
-    float
-        The share at which the statement is most probable for these coefficients (empirical Bayes), from 0 to 1; 0 where
-        they say little.
+    tuple of float
+        The share, and that of ``own`` where there are any, at which the statement is most probable for these
+        coefficients (empirical Bayes), from 0 to 1; 0 where they say little.
     """
     rows, left = statement.rows, statement.misfit(coefficients)
     scaled, identity = rows * prior.scale, np.eye(len(rows))
     known = identity + rows @ covariance @ rows.T
+    apart = np.isin(np.arange(prior.scale.size), own)
+    spreads = [scaled[:, mine] @ scaled[:, mine].T for mine in (~apart, apart) if mine.any()]
 
-    def surprise(share: float) -> float:
-        root = np.linalg.cholesky(known + share**2 * scaled @ scaled.T)
+    def moved(shares: Sequence[float]) -> np.ndarray:
+        return sum(share**2 * spread for share, spread in zip(shares, spreads, strict=True))
+
+    def surprise(shares: Sequence[float]) -> float:
+        root = np.linalg.cholesky(known + moved(shares))
         white = np.linalg.solve(root, left)
         return float(0.5 * white @ white + np.sum(np.log(np.diag(root))))
 
-    shares = np.linspace(0.0, 1.0, _SHARES)
-    share = float(shares[np.argmin([surprise(one) for one in shares])])
-    root = np.linalg.cholesky(identity + share**2 * scaled @ scaled.T)
-    return Statement(np.linalg.solve(root, rows), np.linalg.solve(root, statement.values)), share
+    tried = np.linspace(0.0, 1.0, _SHARES[len(spreads)]).tolist()
+    shares = min(product(tried, repeat=len(spreads)), key=surprise)
+    root = np.linalg.cholesky(identity + moved(shares))
+    return Statement(np.linalg.solve(root, rows), np.linalg.solve(root, statement.values)), shares

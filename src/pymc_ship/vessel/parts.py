@@ -122,7 +122,9 @@ def with_parts(
             "[windage]."
         )
     typical = {
-        p.name: Coefficient(p.name, p.value, source=p.source, sd=p.sd, unit=p.unit, of_run=p.of_run)
+        p.name: Coefficient(
+            p.name, p.value, source=p.source, sd=p.sd, unit=p.unit, of_run=p.of_run, of_facility=p.of_facility
+        )
         for p in parameters_of(ship_of(vessel), names)
     }
     stated = dict(stated or {})

@@ -31,7 +31,8 @@ class Coefficient:
     """One hydrodynamic coefficient: name (``Yv|v|``), prime value and where both number and sign come from.
 
     ``sd`` is the standard deviation of what is known of the value beforehand, NaN where nothing is. A parameter of a
-    part is one, too: ``unit`` says what its number stands for, ``of_run`` that every run has its own.
+    part is one, too: ``unit`` says what its number stands for, ``of_run`` that every run has its own, ``of_facility``
+    that every facility may.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Coefficient:
     sd: float = math.nan
     unit: str = "prime"
     of_run: bool = False
+    of_facility: bool = False
 
     @property
     def term(self) -> str:
@@ -243,6 +245,12 @@ def places_of_run(vessel: Vessel) -> list[int]:
     """Places among the coefficients of the parameters that every run has its own of."""
     first = sum(len(force) for force in vessel.forces.values())
     return [first + k for k, parameter in enumerate(vessel.parameters) if parameter.of_run]
+
+
+def places_of_facility(vessel: Vessel) -> list[int]:
+    """Places among the coefficients of the parameters that a facility may have its own of."""
+    first = sum(len(force) for force in vessel.forces.values())
+    return [first + k for k, parameter in enumerate(vessel.parameters) if parameter.of_facility]
 
 
 def fullest(vessels: Iterable[Vessel]) -> Vessel:
