@@ -74,7 +74,7 @@ _PUBLIC = {
     "forecasting.forecast": ("forecast",),
     "forecasting.prior_ships": ("prior_ships",),
     "forecasting.steady_turns": ("spiral_indices", "steady_turns"),
-    "forecasting.stopping": ("stopping",),
+    "forecasting.stopping": ("StoppingTest", "stopping"),
     "design.candidates": ("candidate_trials",),
     "design.identifiability": ("fisher_information", "fitted_identifiability", "identifiability"),
     "design.trial_design": ("TrialDesignError", "design_trials"),

@@ -29,6 +29,7 @@ from pymc_ship.forecasting.forecast import forecast as forecast
 from pymc_ship.forecasting.prior_ships import prior_ships as prior_ships
 from pymc_ship.forecasting.steady_turns import spiral_indices as spiral_indices
 from pymc_ship.forecasting.steady_turns import steady_turns as steady_turns
+from pymc_ship.forecasting.stopping import StoppingTest as StoppingTest
 from pymc_ship.forecasting.stopping import stopping as stopping
 from pymc_ship.frontier.estimates import Estimate as Estimate
 from pymc_ship.machine.files import OutputError as OutputError

@@ -45,3 +45,12 @@ def test_labels_tell_candidates_apart():
     labels = ["zigzag 20/20 port", "zigzag 20/20 port from 6 m/s", "zigzag 20/20 port #2", "turning circle 35 port"]
     assert list(labelled_trials(runs)) == [*labels, "zigzag 20/20 port #3"]
     assert labelled_trials({"slow": slow}) == {"slow": slow}
+
+
+def test_a_ship_that_knows_way_astern_can_be_stopped(container):
+    tanker = ps.load_vessel("kvlcc2")
+    any_speed = ps.with_terms(tanker, "modular at any speed, rudder by side")
+    found = ps.candidate_trials(any_speed, rng=rng())
+    assert found["stopping test 1.513 1/s astern"] == ps.StoppingTest(1.513)
+    for vessel in (container, ps.with_terms(tanker, "modular, rudder by side")):
+        assert not any(label.startswith("stopping") for label in ps.candidate_trials(vessel, rng=rng()))

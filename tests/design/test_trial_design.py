@@ -345,3 +345,25 @@ def test_the_command_takes_posteriors_of_the_vessel_only(made, small, capsys, mo
 
 def test_the_criteria_of_the_command_are_those_of_the_api():
     assert CLI_CRITERIA == CRITERIA
+
+
+def test_a_stopping_test_tells_of_the_propeller_astern_and_a_zigzag_does_not():
+    vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed, rudder by side")
+    known = reference_coefficients(vessel), np.diag([c.sd**2 for c in vessel.parameters])
+    settings = {"n": 1, "draws": 2, "duration": 900.0, "interval": 0.5, "rng": rng()}
+    shares = {}
+    for run in (ps.StoppingTest(1.2), ps.zigzag(20, 20)):
+        plan = ps.design_trials(vessel, known, [run], level=0.01, **settings)
+        assert plan["n_diverged"].item() == 0
+        sd = plan["sd"].sel(coefficient=["T_nn", "T_nu", "Nv"])
+        shares[run.label] = (sd.isel(stage=1) / sd.isel(stage=0)).values
+    stop, zigzag = shares.values()
+    assert (stop[:2] < 0.7).all()
+    np.testing.assert_allclose(zigzag[:2], 1.0, atol=1e-6)
+    assert zigzag[2] < stop[2]
+
+
+def test_a_ship_that_does_not_know_way_astern_cannot_be_stopped(small):
+    known = reference_coefficients(small), np.diag(np.ones(reference_coefficients(small).size))
+    with pytest.raises(ps.SimulationError, match="forces at any speed"):
+        ps.design_trials(small, known, [ps.StoppingTest(1.2)], n=1, level=0.01, rng=rng())

@@ -282,7 +282,8 @@ def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     found = ps.design_trials(vessel, posterior, candidates, args.n, rng=rng, **settings)
     with staged_files(out) as folder:
         for label in np.unique(found["chosen"].values):
-            if (manoeuvre := candidates[label]).time:
+            manoeuvre = candidates[label]
+            if isinstance(manoeuvre, Manoeuvre) and manoeuvre.time:
                 rows = zip(manoeuvre.time, np.rad2deg(manoeuvre.delta).round(6).tolist(), strict=True)
                 path = folder / f"{label.replace('m/s', 'mps').replace(' ', '-')}.csv"
                 write_csv(path, _PROGRAMME_HEADER, rows, args, remark=label)

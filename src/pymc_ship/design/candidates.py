@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pymc_ship.forecasting.stopping import StoppingTest, knows_astern
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.standard import (
     Manoeuvre,
@@ -15,12 +16,16 @@ from pymc_ship.manoeuvre.standard import (
     turning_circle,
     zigzag,
 )
+from pymc_ship.vessel.parts import ship_of
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 _JUMP = 0.1  # s, from one angle to the next; the rudder follows at its own rate
 
 
-def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) -> dict[str, Manoeuvre]:
+Candidate = Manoeuvre | StoppingTest
+
+
+def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) -> dict[str, Candidate]:
     """Manoeuvres worth considering for a next run, by label.
 
     Parameters
@@ -35,7 +40,8 @@ def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) 
 
     Returns
     -------
-    dict of str to Manoeuvre
+    dict of str to Manoeuvre or StoppingTest
+        A stopping test at the nominal revolutions astern where the vessel's forces hold there.
 
     Examples
     --------
@@ -57,12 +63,13 @@ def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) 
     largest, step = 15, 5
     spiral = direct_spiral(largest, step, hold=float(round(duration / (4 * largest // step + 1))))
     steps, binary = (lambda: (rng.integers(8, 31), rng.integers(-35, 36))), (lambda: (10, 20 * rng.choice((-1, 1))))
+    stops = [StoppingTest(ship_of(vessel).n)] if knows_astern(vessel) else []
     return {
         "random steps 35": _programme(steps, duration, None),
         f"random steps 35 from {half:g} m/s": _programme(steps, duration, half),
         "random binary 20": _programme(binary, duration, None),
         f"direct spiral {largest}/{step}": spiral,
-    } | labelled_trials(manoeuvres)
+    } | labelled_trials([*manoeuvres, *stops])
 
 
 def _programme(draw, duration: float, approach_speed: float | None) -> Manoeuvre:
@@ -76,14 +83,14 @@ def _programme(draw, duration: float, approach_speed: float | None) -> Manoeuvre
     return rudder_programme(time, np.deg2rad(angles), approach_speed=approach_speed)
 
 
-def labelled_trials(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
+def labelled_trials(manoeuvres: Mapping[str, Candidate] | Sequence[Candidate]) -> dict[str, Candidate]:
     """Manoeuvres by label.
 
     A manoeuvre without a label is named by kind, angles and speed, and by a number where a name repeats.
     """
     if isinstance(manoeuvres, Mapping):
         return dict(manoeuvres)
-    labelled: dict[str, Manoeuvre] = {}
+    labelled: dict[str, Candidate] = {}
     for one in manoeuvres:
         label = one.label + (f" from {one.approach_speed:g} m/s" if one.approach_speed else "")
         same = sum(name.split(" #")[0] == label for name in labelled)

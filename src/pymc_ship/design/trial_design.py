@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.design.candidates import candidate_trials, labelled_trials
+from pymc_ship.design.candidates import Candidate, candidate_trials, labelled_trials
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities, straight_course
 from pymc_ship.design.identifiability import information_root
 from pymc_ship.forecasting.draws import coefficient_draws
+from pymc_ship.forecasting.stopping import StoppingTest
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.equations import STATE
@@ -68,6 +69,7 @@ class _Sensors:
         if self.level is not None:
             factors = noise_factors()
             sd = np.array([self.level * factors[name] * np.abs(ship[name].values).max() for name in self.channels])
+            sd[sd == 0.0] = np.inf  # a channel that stays 0 has no noise to be told from
         sd = sd * np.sqrt(self.spacing / (run.block * STEP))
         return run, Noise(sd, self.correlation, self.offsets, run.means)
 
@@ -75,7 +77,7 @@ class _Sensors:
 def design_trials(
     vessel: VesselLike,
     posterior: xr.DataTree | TrajectoryFit | tuple[np.ndarray, np.ndarray],
-    candidates: Mapping[str, Manoeuvre] | Sequence[Manoeuvre] | None = None,
+    candidates: Mapping[str, Candidate] | Sequence[Candidate] | None = None,
     n: int = 2,
     *,
     rng: Seed,
@@ -96,7 +98,8 @@ def design_trials(
     posterior : DataTree, TrajectoryFit or (mean, covariance)
         What is known of the coefficients of all DOFs: joint draws, a fit, or shapes (n,) and (n, n).
     candidates : mapping of str to Manoeuvre or sequence of Manoeuvre, optional
-        :func:`candidate_trials` by default. A candidate can be chosen again.
+        :func:`candidate_trials` by default; a :class:`pymc_ship.StoppingTest` is one, too. A candidate can be chosen
+        again.
     n : int, optional
         Runs to choose.
     rng : int, SeedSequence or Generator
@@ -254,11 +257,23 @@ def _fitted_sensors(posterior) -> _Sensors:
     return _Sensors(channels, None, last["block_sd"].values, last["correlation"].values, offsets, spacing)
 
 
+def _sailed(vessel: Vessel, run: Candidate, points: np.ndarray, duration: float) -> xr.Dataset:
+    """Motion of the ships of some points, as :func:`pymc_ship.simulate` returns it; a stopping test has its n, too."""
+    if not isinstance(run, StoppingTest):
+        return simulate(vessel, run, duration=duration, step=STEP, method="rk4", coefficients=points)
+    time = STEP * np.arange(round(duration / STEP))
+    n, states = run.sailed(vessel, points, time)
+    motion = {name: (("draw", "time"), states[k]) for k, name in enumerate(STATE)}
+    motion["delta"] = ("draw", "time"), np.zeros(states.shape[1:])
+    motion |= {"n": ("time", n), "diverged": ("draw", ~np.isfinite(states[0]).all(axis=1))}
+    return xr.Dataset(motion, {"time": time})
+
+
 def _information(
-    vessel: Vessel, manoeuvre: Manoeuvre, points: np.ndarray, sensors: _Sensors, duration: float
+    vessel: Vessel, manoeuvre: Candidate, points: np.ndarray, sensors: _Sensors, duration: float
 ) -> list[np.ndarray | None]:
     """Root of the information of a run at each point, None where the ship diverged."""
-    ships = simulate(vessel, manoeuvre, duration=duration, step=STEP, method="rk4", coefficients=points)
+    ships = _sailed(vessel, manoeuvre, points, duration)
     roots: list[np.ndarray | None] = []
     for k, point in enumerate(points):
         ship, root = ships.isel(draw=k), None

@@ -7,6 +7,7 @@ propeller does astern is known beforehand only by judgement where no run went as
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import xarray as xr
@@ -34,6 +35,63 @@ _STEPS = 20  # in L/U
 _REVERSAL = 1.5  # L/U
 _MOST_ASTERN = 1.5  # over the nominal revolutions
 _SHOWN = 40  # tracks of a figure
+_NOT_ASTERN = (
+    "A stopping test needs forces at any speed and a propeller that is stated, found none among the models; "
+    'identify the ship with --terms "modular at any speed, rudder by side" and [propeller] in her file.'
+)
+
+
+@dataclass(frozen=True)
+class StoppingTest:
+    """A run in which the propeller is reversed and the rudder stays amidships.
+
+    Attributes
+    ----------
+    astern : float
+        Revolutions astern [1/s], a magnitude.
+    reversal : float or None
+        Time from the order to these revolutions [s]; None for 1.5 L/U, a minute for a large tanker.
+    approach_speed : float or None
+        [m/s]; None for the vessel's nominal speed.
+    """
+
+    astern: float
+    reversal: float | None = None
+    approach_speed: float | None = None
+
+    @property
+    def label(self) -> str:
+        """Short name: ``stopping test 1 1/s astern``."""
+        return f"stopping test {self.astern:g} 1/s astern"
+
+    def on(self, vessel: Vessel) -> StoppingTest:
+        """The test with the times and speed of a vessel.
+
+        SimulationError for those that no engine has, and for a vessel that does not know way astern.
+        """
+        if not knows_astern(vessel):
+            raise SimulationError(_NOT_ASTERN)
+        s, nominal = vessel.particulars, ship_of(vessel).n
+        reversal = _REVERSAL * s.ship_time if self.reversal is None else self.reversal
+        if not 0.0 < self.astern <= _MOST_ASTERN * nominal or not 0.0 <= reversal < np.inf:
+            raise SimulationError(
+                f"A stopping test has revolutions astern up to {_MOST_ASTERN:g} times the nominal {nominal:.3g} 1/s "
+                f"and a time from 0 s to reach them, found {self.astern} and {reversal}; correct them (1/min over 60 "
+                "are 1/s)."
+            )
+        return StoppingTest(self.astern, reversal, self.approach_speed or s.nominal_speed)
+
+    def sailed(self, vessel: Vessel, coefficients: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Revolutions [1/s] at some even times [s] and states of the ships, (n_time,) and (8, n_draws, n_time)."""
+        test, s, nominal = self.on(vessel), vessel.particulars, ship_of(vessel).n
+        n = nominal * np.interp(
+            time, [0.0, max(test.reversal, 1e-9)], [test.approach_speed / s.nominal_speed, -test.astern / nominal]
+        )
+        inputs = np.zeros((4, time.size))
+        inputs[1] = n / nominal
+        initial = np.zeros((len(coefficients), len(STATE)))
+        initial[:, 0] = test.approach_speed
+        return n, replay(vessel, inputs, initial, coefficients, interval=float(time[1] - time[0]))
 
 
 def stopping(
@@ -79,31 +137,15 @@ def stopping(
     >>> print(f"track reach {stop['track_reach'].item() / 320.0:.1f} L in {stop['stopping_time'].item():.0f} s")
     track reach 13.3 L in 1323 s
     """
-    known = [(vessel, np.atleast_2d(rows)) for vessel, rows in models if _knows_astern(vessel)]
+    known = [(vessel, np.atleast_2d(rows)) for vessel, rows in models if knows_astern(vessel)]
     if not known:
-        raise SimulationError(
-            "A stopping test needs forces at any speed and a propeller that is stated, found none among the models; "
-            'identify the ship with --terms "modular at any speed, rudder by side" and [propeller] in her file.'
-        )
-    s, nominal = known[0][0].particulars, ship_of(known[0][0]).n
-    reversal = _REVERSAL * s.ship_time if reversal is None else reversal
-    if not 0.0 < astern <= _MOST_ASTERN * nominal or not 0.0 <= reversal < np.inf:
-        raise SimulationError(
-            f"A stopping test has revolutions astern up to {_MOST_ASTERN:g} times the nominal {nominal:.3g} 1/s and a "
-            f"time from 0 s to reach them, found {astern} and {reversal}; correct them (1/min over 60 are 1/s)."
-        )
-    speed = s.nominal_speed if approach_speed is None else approach_speed
-    step = s.ship_time / _STEPS
+        raise SimulationError(_NOT_ASTERN)
+    first = known[0][0]
+    test, step = StoppingTest(astern, reversal, approach_speed).on(first), first.particulars.ship_time / _STEPS
     time = step * np.arange(round(_LONGEST * _STEPS) + 1)
-    inputs = np.zeros((4, time.size))
-    inputs[1] = np.interp(time, [0.0, max(reversal, 1e-9)], [speed / s.nominal_speed, -astern / nominal])
-    states = []
-    for vessel, rows in known:
-        initial = np.zeros((len(rows), len(STATE)))
-        initial[:, 0] = speed
-        states.append(replay(vessel, inputs, initial, rows, interval=step))
+    states = [test.sailed(vessel, rows, time)[1] for vessel, rows in known]
     found = _stopped(np.concatenate(states, axis=1), time)
-    attrs = {"L": s.L, "astern": astern, "reversal": reversal, "approach_speed": speed}
+    attrs = {"L": first.particulars.L} | asdict(test)
     return found.assign_attrs(attrs)
 
 
@@ -159,7 +201,8 @@ def stopping_tracks(stop: xr.Dataset) -> Figure:
     return fig
 
 
-def _knows_astern(vessel: Vessel) -> bool:
+def knows_astern(vessel: Vessel) -> bool:
+    """Whether the forces of a vessel hold with her propeller astern."""
     return holds_any_speed(vessel) and takes_revolutions(vessel)
 
 
