@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.forecasting.motion_error import ERRING, Replayed, motion_error, with_motion_error
+from pymc_ship.forecasting.motion_error import BEYOND, ERRING, Replayed, motion_error, with_motion_error
 from pymc_ship.motion.equations import STATE
 
 DRAWS, TIMES, RUNS = 40, 401, 300
@@ -39,7 +39,7 @@ def replays(vessel, rng, growth=GROWTH, spread=1.0):
             sd = growth[name] * size[name]
             states[STATE.index(name)] += spread * sd * rng.standard_normal((DRAWS, 1)) * share
             truth[STATE.index(name)] = np.sqrt(1.0 + spread**2) * sd * rng.standard_normal() * share
-        found.append(Replayed(time, states, truth))
+        found.append(Replayed(time, states, truth, np.zeros(8)))
     return found
 
 
@@ -70,6 +70,25 @@ def test_bands_with_the_error_hold_new_runs_and_draws_alone_do_not(tanker):
     assert coverage(motion_error([], tanker)) < 0.95 - 8.0 * se
 
 
+def test_the_noise_of_readings_is_no_error_of_the_motion(tanker):
+    """The broken twin does not know of it, and counts it."""
+    rng, noise = np.random.default_rng(3), 0.1 * np.array([*units(tanker).values()])
+    rows = [STATE.index(name) for name in ERRING]
+    blurred, unknown = [], []
+    for one in replays(tanker, np.random.default_rng(1)):
+        seen, sd = one.measured.copy(), np.zeros(8)
+        seen[rows] += noise[:, None] * rng.standard_normal((len(rows), TIMES))
+        sd[rows] = noise
+        blurred.append(one._replace(measured=seen, noise_sd=sd))
+        unknown.append(one._replace(measured=seen))
+    found, twin = (motion_error(seen, tanker) for seen in (blurred, unknown))
+    for name in ERRING:
+        true, variance = GROWTH[name], 2.0 * GROWTH[name] ** 2 + 0.01  # of an error: ship, draws and reading
+        error = 4.0 * variance * np.sqrt(2.0 / RUNS)
+        assert abs(float(found[name].sel(lead=10.0)) ** 2 - true**2) < error, name
+    assert float(twin["u"].sel(lead=10.0)) > 2.0 * float(found["u"].sel(lead=10.0))
+
+
 def test_beyond_the_leads_that_were_seen_heading_and_track_go_on_to_err(tanker):
     found = motion_error(replays(tanker, np.random.default_rng(1)), tanker)
     states = np.zeros((8, DRAWS, 2 * TIMES))
@@ -78,6 +97,21 @@ def test_beyond_the_leads_that_were_seen_heading_and_track_go_on_to_err(tanker):
     for name, growth in (("psi", 2.0), ("v", 1.0)):
         row = STATE.index(name)
         assert drawn[row, -1] / drawn[row, TIMES - 1] == pytest.approx(growth, rel=0.02)
+
+
+def test_the_error_grows_with_the_distance_from_the_runs(tanker):
+    """A range beyond them from 5 L/U on: speeds err at once, the track the longer the ship stays there."""
+    states, time = np.zeros((8, 400, TIMES)), time_of(tanker)
+    unit, nothing = units(tanker), motion_error([], tanker)
+    beyond = np.where(time >= time[TIMES // 2], 1.0, 0.0)
+    found = with_motion_error(states, time, nothing, tanker, beyond).std(axis=1)
+    assert not found[:, : TIMES // 2 - 1].any()
+    for name, stayed in (("u", 1.0), ("v", 1.0), ("r", 1.0), ("psi", 5.0), ("x", 5.0), ("y", 5.0)):
+        assert found[STATE.index(name), -1] == pytest.approx(BEYOND[name] * stayed * unit[name], rel=0.03), name
+    held = motion_error(replays(tanker, np.random.default_rng(1)), tanker)
+    near, far = (with_motion_error(states, time, held, tanker, k * beyond).std(axis=1) for k in (0.0, 30.0))
+    row = STATE.index("u")
+    assert far[row, -1] == pytest.approx(np.hypot(near[row, -1], 30.0 * BEYOND["u"] * unit["u"]), rel=0.03)
 
 
 def test_runs_without_a_track_tell_nothing_of_it(tanker):

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.forecasting.motion_error import motion_error
+from pymc_ship.motion.equations import STATE
+from pymc_ship.motion.prime_record import motion_record, prime_record
+from pymc_ship.ship.along import reading_noise
 from pymc_ship.ship.replayed import SCORED
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.forces.test_parts import AHEAD
 from tests.forces.test_parts import tanker as parts_of_tanker
 
@@ -43,6 +50,34 @@ def test_another_ship_replays_another_motion(tanker, trial):
     own, foreign = (ps.score(ship, trial) for ship in (tanker, other))
     assert own.attrs["score"] < 0.03
     assert foreign.attrs["score"] > 10.0 * own.attrs["score"]
+
+
+def test_readings_of_the_ship_herself_lie_in_her_bands(tanker, trial):
+    """Of noisy readings 90 % lie in bands that are noise alone, but for the error of the smoothed start.
+
+    Another ship, the broken twin, is not excused by it.
+    """
+    noisy = ps.pollute(trial, level=0.01, rng=4)
+    found = ps.score(tanker, noisy, length=40, every=10)
+    coverage = found["coverage"].sel(channel=["u", "v", "r", "psi"]).mean("run").values
+    windows = int(found["windows"].item())
+    readings = windows * 80
+    # a window has one start, whose error all its readings share
+    error = 4.0 * np.sqrt(0.9 * 0.1 * (1.0 / windows + 1.0 / readings))
+    np.testing.assert_allclose(coverage, 0.9, atol=error)
+    other = tanker.with_coefficients({"yaw": 0.7 * tanker.coefficients("yaw").values})
+    assert ps.score(other, noisy, length=40, every=10)["coverage"].sel(channel="r").item() < 0.6
+
+
+def test_the_noise_of_a_reading_is_that_of_its_channel(trial):
+    noisy = ps.pollute(trial, level=0.02, rng=5)
+    found, exact = reading_noise(noisy), reading_noise(trial)
+    for name in ("u", "v", "r", "psi"):
+        sd = float(np.std(noisy[name].values - trial[name].values))
+        factor = np.sqrt(2.0) if name == "psi" else 1.0
+        assert found[STATE.index(name)] == pytest.approx(factor * sd, rel=0.15)
+        assert exact[STATE.index(name)] < 0.02 * sd
+    assert reading_noise(trial.drop_vars("x"))[STATE.index("x")] == 0.0
 
 
 def test_a_score_has_every_channel_of_every_run(tanker, trial):
@@ -89,3 +124,25 @@ def test_revolutions_that_were_not_measured_are_those_of_the_approach(tanker):
     tree = ps.replay(ship, circle, start=400)
     apart = tree["bands"]["u"].sel(band="median") - tree["measured"]["u"]
     assert float(np.abs(apart).max()) < 0.02
+
+
+def identified_from(tanker, manoeuvre):
+    """The tanker as a ship that was identified from one run, with fifty equal draws."""
+    run = ps.simulate(tanker, manoeuvre, duration=DURATION, step=0.5, method="rk4")
+    rows = np.tile(reference_coefficients(tanker), (50, 1))
+    prime, _, _ = prime_record(tanker, motion_record(run, tanker))
+    motion = xr.DataArray(
+        np.column_stack([prime[name] for name in SYMBOLS]), {"symbol": list(SYMBOLS)}, ("row", "symbol")
+    )
+    return ps.IdentifiedShip([(tanker, rows)], motion, {}, motion_error([], tanker), ())
+
+
+def test_bands_grow_beyond_the_motion_of_the_runs(tanker):
+    circle = ps.simulate(tanker, ps.turning_circle(35), duration=DURATION, step=0.5, method="rk4")
+    widths = {}
+    for known in (ps.zigzag(10, 10), ps.turning_circle(35)):
+        bands = ps.replay(identified_from(tanker, known), circle)["bands"]
+        widths[known.kind] = {name: np.ptp(bands[name].values[:, -1]) for name in ("u", "x")}
+    assert widths["turning_circle"]["u"] < 1e-6
+    assert widths["zigzag"]["u"] > 0.01 * tanker.particulars.nominal_speed
+    assert widths["zigzag"]["x"] > 0.01 * tanker.particulars.L

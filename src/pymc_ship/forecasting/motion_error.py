@@ -2,7 +2,11 @@
 
 A ship that begins at a measured state and sails along the measured inputs leaves the record with time: her forces are
 not exact, and gusts, waves and unsteady water act that nobody measured. The excess of the squared error over the
-variance of the draws is taken over all such replays, by the time since their start.
+variance of the draws and of the readings is taken over all such replays, by the time since their start.
+
+No held-out run says how wrong a model is where no run has been. What foreign ships showed there grows with the distance
+of the median ship from the motion of the runs: :data:`BEYOND`, of the population of ``make population``
+(docs/explanation/foreign_ships.md).
 """
 
 from __future__ import annotations
@@ -23,6 +27,10 @@ LEADS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 ERRING = ("u", "v", "r", "psi", "x", "y")
 """States that have an error."""
 
+BEYOND = {"u": 0.007, "v": 0.0025, "r": 0.001, "psi": 0.001, "x": 0.003, "y": 0.003}
+"""Standard deviation of the prime motion for each range of the record by which the median ship leaves it; of heading
+[rad] and track for each L/U that she stays there, too."""
+
 _ROWS = [STATE.index(name) for name in ERRING]
 _SUMMED = np.array([name in ("psi", "x", "y") for name in ERRING])  # grow with time
 _STEPS = np.arange(1, len(ERRING) + 1)
@@ -33,12 +41,14 @@ class Replayed(NamedTuple):
     """A replay beside its record.
 
     ``time`` (n_time,) [s] is from the start of the replay; ``states`` (8, n_draws, n_time) and ``measured`` (8, n_time)
-    are in SI units and rad, NaN where a channel was not measured.
+    are in SI units and rad, NaN where a channel was not measured; ``noise_sd`` (8,) is that of a reading less that of
+    the start, see :func:`pymc_ship.ship.along.reading_noise`.
     """
 
     time: np.ndarray
     states: np.ndarray
     measured: np.ndarray
+    noise_sd: np.ndarray
 
 
 def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> xr.Dataset:
@@ -67,7 +77,7 @@ def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> xr.Dataset:
             place = int(np.searchsorted(one.time, lead * unit - 1e-9))
             drawn = one.states[_ROWS, :, place] / scale[:, None]
             error = one.measured[_ROWS, place] / scale - np.nanmedian(drawn, axis=1)
-            excess[k] = error**2 - np.nanvar(drawn, axis=1)
+            excess[k] = error**2 - np.nanvar(drawn, axis=1) - (one.noise_sd[_ROWS] / scale) ** 2
         known = np.isfinite(excess)
         mean = np.where(known, excess, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
         found.append(np.sqrt(np.maximum(mean, 0.0)))
@@ -75,7 +85,9 @@ def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> xr.Dataset:
     return xr.Dataset({name: ("lead", values[:, k]) for k, name in enumerate(ERRING)}, {"lead": leads})
 
 
-def with_motion_error(states: np.ndarray, time: np.ndarray, error: xr.Dataset, vessel: Vessel) -> np.ndarray:
+def with_motion_error(
+    states: np.ndarray, time: np.ndarray, error: xr.Dataset, vessel: Vessel, beyond: np.ndarray | None = None
+) -> np.ndarray:
     """States of draws with an error for each, one that is the same number of standard deviations at all times.
 
     Parameters
@@ -86,6 +98,9 @@ def with_motion_error(states: np.ndarray, time: np.ndarray, error: xr.Dataset, v
     error : Dataset
         From :func:`motion_error`.
     vessel : Vessel
+    beyond : ndarray, shape (n_time,), optional
+        Distance of the median ship from the motion of the runs, in ranges of it, see
+        :func:`pymc_ship.forecasting.extrapolation.extrapolation`; 0 by default.
 
     Returns
     -------
@@ -93,15 +108,21 @@ def with_motion_error(states: np.ndarray, time: np.ndarray, error: xr.Dataset, v
         The errors of the draws are equally spread over the normal law, without chance. Beyond the leads that were seen
         those of heading and track grow with time, the others no more.
     """
-    if not error.sizes["lead"]:
+    known, unit = error.sizes["lead"] > 0, vessel.particulars.ship_time
+    beyond = np.zeros(time.size) if beyond is None else np.nan_to_num(beyond)
+    if not known and not beyond.any():
         return states
-    unit, found = vessel.particulars.ship_time, states.copy()
-    lead, seen = time / unit, error["lead"].values
+    found, lead = states.copy(), time / unit
+    stayed = np.append(0.0, np.cumsum(0.5 * (beyond[1:] + beyond[:-1]) * np.diff(lead)))
     place = (0.5 + np.outer(np.arange(1, states.shape[1] + 1), _GOLDEN ** -_STEPS.astype(float))) % 1.0
     for k, (name, row) in enumerate(zip(ERRING, _ROWS, strict=True)):
-        sd = np.interp(lead, seen, error[name].values) * _units(vessel)[k]
-        if _SUMMED[k] and seen[-1] > 0.0:
-            sd = sd * np.maximum(lead / seen[-1], 1.0)
+        sd = np.zeros(time.size)
+        if known:
+            seen = error["lead"].values
+            sd = np.interp(lead, seen, error[name].values)
+            if _SUMMED[k] and seen[-1] > 0.0:
+                sd = sd * np.maximum(lead / seen[-1], 1.0)
+        sd = np.hypot(sd, BEYOND[name] * (stayed if _SUMMED[k] else beyond)) * _units(vessel)[k]
         found[row] += ndtri(place[:, k, None]) * sd
     return found
 

@@ -10,6 +10,7 @@ from pymc_ship.motion.inputs import recorded_inputs
 from pymc_ship.motion.replay import replay
 from pymc_ship.trajectory.windows import smoothed_channel, substeps_of
 from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.noise import second_difference_sd
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.vessel import Vessel
 
@@ -41,6 +42,18 @@ def sailed_along(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, pl
             values = piece[name].values
             initial[:, k] = smoothed_channel(values, unit / interval)[0] if name in ("u", "v", "r", "p") else values[0]
     return replay(vessel, inputs, initial, coefficients, interval=interval, substeps=substeps_of(interval, vessel))
+
+
+def reading_noise(trial: xr.Dataset) -> np.ndarray:
+    """Standard deviation (8,) of what noise does to a reading of a ship that began at one [SI, rad]; 0 if not measured.
+
+    Velocities begin smoothed; heading and track begin at a reading, whose noise stays in all that follow.
+    """
+    sd = np.zeros(len(STATE))
+    for k, name in enumerate(STATE):
+        if name in trial and trial.sizes["time"] > 2:
+            sd[k] = float(second_difference_sd(trial[name].values[None])[0])
+    return sd * np.where(np.isin(STATE, ("psi", "x", "y", "phi")), np.sqrt(2.0), 1.0)
 
 
 def measured_states(trial: xr.Dataset, place: slice) -> np.ndarray:

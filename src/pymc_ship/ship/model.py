@@ -23,7 +23,7 @@ from pymc_ship.manoeuvre.recognition import Steering, recognise_by_facility, wit
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.regression.priors import PriorError
-from pymc_ship.ship.along import measured_states, sailed_along
+from pymc_ship.ship.along import measured_states, reading_noise, sailed_along
 from pymc_ship.ship.candidates import (
     Candidate,
     Training,
@@ -357,12 +357,13 @@ def _held_out_motion(found: Sequence[Candidate], training: Training, rng: np.ran
             fit, own = candidate.held_out.fits[k], candidate.held_out.coefficients[k]
             draws = normal_draws(fit, round(_REPLAYS * candidate.weight), rng)
             drawn.append((candidate.vessel, draws + own - fit.coefficients))
-        time = trial["time"].values
+        time, noise = trial["time"].values, reading_noise(trial)
         for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
             place = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
             if place.stop - place.start > 1:
                 states = [sailed_along(vessel, draws, trial, place) for vessel, draws in drawn if len(draws)]
-                yield Replayed(time[place] - time[begin], np.concatenate(states, axis=1), measured_states(trial, place))
+                since, seen = time[place] - time[begin], measured_states(trial, place)
+                yield Replayed(since, np.concatenate(states, axis=1), seen, noise)
 
 
 def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:

@@ -6,15 +6,17 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
+from scipy.special import ndtri
 
 from pymc_ship.forecasting.draws import thinned_draws
+from pymc_ship.forecasting.extrapolation import extrapolation
 from pymc_ship.forecasting.forecast import BANDS, quantile_bands
 from pymc_ship.forecasting.index_error import index_sd
 from pymc_ship.forecasting.motion_error import with_motion_error
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, with_steering
 from pymc_ship.motion.equations import STATE
-from pymc_ship.ship.along import sailed_along
+from pymc_ship.ship.along import reading_noise, sailed_along
 from pymc_ship.ship.held_out import index_rows
 from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.ship.paths import QUANTILES
@@ -97,13 +99,21 @@ def replay(
     predictive = ships
     if isinstance(ship, ShipModel | IdentifiedShip):
         since = piece["time"].values - piece["time"].values[0]
-        predictive = motion(with_motion_error(states, since, ship.motion_error, ship.vessel))
+        beyond = _beyond(ship, ships.median("draw"), piece)
+        predictive = motion(with_motion_error(states, since, ship.motion_error, ship.vessel, beyond))
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
     attrs["share_diverged"] = float(np.isnan(states[0, :, -1]).mean())
     groups = {"trajectories": ships, "predictive": predictive, "measured": measured}
     groups["bands"] = quantile_bands(predictive, ci_prob)
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
+
+
+def _beyond(ship: ShipModel | IdentifiedShip, median: xr.Dataset, piece: xr.Dataset) -> np.ndarray | None:
+    """Distance of the median ship from the motion of the runs that a ship was identified from, by instant."""
+    if not ship.motion.sizes["row"]:
+        return None
+    return extrapolation(ship.vessel, median.assign(delta=piece["delta"]), ship.motion)["distance"].values
 
 
 def score(
@@ -136,8 +146,9 @@ def score(
     -------
     Dataset, dims (run, channel)
         ``rmse`` (SI) of the median ship, ``relative``, over the standard deviation of the channel in all records (for
-        psi and position over the deviation from the start of the windows), ``coverage`` of the bands, ``crps`` (SI; of
-        the position the mean distance of the draws); by run ``windows``, ``ran_away`` and ``score``, the mean of
+        psi and position over the deviation from the start of the windows), ``coverage`` of the bands of readings, which
+        are those of the motion with the noise of the record, ``crps`` (SI; of the position the mean distance of the
+        draws); by run ``windows``, ``ran_away`` and ``score``, the mean of
         ``relative``; attrs ``score``, the mean over the runs. A window whose median ship runs away has no error: it is
         counted in ``ran_away``, and its run has no score.
 
@@ -247,7 +258,8 @@ def _scored(ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[
         raise TrialError(f"A score needs a record of a window of {length:g} s, found {np.ptp(time):.4g} s; shorten it.")
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
     stayed = [tree for tree in trees if np.isfinite(tree["bands"]["u"].values[:, -1]).all()]
-    found = [_window(tree) for tree in stayed]
+    noise = dict(zip(STATE, reading_noise(trial).tolist(), strict=True))
+    found = [_window(tree, noise) for tree in stayed]
     nothing = np.full(len(SCORED), np.nan)
     mean = {key: np.mean([one[key] for one in found], axis=0) if found else nothing for key in _OF_WINDOW}
     lost = len(trees) - len(stayed)
@@ -267,21 +279,28 @@ def _moved(measured: xr.DataTree, middle: dict[str, float]) -> list[float]:
     return [*found, float(sum(np.mean((values - values[0]) ** 2) for values in track))]
 
 
-def _window(tree: xr.DataTree) -> dict[str, list[float]]:
-    """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`."""
-    ships, measured = tree["predictive"], tree["measured"]
+def _window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[float]]:
+    """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`; ``noise`` is that of readings."""
+    ships, measured, ci_prob = tree["predictive"], tree["measured"], tree.attrs["ci_prob"]
     median = tree["trajectories"].dataset.median("draw")
     found: dict[str, list[float]] = {key: [] for key in _OF_WINDOW}
     for name in SCORED[:-1]:
         seen = measured[name].values
-        low, high = (tree["bands"][name].sel(band=band).values for band in (BANDS[0], BANDS[-1]))
+        low, middle, high = (tree["bands"][name].sel(band=band).values for band in BANDS)
+        reach = ndtri(0.5 + 0.5 * ci_prob) * noise[name]
+        inside = np.where(
+            seen < middle,
+            middle - seen <= np.hypot(middle - low, reach),
+            seen - middle <= np.hypot(high - middle, reach),
+        )
         found["square"].append(float(np.mean((median[name].values - seen) ** 2)))
-        found["coverage"].append(float(np.mean((seen >= low) & (seen <= high))))
+        found["coverage"].append(float(np.mean(inside)))
         found["crps"].append(_crps(ships[name].values, seen))
     apart = np.hypot(*(median[name].values - measured[name].values for name in "xy"))
-    reach = np.hypot(*(ships[name].values - median[name].values for name in "xy"))
+    reach = np.nanquantile(np.hypot(*(ships[name].values - median[name].values for name in "xy")), ci_prob, axis=0)
+    blurred = np.sqrt(-2.0 * np.log1p(-ci_prob)) * np.sqrt(0.5 * (noise["x"] ** 2 + noise["y"] ** 2))
     found["square"].append(float(np.mean(apart**2)))
-    found["coverage"].append(float(np.mean(apart <= np.nanquantile(reach, tree.attrs["ci_prob"], axis=0))))
+    found["coverage"].append(float(np.mean(apart <= np.hypot(reach, blurred))))
     found["crps"].append(float(np.nanmean(np.hypot(*(ships[name].values - measured[name].values for name in "xy")))))
     return found
 
