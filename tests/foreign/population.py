@@ -22,13 +22,15 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.forecasting.extrapolation import extrapolation
 from pymc_ship.forecasting.index_error import index_scale, robust_sd
+from pymc_ship.forecasting.motion_error import BEYOND as GROWTH
 from pymc_ship.machine.files import staged, writable_folder
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.pages.drawing import BESIDE_DPI, png
 from tests.foreign import mariner, mmg, s175, sailing
-from tests.foreign.population_page import CHOSEN_ON, LEADS, Bands, Row, page, reliability_figure
+from tests.foreign.population_page import CHOSEN_ON, LEADS, SUMMED, Bands, Moved, Row, page, reliability_figure
 from tests.foreign.run import ROOT
 from tests.foreign.sailing import CALM, SENSORS, Trial, Weather
 
@@ -50,6 +52,9 @@ TRIALS = {
     "10/10 and 20/20 to both sides": tuple(_zigzag(angle, side) for angle in (10.0, 20.0) for side in sailing.SIDES),
 }
 """Trials by name."""
+
+MOVED_LEADS = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0)
+"""Times from a restart [L/U] at which errors of the motion are taken."""
 
 SEED = 16
 _TRIED = 40
@@ -163,10 +168,11 @@ def scaled(ship: mmg.MmgShip, scale: float) -> mmg.MmgShip:
 
 @dataclass(frozen=True)
 class Judged:
-    """What became of a ship: her indices and bands, or the sentence of her refusal."""
+    """What became of a ship: her indices, bands and motion, or the sentence of her refusal."""
 
     rows: Sequence[Row] = ()
     bands: Sequence[Bands] = ()
+    moved: Sequence[Moved] = ()
     refusal: str = ""
 
 
@@ -181,15 +187,46 @@ def judged(number: int, seed: int = SEED) -> Judged:
             ship = ps.identify_ship(trials, path, rng=seed)
         except ValueError as error:
             return Judged(refusal=str(error))
-    return Judged([row for trial in sailing.JUDGED for row in _rows(one, ship, trial, seed)], _bands(one, ship, seed))
+    rows = [row for trial in sailing.JUDGED for row in _rows(one, ship, trial, seed)]
+    return Judged(rows, _bands(one, ship, seed), _moved(one, ship))
+
+
+def _moved(one: Drawn, ship: ps.ShipModel) -> list[Moved]:
+    """Errors of the motion in exact runs that she has not seen, restarted every four L/U."""
+    papers, found = one.ship.papers, []
+    units = {"u": papers.speed, "v": papers.speed, "r": papers.speed / papers.L, "x": papers.L, "y": papers.L}
+    for trial in sailing.JUDGED[::2]:
+        run = sailing.sail(one.ship, trial)
+        longest = LEADS[-1] * papers.unit
+        for begin in np.arange(0.0, run["time"].values[-1] - longest, 4.0 * papers.unit):
+            tree = ps.replay(ship, run, start=float(begin), duration=longest, draws=100)
+            since = (tree["measured"]["time"].values - begin) / papers.unit
+            median = tree["trajectories"].dataset.median("draw")
+            ships = median.assign(delta=run["delta"].sel(time=tree["measured"]["time"]))
+            beyond = extrapolation(ship.vessel, ships, ship.motion)["distance"].values
+            stayed = np.append(0.0, np.cumsum(0.5 * (beyond[1:] + beyond[:-1]) * np.diff(since)))
+            for lead in MOVED_LEADS:
+                k = min(int(np.searchsorted(since, lead - 1e-9)), since.size - 1)
+                for name in GROWTH:
+                    unit, far = units.get(name, 1.0), stayed if name in SUMMED else beyond
+                    drawn = tree["predictive"][name].values[:, k]
+                    error = (np.nanmedian(drawn) - tree["measured"][name].values[k]) / unit
+                    numbers = map(float, (error, np.nanstd(drawn) / unit, far[k], beyond[k]))
+                    found.append(Moved(one.number, name, *numbers))
+    return found
 
 
 def _bands(one: Drawn, ship: ps.ShipModel, seed: int) -> list[Bands]:
-    """Bands in a 15/15 zigzag and a circle that begins in it, calm and as the sensors read them."""
+    """Bands in a 15/15 zigzag and a circle, calm: of her motion, and of what her sensors read."""
     unit, noise = one.ship.papers.unit, 1000 * seed + 10 * one.number + 9
-    runs = [sailing.sail(one.ship, trial, sensors=SENSORS, seed=noise) for trial in sailing.JUDGED[::2]]
-    scores = {lead: ps.score(ship, runs, length=lead * unit, every=2.0 * unit) for lead in LEADS}
-    return [Bands(one.number, lead, float(score["coverage"].mean())) for lead, score in scores.items()]
+    found = []
+    for lead in LEADS:
+        held = []
+        for sensors in (None, SENSORS):
+            runs = [sailing.sail(one.ship, trial, sensors=sensors, seed=noise) for trial in sailing.JUDGED[::2]]
+            held.append(float(ps.score(ship, runs, length=lead * unit, every=2.0 * unit)["coverage"].mean()))
+        found.append(Bands(one.number, lead, *held))
+    return found
 
 
 def _rows(one: Drawn, ship: ps.ShipModel, trial: Trial, seed: int) -> list[Row]:
@@ -247,13 +284,15 @@ def main(words: Sequence[str] | None = None) -> int:
     found = {number: json.loads((kept / f"{seed}-{number}.json").read_text(encoding="utf-8")) for number in numbers}
     rows = [Row(**row) for one in found.values() for row in one["rows"]]
     bands = [Bands(**row) for one in found.values() for row in one["bands"]]
+    moved = [Moved(**row) for one in found.values() for row in one["moved"]]
     refusals = {number: one["refusal"] for number, one in found.items() if one["refusal"]}
     with staged(writable_folder(arguments.out) / "population.md") as path:
         command = (
             f"python -m tests.foreign.population --first {arguments.first} --ships {arguments.ships} --seed {seed}"
         )
         path.write_text(
-            page(rows, bands, refusals, command, (__doc__ or "").split("``make population``.")[1]), encoding="utf-8"
+            page(rows, bands, moved, refusals, command, (__doc__ or "").split("``make population``.")[1]),
+            encoding="utf-8",
         )
     shown = [row for row in rows if row.number >= CHOSEN_ON]
     with staged(arguments.out / "reliability.png") as path:

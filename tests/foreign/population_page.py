@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize_scalar
 
 from pymc_ship.forecasting.index_error import BEYOND
+from pymc_ship.forecasting.motion_error import BEYOND as GROWTH
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from tests.foreign.run import table
 
@@ -19,6 +20,11 @@ CHOSEN_ON = 30
 
 LEADS = (1.0, 5.0, 15.0)
 """Lengths of restarted windows [L/U]."""
+
+SUMMED = ("psi", "x", "y")
+"""States whose error grows with the time that a ship stays beyond the motion of her runs."""
+
+_NINETY = 1.6449  # sd, of an interval of 90 %
 
 STATED = (0.75, 0.9, 0.95, 0.99)
 """Probabilities of statements "at most" and "at least" that are counted."""
@@ -57,28 +63,80 @@ class Row:
 
 @dataclass(frozen=True)
 class Bands:
-    """Share of the instants inside bands of 90 % of a ship that is restarted in a run she has not seen, by lead."""
+    """Shares of the instants inside bands of 90 % of a ship that is restarted in a run she has not seen, by lead.
+
+    ``motion`` is of the motion itself, ``readings`` of noisy readings in bands that hold their noise.
+    """
 
     number: int
     lead: float
-    held: float
+    motion: float
+    readings: float
 
 
-def fitted_beyond(rows: Sequence[Row]) -> float:
-    """The value of BEYOND at which the errors are most probable."""
-    error, sd, beyond = (np.array([getattr(row, name) for row in rows]) for name in ("error", "sd", "beyond"))
-    known = np.maximum(sd**2 - (BEYOND * beyond) ** 2, 1e-8)
+@dataclass(frozen=True)
+class Moved:
+    """Prime error of a state of the median ship, and its sd in the bands, some time after a restart.
+
+    ``far`` is the distance from the motion of the runs [ranges], of heading and track its sum over time [ranges L/U];
+    ``beyond`` is the distance at the instant.
+    """
+
+    number: int
+    state: str
+    error: float
+    sd: float
+    far: float
+    beyond: float
+
+
+def fitted_growth(moved: Sequence[Moved]) -> dict[str, float]:
+    """The values of the growth of the motion's error, by state, at which the errors are most probable."""
+    return {
+        name: _most_probable(
+            *np.array([(row.error, row.sd, row.far) for row in moved if row.state == name]).T, GROWTH[name]
+        )
+        for name in GROWTH
+    }
+
+
+def _most_probable(error: np.ndarray, sd: np.ndarray, far: np.ndarray, counted: float) -> float:
+    """Growth by which errors are most probable whose sd holds a growth that was counted already."""
+    known = np.maximum(sd**2 - (counted * far) ** 2, 1e-8)
 
     def surprise(share: float) -> float:
-        variance = known + (share * beyond) ** 2
+        variance = known + (share * far) ** 2
         return float(np.sum(0.5 * np.log(variance) + 0.5 * error**2 / variance))
 
     return float(minimize_scalar(surprise, bounds=(0.0, 0.1), method="bounded").x)
 
 
+def moved_rows(moved: Sequence[Moved]) -> list[list[str]]:
+    """Share of instants at which the motion lies in bands of 90 %, within the runs and beyond them, by state."""
+    found = []
+    for name in GROWTH:
+        mine = [row for row in moved if row.state == name]
+        cells = []
+        for low, high in ((-1.0, 0.0), (0.0, 1.0), (1.0, math.inf)):
+            held = [abs(row.error) <= _NINETY * row.sd for row in mine if low < row.beyond <= high]
+            cells += [f"{100 * np.mean(held):.0f} of {len(held)}" if held else ""]
+        found.append([name, *cells])
+    return found
+
+
+def fitted_beyond(rows: Sequence[Row]) -> float:
+    """The value of BEYOND at which the errors are most probable."""
+    return _most_probable(*np.array([(row.error, row.sd, row.beyond) for row in rows]).T, BEYOND)
+
+
 _RESTARTED = (
-    "Ships restarted every two L/U in a circle of 35 deg and a 15/15 zigzag that they were not given. Bands are of the "
-    "motion, counted are instants as noisy sensors read them, whose noise is most of a short window:"
+    "Ships restarted every two L/U in a circle of 35 deg and a 15/15 zigzag that they were not given. Counted are "
+    "instants of the motion in bands of the motion, and readings of noisy sensors in bands that hold their noise:"
+)
+
+_MOVED = (
+    "Errors of the motion 1 to 15 L/U after a restart, every four L/U. Instants in bands of 90 %, by the distance from the "
+    "runs at that instant [% of instants]."
 )
 
 _GROUPS: Mapping[str, Callable[[Row], str]] = {
@@ -166,20 +224,27 @@ def _by_ship(rows: Sequence[Row], stated: Sequence[float]) -> np.ndarray:
 
 
 def band_rows(bands: Sequence[Bands]) -> list[list[str]]:
-    """Share of instants inside bands of 90 % by lead, with its standard error over ships."""
+    """Shares of instants inside bands of 90 % by lead, of motion and readings, with standard errors over ships."""
     found = []
     for lead in LEADS:
-        held = [one.held for one in bands if one.lead == lead]
-        if not held:
+        held = np.array([(one.motion, one.readings) for one in bands if one.lead == lead])
+        if not held.size:
             continue
-        error = np.std(held, ddof=1) / math.sqrt(len(held)) if len(held) > 1 else math.nan
-        found.append(
-            [f"{lead:g}", str(len(held)), f"{100 * np.mean(held):.0f} ± {100 * error:.0f}", f"{100 * min(held):.0f}"]
-        )
+        error = held.std(axis=0, ddof=1) / math.sqrt(len(held)) if len(held) > 1 else np.full(2, math.nan)
+        shares = [f"{100 * mean:.0f} ± {100 * off:.0f}" for mean, off in zip(held.mean(axis=0), error, strict=True)]
+        worst = [f"{100 * share:.0f}" for share in held.min(axis=0)]
+        found.append([f"{lead:g}", str(len(held)), shares[0], worst[0], shares[1], worst[1]])
     return found
 
 
-def page(rows: Sequence[Row], bands: Sequence[Bands], refusals: Mapping[int, str], command: str, about: str) -> str:
+def page(
+    rows: Sequence[Row],
+    bands: Sequence[Bands],
+    moved: Sequence[Moved],
+    refusals: Mapping[int, str],
+    command: str,
+    about: str,
+) -> str:
     """Both halves of the population as a page in Markdown."""
     heads = (
         "",
@@ -197,7 +262,7 @@ def page(rows: Sequence[Row], bands: Sequence[Bands], refusals: Mapping[int, str
         f"Ships that show it, from number {CHOSEN_ON} on": range(CHOSEN_ON, 10**6),
     }
     stated = ("forecast", "statements", *(f"{100 * one:g} %" for one in STATED))
-    lead = ("window [L/U]", "ships", "inside 90 % bands [%]", "the worst ship")
+    lead = ("window [L/U]", "ships", "motion in 90 % bands [%]", "the worst ship", "readings [%]", "the worst ship")
     parts = [
         "# A population of foreign ships",
         f"`{command}`. {' '.join(about.split())}",
@@ -205,7 +270,7 @@ def page(rows: Sequence[Row], bands: Sequence[Bands], refusals: Mapping[int, str
         "error over ships.",
     ]
     for head, numbers in halves.items():
-        mine, held = ([one for one in every if one.number in numbers] for every in (rows, bands))
+        mine, held, went = ([one for one in every if one.number in numbers] for every in (rows, bands, moved))
         if mine:
             best = f"Of these ships alone BEYOND would be {fitted_beyond(mine):.4f}; it is {BEYOND:g}."
             parts += [f"## {head}", best, table(heads, coverage_rows(mine))]
@@ -213,6 +278,10 @@ def page(rows: Sequence[Row], bands: Sequence[Bands], refusals: Mapping[int, str
             parts += [table(stated, reliability_rows(mine))]
             parts += [_RESTARTED]
             parts += [table(lead, band_rows(held))]
+        if went:
+            grown = ", ".join(f"{name} {value:.4f} ({GROWTH[name]:g})" for name, value in fitted_growth(went).items())
+            parts += [f"{_MOVED} Of these ships alone the growth would be (and is): {grown}."]
+            parts += [table(("state", "within", "up to one range beyond", "further"), moved_rows(went))]
     held, made = borne_out([row for row in rows if row.number >= CHOSEN_ON])
     if made:
         parts += [f"Of {made} statements of 99 % on indices beyond the motion of the runs {held} held."]

@@ -9,17 +9,21 @@ import pytest
 from scipy.stats import norm
 
 from pymc_ship.forecasting.index_error import BEYOND
+from pymc_ship.forecasting.motion_error import BEYOND as GROWTH
 from tests.foreign import mmg, population, sailing
 from tests.foreign.population import HULLS, TRIALS, drawn, scaled
 from tests.foreign.population_page import (
     LEADS,
     STATED,
     Bands,
+    Moved,
     Row,
     band_rows,
     borne_out,
     coverage_rows,
     fitted_beyond,
+    fitted_growth,
+    moved_rows,
     page,
     reliability_figure,
     reliability_rows,
@@ -141,15 +145,42 @@ def test_sure_statements_beyond_the_runs_are_counted():
 
 
 def test_bands_are_told_by_lead_with_the_worst_ship():
-    bands = [Bands(k, lead, 0.8 + 0.1 * (k % 2)) for k in range(20) for lead in LEADS]
+    bands = [Bands(k, lead, 0.9 + 0.1 * (k % 2), 0.8 + 0.1 * (k % 2)) for k in range(20) for lead in LEADS]
     assert [row[0] for row in band_rows(bands)] == ["1", "5", "15"]
-    assert band_rows(bands)[0][1:] == ["20", "85 ± 1", "80"]
+    assert band_rows(bands)[0][1:] == ["20", "95 ± 1", "90", "85 ± 1", "80"]
+
+
+def moved_of(growth, n=3000, seed=3):
+    """Errors of every state whose sd grows, beside an sd that counts on the growth of the package."""
+    rng, found = np.random.default_rng(seed), []
+    for name, counted in GROWTH.items():
+        far = rng.choice([0.0, 0.5, 3.0, 20.0], n)
+        sd, true = np.hypot(0.01, counted * far), np.hypot(0.01, growth * far)
+        found += [
+            Moved(k % 20, name, float(e), float(s), float(f), float(f))
+            for k, (e, s, f) in enumerate(zip(true * rng.standard_normal(n), sd, far, strict=True))
+        ]
+    return found
+
+
+@pytest.mark.parametrize("growth", [0.001, 0.007])
+def test_the_growth_of_the_motion_is_found_from_the_errors(growth):
+    assert list(fitted_growth(moved_of(growth)).values()) == pytest.approx([growth] * len(GROWTH), rel=0.2)
+
+
+def test_instants_in_bands_are_told_by_the_distance():
+    """Of ships that err three times as much beyond their runs, the broken twin, fewer are held there."""
+    u, wild = (moved_rows(moved_of(growth))[0] for growth in (GROWTH["u"], 3.0 * GROWTH["u"]))
+    assert u[0] == "u"
+    assert [float(cell.split()[0]) for cell in u[1:]] == pytest.approx([90.0] * 3, abs=3.0)
+    assert float(wild[3].split()[0]) < 70.0
 
 
 def test_the_page_tells_both_halves_apart_and_who_was_refused():
     text = page(
         rows_of(BEYOND, 80),
-        [Bands(k, 5.0, 0.9) for k in range(80)],
+        [Bands(k, 5.0, 0.9, 0.9) for k in range(80)],
+        [Moved(k, name, 0.01, 0.01, 1.0, 1.0) for k in range(80) for name in GROWTH],
         {7: "No term set can be fitted."},
         "make population",
         "Ships.",
