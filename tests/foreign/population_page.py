@@ -135,8 +135,8 @@ _RESTARTED = (
 )
 
 _MOVED = (
-    "Errors of the motion 1 to 15 L/U after a restart, every four L/U. Instants in bands of 90 %, by the distance from the "
-    "runs at that instant [% of instants]."
+    "Errors of the motion 1 to 15 L/U after a restart, every four L/U. Instants in bands of 90 %, by the distance from "
+    "the runs at that instant [% of instants]."
 )
 
 _GROUPS: Mapping[str, Callable[[Row], str]] = {
