@@ -75,7 +75,9 @@ class TestModelError:
         found = model_error([row("angle", 0.1), row("distance", 0.3)])
         assert found == pytest.approx({"angle": 0.1, "time": 0.1, "distance": 0.3}, rel=1e-9)
         found = model_error([row("distance", 0.3)])
-        assert found == pytest.approx({"angle": 0.0, "time": 0.0, "distance": 0.3}, rel=1e-9)
+        assert found == pytest.approx(dict.fromkeys(ERRING, 0.3), rel=1e-9)
+        found = model_error([row("time", 0.2), row("distance", 0.3)])
+        assert found == pytest.approx({"angle": 0.2, "time": 0.2, "distance": 0.3}, rel=1e-9)
 
     def test_the_kind_before_it_counts_and_not_the_largest(self):
         found = model_error([row("angle", 0.3), row("time", 0.1)])

@@ -60,16 +60,20 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
     -------
     dict of str to float
         Of overshoot angles over the swing, of times in L/U, of distances in L; empty without rows, 0 where the draws
-        explain the errors. Without a held-out index of a kind, the error of the previous kind in this order is used (0
-        for the first).
+        explain the errors. Without a held-out index of a kind, the error of the previous kind in this order is used,
+        or that of the next one for the first.
     """
     found: dict[str, float] = {}
-    for kind in ERRING if rows else ():
+    for kind in ERRING:
         mine = [row for row in rows if row["kind"] == kind]
         square = np.array([((row["measured"] - row["forecast"]) / row["scale"]) ** 2 for row in mine])
         known = np.array([(row["parameter_sd"] ** 2 + row["model_sd"] ** 2) / row["scale"] ** 2 for row in mine])
-        found[kind] = _excess_sd(square, known) if mine else (list(found.values())[-1] if found else 0.0)
-    return found
+        if mine:
+            found[kind] = _excess_sd(square, known)
+    if not found:
+        return {}
+    last = next(iter(found.values()))
+    return {kind: (last := found.get(kind, last)) for kind in ERRING}
 
 
 def _excess_sd(square: np.ndarray, known: np.ndarray) -> float:
