@@ -120,7 +120,13 @@ def moved_rows(moved: Sequence[Moved]) -> list[list[str]]:
         for low, high in ((-1.0, 0.0), (0.0, 1.0), (1.0, math.inf)):
             held = [abs(row.error) <= _NINETY * row.sd for row in mine if low < row.beyond <= high]
             cells += [f"{100 * np.mean(held):.0f} of {len(held)}" if held else ""]
-        found.append([name, *cells])
+        far = [
+            (abs(row.error), math.sqrt(max(row.sd**2 - (GROWTH[name] * row.far) ** 2, 0.0)))
+            for row in mine
+            if row.beyond > 1.0
+        ]
+        without = f"{100 * np.mean([error <= _NINETY * sd for error, sd in far]):.0f}" if far else ""
+        found.append([name, *cells, without])
     return found
 
 
@@ -281,7 +287,9 @@ def page(
         if went:
             grown = ", ".join(f"{name} {value:.4f} ({GROWTH[name]:g})" for name, value in fitted_growth(went).items())
             parts += [f"{_MOVED} Of these ships alone the growth would be (and is): {grown}."]
-            parts += [table(("state", "within", "up to one range beyond", "further"), moved_rows(went))]
+            parts += [
+                table(("state", "within", "up to one range beyond", "further", "without the growth"), moved_rows(went))
+            ]
     held, made = borne_out([row for row in rows if row.number >= CHOSEN_ON])
     if made:
         parts += [f"Of {made} statements of 99 % on indices beyond the motion of the runs {held} held."]
