@@ -22,10 +22,11 @@ from pymc_ship.vessel.reading import VesselLike, as_vessel
 _JUMP = 0.1  # s, from one angle to the next; the rudder follows at its own rate
 
 
-Candidate = Manoeuvre | StoppingTest
+NextRun = Manoeuvre | StoppingTest
+"""What may be sailed next."""
 
 
-def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) -> dict[str, Candidate]:
+def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) -> dict[str, NextRun]:
     """Manoeuvres worth considering for a next run, by label.
 
     Parameters
@@ -83,14 +84,14 @@ def _programme(draw, duration: float, approach_speed: float | None) -> Manoeuvre
     return rudder_programme(time, np.deg2rad(angles), approach_speed=approach_speed)
 
 
-def labelled_trials(manoeuvres: Mapping[str, Candidate] | Sequence[Candidate]) -> dict[str, Candidate]:
+def labelled_trials(manoeuvres: Mapping[str, NextRun] | Sequence[NextRun]) -> dict[str, NextRun]:
     """Manoeuvres by label.
 
     A manoeuvre without a label is named by kind, angles and speed, and by a number where a name repeats.
     """
     if isinstance(manoeuvres, Mapping):
         return dict(manoeuvres)
-    labelled: dict[str, Candidate] = {}
+    labelled: dict[str, NextRun] = {}
     for one in manoeuvres:
         label = one.label + (f" from {one.approach_speed:g} m/s" if one.approach_speed else "")
         same = sum(name.split(" #")[0] == label for name in labelled)

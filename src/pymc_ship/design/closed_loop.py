@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forecasting.stopping import StoppingTest
+from pymc_ship.design.candidates import NextRun
 from pymc_ship.manoeuvre.kinds import SIDES
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.replay import replay
@@ -26,7 +26,7 @@ STEP = 0.1
 _SHIFT = 0.05  # s, of a rudder's travel, for central differences
 
 
-def straight_course(vessel: Vessel, manoeuvre: Manoeuvre | StoppingTest, n_states: int) -> np.ndarray:
+def straight_course(vessel: Vessel, manoeuvre: NextRun, n_states: int) -> np.ndarray:
     """State at the begin of a manoeuvre, shape (n_states,): the approach speed, zero otherwise."""
     return np.append(manoeuvre.approach_speed or vessel.particulars.nominal_speed, np.zeros(n_states - 1))
 

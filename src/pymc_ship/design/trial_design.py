@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.design.candidates import Candidate, candidate_trials, labelled_trials
+from pymc_ship.design.candidates import NextRun, candidate_trials, labelled_trials
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities, straight_course
 from pymc_ship.design.identifiability import information_root
 from pymc_ship.forecasting.draws import coefficient_draws
@@ -77,7 +77,7 @@ class _Sensors:
 def design_trials(
     vessel: VesselLike,
     posterior: xr.DataTree | TrajectoryFit | tuple[np.ndarray, np.ndarray],
-    candidates: Mapping[str, Candidate] | Sequence[Candidate] | None = None,
+    candidates: Mapping[str, NextRun] | Sequence[NextRun] | None = None,
     n: int = 2,
     *,
     rng: Seed,
@@ -257,7 +257,7 @@ def _fitted_sensors(posterior) -> _Sensors:
     return _Sensors(channels, None, last["block_sd"].values, last["correlation"].values, offsets, spacing)
 
 
-def _sailed(vessel: Vessel, run: Candidate, points: np.ndarray, duration: float) -> xr.Dataset:
+def _sailed(vessel: Vessel, run: NextRun, points: np.ndarray, duration: float) -> xr.Dataset:
     """Motion of the ships of some points, as :func:`pymc_ship.simulate` returns it; a stopping test has its n, too."""
     if not isinstance(run, StoppingTest):
         return simulate(vessel, run, duration=duration, step=STEP, method="rk4", coefficients=points)
@@ -270,7 +270,7 @@ def _sailed(vessel: Vessel, run: Candidate, points: np.ndarray, duration: float)
 
 
 def _information(
-    vessel: Vessel, manoeuvre: Candidate, points: np.ndarray, sensors: _Sensors, duration: float
+    vessel: Vessel, manoeuvre: NextRun, points: np.ndarray, sensors: _Sensors, duration: float
 ) -> list[np.ndarray | None]:
     """Root of the information of a run at each point, None where the ship diverged."""
     ships = _sailed(vessel, manoeuvre, points, duration)

@@ -70,10 +70,11 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
         known = np.array([(row["parameter_sd"] ** 2 + row["model_sd"] ** 2) / row["scale"] ** 2 for row in mine])
         if mine:
             found[kind] = _excess_sd(square, known)
-    if not found:
-        return {}
-    last = next(iter(found.values()))
-    return {kind: (last := found.get(kind, last)) for kind in ERRING}
+    shown = list(found)
+    for kind in ERRING if shown else ():
+        before = [one for one in shown if ERRING.index(one) <= ERRING.index(kind)]
+        found[kind] = found[before[-1] if before else shown[0]]
+    return found
 
 
 def _excess_sd(square: np.ndarray, known: np.ndarray) -> float:

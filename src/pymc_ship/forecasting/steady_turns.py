@@ -126,18 +126,17 @@ def spiral_curve(turns: xr.Dataset, *, ci_prob: float = 0.95) -> Figure:
 
 def draw_curve(ax: Axes, turns: xr.Dataset | None, ci_prob: float) -> None:
     """Draw the curve and its band, where steady turns are known, on the axes of a spiral test."""
+    if turns is not None:
+        tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
+        kept = np.isfinite(turns["delta"].values).mean(axis=0) > ci_prob
+        lower, median, upper = np.nanquantile(turns["delta"].values[:, kept], tails, axis=0)
+        rate = np.nanmedian(turns["r"].values[:, kept], axis=0)
+        ax.fill_betweenx(rate, lower, upper, color=BLUE, alpha=0.25, lw=0, label=f"{100.0 * ci_prob:g} % band")
+        ax.plot(median, rate, color=BLUE, label="median")
     ax.axhline(0.0, color=REFERENCE, lw=0.6)
     ax.axvline(0.0, color=REFERENCE, lw=0.6)
     ax.set_xlabel("rudder δ [deg], positive to port")
     ax.set_ylabel("steady yaw rate r [deg/s], positive to starboard")
-    if turns is None:
-        return
-    tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
-    kept = np.isfinite(turns["delta"].values).mean(axis=0) > ci_prob
-    lower, median, upper = np.nanquantile(turns["delta"].values[:, kept], tails, axis=0)
-    rate = np.nanmedian(turns["r"].values[:, kept], axis=0)
-    ax.fill_betweenx(rate, lower, upper, color=BLUE, alpha=0.25, lw=0, label=f"{100.0 * ci_prob:g} % band")
-    ax.plot(median, rate, color=BLUE, label="median")
 
 
 def _loop(delta: np.ndarray, r: np.ndarray, middle: int) -> tuple[float, float, float]:
