@@ -149,8 +149,9 @@ def moving(program):
 def test_a_product_that_one_sum_needs_is_formed_with_it():
     tape = Tape(INPUTS, PARAMETERS)
     u, v = tape.inputs.values()
-    a, _ = tape.parameters.values()
+    a, b = tape.parameters.values()
     assert moving(tape.program([u * v + a])) == [MULTIPLY_ADD]
+    assert moving(tape.program([u + a * b])) == [ADD]  # that product is formed once, before the motion
     assert moving(tape.program([v - a * u])) == [MULTIPLY_ADD]
     product = u * v
     assert sorted(moving(tape.program([product + a, product]))) == [ADD, MULTIPLY]
