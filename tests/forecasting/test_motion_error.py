@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.forecasting.motion_error import BEYOND, ERRING, Replayed, motion_error, with_motion_error
+from pymc_ship.forecasting.motion_error import ERRING, Replayed, motion_error, with_motion_error
+from pymc_ship.forecasting.motion_error import GROWTH as BEYOND
 from pymc_ship.motion.equations import STATE
 
 DRAWS, TIMES, RUNS = 40, 401, 300

@@ -24,7 +24,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.forecasting.extrapolation import extrapolation
 from pymc_ship.forecasting.index_error import index_scale, robust_sd
-from pymc_ship.forecasting.motion_error import BEYOND as GROWTH
+from pymc_ship.forecasting.motion_error import GROWTH
 from pymc_ship.machine.files import staged, writable_folder
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
@@ -219,12 +219,14 @@ def _moved(one: Drawn, ship: ps.ShipModel) -> list[Moved]:
 def _bands(one: Drawn, ship: ps.ShipModel, seed: int) -> list[Bands]:
     """Bands in a 15/15 zigzag and a circle, calm: of her motion, and of what her sensors read."""
     unit, noise = one.ship.papers.unit, 1000 * seed + 10 * one.number + 9
+    read = [
+        [sailing.sail(one.ship, trial, sensors=sensors, seed=noise) for trial in sailing.JUDGED[::2]]
+        for sensors in (None, SENSORS)
+    ]
     found = []
     for lead in LEADS:
-        held = []
-        for sensors in (None, SENSORS):
-            runs = [sailing.sail(one.ship, trial, sensors=sensors, seed=noise) for trial in sailing.JUDGED[::2]]
-            held.append(float(ps.score(ship, runs, length=lead * unit, every=2.0 * unit)["coverage"].mean()))
+        settings = {"length": lead * unit, "every": 2.0 * unit}
+        held = [float(ps.score(ship, runs, **settings)["coverage"].mean()) for runs in read]
         found.append(Bands(one.number, lead, *held))
     return found
 

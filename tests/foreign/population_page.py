@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize_scalar
 
 from pymc_ship.forecasting.index_error import BEYOND
-from pymc_ship.forecasting.motion_error import BEYOND as GROWTH
+from pymc_ship.forecasting.motion_error import GROWTH
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from tests.foreign.run import table
 

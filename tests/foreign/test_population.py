@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm
 
 from pymc_ship.forecasting.index_error import BEYOND
-from pymc_ship.forecasting.motion_error import BEYOND as GROWTH
+from pymc_ship.forecasting.motion_error import GROWTH
 from tests.foreign import mmg, population, sailing
 from tests.foreign.population import HULLS, TRIALS, drawn, scaled
 from tests.foreign.population_page import (

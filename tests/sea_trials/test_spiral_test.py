@@ -134,6 +134,11 @@ def test_steps_at_random_are_no_spiral():
     assert measured_spiral(run, unit) is None
 
 
+def test_a_ship_that_never_turns_has_sailed_no_spiral():
+    still = spiral("kvlcc2")
+    assert measured_spiral(still.assign({name: 0.0 * still[name] for name in ("r", "v")}), 40.0) is None
+
+
 def test_a_record_without_a_rudder_is_no_spiral():
     assert measured_spiral(spiral("kvlcc2").drop_vars("delta"), 40.0) is None
 

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from pymc_ship.forecasting.stopping import StoppingTest, knows_astern
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.standard import (
     Manoeuvre,
     direct_spiral,
+    held_angles,
     pull_out,
-    rudder_programme,
     turning_circle,
     zigzag,
 )
 from pymc_ship.vessel.parts import ship_of
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-
-_JUMP = 0.1  # s, from one angle to the next; the rudder follows at its own rate
-
 
 NextRun = Manoeuvre | StoppingTest
 """What may be sailed next."""
@@ -75,13 +70,12 @@ def candidate_trials(vessel: VesselLike, *, duration: float = 400.0, rng: Seed) 
 
 def _programme(draw, duration: float, approach_speed: float | None) -> Manoeuvre:
     """Rudder programme of (dwell [s], angle [deg]) drawn until the duration is filled."""
-    time, angles, end = [], [], 0.0
-    while end < duration:
+    dwells, angles = [], []
+    while sum(dwells) < duration:
         dwell, angle = draw()
-        time += [end + (_JUMP if time else 0.0), end + float(dwell)]
-        angles += [angle, angle]
-        end += float(dwell)
-    return rudder_programme(time, np.deg2rad(angles), approach_speed=approach_speed)
+        dwells.append(float(dwell))
+        angles.append(angle)
+    return held_angles(angles, dwells, approach_speed=approach_speed)
 
 
 def labelled_trials(manoeuvres: Mapping[str, NextRun] | Sequence[NextRun]) -> dict[str, NextRun]:

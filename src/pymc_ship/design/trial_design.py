@@ -69,7 +69,7 @@ class _Sensors:
         if self.level is not None:
             factors = noise_factors()
             sd = np.array([self.level * factors[name] * np.abs(ship[name].values).max() for name in self.channels])
-            sd[sd == 0.0] = np.inf  # a channel that stays 0 has no noise to be told from
+            sd[sd == 0.0] = np.inf  # noise is a share of the peak: a channel that stays 0 tells nothing
         sd = sd * np.sqrt(self.spacing / (run.block * STEP))
         return run, Noise(sd, self.correlation, self.offsets, run.means)
 

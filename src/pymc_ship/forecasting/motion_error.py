@@ -5,7 +5,7 @@ not exact, and gusts, waves and unsteady water act that nobody measured. The exc
 variance of the draws and of the readings is taken over all such replays, by the time since their start.
 
 No held-out run says how wrong a model is where no run has been. What foreign ships showed there grows with the distance
-of the median ship from the motion of the runs: :data:`BEYOND`, of the population of ``make population``
+of the median ship from the motion of the runs: :data:`GROWTH`, of the population of ``make population``
 (docs/explanation/foreign_ships.md).
 """
 
@@ -27,7 +27,7 @@ LEADS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 ERRING = ("u", "v", "r", "psi", "x", "y")
 """States that have an error."""
 
-BEYOND = {"u": 0.007, "v": 0.0025, "r": 0.001, "psi": 0.001, "x": 0.003, "y": 0.003}
+GROWTH = {"u": 0.007, "v": 0.0025, "r": 0.001, "psi": 0.001, "x": 0.003, "y": 0.003}
 """Standard deviation of the prime motion for each range of the record by which the median ship leaves it; of heading
 [rad] and track for each L/U that she stays there, too."""
 
@@ -41,8 +41,8 @@ class Replayed(NamedTuple):
     """A replay beside its record.
 
     ``time`` (n_time,) [s] is from the start of the replay; ``states`` (8, n_draws, n_time) and ``measured`` (8, n_time)
-    are in SI units and rad, NaN where a channel was not measured; ``noise_sd`` (8,) is that of a reading less that of
-    the start, see :func:`pymc_ship.ship.along.reading_noise`.
+    are in SI units and rad, NaN where a channel was not measured; ``noise_sd`` (8,) is the standard deviation of the
+    readings about a replay of the true ship, 0 for exact ones.
     """
 
     time: np.ndarray
@@ -122,7 +122,7 @@ def with_motion_error(
             sd = np.interp(lead, seen, error[name].values)
             if _SUMMED[k] and seen[-1] > 0.0:
                 sd = sd * np.maximum(lead / seen[-1], 1.0)
-        sd = np.hypot(sd, BEYOND[name] * (stayed if _SUMMED[k] else beyond)) * _units(vessel)[k]
+        sd = np.hypot(sd, GROWTH[name] * (stayed if _SUMMED[k] else beyond)) * _units(vessel)[k]
         found[row] += ndtri(place[:, k, None]) * sd
     return found
 

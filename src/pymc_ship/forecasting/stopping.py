@@ -79,19 +79,18 @@ class StoppingTest:
                 f"and a time from 0 s to reach them, found {self.astern} and {reversal}; correct them (1/min over 60 "
                 "are 1/s)."
             )
-        return StoppingTest(self.astern, reversal, self.approach_speed or s.nominal_speed)
+        speed = s.nominal_speed if self.approach_speed is None else self.approach_speed
+        return StoppingTest(self.astern, reversal, speed)
 
     def sailed(self, vessel: Vessel, coefficients: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Revolutions [1/s] at some even times [s] and states of the ships, (n_time,) and (8, n_draws, n_time)."""
         test, s, nominal = self.on(vessel), vessel.particulars, ship_of(vessel).n
-        n = nominal * np.interp(
-            time, [0.0, max(test.reversal, 1e-9)], [test.approach_speed / s.nominal_speed, -test.astern / nominal]
-        )
+        ends = [test.approach_speed / s.nominal_speed, -test.astern / nominal]
         inputs = np.zeros((4, time.size))
-        inputs[1] = n / nominal
+        inputs[1] = np.interp(time, [0.0, max(test.reversal, 1e-9)], ends)
         initial = np.zeros((len(coefficients), len(STATE)))
         initial[:, 0] = test.approach_speed
-        return n, replay(vessel, inputs, initial, coefficients, interval=float(time[1] - time[0]))
+        return nominal * inputs[1], replay(vessel, inputs, initial, coefficients, interval=float(time[1] - time[0]))
 
 
 def stopping(

@@ -251,10 +251,16 @@ def direct_spiral(
             f"{rudder_deg:g} deg in steps of {step_deg:g} deg held for {hold:g} s; correct it."
         )
     there = np.linspace(rudder_deg, -rudder_deg, 2 * steps + 1)
-    angles = np.deg2rad(np.append(there, there[-2::-1]))
-    begin = hold * np.arange(angles.size)
-    time = np.column_stack([begin + _STEP * (begin > 0.0), begin + hold]).ravel()
-    return rudder_programme(time, np.repeat(angles, 2), approach_speed=approach_speed)
+    angles = np.append(there, there[-2::-1])
+    return held_angles(angles, np.full(angles.size, hold), approach_speed=approach_speed)
+
+
+def held_angles(angles_deg: np.ndarray, holds: np.ndarray, *, approach_speed: float | None = None) -> Manoeuvre:
+    """Rudder programme of angles [deg], each held for its time [s], shape (n,) both."""
+    ends = np.cumsum(holds, dtype=float)
+    begins = np.append(0.0, ends[:-1] + _STEP)
+    time, delta = np.column_stack([begins, ends]).ravel(), np.repeat(np.deg2rad(angles_deg), 2)
+    return rudder_programme(time, delta, approach_speed=approach_speed)
 
 
 def rudder_programme(

@@ -1,7 +1,7 @@
 """The spiral test in a record: turns that have become steady, at rudder angles or at rates that are held.
 
 A direct spiral holds one rudder angle after the other, from one side to the other and back, a reverse spiral holds
-rates of turn (IMO MSC/Circ.1053, 2.4). Either is a sequence of steady turns that sweeps the rudder angles; a loop shows
+rates of turn (IMO MSC/Circ.1053). Either is a sequence of steady turns that sweeps the rudder angles; a loop shows
 in turns to the side that the rudder is not put to.
 """
 
@@ -52,6 +52,8 @@ def measured_spiral(trial: xr.Dataset, ship_time: float) -> xr.Dataset | None:
     smooth = smoothed(trial)
     time, r, delta = smooth["time"].values, np.rad2deg(smooth["r"].values), np.rad2deg(trial["delta"].values)
     straight, held = _STEADY * float(np.abs(r).max()), _rudder_held(time, delta, ship_time)
+    if straight == 0.0:
+        return None
     motion = np.array([r / straight, delta / _HELD] if held else [r / straight])
     rows: list[tuple[float, float, float]] = []
     for begin, end in _steady(time, motion, _LASTS * ship_time):

@@ -45,9 +45,10 @@ def sailed_along(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, pl
 
 
 def reading_noise(trial: xr.Dataset) -> np.ndarray:
-    """Standard deviation (8,) of what noise does to a reading of a ship that began at one [SI, rad]; 0 if not measured.
+    """Standard deviation of the readings about a replay of the true ship, (8,) [SI, rad]; 0 where nothing was measured.
 
-    Velocities begin smoothed; heading and track begin at a reading, whose noise stays in all that follow.
+    A replay begins at smoothed velocities, but at a single reading of heading and track. The noise of that reading
+    shifts the whole replay, so that theirs counts twice.
     """
     sd = np.zeros(len(STATE))
     for k, name in enumerate(STATE):

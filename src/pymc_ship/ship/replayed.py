@@ -288,13 +288,9 @@ def _window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[flo
         seen = measured[name].values
         low, middle, high = (tree["bands"][name].sel(band=band).values for band in BANDS)
         reach = ndtri(0.5 + 0.5 * ci_prob) * noise[name]
-        inside = np.where(
-            seen < middle,
-            middle - seen <= np.hypot(middle - low, reach),
-            seen - middle <= np.hypot(high - middle, reach),
-        )
+        half = np.where(seen < middle, middle - low, high - middle)
         found["square"].append(float(np.mean((median[name].values - seen) ** 2)))
-        found["coverage"].append(float(np.mean(inside)))
+        found["coverage"].append(float(np.mean(np.abs(seen - middle) <= np.hypot(half, reach))))
         found["crps"].append(_crps(ships[name].values, seen))
     apart = np.hypot(*(median[name].values - measured[name].values for name in "xy"))
     reach = np.nanquantile(np.hypot(*(ships[name].values - median[name].values for name in "xy")), ci_prob, axis=0)
