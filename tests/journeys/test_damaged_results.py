@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from pymc_ship.cli.main import main
 from pymc_ship.experiments.grid import MonteCarloError
@@ -133,13 +134,19 @@ def test_mutated_trials_with_mutated_formats_are_checked_or_refused(made, tmp_pa
     assert counts[2] > 20
 
 
-@pytest.mark.parametrize("change", ["facilities", "gear"])
+@pytest.mark.parametrize("change", ["facilities", "gear", "prior"])
 def test_a_ship_of_another_version_is_refused_with_status_2(whole, tmp_path, capsys, change):
     at = Path(shutil.copytree(whole["ship"][0], tmp_path / "at"))
     index = json.loads((at / "model" / "ship.json").read_text(encoding="utf-8"))
     del index["sha256"]
     if change == "gear":
         index["facilities"] = {"": {"rudder_rate_deg": 2.0}}
+    elif change == "prior":
+        path = (at / "model" / index["terms"][0]["file"]).with_suffix(".nc")
+        with xr.open_datatree(path) as file:
+            tree = file.load()
+        tree["constant_data"] = tree["constant_data"].to_dataset().drop_vars("prior_mean")
+        tree.to_netcdf(path)
     else:
         del index["facilities"]
     (at / "model" / "ship.json").write_text(json.dumps(index), encoding="utf-8")

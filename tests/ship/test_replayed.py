@@ -80,6 +80,8 @@ def test_the_noise_of_a_reading_is_that_of_its_channel(trial):
         assert found[STATE.index(name)] == pytest.approx(factor * sd, rel=0.15)
         assert exact[STATE.index(name)] < 0.02 * sd
     assert reading_noise(trial.drop_vars("x"))[STATE.index("x")] == 0.0
+    gap = noisy.assign(u=noisy["u"].where((noisy["time"] < 100) | (noisy["time"] > 130)))
+    assert reading_noise(gap)[STATE.index("u")] == pytest.approx(found[STATE.index("u")], rel=0.1)
 
 
 def test_a_score_has_every_channel_of_every_run(tanker, trial):

@@ -52,8 +52,9 @@ def reading_noise(trial: xr.Dataset) -> np.ndarray:
     """
     sd = np.zeros(len(STATE))
     for k, name in enumerate(STATE):
-        if name in trial and trial.sizes["time"] > 2:
-            sd[k] = float(second_difference_sd(trial[name].values[None])[0])
+        seen = trial[name].dropna("time").values if name in trial else np.empty(0)
+        if seen.size > 2:
+            sd[k] = float(second_difference_sd(seen))
     return sd * np.where(np.isin(STATE, ("psi", "x", "y", "phi")), np.sqrt(2.0), 1.0)
 
 

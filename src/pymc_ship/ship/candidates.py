@@ -128,11 +128,13 @@ def beside_earlier(best: Candidate, training: Training) -> str:
         parameters = [best.vessel.parameters[k] for k in places_of_facility(best.vessel)]
         names = ", ".join(parameter.name for parameter in parameters)
         said += f", those that may belong to the facility ({names}) by {own[0]:.2g}"
-    loading = (
-        " They were sailed at another draught: a ship of parts is taken to be as many prior sd from what is typical as "
-        "there, and terms of a polynomial know no draught."
-    )
-    return f"{said} ({best.name}).{loading * training.reloaded}"
+    said += f" ({best.name})."
+    if training.reloaded:
+        said += (
+            " They were sailed at another draught: a ship of parts is taken to be as many prior sd from what is "
+            "typical as there, and terms of a polynomial know no draught."
+        )
+    return said
 
 
 def chosen_prior(vessel: Vessel, kind: str | None) -> str:

@@ -35,6 +35,7 @@ FOLDER = "model"
 
 _INDEX, _SUM = "ship.json", "sha256"
 _KEYS = ("terms", "facilities", "model_error", "motion_error", "remarks", "prior", "index_rows", "held_tests")
+_TOLD = ("motion", "statement", "stated", "prior_mean", "prior_scale")
 _CHAINS = 4
 
 
@@ -247,10 +248,7 @@ def load_ship(out: str | Path) -> IdentifiedShip:
         )
     gear = {one.name for one in fields(Steering)}
     if not set(_KEYS) <= set(index) or any(set(one) != gear for one in index["facilities"].values()):
-        raise VesselError(
-            f"The identified ship in {folder} was written by another version of pymc_ship: its {_INDEX} does not have "
-            f"{', '.join(_KEYS)} as this one reads them; run `pymc-ship identify` again."
-        )
+        raise _of_another_version(folder, _INDEX, _KEYS)
     models, said, motion = [], {}, None
     for entry in index["terms"]:
         path = folder / entry["file"]
@@ -259,6 +257,8 @@ def load_ship(out: str | Path) -> IdentifiedShip:
         rows = draws.sel(coefficient=coefficient_names(vessel)).transpose("sample", "coefficient").values
         models.append((vessel, rows))
         told = tree["constant_data"].to_dataset()
+        if not set(_TOLD) <= set(told):
+            raise _of_another_version(folder, path.with_suffix(".nc").name, _TOLD)
         motion = told["motion"]
         statement = Statement(told["statement"].values, told["stated"].values)
         names = tuple(map(str, told["coefficient"].values))
@@ -269,6 +269,13 @@ def load_ship(out: str | Path) -> IdentifiedShip:
     known = {"prior": index["prior"], "said": said, "known_rows": index["index_rows"]}
     known["held_tests"] = index["held_tests"]
     return IdentifiedShip(models, motion, index["model_error"], error, tuple(index["remarks"]), facilities, **known)
+
+
+def _of_another_version(folder: Path, file: str, lacking: Sequence[str]) -> VesselError:
+    return VesselError(
+        f"The identified ship in {folder} was written by another version of pymc_ship: its {file} does not have "
+        f"{', '.join(lacking)} as this one reads them; run `pymc-ship identify` again."
+    )
 
 
 def _checksum(folder: Path, index: Mapping) -> str:

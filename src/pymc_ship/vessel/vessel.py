@@ -243,14 +243,18 @@ def reference_coefficients(vessel: Vessel) -> np.ndarray:
 
 def places_of_run(vessel: Vessel) -> list[int]:
     """Places among the coefficients of the parameters that every run has its own of."""
-    first = sum(len(force) for force in vessel.forces.values())
-    return [first + k for k, parameter in enumerate(vessel.parameters) if parameter.of_run]
+    return _places(vessel, [parameter.of_run for parameter in vessel.parameters])
 
 
 def places_of_facility(vessel: Vessel) -> list[int]:
     """Places among the coefficients of the parameters that a facility may have its own of."""
+    return _places(vessel, [parameter.of_facility for parameter in vessel.parameters])
+
+
+def _places(vessel: Vessel, chosen: Iterable[bool]) -> list[int]:
+    """Places among the coefficients of the chosen parameters."""
     first = sum(len(force) for force in vessel.forces.values())
-    return [first + k for k, parameter in enumerate(vessel.parameters) if parameter.of_facility]
+    return [first + k for k, one in enumerate(chosen) if one]
 
 
 def fullest(vessels: Iterable[Vessel]) -> Vessel:
