@@ -6,7 +6,7 @@ BENCH  := $(VENV)/.bench
 # Tests on every core; linear algebra on a second thread would take the core of another test.
 SIDE_BY_SIDE := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -n auto --maxprocesses 4 --dist loadfile
 
-.PHONY: study frontier foreign population test test-fast consistency lint bench docs clean
+.PHONY: study frontier foreign test test-fast consistency lint bench docs clean
 
 study: $(STAMP)  ## the paper's study on the container ship -> reports/container/index.html
 	$(VENV)/bin/pymc-ship study --out reports/container
@@ -16,9 +16,6 @@ frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> re
 
 foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour and more -> reports/foreign/foreign.md
 	$(PYTHON) -m tests.foreign.run
-
-population: $(STAMP)  ## 60 drawn ships of these simulators, forecasts and coverage, an hour and more; kept ship by ship
-	$(PYTHON) -m tests.foreign.population
 
 test: $(STAMP) lint  ## every test, a file at a time on each core
 	$(SIDE_BY_SIDE)

@@ -38,7 +38,7 @@ WINGS = {
     "frontier": "machine pages vessel trial denoising manoeuvre motion regression trajectory forecasting design",
     "replication": "machine pages vessel trial denoising manoeuvre motion rows regression trajectory sampling "
     "forecasting diagnostics frontier",
-    "experiments": "machine pages vessel trial denoising manoeuvre motion trajectory frontier",
+    "experiments": "machine pages vessel trial denoising manoeuvre motion checks trajectory forecasting ship frontier",
     "cli": "machine vessel trial manoeuvre checks rows regression forecasting ship diagnostics frontier replication "
     "experiments",
 }

@@ -90,6 +90,7 @@ _PUBLIC = {
     "frontier.estimates": ("Estimate",),
     "replication.page": ("study",),
     "replication.study": ("StudyResult", "run_study"),
+    "experiments.judged_ship": ("DrawnShip",),
     "experiments.run": ("montecarlo",),
     "experiments.task": ("MonteCarloError",),
 }

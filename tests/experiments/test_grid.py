@@ -7,14 +7,15 @@ from dataclasses import replace
 import pytest
 
 from pymc_ship.cli.main import main
-from pymc_ship.experiments.grid import MonteCarloError, difference, read_grid
+from pymc_ship.experiments.run import read_study
+from pymc_ship.experiments.task import MonteCarloError
 from tests.experiments.folders import ROOT, changed, run, tables
 
 TUTORIAL = ROOT / "docs" / "tutorials" / "your_ship" / "my_ship.toml"
 
 
 def test_the_shipped_grid_is_five_levels_four_methods_and_a_hundred_seeds():
-    grid = read_grid(ROOT / "studies" / "container.toml")
+    grid = read_study(ROOT / "studies" / "container.toml")
     assert (len(grid.noise["white"]), len(grid.methods), grid.seeds, grid.n_tasks) == (5, 4, 100, 2000)
 
 
@@ -71,7 +72,7 @@ def test_a_study_that_cannot_be_read_is_one_sentence(study, tmp_path, capsys, ol
 
 def test_a_study_that_is_not_there_is_named(tmp_path):
     with pytest.raises(MonteCarloError, match=r"none\.toml cannot be read: No such file or directory; check the path"):
-        read_grid(tmp_path / "none.toml")
+        read_study(tmp_path / "none.toml")
 
 
 def test_a_study_may_be_a_table(study, plain, tmp_path):
@@ -82,14 +83,14 @@ def test_a_study_may_be_a_table(study, plain, tmp_path):
 
 
 def test_how_a_number_of_a_ship_came_about_does_not_change_her(study, small):
-    grid = read_grid(study)
+    grid = read_study(study)
     told = replace(grid, ships={"small": replace(grid.ships["small"], derived={"inertia.m": "0.0075"})})
     assert told.record() == grid.record()
 
 
 def test_a_ship_that_changes_is_seen(study, small):
-    old, new = (read_grid(study).record() for _ in range(2))
-    assert difference(old, new) == ""
+    grid = read_study(study)
+    assert grid.difference(grid.record()) == ""
     other = small.with_coefficients({"yaw": small.coefficients("yaw").values * 1.01})
-    new["ships"]["small"] = read_grid(study).__class__("", {"small": other}, {}, {}, (), 1, 1, 1.0).record()["ships"]
-    assert difference(old, new) == "'small' of ships is not what it was"
+    changed_ship = replace(grid, ships={"small": other})
+    assert changed_ship.difference(grid.record()) == "'small' of ships is not what it was"

@@ -11,7 +11,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.experiments.grid import read_grid
+from pymc_ship.experiments.run import read_study
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.experiments.folders import changed, tables
 
@@ -93,7 +93,7 @@ def test_a_function_reaches_the_workers_of_a_cluster(study, tmp_path):
 
 
 def test_a_study_may_name_a_method_that_is_given(study):
-    grid = read_grid(only(study, '["mine", "weak form"]'), {"mine": shifted(0.1)})
+    grid = read_study(only(study, '["mine", "weak form"]'), {"mine": shifted(0.1)})
     assert grid.methods == ("mine", "weak form")
 
 
@@ -147,8 +147,8 @@ def test_a_run_in_other_processes_ends_as_well(study, tmp_path):
     ("method", "sentence"),
     [
         ("weak", "a method is one of paper's pipeline, .*, module:function; found 'weak'; choose one of them."),
-        ("no_module:f", "methods cannot have 'no_module:f': ModuleNotFoundError: .* put its folder on PYTHONPATH or"),
-        ("broken_methods:f", "methods cannot have 'broken_methods:f': ZeroDivisionError: division by zero; put its"),
+        ("no_module:f", "methods cannot have 'no_module:f': ModuleNotFoundError: .* put that on PYTHONPATH or"),
+        ("broken_methods:f", "methods cannot have 'broken_methods:f': ZeroDivisionError: division by zero; run in"),
         ("methods_of_mine:none", "'methods_of_mine:none': methods_of_mine has no none; correct the name."),
         ("methods_of_mine:nothing", "'methods_of_mine:nothing' must be a function of .*, found 3; give the function."),
         ("methods_of_mine:", "choose one of them."),

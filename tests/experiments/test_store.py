@@ -15,7 +15,8 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.experiments import run as engine
-from pymc_ship.experiments.grid import MonteCarloError, read_grid
+from pymc_ship.experiments.grid import MonteCarloError
+from pymc_ship.experiments.run import read_study
 from pymc_ship.experiments.store import opened
 from tests.experiments.cases import trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
@@ -23,11 +24,11 @@ from tests.experiments.folders import PATH, changed, kept, run, tables, timings
 
 def journalled(study, out):
     """Store of a study with three results in the journal of its first part, and the journal."""
-    with opened(out, read_grid(study)) as store:
+    with opened(out, read_study(study)) as store:
         (cell, part, seeds), *_ = store.missing()
         for seed in seeds[:3]:
             clock = {"session": 1, "executor": "joblib", "workers": 1, "wall": 1.0, "parent": 1.0}
-            store.add(trivial(store.grid.task(cell, seed, part)) | clock)
+            store.add(trivial(store.study.task(cell, seed, part)) | clock)
     (journal,) = out.rglob("_*.jsonl")
     return journal
 
@@ -35,7 +36,7 @@ def journalled(study, out):
 def test_a_line_that_was_cut_off_is_dropped(study, plain, tmp_path):
     journal = journalled(study, tmp_path)
     journal.write_bytes(journal.read_bytes()[:-30])
-    with opened(tmp_path, read_grid(study)) as store:
+    with opened(tmp_path, read_study(study)) as store:
         assert store.missing()[0][2] == [2, 3]
     run(study, tmp_path)
     assert tables(tmp_path) == tables(plain)
@@ -115,9 +116,9 @@ def test_a_study_that_changes_is_refused(study, plain, tmp_path, capsys, old, ne
 
 def test_two_runs_do_not_share_a_folder(study, tmp_path):
     with (
-        opened(tmp_path, read_grid(study)),
+        opened(tmp_path, read_study(study)),
         pytest.raises(MonteCarloError, match="Another run is at work in"),
-        opened(tmp_path, read_grid(study)),
+        opened(tmp_path, read_study(study)),
     ):
         pass
 

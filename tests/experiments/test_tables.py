@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from pymc_ship.experiments.grid import Cell
-from pymc_ship.experiments.tables import Costs, Sizes, bottleneck, cell_row, method_rows, plan_rows
+from pymc_ship.experiments.tables import Costs, Sizes, bottleneck, cell_row, group_rows, plan_rows
 from pymc_ship.experiments.task import PARTS
 
 
@@ -32,8 +32,8 @@ def made_up(n, workers=2, seconds=1.0, parent=0.002, wall=None):
     clock = {"session": 1, "executor": "dask", "workers": workers}
     step = seconds / workers / 0.8 if wall is None else wall
     rows = [parts | clock | {"wall": (k + 1) * step, "parent": parent} for k in range(n)]
-    costs = Costs()
-    costs.add(Cell("s", "m", "white", 0.01, "x"), pa.Table.from_pylist(rows))
+    costs = Costs(PARTS)
+    costs.add("x", pa.Table.from_pylist(rows))
     return costs
 
 
@@ -50,4 +50,4 @@ def test_the_plan_is_computed_from_the_costs():
     assert rows["files"] == pytest.approx(20_000)
     assert rows["tables from the parts"] == pytest.approx(10_000.0)
     assert "Up to about 5e+02 workers the cores are the bottleneck" in bottleneck(costs)
-    assert method_rows(costs)[0]["sum"] == pytest.approx(1.0)
+    assert group_rows(costs)[0]["sum"] == pytest.approx(1.0)

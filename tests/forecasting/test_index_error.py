@@ -17,8 +17,10 @@ from pymc_ship.forecasting.index_error import (
     model_error,
     reliability,
     robust_sd,
+    steady_error,
     with_model_error,
 )
+from pymc_ship.forecasting.motion_error import GROWTH
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.turning_circles import TURNING_CIRCLE
 from pymc_ship.manoeuvre.zigzags import ZIGZAG
@@ -151,12 +153,26 @@ class TestWithModelError:
         for name, kind in (("advance", "distance"), ("time_to_90", "time")):
             wanted = np.hypot(errors.get(kind, 0.0), 3.0 * BEYOND) * UNIT[kind]
             assert float(after[name].std()) == pytest.approx(wanted, rel=MONTE_CARLO), name
-        assert after["steady_speed"].identical(before["steady_speed"])
+        assert float(after["steady_speed"].std()) == pytest.approx(3.0 * GROWTH["u"] * 7.974, rel=MONTE_CARLO)
+        assert after["maximum_roll_angle"].identical(before["maximum_roll_angle"])
         within = with_model_error(before, errors, tanker(), RNG(2), beyond=0.0)
         assert (
             float(within["advance"].std())
             < 0.9 * np.hypot(errors.get("distance", 0.0), 3.0 * BEYOND) * UNIT["distance"]
         )
+
+    def test_steady_values_err_as_the_motion_of_held_out_runs_does_at_the_longest_lead(self):
+        """Prime errors of u, r and v; broken twin: those at the first lead, which are narrower."""
+        leads = {name: ("lead", [0.1 * size, size]) for name, size in (("u", 0.02), ("v", 0.03), ("r", 0.04))}
+        errors = steady_error(xr.Dataset(leads, {"lead": [0.0, 20.0]}))
+        before = ships(TURNING_CIRCLE)
+        after = with_model_error(before, errors, tanker(), RNG(2))
+        unit = 320.0 / 7.974
+        wanted = {"steady_speed": 0.02 * 7.974, "steady_yaw_rate": np.rad2deg(0.04 / unit)}
+        for name, sd in (wanted | {"steady_drift_angle": np.rad2deg(0.03)}).items():
+            assert float(after[name].std()) == pytest.approx(sd, rel=MONTE_CARLO), name
+        assert after["advance"].identical(before["advance"])
+        assert steady_error(xr.Dataset(coords={"lead": []})) == {}
 
     def test_a_ship_that_did_not_reach_the_event_stays_nan(self):
         before = ships(TURNING_CIRCLE)

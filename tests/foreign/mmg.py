@@ -20,7 +20,12 @@ and a_H; gamma_R, epsilon and kappa = .6 / epsilon are functions of C_B B/L of t
 Gedling & Hine (1983), m_x = .05 m. Surge by drift and yaw: c_m m_y v r with c_m = 1.11 C_B - .07 (Hasegawa 1980). x_H =
 -.45 L, t = .6 w. f_alpha by Fujii. Resistance by the ITTC line of 1957 with form factor .25, .9e-3 for roughness and
 waves, and the wetted surface of Denny & Mumford. K_T: least squares of the Wageningen polynomials (Oosterveld & van
-Oossanen 1975) of B4-49.9 at P/D = .716 for J from .1 to .9, within .002.
+Oossanen 1975) of B4-49.9 at P/D = .716 for J from .1 to .9, within .002; at other
+pitches in proportion between that one and the Mariner's at .964. Another form of hull makes another ship.
+
+Cross-flow ship. A hull of the same form whose forces no polynomial has: linear ones by Clarke, Gedling & Hine (1983),
+and a drag of the cross flow that is summed along the length, with a coefficient that differs from bow to stern (Hooft
+1994, The cross-flow drag on a manoeuvring ship, Ocean Engineering 21, 329-342; its values here are by judgement).
 """
 
 from __future__ import annotations
@@ -42,6 +47,15 @@ class Hull:
     X: tuple[tuple[str, float], ...]
     Y: tuple[tuple[str, float], ...]
     N: tuple[tuple[str, float], ...]
+    sections: tuple[tuple[float, float], ...] = ()
+
+    def cross_flow(self, v: float, r: float) -> tuple[float, float]:
+        """Side force and moment of the cross flow on equal sections: places [L] and drag coefficients."""
+        Y = N = 0.0
+        for x, C_D in self.sections:
+            drag = -C_D * (v + x * r) * abs(v + x * r) / len(self.sections)
+            Y, N = Y + drag, N + x * drag
+        return Y, N
 
 
 @dataclass(frozen=True)
@@ -131,6 +145,8 @@ class MmgShip:
         Y = q * polynomial(hull.Y, v_, r_) + self.Y_P * thrust
         N = q * p.L * polynomial(hull.N, v_, r_) + self.N_P * p.L * thrust
         X += push[0] - (1.0 - s.t_R) * F_N * math.sin(delta)
+        across, turning = hull.cross_flow(v_, r_)
+        Y, N = Y + q * across, N + q * p.L * turning
         Y += push[1] - (1.0 + s.a_H) * F_N * math.cos(delta)
         N += push[3] - (s.x_R + s.a_H * s.x_H) * p.L * F_N * math.cos(delta)
         m = WATER * p.volume
@@ -210,9 +226,26 @@ def kvlcc2() -> MmgShip:
     return MmgShip(papers, hull, Wake(0.35, "C2", 1.1, 1.6), rudder, m_x=0.022, m_y=0.223, J_zz=0.011, t_P=t_P)
 
 
-def cargo() -> MmgShip:
-    """A bulk carrier of 225 m, full load, 14 kn."""
-    L, B, d, block, speed = 225.023, 32.192, 14.0, 0.817, 14.0 * KNOT
+@dataclass(frozen=True)
+class Form:
+    """Form of a cargo ship: hull, speed [m/s], rudder, diameter and pitch over diameter of her propeller; SI."""
+
+    L: float = 225.023
+    B: float = 32.192
+    d: float = 14.0
+    block: float = 0.817
+    speed: float = 14.0 * KNOT
+    rudder_area: float = 45.9
+    rudder_height: float = 8.98
+    D: float = 7.24
+    pitch: float = 0.716
+    x_G: float = 0.0
+
+
+def cargo(form: Form | None = None, name: str = "foreign_cargo") -> MmgShip:
+    """A cargo ship of a form; by default a bulk carrier of 225 m, full load, 14 kn."""
+    f = form or Form()
+    L, B, d, block, speed = f.L, f.B, f.d, f.block, f.speed
     volume, fullness, flat, k = L * B * d * block, block * B / L, d / B, 2.0 * d / L
     mass, m_x = 2.0 * volume / (L * L * d), 0.05 * 2.0 * volume / (L * L * d)
     m_y = math.pi * d / L * (1.0 + 0.16 * block / flat - 5.1 * (B / L) ** 2)
@@ -221,25 +254,28 @@ def cargo() -> MmgShip:
     R0 = (1.25 * friction + 0.9e-3) * (1.7 * L * d + volume / d) / (L * d)
     wake = 0.5 * block - 0.05
     t_P = 0.6 * wake
-    propeller = {"D": 7.24, "n": 0.0, "wake_fraction": wake, "k_0": 0.3009, "k_1": -0.2709, "k_2": -0.1313}
+    pitch = (f.pitch - 0.716) / (0.964 - 0.716)
+    curve = {"k_0": 0.3009 + 0.1167 * pitch, "k_1": -0.2709 - 0.0022 * pitch, "k_2": -0.1313 + 0.0038 * pitch}
+    propeller = {"D": f.D, "n": 0.0, "wake_fraction": wake} | curve
     epsilon = -156.2 * fullness**2 + 41.6 * fullness - 1.76
-    propeller |= {"eta": 7.24 / 8.98, "kappa": 0.6 / epsilon}
+    propeller |= {"eta": min(f.D / f.rudder_height, 1.0), "kappa": 0.6 / epsilon}
     propeller["n"] = balanced_revolutions(0.5 * WATER * L * d * speed**2 * R0, speed, propeller, 1.0 - t_P)
     papers = Papers(
-        name="foreign_cargo",
-        title="Bulk carrier by the MMG method, hull of Kijima (1990)",
+        name=name,
+        title="Cargo ship by the MMG method, hull of Kijima (1990)",
         L=L,
         B=B,
         d=d,
         volume=volume,
         speed=speed,
-        rudder_area=45.9,
-        rudder_height=8.98,
-        frontal_area=650.0,
-        lateral_area=2300.0,
+        rudder_area=f.rudder_area,
+        rudder_height=f.rudder_height,
+        frontal_area=650.0 * B * L / (32.192 * 225.023),
+        lateral_area=2300.0 * (L / 225.023) ** 2,
         rudder_rate_deg=2.5,
         rudder_delay=1.5,
         propeller=propeller,
+        x_G=f.x_G,
     )
     # Kijima's forces are in beta = -v': odd terms change their sign
     hull = Hull(
@@ -262,9 +298,9 @@ def cargo() -> MmgShip:
             ("vvr", -(57.5 * fullness**2 - 18.4 * fullness + 1.6)),
         ),
     )
-    gamma, aspect = -22.2 * fullness**2 + 0.02 * fullness + 0.68, 8.98**2 / 45.9
+    gamma, aspect = -22.2 * fullness**2 + 0.02 * fullness + 0.68, f.rudder_height**2 / f.rudder_area
     rudder = Rudder(
-        area=45.9,
+        area=f.rudder_area,
         f_alpha=6.13 * aspect / (aspect + 2.25),
         epsilon=epsilon,
         kappa=0.6 / epsilon,
@@ -277,6 +313,25 @@ def cargo() -> MmgShip:
         x_H=-0.45,
     )
     return MmgShip(papers, hull, Wake(wake, "exp", 4.0, 4.0), rudder, m_x=m_x, m_y=m_y, J_zz=J_zz, t_P=t_P)
+
+
+def cross_flow(form: Form, drag: float, skew: float, ends: float) -> MmgShip:
+    """A cargo ship whose hull has linear forces and a cross flow.
+
+    The drag coefficient is ``drag`` amidships and differs along the length: by ``skew`` from stern to bow, by ``ends``
+    at both ends, over that amidships.
+    """
+    ship, p = cargo(form, "foreign_cross_flow"), math.pi * form.d / form.L
+    beam, flat = form.B / form.L, form.B / form.d
+    places = [(k + 0.5) / 20 - 0.5 for k in range(20)]
+    hull = replace(
+        ship.hull,
+        Y=(("v", -p * (1.0 + 0.4 * form.block * flat)), ("r", ship.m_x - p * (2.2 * beam - 0.08 * flat - 0.5))),
+        N=(("v", -p * (0.5 + 2.4 * form.d / form.L)), ("r", -p * (0.25 + 0.039 * flat - 0.56 * beam))),
+        sections=tuple((x, drag * (1.0 + skew * x + ends * 4.0 * x * x)) for x in places),
+    )
+    papers = replace(ship.papers, title="Cargo ship by the MMG method, hull with cross flow")
+    return replace(ship, papers=papers, hull=hull)
 
 
 def mirrored(ship: MmgShip) -> MmgShip:

@@ -51,7 +51,7 @@ class Papers:
 
 @dataclass(frozen=True)
 class Trial:
-    """A manoeuvre: ``zigzag`` or ``circle``, rudder and switching heading [deg], the side turned to first."""
+    """A manoeuvre: ``zigzag``, ``circle`` or ``pull-out``, rudder and heading to switch at [deg], first side."""
 
     kind: str
     rudder: float
@@ -60,7 +60,7 @@ class Trial:
 
     @property
     def label(self) -> str:
-        angles = f"{self.rudder:g}/{self.heading:g}" if self.kind == "zigzag" else f"{self.rudder:g}"
+        angles = f"{self.rudder:g}" if self.kind == "circle" else f"{self.rudder:g}/{self.heading:g}"
         return f"{self.kind} {angles} {self.side}"
 
 
@@ -153,12 +153,13 @@ def approach(ship, weather: Weather = CALM) -> tuple[tuple[float, ...], float]:
 
 
 class Helmsman:
-    """Orders of a manoeuvre; a zigzag is reversed a delay after the heading has changed far enough."""
+    """Orders of a manoeuvre; a delay after the heading has changed far enough a zigzag reverses, a pull-out ends."""
 
     def __init__(self, trial: Trial, delay: float):
         self.order = -SIDES[trial.side] * math.radians(trial.rudder)
         self.turn = math.copysign(1.0, -self.order)
-        self.heading = math.radians(trial.heading) if trial.kind == "zigzag" else math.inf
+        self.heading = math.inf if trial.kind == "circle" else math.radians(trial.heading)
+        self.then = 0.0 if trial.kind == "pull-out" else -1.0
         self.delay, self.due = delay, math.inf
 
     def watch(self, time: float, step: float, before: float, now: float) -> None:
@@ -167,7 +168,7 @@ class Helmsman:
             passed = (self.turn * now - self.heading) / max(self.turn * (now - before), 1e-12)
             self.due, self.turn = time - min(passed, 1.0) * step + self.delay, -self.turn
         if time >= self.due - 0.5 * step:
-            self.order, self.due = -self.order, math.inf
+            self.order, self.due = self.then * self.order, math.inf
 
 
 def integrate(ship, trial: Trial, weather: Weather, *, duration: float, step: float, every: int) -> np.ndarray:

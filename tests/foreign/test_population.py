@@ -1,76 +1,93 @@
-"""Ships of the population: drawn, brought to scale, and what is said of their intervals."""
+"""Ships of the population: drawn, brought to scale, sailed as ships sail."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
-from pymc_ship.forecasting.index_error import BEYOND
-from pymc_ship.forecasting.motion_error import GROWTH
-from tests.foreign import mmg, population, sailing
-from tests.foreign.population import HULLS, TRIALS, drawn, scaled
-from tests.foreign.population_page import (
-    LEADS,
-    STATED,
-    Bands,
-    Moved,
-    Row,
-    band_rows,
-    borne_out,
-    coverage_rows,
-    fitted_beyond,
-    fitted_growth,
-    moved_rows,
-    page,
-    reliability_figure,
-    reliability_rows,
-)
+import pymc_ship as ps
+from tests.foreign import mariner, mmg, s175, sailing
+from tests.foreign.population import HULLS, a_form, a_ship, as_trial, drawn, scaled, usual
+
+RNG = np.random.default_rng
 
 
 @pytest.fixture(scope="module")
 def ships():
-    return [drawn(number, seed=3) for number in (0, 2, 4, 6)]
+    """Ships drawn until there is one of every kind, by hull."""
+    found = {}
+    for seed in range(40):
+        one = drawn(RNG(seed))
+        found.setdefault(one.hull, one)
+        if len(found) == len(HULLS):
+            break
+    return found
 
 
 @pytest.mark.consistency
-def test_each_hull_takes_its_turn_and_no_ship_is_one_of_the_four(ships):
-    assert [one.hull for one in ships] == list(HULLS)
-    nominal = [mmg.kvlcc2(), mmg.cargo(), *(ship() for ship in (sailing_of("mariner"), sailing_of("s175")))]
-    for one, ship in zip(ships, nominal, strict=True):
-        own, other = (
-            row["tactical_diameter"] / L
-            for row, L in ((one.truth["circle 35 port"], one.ship.papers.L), (circle(ship), ship.papers.L))
-        )
-        assert abs(own / other - 1.0) > 1e-3
+def test_there_is_every_kind_of_ship(ships):
+    assert set(ships) == set(HULLS)
 
 
-def sailing_of(name):
-    return {"mariner": population.mariner.Mariner, "s175": population.s175.S175}[name]
+@pytest.mark.consistency
+def test_a_ship_is_the_same_for_the_same_numbers():
+    one, again, other = (drawn(RNG(seed)) for seed in (5, 5, 6))
+    manoeuvre = ps.turning_circle(35)
+    first, second = (ship.sail(manoeuvre, 100.0) for ship in (one, again))
+    assert first.identical(second)
+    assert one.record(manoeuvre, 0).identical(again.record(manoeuvre, 0))
+    assert not np.array_equal(first["u"], other.sail(manoeuvre, 100.0)["u"])
 
 
-def circle(ship):
+@pytest.mark.consistency
+@pytest.mark.parametrize("hull", HULLS)
+def test_she_is_none_of_the_published_ships_and_has_papers_that_the_package_reads(ships, hull):
+    one = ships[hull]
+    assert one.vessel.particulars.L > 50.0
+    published = {"tanker": mmg.kvlcc2(), "mariner": mariner.Mariner(), "s175": s175.S175()}.get(hull, mmg.cargo())
+    own = one.sail(ps.turning_circle(35, side="port"), 14.0 * one.vessel.particulars.ship_time)
     trial = sailing.Trial("circle", 35.0, side="port")
-    return sailing.indices(sailing.sail(ship, trial, interval=0.1), trial)
+    other = sailing.sail(published, trial)
+    diameters = [
+        sailing.indices(run, trial)["tactical_diameter"] / L
+        for run, L in ((own, one.vessel.particulars.L), (other, published.papers.L))
+    ]
+    assert abs(diameters[0] / diameters[1] - 1.0) > 1e-3
 
 
 @pytest.mark.consistency
-def test_a_ship_is_the_same_for_her_number_and_seed(ships):
-    again = drawn(2, seed=3)
-    assert again == ships[1]
-    assert drawn(2, seed=4).truth != again.truth
-
-
-@pytest.mark.consistency
-def test_her_records_are_those_of_her_trials_with_noise(ships):
-    one = ships[1]
-    records = one.records(3)
-    assert len(records) == len(TRIALS[one.trials])
-    for record in records:
-        assert {"u", "v", "r", "psi", "delta", "n"} <= set(record)
+@pytest.mark.parametrize("hull", HULLS)
+def test_her_records_are_noisy_and_judged_sound(ships, hull):
+    one = ships[hull]
+    for run, manoeuvre in enumerate([ps.zigzag(20, 20), ps.turning_circle(35), ps.pull_out(15, 90)]):
+        record = one.record(manoeuvre, run)
         assert np.abs(np.diff(record["u"], 2)).max() > 0.0
+        assert ps.judged_trial(record, one.vessel).sizes["time"] > 100
+
+
+@pytest.mark.consistency
+def test_her_motion_is_measured_by_the_package_as_by_her_own_kind(ships):
+    one = ships["tanker"]
+    for manoeuvre in (ps.turning_circle(35, side="starboard"), ps.zigzag(15, 15, side="starboard")):
+        run = one.sail(manoeuvre, 25.0 * one.vessel.particulars.ship_time)
+        own = sailing.indices(run, as_trial(manoeuvre))
+        still = dict.fromkeys(("p", "phi"), run["u"] * 0.0)
+        found = ps.indices(run.assign(still).assign_attrs(manoeuvre.attrs))
+        for name, value in own.items():
+            assert float(found[name]) == pytest.approx(value, rel=5e-3), name
+
+
+@pytest.mark.consistency
+def test_a_pull_out_ends_with_the_rudder_amidships(ships):
+    run = ships["mariner"].sail(ps.pull_out(20, 90), 25.0 * ships["mariner"].vessel.particulars.ship_time)
+    turned, delta = np.abs(np.rad2deg(run["psi"].values)), np.abs(np.rad2deg(run["delta"].values))
+    assert delta.max() == pytest.approx(20.0, abs=0.01)
+    late = run["time"].values > run["time"].values[np.argmax(turned >= 90.0)] + 12.0
+    assert delta[late].max() < 1e-9
+    assert turned.max() > 90.0
 
 
 @pytest.mark.consistency
@@ -80,112 +97,45 @@ def test_a_scaled_ship_sails_the_same_circle_in_lengths():
     quick = sailing.Trial("circle", 35.0)
     found = []
     for ship in (whole, small):
-        rate = {"rudder_rate_deg": 2.34 * whole.papers.unit / ship.papers.unit, "rudder_delay": 0.0}
-        papers = population.replace(ship.papers, **rate)
-        record = sailing.sail(population.replace(ship, papers=papers), quick, interval=0.1)
+        papers = replace(ship.papers, rudder_rate_deg=2.34 * whole.papers.unit / ship.papers.unit, rudder_delay=0.0)
+        record = sailing.sail(replace(ship, papers=papers), quick, interval=0.1)
         found.append(np.array(list(sailing.indices(record, quick).values())) / ship.papers.L)
     np.testing.assert_allclose(*found, rtol=2e-3)
 
 
-def rows_of(share, n=2000):
-    """Rows whose errors have a known sd, and a share of the distance beyond the runs on top."""
-    rng = np.random.default_rng(4)
-    found = []
-    for k in range(n):
-        beyond = float(rng.uniform(0.0, 4.0))
-        sd = float(np.hypot(0.02, BEYOND * beyond))
-        error = float(np.hypot(0.02, share * beyond) * rng.standard_normal())
-        what = (k % 40, HULLS[k % 4], "one 20/20", "circle 35 port", "advance")
-        ends = {"lower": error - 1.96 * sd, "upper": error + 1.96 * sd}
-        known = {"sd": sd, "beyond": beyond, "pit": float(norm.cdf(-error / sd)), "crps": sd}
-        found.append(Row(*what, error=error, **ends, **known))
-    return found
+def test_forms_are_within_the_range_of_the_regressions():
+    rng = RNG(1)
+    for form in (a_form(rng) for _ in range(200)):
+        assert 0.09 < form.block * form.B / form.L < 0.145
+        assert 2.2 <= form.B / form.d <= 3.6
+        assert form.d > form.D
 
 
-@pytest.mark.parametrize("share", [0.004, BEYOND, 0.03])
-def test_the_growth_is_found_from_the_errors(share):
-    assert fitted_beyond(rows_of(share)) == pytest.approx(share, rel=0.15)
+def test_the_sides_of_a_single_screw_differ():
+    ship = a_ship("cargo ship", RNG(2))
+    assert ship.wake.port != ship.wake.starboard
+    assert ship.rudder.gamma_port != ship.rudder.gamma_starboard
 
 
-def test_coverage_is_that_of_the_rows():
-    right, narrow = (coverage_rows(rows_of(share))[0] for share in (BEYOND, 0.03))
-    assert right[:3] == ["all", "40", "2000"]
-    assert float(right[3].split()[0]) == pytest.approx(95.0, abs=2.0)
-    assert float(right[4]) == pytest.approx(50.0, abs=4.0)
-    assert float(narrow[3].split()[0]) < 85.0  # broken twin: errors that grow three times as fast
+def test_the_cross_flow_of_equal_sections_is_that_of_a_plate():
+    """C_D over 3 r|r| / 32 in yaw alone (twenty sections), C_D v|v| in drift alone; no polynomial has the sum."""
+    hull = mmg.cross_flow(mmg.Form(), 0.8, 0.0, 0.0).hull
+    assert hull.cross_flow(0.2, 0.0) == (pytest.approx(-0.8 * 0.04), pytest.approx(0.0, abs=1e-12))
+    Y, N = hull.cross_flow(0.0, -0.5)
+    assert pytest.approx(0.0, abs=1e-12) == Y
+    assert pytest.approx(0.8 * 0.25 / 32.0, rel=0.01) == N
+    skewed = mmg.cross_flow(mmg.Form(), 0.8, 0.5, 0.0).hull
+    assert skewed.cross_flow(0.2, 0.0)[1] < 0.0
 
 
-def test_statements_hold_as_often_as_they_say_and_those_of_narrow_intervals_do_not():
-    right, narrow = (reliability_rows(rows_of(share))[2] for share in (BEYOND, 0.03))
-    assert right[:2] == ["all", "4000"]
-    for stated, cell in zip(STATED, right[2:], strict=True):
-        share, error = map(float, cell.split(" ± "))
-        assert abs(share - 100.0 * stated) < 4.0 * error
-    share, error = map(float, narrow[-1].split(" ± "))
-    assert share < 99.0 - 4.0 * error
+def test_a_ship_that_turns_as_no_ship_does_is_not_usual():
+    ship = mmg.kvlcc2()
+    assert usual(ship)
+    assert not usual(replace(ship, rudder=replace(ship.rudder, area=0.2 * ship.rudder.area)))
+    spinning = [(name, 2.0 * value if name == "v" else value) for name, value in ship.hull.N]
+    assert not usual(replace(ship, hull=replace(ship.hull, N=tuple(spinning))))
 
 
-def test_the_figure_has_a_line_within_and_one_beyond():
-    fig = reliability_figure(rows_of(BEYOND, 400))
-    assert [text.get_text() for text in fig.axes[0].get_legend().get_texts()] == [
-        "as stated",
-        "within one range of the runs",
-        "beyond",
-    ]
-    stated, within = (line.get_ydata() for line in fig.axes[0].get_lines()[:2])
-    assert np.abs(within - stated).max() < 0.1
-
-
-def test_sure_statements_beyond_the_runs_are_counted():
-    rows = rows_of(BEYOND, 400)
-    held, made = borne_out(rows)
-    assert made == 800
-    assert abs(held / made - 0.99) < 4.0 * np.sqrt(0.99 * 0.01 / made)
-    assert borne_out([replace(row, beyond=0.0) for row in rows]) == (0, 0)
-
-
-def test_bands_are_told_by_lead_with_the_worst_ship():
-    bands = [Bands(k, lead, 0.9 + 0.1 * (k % 2), 0.8 + 0.1 * (k % 2)) for k in range(20) for lead in LEADS]
-    assert [row[0] for row in band_rows(bands)] == ["1", "5", "15"]
-    assert band_rows(bands)[0][1:] == ["20", "95 ± 1", "90", "85 ± 1", "80"]
-
-
-def moved_of(growth, n=3000, seed=3):
-    """Errors of every state whose sd grows, beside an sd that counts on the growth of the package."""
-    rng, found = np.random.default_rng(seed), []
-    for name, counted in GROWTH.items():
-        far = rng.choice([0.0, 0.5, 3.0, 20.0], n)
-        sd, true = np.hypot(0.01, counted * far), np.hypot(0.01, growth * far)
-        found += [
-            Moved(k % 20, name, float(e), float(s), float(f), float(f))
-            for k, (e, s, f) in enumerate(zip(true * rng.standard_normal(n), sd, far, strict=True))
-        ]
-    return found
-
-
-@pytest.mark.parametrize("growth", [0.001, 0.007])
-def test_the_growth_of_the_motion_is_found_from_the_errors(growth):
-    assert list(fitted_growth(moved_of(growth)).values()) == pytest.approx([growth] * len(GROWTH), rel=0.2)
-
-
-def test_instants_in_bands_are_told_by_the_distance():
-    """Of ships that err three times as much beyond their runs, the broken twin, fewer are held there."""
-    u, wild = (moved_rows(moved_of(growth))[0] for growth in (GROWTH["u"], 3.0 * GROWTH["u"]))
-    assert u[0] == "u"
-    assert [float(cell.split()[0]) for cell in u[1:4]] == pytest.approx([90.0] * 3, abs=3.0)
-    assert float(u[4]) < 75.0
-    assert float(wild[3].split()[0]) < 70.0
-
-
-def test_the_page_tells_both_halves_apart_and_who_was_refused():
-    text = page(
-        rows_of(BEYOND, 80),
-        [Bands(k, 5.0, 0.9, 0.9) for k in range(80)],
-        [Moved(k, name, 0.01, 0.01, 1.0, 1.0) for k in range(80) for name in GROWTH],
-        {7: "No term set can be fitted."},
-        "make population",
-        "Ships.",
-    )
-    assert "## Ships that BEYOND was chosen on, numbers below 30" in text
-    assert "## Ships that show it, from number 30 on" in text
-    assert text.endswith("Ship 7 was refused: No term set can be fitted.\n")
+def test_kinds_are_equally_likely():
+    counts = Counter(HULLS[int(RNG(seed).integers(len(HULLS)))] for seed in range(1000))
+    assert min(counts.values()) > 200.0 - 4.0 * np.sqrt(160.0)

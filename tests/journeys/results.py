@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.experiments.grid import read_grid
+from pymc_ship.experiments.run import read_study
 from pymc_ship.experiments.store import opened
 from pymc_ship.forecasting.motion_error import motion_error
 from pymc_ship.manoeuvre.recognition import Steering
@@ -80,10 +80,10 @@ def read_ship(out):
 
 def read_parts(study, out):
     """Results of a study; those that are missing are done again."""
-    with opened(out, read_grid(study)) as store:
+    with opened(out, read_study(study)) as store:
         if store.missing():
             return AGAIN
-        return [repr(rows.to_pylist()) for _, rows in store.results()]
+        return [repr(rows.to_pylist()) for _, rows in store.rows()]
 
 
 def kinds(vessel, study, out):

@@ -19,7 +19,7 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import parser
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities
-from pymc_ship.experiments.grid import read_grid
+from pymc_ship.experiments.run import read_study
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.motion_error import motion_error
 from pymc_ship.forecasting.page import index_rows, write_forecast_page
@@ -215,7 +215,7 @@ class TestWords:
     def test_a_grid_names_it(self, rudder_kick, tmp_path):
         path = tmp_path / "grid.toml"
         path.write_text(GRID.format("rudder kick 20/40 starboard"))
-        grid = read_grid(path)
+        grid = read_study(path)
         assert grid.manoeuvres == {rudder_kick.label: rudder_kick}
         assert grid.record()["manoeuvres"][rudder_kick.label].startswith(
             "Manoeuvre(kind='rudder_kick', rudder_deg=20.0, "
@@ -225,7 +225,7 @@ class TestWords:
             ps.MonteCarloError,
             match="'turning circle 35', 'pull out 20/90', 'rudder kick 20/40' or one of them with its side",
         ):
-            read_grid(path)
+            read_study(path)
 
     def test_the_command_line_simulates_it(self, tmp_path, capsys):
         out = tmp_path / "trial.csv"

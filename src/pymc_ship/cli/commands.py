@@ -42,6 +42,7 @@ from pymc_ship.cli.texts import (
     forecast_text,
     index_table,
     montecarlo_text,
+    population_text,
     table,
     trajectory_rows,
     trajectory_text,
@@ -304,15 +305,16 @@ def frontier(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run a Monte-Carlo study; the text has the scores of each cell."""
-    from pymc_ship.experiments.grid import read_grid
-    from pymc_ship.experiments.run import reported_montecarlo
+    """Run a Monte-Carlo study; the text has the scores of each cell, or the coverage by trials of a population."""
+    from pymc_ship.experiments.grid import Grid
+    from pymc_ship.experiments.run import read_study, reported_montecarlo
 
-    for name, vessel in read_grid(args.study).ships.items():
+    study = read_study(args.study)
+    for name, vessel in study.ships.items() if isinstance(study, Grid) else ():
         tell_remarks(name, vessel, progress)
     settings = {"workers": args.workers, "scheduler": args.scheduler, "progress": progress}
     rows, page = reported_montecarlo(args.study, args.out, **settings)
-    return montecarlo_text(rows), page
+    return (montecarlo_text if isinstance(study, Grid) else population_text)(rows), page
 
 
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -53,6 +53,7 @@ FRONTIER = """examples:
 """
 MONTECARLO = """examples:
   pymc-ship montecarlo studies/container.toml --out reports/montecarlo
+  pymc-ship montecarlo studies/ships.toml --out reports/ships
   pymc-ship montecarlo my.toml --scheduler tcp://10.0.0.1:8786 --out grid
 """
 STUDY = """example:

@@ -367,7 +367,7 @@ def _add_montecarlo(commands) -> None:
     settings = {"epilog": examples.MONTECARLO, "formatter_class": argparse.RawDescriptionHelpFormatter}
     command = commands.add_parser("montecarlo", help=description, description=description, **settings)
     command.add_argument("--quiet", action="store_true", help="no progress and no remarks; results and errors only")
-    command.add_argument("study", metavar="STUDY.toml", help="ships, manoeuvres, noise, methods, seeds, root_seed")
+    command.add_argument("study", metavar="STUDY.toml", help="a grid of experiments, or a population of ships")
     command.add_argument("--workers", type=int, help="processes (one for each core)")
     command.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the tasks instead")
     command.add_argument("--out", required=True, help="folder of the results and the page")

@@ -158,6 +158,25 @@ def montecarlo_text(rows: list[dict], most: int = 60) -> str:
     return lines + (f"\n... and {len(rows) - most} more cells" if len(rows) > most else "")
 
 
+def population_text(rows: list[dict]) -> str:
+    """Coverage of all ships of a population and by what their trials held; a sentence where none was judged."""
+    if not rows:
+        return "No ship was judged; the page says why."
+    names = (
+        "group",
+        "ships",
+        "indices",
+        "hold_95",
+        "hold_95_se",
+        "hold_50",
+        "hold_50_se",
+        "median_error",
+        "half_width",
+    )
+    header = ("trials", "ships", "indices", "95 % hold", "± se", "50 % hold", "± se", "median error", "half width")
+    return table(header, [[row[name] for name in names] for row in rows])
+
+
 def forecast_text(tree: xr.DataTree, beside: Mapping[str, xr.Dataset]) -> str:
     """Median and band of each index and what stands beside them, between shares of the forecast and extrapolation."""
     lines = [f"{tree.attrs['label']}: {stated_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]

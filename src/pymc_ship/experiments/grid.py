@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from typing import ClassVar
 from urllib.parse import quote
+
+import pyarrow as pa
 
 from pymc_ship import __version__
 from pymc_ship.experiments.methods import import_path, own_methods, recorded
-from pymc_ship.experiments.task import METHODS, Method, MonteCarloError, Task
+from pymc_ship.experiments.task import METHODS, PARTS, SCORES, Method, MonteCarloError, Task, measure, nothing
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.machine.toml import Entry, toml_file
+from pymc_ship.machine.toml import Entry
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.registry import KINDS
 from pymc_ship.manoeuvre.standard import Manoeuvre, written_manoeuvre
@@ -41,7 +44,19 @@ class Cell:
     @property
     def folder(self) -> str:
         """Partition of the results, one ``key=value`` folder a field."""
-        return "/".join(f"{key}={quote(str(value), safe='')}" for key, value in asdict(self).items())
+        return partition(self)
+
+
+def partition(cell) -> str:
+    """Folder of a cell, ``key=value`` for each of its fields."""
+    return "/".join(f"{key}={quote(str(value), safe='')}" for key, value in asdict(cell).items())
+
+
+def seed_parts(cells: Iterable, seeds: int) -> Iterator[tuple]:
+    """Every cell's seeds in parts of :data:`PART_SEEDS`, and the name of the part's results without an ending."""
+    for cell in cells:
+        for first in range(0, seeds, PART_SEEDS):
+            yield cell, range(first, min(first + PART_SEEDS, seeds)), f"{cell.folder}/seeds-{first:06d}"
 
 
 @dataclass(frozen=True)
@@ -79,6 +94,10 @@ class Grid:
     duration: float
     own: dict[str, Method] = field(default_factory=dict)
 
+    scores: ClassVar[dict[str, pa.DataType]] = dict.fromkeys(SCORES, pa.float64())
+    timed: ClassVar[tuple[str, ...]] = PARTS
+    work, empty = staticmethod(measure), staticmethod(nothing)
+
     @property
     def n_tasks(self) -> int:
         """Number of tasks."""
@@ -96,12 +115,13 @@ class Grid:
             for method in self.methods
         ]
 
+    def of_seeds(self, seeds: int) -> Grid:
+        """The grid with another number of seeds."""
+        return replace(self, seeds=seeds)
+
     def parts(self) -> Iterator[tuple[Cell, range, str]]:
-        """Every cell's seeds in parts of :data:`PART_SEEDS`, and the name of the part's results without an ending."""
-        for cell in self.cells:
-            for first in range(0, self.seeds, PART_SEEDS):
-                seeds = range(first, min(first + PART_SEEDS, self.seeds))
-                yield cell, seeds, f"{cell.folder}/seeds-{first:06d}"
+        """Every cell's seeds in parts, see :func:`seed_parts`."""
+        return seed_parts(self.cells, self.seeds)
 
     def task(self, cell: Cell, seed: int, block: str = "") -> Task:
         """Task of one seed of a cell."""
@@ -123,6 +143,30 @@ class Grid:
             "methods": [recorded(name, self.own.get(name)) for name in self.methods],
         }
 
+    def difference(self, old: Mapping) -> str:
+        """First thing in which the grid does more than extend that of another record; empty where none does."""
+        new = self.record()
+        for key in ("version", "root_seed", "duration"):
+            if old[key] != new[key]:
+                return f"{key} was {old[key]}, found {new[key]}"
+        if old["seeds"] > new["seeds"]:
+            return f"seeds was {old['seeds']}, found {new['seeds']}"
+        for key in ("ships", "manoeuvres"):
+            for name, digest in old[key].items():
+                if new[key].get(name, digest) != digest:
+                    return f"{name!r} of {key} is not what it was"
+        lists = {key: (list(old[key]), list(new[key])) for key in (*_LISTS, "noise")}
+        lists |= {f"noise.{kind}": (levels, new["noise"].get(kind, [])) for kind, levels in old["noise"].items()}
+        return gone(lists)
+
+
+def gone(lists: Mapping[str, tuple[Sequence, Sequence]]) -> str:
+    """First value that a list had and has no more, as words; empty where there is none."""
+    for key, (before, now) in lists.items():
+        if lost := [value for value in before if value not in now]:
+            return f"{key} had {lost[0]!r}, which is gone"
+    return ""
+
 
 def _in_full(value: Vessel | Manoeuvre) -> str:
     """Every attribute that counts in one line; the value's own text leaves most of them out."""
@@ -130,33 +174,15 @@ def _in_full(value: Vessel | Manoeuvre) -> str:
     return f"{type(value).__name__}({attributes})"
 
 
-def difference(old: Mapping, new: Mapping) -> str:
-    """First thing in which a record of :meth:`Grid.record` does more than extend another one; empty where none does."""
-    for key in ("version", "root_seed", "duration"):
-        if old[key] != new[key]:
-            return f"{key} was {old[key]}, found {new[key]}"
-    if old["seeds"] > new["seeds"]:
-        return f"seeds was {old['seeds']}, found {new['seeds']}"
-    for key in ("ships", "manoeuvres"):
-        for name, digest in old[key].items():
-            if new[key].get(name, digest) != digest:
-                return f"{name!r} of {key} is not what it was"
-    lists = {key: (list(old[key]), list(new[key])) for key in (*_LISTS, "noise")}
-    lists |= {f"noise.{kind}": (levels, new["noise"].get(kind, [])) for kind, levels in old["noise"].items()}
-    for key, (before, now) in lists.items():
-        if gone := [value for value in before if value not in now]:
-            return f"{key} had {gone[0]!r}, which is gone"
-    return ""
-
-
-def read_grid(source: str | Path | Mapping, methods: Mapping[str, Method] | None = None) -> Grid:
-    """Read the grid of a study.
+def grid_of(file: Entry, folder: Path, own: Mapping[str, Method]) -> Grid:
+    """Grid of the table of a study.
 
     Parameters
     ----------
-    source : str, Path or mapping
-        TOML file, or a table of the same form. Paths of ships in a file count from its folder.
-    methods : mapping of str to callable, optional
+    file : Entry
+    folder : Path
+        From which the paths of ships count.
+    own : mapping of str to callable
         Methods of the user's own by name, beside those that the study names.
 
     Returns
@@ -166,22 +192,15 @@ def read_grid(source: str | Path | Mapping, methods: Mapping[str, Method] | None
     Raises
     ------
     MonteCarloError
-        For a file that cannot be read, unknown or missing keys and values that cannot be used; the sentence names the
-        key.
+        For unknown or missing keys and values that cannot be used; the sentence names the key.
     """
-    if isinstance(source, Mapping):
-        return _grid(Entry(source, "The study", MonteCarloError), Path(), methods or {})
-    return _grid(toml_file(source, "The study", MonteCarloError), Path(source).parent, methods or {})
-
-
-def _grid(file: Entry, folder: Path, own: Mapping[str, Method]) -> Grid:
     file.check_keys(_KEYS, [key for key in _KEYS if key not in _OPTIONAL])
     ships, manoeuvres, methods = (file.at(key) for key in _LISTS)
     names = _methods(methods, own)
     return Grid(
         title=file.at("title", "Monte-Carlo study").text(),
         ships=_ships(ships, folder),
-        manoeuvres=_manoeuvres(manoeuvres),
+        manoeuvres=manoeuvres_of(manoeuvres),
         noise=_noise(file.at("noise")),
         methods=names,
         seeds=file.at("seeds").whole(least=1),
@@ -191,7 +210,7 @@ def _grid(file: Entry, folder: Path, own: Mapping[str, Method]) -> Grid:
     )
 
 
-def _texts(entry: Entry) -> list[str]:
+def texts(entry: Entry) -> list[str]:
     """List of at least one text, none of them twice."""
     values = entry.value
     if not isinstance(values, list | tuple) or not values or not all(isinstance(value, str) for value in values):
@@ -208,7 +227,7 @@ def _check_once(entry: Entry, values: Sequence) -> None:
 
 def _methods(entry: Entry, own: Mapping[str, Method]) -> tuple[str, ...]:
     """Names of the methods that a study lists, and those of the user's own that it does not."""
-    names = _texts(entry)
+    names = texts(entry)
     for name in names:
         if not import_path(name):
             check_choice(f"{entry.file}: a method", name, (*METHODS, *own, "module:function"), MonteCarloError)
@@ -231,7 +250,7 @@ def _noise(table: Entry) -> dict[str, tuple[float, ...]]:
 
 def _ships(entry: Entry, folder: Path) -> dict[str, Vessel]:
     ships = {}
-    for source in _texts(entry):
+    for source in texts(entry):
         try:
             ship = load_vessel(folder / source if source.endswith(".toml") else source)
             ship.check_model()
@@ -243,13 +262,14 @@ def _ships(entry: Entry, folder: Path) -> dict[str, Vessel]:
     return ships
 
 
-def _manoeuvres(entry: Entry) -> dict[str, Manoeuvre]:
+def manoeuvres_of(entry: Entry) -> dict[str, Manoeuvre]:
+    """Manoeuvres of a list of labels by label, each once."""
     found = {}
-    for text in _texts(entry):
+    for text in texts(entry):
         try:
             manoeuvre = written_manoeuvre(text)
         except ManoeuvreError as error:
-            raise MonteCarloError(f"{entry.file}: manoeuvres cannot have {text!r}: {error}") from None
+            raise MonteCarloError(f"{entry.file}: {entry.key} cannot have {text!r}: {error}") from None
         if manoeuvre is None:
             examples = ", ".join(f"'{kind.words} {kind.example}'" for kind in KINDS.values() if kind.angles)
             raise MonteCarloError(

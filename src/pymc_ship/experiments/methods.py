@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import inspect
 import re
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 
 from pymc_ship.experiments.task import METHODS, Method, MonteCarloError
 from pymc_ship.machine.arguments import shown
@@ -41,7 +43,7 @@ def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -
         For an import path that leads to no function, a name that the package has already, and what cannot be called or
         handed to another process.
     """
-    found = {name: _imported(name, study) for name in names if import_path(name) and name not in given}
+    found = {name: imported(name, f"{study}: methods") for name in names if import_path(name) and name not in given}
     for name, method in {**given, **found}.items():
         if not isinstance(name, str) or not name or name in METHODS:
             raise MonteCarloError(
@@ -53,43 +55,51 @@ def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -
                 f"{study}: the method {name!r} must be a function of a noisy record and a vessel, found "
                 f"{shown(method)}; give the function."
             )
-        _check_handed_on(name, method, study)
+        check_handed_on(method, f"{study}: the method {name!r}")
     return {**given, **found}
 
 
 def recorded(name: str, own: Method | None) -> str:
-    """What a folder of results keeps of a method: its name and, of one of the user's own, a digest of its source.
-
-    The source is that of the function alone, not of what it calls.
-    """
+    """What a folder of results keeps of a method: its name and, of one of the user's own, a digest of its source."""
     if own is None:
         return name
+    return f"{name} (own, {digest(own)})"
+
+
+def digest(own: Callable) -> str:
+    """Of the source of a function alone, not of what it calls."""
     try:
         source = inspect.getsource(own)
     except (OSError, TypeError):  # an object, or a function that was typed in
         source = ""
-    return f"{name} (own, {hashlib.sha256(source.encode()).hexdigest()[:12]})"
+    return hashlib.sha256(source.encode()).hexdigest()[:12]
 
 
-def _imported(name: str, study: str) -> Method:
+def imported(name: str, place: str) -> Callable:
+    """Function of an import path, found from the working folder, too, as ``python -m`` finds it."""
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
     module, _, function = name.partition(":")
     try:
         return getattr(import_module(module), function)
     except AttributeError:
         reason, remedy = f"{module} has no {function}", "correct the name"
     except Exception as error:  # whatever the user's module raises
-        reason, remedy = " ".join(f"{type(error).__name__}: {error}".split()), "put its folder on PYTHONPATH or mend it"
-    raise MonteCarloError(f"{study}: methods cannot have {name!r}: {reason}; {remedy}.")
+        reason, remedy = (
+            " ".join(f"{type(error).__name__}: {error}".split()),
+            "run in the folder it is found from, put that on PYTHONPATH or mend it",
+        )
+    raise MonteCarloError(f"{place} cannot have {name!r}: {reason}; {remedy}.")
 
 
-def _check_handed_on(name: str, method: Method, study: str) -> None:
+def check_handed_on(function: Callable, what: str) -> None:
+    """Raise unless a function can be sent to another process."""
     from joblib.externals.loky.backend.reduction import dumps
 
     try:
-        dumps(method)
-    except Exception as error:  # whatever the method holds
+        dumps(function)
+    except Exception as error:  # whatever the function holds
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise MonteCarloError(
-            f"{study}: the method {name!r} cannot be handed to the workers: {reason}; give a function that holds "
-            "nothing but data."
+            f"{what} cannot be handed to the workers: {reason}; give a function that holds nothing but data."
         ) from None

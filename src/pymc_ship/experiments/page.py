@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from pymc_ship.experiments.figures import scores
-from pymc_ship.experiments.store import RESULTS, TIMINGS, Store, table_writer
+from pymc_ship.experiments.store import Store
 from pymc_ship.experiments.tables import (
     BEYOND,
     STATISTIC,
@@ -24,7 +24,7 @@ from pymc_ship.experiments.tables import (
     Sizes,
     bottleneck,
     cell_row,
-    method_rows,
+    group_rows,
     plan_rows,
     session_rows,
 )
@@ -62,10 +62,13 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
     OutputError
         When the folder cannot be written.
     """
-    costs, start = Costs(), perf_counter()
+    costs, start = Costs(store.study.timed), perf_counter()
     with staged_files(store.out, last=PAGE.file) as folder:
         tables = [folder / f"{name}.parquet" for name in ("timings", "results")]
-        with table_writer(tables[0], TIMINGS) as add_timings, table_writer(tables[1], RESULTS) as add_results:
+        with (
+            store.table_writer(tables[0], store.timings) as add_timings,
+            store.table_writer(tables[1], store.results) as add_results,
+        ):
             rows = list(_cells(store, costs, add_results, add_timings))
         sizes = _sizes(store, tables, perf_counter() - start)
         write_page(PAGE, folder, _content(store, rows, costs, sizes))
@@ -74,12 +77,12 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
 
 def _cells(store: Store, costs: Costs, *writers) -> Iterator[dict]:
     """Row of each cell; its parts go to the writers and its costs are counted on the way."""
-    for cell, parts in groupby(store.results(), key=lambda found: found[0]):
+    for cell, parts in groupby(store.rows(), key=lambda found: found[0]):
         mine = []
         for _, rows in parts:
             for write in writers:
                 write(cell, rows)
-            costs.add(cell, rows)
+            costs.add(cell.method, rows)
             mine.append(rows.select(["status", *STATISTIC]))
         whole = pa.concat_tables(mine)
         yield cell_row(cell, {name: np.array(whole[name].to_pylist()) for name in whole.column_names})
@@ -88,9 +91,9 @@ def _cells(store: Store, costs: Costs, *writers) -> Iterator[dict]:
 def _sizes(store: Store, tables: Sequence[Path], build: float) -> Sizes:
     """Files and bytes on disk and under way, memory of the parent, and how long the tables took [s]."""
     parts = list((store.out / "parts").rglob("*.parquet"))
-    cell, _, part = next(store.grid.parts())
-    result = dict.fromkeys((*RESULTS, *TIMINGS), 0.0)
-    sent = len(pickle.dumps(store.grid.task(cell, 0, part))) + len(json.dumps(result)) + len(part)
+    cell, _, part = next(store.study.parts())
+    result = dict.fromkeys((*store.results, *store.timings), 0.0)
+    sent = len(pickle.dumps(store.study.task(cell, 0, part))) + len(json.dumps(result)) + len(part)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     return Sizes(len(parts), sum(path.stat().st_size for path in [*parts, *tables]), sent, peak, build)
 
@@ -109,12 +112,12 @@ def cell_table(rows: Sequence[Mapping]) -> Table:
 
 
 def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> Content:
-    n, grid = number(3), store.grid
+    n, grid = number(3), store.study
     sessions = session_rows(costs)
     by_session = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed(0))}
     by_session |= {"tasks": ("tasks", fixed(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
     by_session |= {"overhead": ("overhead %", fixed(1)), "speed": ("tasks/s", n), "parent_ms": ("parent ms/task", n)}
-    by_method = {"method": ("method", str), "tasks": ("tasks", fixed(0))}
+    by_method = {"group": ("method", str), "tasks": ("tasks", fixed(0))}
     by_method |= {name: (f"{name} s", n) for name in PARTS} | {"sum": ("sum s", n), "cpu": ("processor s", n)}
     plan = {"quantity": ("", str), "value": ("value", n), "unit": ("", str), "measured": ("from", str)}
     groups = [list(group) for _, group in groupby(rows, key=lambda row: [row[name] for name in _SHARED])]
@@ -129,7 +132,7 @@ def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) 
         "tables": {
             "cells": cell_table(rows[:MOST_ROWS]),
             "sessions": table(sessions, by_session),
-            "methods": table(method_rows(costs), by_method),
+            "methods": table(group_rows(costs), by_method),
             "plan": table(plan_rows(costs, sizes), plan),
         },
         "wall": n(sum(row["wall"] for row in sessions)),

@@ -5,13 +5,16 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from pymc_ship.experiments.grid import read_grid
+from pymc_ship.experiments.grid import Grid, grid_of
 from pymc_ship.experiments.page import write_report
+from pymc_ship.experiments.population import Population, population_of
+from pymc_ship.experiments.population_page import write_population
 from pymc_ship.experiments.store import Store, opened
-from pymc_ship.experiments.task import Method, MonteCarloError, Task, measure, nothing
+from pymc_ship.experiments.task import Method, MonteCarloError
+from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, bar, completed
 
 REHEARSED = 200
@@ -29,7 +32,7 @@ def montecarlo(
     methods: Mapping[str, Method] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Run a Monte-Carlo study, or go on with one, and write its tables and page.
+    """Run a Monte-Carlo study, of a grid or a population, or go on with one, and write its tables and page.
 
     Every result is kept the moment it is there, and not done again when the study is run again. Seeds, levels, methods,
     manoeuvres and ships may be added. The tables of results are the same bytes whatever the workers and interruptions.
@@ -37,7 +40,8 @@ def montecarlo(
     Parameters
     ----------
     study : str, Path or mapping
-        TOML file of the grid, or a table of the same form; see ``studies/container.toml``.
+        TOML file, or a table of the same form: a grid of experiments, see ``studies/container.toml``, or a population
+        of ships, see ``studies/ships.toml``, where ``population`` may be a function.
     out : str or Path
         Folder of the study; created where it is missing.
     workers : int, optional
@@ -54,7 +58,8 @@ def montecarlo(
     Returns
     -------
     Path
-        The page, ``out/index.html``; beside it ``results.parquet``, ``timings.parquet`` and ``cells.csv``.
+        The page, ``out/index.html``; beside it ``results.parquet``, ``timings.parquet`` and ``cells.csv``, of a
+        population ``coverage.csv``.
 
     Raises
     ------
@@ -76,34 +81,49 @@ def reported_montecarlo(
     scheduler: str | None = None,
     methods: Mapping[str, Method] | None = None,
     progress: Callable[[str], None] = lambda _: None,
-    work: Callable[[Task], dict] = measure,
+    work: Callable[[Any], dict] | None = None,
 ) -> tuple[list[dict], Path]:
     """Scores by cell, and the page; parameters and errors as :func:`montecarlo`, ``work`` is what a task does."""
     if scheduler and workers:
         raise MonteCarloError(
             "The workers of a cluster are started beside its scheduler, found --workers; leave it out."
         )
-    grid = read_grid(study, methods)
+    found = read_study(study, methods)
     error = MonteCarloError
     executor = Cluster(scheduler, error=error) if scheduler else LocalCores(workers, error=error)
-    with opened(out, grid) as store:
+    with opened(out, found) as store:
         if store.missing():
             with executor:
-                _run(store, executor, work, progress)
+                _run(store, executor, work or found.work, progress)
         progress("tables and page")
-        return write_report(store)
+        return write_population(store) if isinstance(found, Population) else write_report(store)
+
+
+def read_study(study: str | Path | Mapping, methods: Mapping[str, Method] | None = None) -> Grid | Population:
+    """Read a study: a population of ships where it names one, a grid else; parameters and errors as `montecarlo`."""
+    folder = Path()
+    if isinstance(study, Mapping):
+        file = Entry(study, "The study", MonteCarloError)
+    else:
+        file, folder = toml_file(study, "The study", MonteCarloError), Path(study).parent
+    file.check_table()
+    if "population" not in file:
+        return grid_of(file, folder, methods or {})
+    if methods:
+        file.fail("is a population, whose ships are all identified in one way; leave the methods out.")
+    return population_of(file)
 
 
 def _run(
-    store: Store, executor: LocalCores | Cluster, work: Callable[[Task], dict], progress: Callable[[str], None]
+    store: Store, executor: LocalCores | Cluster, work: Callable[[Any], dict], progress: Callable[[str], None]
 ) -> None:
     """Do all tasks that are missing; start again with new workers where some were lost."""
     session, start = {"session": time.time_ns(), "executor": executor.label}, time.perf_counter()
-    shown = _Progress(store.grid.n_tasks, progress)
+    shown = _Progress(store.study.n_tasks, progress)
 
-    def remaining() -> Iterator[Task] | None:
+    def remaining() -> Iterator | None:
         missing = store.missing()
-        shown.begin(store.grid.n_tasks - sum(len(seeds) for *_, seeds in missing))
+        shown.begin(store.study.n_tasks - sum(len(seeds) for *_, seeds in missing))
         return _tasks(store, missing) if missing else None
 
     try:
@@ -124,15 +144,15 @@ def _rehearsed(store: Store, executor: LocalCores | Cluster) -> float:
     none = {"session": 0, "executor": "", "workers": 0, "wall": 0.0, "parent": 0.0}
     folder, kept = store.out / ".rehearsal", []
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
-    stage = Store(folder, replace(store.grid, seeds=REHEARSED))
+    stage = Store(folder, store.study.of_seeds(REHEARSED))
     first = stage.missing()[0]
 
-    def remaining() -> Iterator[Task] | None:
+    def remaining() -> Iterator | None:
         missing = [one for one in stage.missing() if one[:2] == first[:2]]
         return _tasks(stage, missing) if missing else None
 
     try:
-        for result in completed(executor, nothing, remaining):
+        for result in completed(executor, store.study.empty, remaining):
             stage.add(result | none)
             kept.append(time.perf_counter())
     finally:
@@ -141,10 +161,10 @@ def _rehearsed(store: Store, executor: LocalCores | Cluster) -> float:
     return (late[-1] - late[0]) / (len(late) - 1)
 
 
-def _tasks(store: Store, missing: list) -> Iterator[Task]:
+def _tasks(store: Store, missing: list) -> Iterator:
     for cell, part, seeds in missing:
         for seed in seeds:
-            yield store.grid.task(cell, seed, part)
+            yield store.study.task(cell, seed, part)
 
 
 class _Progress:

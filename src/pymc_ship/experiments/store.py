@@ -12,55 +12,98 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any, Protocol
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pymc_ship.experiments.grid import Cell, Grid, difference
-from pymc_ship.experiments.task import PARTS, SCORES, MonteCarloError
+from pymc_ship.experiments.task import MonteCarloError
 from pymc_ship.machine.files import OutputError, staged, writable_folder
 
-RESULTS = ("seed", "status", "sentence", *SCORES)
-"""Columns of a result: the same whatever ran where and when."""
-
-TIMINGS = ("seed", *PARTS, "cpu", "session", "executor", "workers", "wall", "parent")
-"""Columns of its timing: seconds of the parts and of processor time; the session (its start [ns since 1970]) with its
-executor and workers; seconds from the session's start to when the result was kept (``wall``), and those in which its
-parent hands out a task and keeps its result (``parent``)."""
-
-_TEXTS, _WHOLE = ("status", "sentence", "executor"), ("seed", "session", "workers")
+_BEGIN, _TIMED = ("seed", "status", "sentence"), ("cpu", "session", "executor", "workers", "wall", "parent")
+_TYPES = {"status": pa.string(), "sentence": pa.string(), "executor": pa.string()}
+_TYPES |= dict.fromkeys(("seed", "session", "workers"), pa.int64())
+_OF_CELL = {"str": pa.string(), "float": pa.float64()}
 _ROWS, _SUM = 5_000, b"sha256"
 
 
-def _field(name: str) -> pa.Field:
-    return pa.field(name, pa.string() if name in _TEXTS else pa.int64() if name in _WHOLE else pa.float64())
+class Study(Protocol):
+    """What a store asks of a study.
 
+    Attributes
+    ----------
+    scores : mapping of str to pyarrow.DataType
+        Columns of a result beside seed, status and sentence.
+    timed : tuple of str
+        Parts of a task whose seconds are kept.
+    """
 
-_SCHEMA = pa.schema([_field(name) for name in (*RESULTS, *TIMINGS[1:])])
+    title: str
+    scores: Mapping[str, pa.DataType]
+    timed: tuple[str, ...]
+
+    @property
+    def n_tasks(self) -> int:
+        """Number of tasks."""
+
+    def of_seeds(self, seeds: int) -> Study:
+        """The study with another number of seeds of each cell."""
+
+    def parts(self) -> Iterator[tuple[Any, range, str]]:
+        """Every cell's seeds in parts, and the name of the part's results without an ending.
+
+        A cell is a dataclass of texts and numbers, which are columns of the results.
+        """
+
+    def task(self, cell: Any, seed: int, block: str = "") -> Any:
+        """Task of one seed of a cell."""
+
+    def work(self, task: Any) -> dict:
+        """Do a task; its result has the columns of this study, ``block``, ``seed`` and ``cpu`` [s]."""
+
+    def empty(self, task: Any) -> dict:
+        """A result without work."""
+
+    def record(self) -> dict:
+        """What the results depend on, as it is kept beside them."""
+
+    def difference(self, old: Mapping) -> str:
+        """First thing in which this study does more than extend that of another record; empty where none does."""
 
 
 class Store:
-    """Results of a grid in a folder.
+    """Results of a study in a folder.
 
     Attributes
     ----------
     out : Path
-    grid : Grid
+    study : Study
+    results : tuple of str
+        Columns of a result: the same whatever ran where and when.
+    timings : tuple of str
+        Columns of its timing: seconds of the parts and of processor time; the session (its start [ns since 1970]) with
+        its executor and workers; seconds from the session's start to when the result was kept (``wall``), and those in
+        which its parent hands out a task and keeps its result (``parent``).
     """
 
-    def __init__(self, out: Path, grid: Grid):
-        self.out, self.grid = out, grid
+    def __init__(self, out: Path, study: Study):
+        self.out, self.study = out, study
+        self.results, self.timings = (*_BEGIN, *study.scores), ("seed", *study.timed, *_TIMED)
+        types = _TYPES | dict(study.scores)
+        self._schema = pa.schema(
+            [pa.field(name, types.get(name, pa.float64())) for name in (*self.results, *self.timings[1:])]
+        )
         self._left: Counter[str] = Counter()
 
-    def missing(self) -> list[tuple[Cell, str, Sequence[int]]]:
+    def missing(self) -> list[tuple[Any, str, Sequence[int]]]:
         """Cell, part and seeds of what is still to be measured, in the order of the results."""
         found = []
         self._left.clear()
-        for cell, seeds, part in self.grid.parts():
+        for cell, seeds, part in self.study.parts():
             done = self._done(part, len(seeds))
             left = [seed for seed in seeds if seed not in done] if done else seeds
             if left:
@@ -71,9 +114,9 @@ class Store:
         return found
 
     def add(self, result: dict) -> None:
-        """Keep a result: what ``montecarlo_task.measure`` returns with what is left of :data:`TIMINGS`."""
+        """Keep a result: what the study's ``work`` returns with what is left of the timings."""
         part = result["block"]
-        line = json.dumps({name: result[name] for name in _SCHEMA.names}) + "\n"
+        line = json.dumps({name: result[name] for name in self._schema.names}) + "\n"
         journal = self._journal(part)
         try:
             journal.parent.mkdir(parents=True, exist_ok=True)
@@ -85,10 +128,10 @@ class Store:
         if not self._left[part]:
             self._seal(part)
 
-    def results(self) -> Iterator[tuple[Cell, pa.Table]]:
-        """Rows of every part in the order of the grid, by seed; read when asked for."""
-        for cell, _, part in self.grid.parts():
-            yield cell, _read(self._parquet(part), part)
+    def rows(self) -> Iterator[tuple[Any, pa.Table]]:
+        """Rows of every part in the order of the study, by seed; read when asked for."""
+        for cell, _, part in self.study.parts():
+            yield cell, self._read(part)
 
     def _done(self, part: str, size: int) -> set[int] | range:
         """Seeds that have their results."""
@@ -97,10 +140,10 @@ class Store:
             with _whole(path):
                 if pq.read_metadata(path).num_rows == size:
                     return range(size)
-            done = set(_read(path, part)["seed"].to_pylist())
+            done = set(self._read(part)["seed"].to_pylist())
         else:
             done = set()
-        return done | {row["seed"] for row in _lines(journal)}
+        return done | {row["seed"] for row in self._lines(journal)}
 
     def _seal(self, part: str) -> None:
         """Turn a journal into the Parquet file of its part."""
@@ -108,13 +151,68 @@ class Store:
         if not journal.exists():
             return
         rows = {}
-        before = _read(path, part).to_pylist() if path.exists() else []
-        for row in before + _lines(journal):
+        before = self._read(part).to_pylist() if path.exists() else []
+        for row in before + self._lines(journal):
             rows.setdefault(row["seed"], row)
-        table = pa.Table.from_pylist([rows[seed] for seed in sorted(rows)], _SCHEMA)
+        table = pa.Table.from_pylist([rows[seed] for seed in sorted(rows)], self._schema)
         with staged(path) as partial:
             pq.write_table(table.replace_schema_metadata({_SUM: _checksum(table, part)}), partial)
         journal.unlink()
+
+    def _read(self, part: str) -> pa.Table:
+        """Rows of a part, when they have their checksum and are its own."""
+        path = self._parquet(part)
+        with _whole(path), pq.ParquetFile(path) as file:
+            table = file.read()
+            if not table.schema.equals(self._schema) or table.schema.metadata[_SUM] != _checksum(table, part):
+                raise ValueError("its checksum does not fit")
+            return table.replace_schema_metadata()
+
+    def _lines(self, path: Path) -> list[dict]:
+        """Results in a journal; the end of it that is no whole line is cut off."""
+        if not path.exists():
+            return []
+        data = path.read_bytes()
+        whole = data.rfind(b"\n") + 1
+        if whole < len(data):
+            os.truncate(path, whole)
+        try:
+            table = pa.Table.from_pylist([json.loads(line) for line in data[:whole].splitlines()], self._schema)
+            if any(column.null_count for column in table.columns):
+                raise ValueError("a line lacks a column")
+            return table.to_pylist()
+        except (ValueError, TypeError, AttributeError, RecursionError, pa.ArrowException):
+            raise MonteCarloError(f"The journal {path} is damaged; delete it, its tasks will be done again.") from None
+
+    @contextmanager
+    def table_writer(self, path: Path, columns: Sequence[str]) -> Iterator:
+        """Function (cell, rows) that adds columns of a part to a Parquet file, which appears when it is complete.
+
+        Parameters
+        ----------
+        path : Path
+        columns : sequence of str
+            Those after the columns of the cell.
+        """
+        first, *_ = self.study.parts()
+        keys = [pa.field(one.name, _OF_CELL[str(one.type)]) for one in fields(first[0])]
+        schema, pending = pa.schema([*keys, *(self._schema.field(name) for name in columns)]), []
+        with staged(path) as partial, pq.ParquetWriter(partial, schema, write_page_checksum=True) as writer:
+
+            def add(cell: Any, rows: pa.Table) -> None:
+                values = asdict(cell).values()
+                fixed = [pa.array([value] * len(rows), one.type) for value, one in zip(values, keys, strict=True)]
+                pending.append(pa.table([*fixed, *(rows[name] for name in columns)], schema=schema))
+                if sum(map(len, pending)) >= _ROWS:
+                    flush()
+
+            def flush() -> None:
+                writer.write_table(pa.concat_tables(pending).combine_chunks())
+                pending.clear()
+
+            yield add
+            if pending:
+                flush()
 
     def _parquet(self, part: str) -> Path:
         return self.out / "parts" / f"{part}.parquet"
@@ -125,7 +223,7 @@ class Store:
 
 
 @contextmanager
-def opened(out: str | Path, grid: Grid) -> Iterator[Store]:
+def opened(out: str | Path, study: Study) -> Iterator[Store]:
     """Store of a study in a folder that no other run uses meanwhile.
 
     Raises
@@ -143,15 +241,15 @@ def opened(out: str | Path, grid: Grid) -> Iterator[Store]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise MonteCarloError(f"Another run is at work in {out}; let it end or choose another folder.") from None
-        _remember(out / "study.json", grid.record())
-        yield Store(out, grid)
+        _remember(out / "study.json", study)
+        yield Store(out, study)
 
 
-def _remember(path: Path, record: dict) -> None:
+def _remember(path: Path, study: Study) -> None:
     """Keep what the results depend on; refuse to mix them with those of another study."""
     if path.exists():
         try:
-            changed = difference(json.loads(path.read_text(encoding="utf-8")), record)
+            changed = study.difference(json.loads(path.read_text(encoding="utf-8")))
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError):
             raise MonteCarloError(f"{path} is no record of a study; choose another folder.") from None
         if changed:
@@ -159,16 +257,7 @@ def _remember(path: Path, record: dict) -> None:
                 f"{path.parent} holds another study, which can only be extended: {changed}; choose another folder."
             )
     with staged(path) as partial:
-        partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-
-
-def _read(path: Path, part: str) -> pa.Table:
-    """Rows of a part, when they have their checksum and are its own."""
-    with _whole(path), pq.ParquetFile(path) as file:
-        table = file.read()
-        if not table.schema.equals(_SCHEMA) or table.schema.metadata[_SUM] != _checksum(table, part):
-            raise ValueError("its checksum does not fit")
-        return table.replace_schema_metadata()
+        partial.write_text(json.dumps(study.record(), indent=1) + "\n", encoding="utf-8")
 
 
 def _checksum(table: pa.Table, part: str) -> bytes:
@@ -184,58 +273,6 @@ def _whole(path: Path) -> Iterator[None]:
         raise MonteCarloError(
             f"The results {path} are damaged: {error}; delete the file, its tasks will be done again."
         ) from None
-
-
-def _lines(path: Path) -> list[dict]:
-    """Results in a journal; the end of it that is no whole line is cut off."""
-    if not path.exists():
-        return []
-    data = path.read_bytes()
-    whole = data.rfind(b"\n") + 1
-    if whole < len(data):
-        os.truncate(path, whole)
-    try:
-        table = pa.Table.from_pylist([json.loads(line) for line in data[:whole].splitlines()], _SCHEMA)
-        if any(column.null_count for column in table.columns):
-            raise ValueError("a line lacks a column")
-        return table.to_pylist()
-    except (ValueError, TypeError, AttributeError, RecursionError, pa.ArrowException):
-        raise MonteCarloError(f"The journal {path} is damaged; delete it, its tasks will be done again.") from None
-
-
-@contextmanager
-def table_writer(path: Path, columns: Sequence[str]) -> Iterator:
-    """Function (cell, rows) that adds columns of a part to a Parquet file, which appears when it is complete.
-
-    Parameters
-    ----------
-    path : Path
-    columns : sequence of str
-        Those after the columns of the cell.
-    """
-    keys = [pa.field(name, pa.float64() if name == "level" else pa.string()) for name in Cell.__annotations__]
-    schema, pending = pa.schema([*keys, *(_field(name) for name in columns)]), []
-    with staged(path) as partial, pq.ParquetWriter(partial, schema, write_page_checksum=True) as writer:
-
-        def add(cell: Cell, rows: pa.Table) -> None:
-            fixed = [
-                pa.array([value] * len(rows), field.type) for value, field in zip(_values(cell), keys, strict=True)
-            ]
-            pending.append(pa.table([*fixed, *(rows[name] for name in columns)], schema=schema))
-            if sum(map(len, pending)) >= _ROWS:
-                flush()
-
-        def flush() -> None:
-            writer.write_table(pa.concat_tables(pending).combine_chunks())
-            pending.clear()
-
-        yield add
-        if pending:
-            flush()
-
-
-def _values(cell: Cell) -> list:
-    return list(asdict(cell).values())
 
 
 def _unwritable(path: Path, error: OSError) -> OutputError:

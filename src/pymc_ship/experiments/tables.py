@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from pymc_ship.experiments.grid import Cell
-from pymc_ship.experiments.task import PARTS, STATUSES
+from pymc_ship.experiments.task import STATUSES
 from pymc_ship.frontier.scores import with_error
 
 STATISTIC = {"median_error": "median", "coverage": "mean", "tactical_diameter_error": "median"}
@@ -82,10 +82,10 @@ class Session:
     wall: float = 0.0
     parent: float = 0.0
 
-    def add(self, row: Mapping) -> None:
-        """Count a task."""
+    def add(self, row: Mapping, seconds: float) -> None:
+        """Count a task whose parts took so many seconds."""
         self.workers, self.tasks = max(self.workers, row["workers"]), self.tasks + 1
-        self.seconds += sum(row[name] for name in PARTS)
+        self.seconds += seconds
         self.cpu += row["cpu"]
         self.wall, self.parent = max(self.wall, row["wall"]), row["parent"]
 
@@ -101,22 +101,27 @@ class Costs:
 
     Attributes
     ----------
+    timed : tuple of str
+        Parts of a task.
     sessions : dict of int to Session
         By their start [ns since 1970].
-    methods : dict of str to dict
-        Sums over the tasks of a method: ``tasks``, seconds of each part and ``cpu``.
+    groups : dict of str to dict
+        Sums over the tasks of a group of cells, such as a method: ``tasks``, seconds of each part and ``cpu``.
     """
 
-    sessions: dict[int, Session] = field(default_factory=dict)
-    methods: dict[str, dict[str, float]] = field(default_factory=dict)
+    timed: tuple[str, ...]
 
-    def add(self, cell: Cell, rows: pa.Table) -> None:
+    sessions: dict[int, Session] = field(default_factory=dict)
+    groups: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def add(self, group: str, rows: pa.Table) -> None:
         """Count the tasks of a part."""
-        mine = self.methods.setdefault(cell.method, dict.fromkeys(("tasks", *PARTS, "cpu"), 0.0))
-        for row in rows.to_pylist():
-            self.sessions.setdefault(row["session"], Session(row["executor"])).add(row)
+        mine = self.groups.setdefault(group, dict.fromkeys(("tasks", *self.timed, "cpu"), 0.0))
+        for row in rows.select(["session", "executor", "workers", "wall", "parent", "cpu", *self.timed]).to_pylist():
+            session = self.sessions.setdefault(row["session"], Session(row["executor"]))
+            session.add(row, sum(row[name] for name in self.timed))
             mine["tasks"] += 1
-            for name in (*PARTS, "cpu"):
+            for name in (*self.timed, "cpu"):
                 mine[name] += row[name]
 
     @property
@@ -134,13 +139,13 @@ class Costs:
         return max(self.sessions.values(), key=lambda session: session.tasks)
 
 
-def method_rows(costs: Costs) -> list[dict]:
-    """Mean seconds of each part and of processor time by method."""
+def group_rows(costs: Costs) -> list[dict]:
+    """Mean seconds of each part and of processor time by group."""
     return [
-        {"method": method, "tasks": int(sums["tasks"])}
-        | {name: sums[name] / sums["tasks"] for name in (*PARTS, "cpu")}
-        | {"sum": sum(sums[name] for name in PARTS) / sums["tasks"]}
-        for method, sums in costs.methods.items()
+        {"group": group, "tasks": int(sums["tasks"])}
+        | {name: sums[name] / sums["tasks"] for name in (*costs.timed, "cpu")}
+        | {"sum": sum(sums[name] for name in costs.timed) / sums["tasks"]}
+        for group, sums in costs.groups.items()
     ]
 
 

@@ -160,16 +160,16 @@ def nothing(task: Task) -> dict:
 
 def _measured(task: Task, parts: dict[str, float], scores: dict[str, float]) -> tuple[str, str]:
     """Fill in seconds and scores; return status and sentence."""
-    with _timed(parts, "simulate"):
+    with timed(parts, "simulate"):
         clean = simulate(task.vessel, task.manoeuvre, duration=task.duration)
         if clean["diverged"]:
             raise _NoCoefficientsError(f"the record diverged at t = {float(clean['diverged_at']):g} s")
-    with _timed(parts, "pollute"):
+    with timed(parts, "pollute"):
         noisy = noisy_trial(clean, task.level, task.noise, task.rng())
-    with _timed(parts, "fit"):
+    with timed(parts, "fit"):
         estimate = (task.own or METHODS[task.method])(noisy, task.vessel)
     _check_estimate(task, estimate)
-    with _timed(parts, "score"):
+    with timed(parts, "score"):
         found = estimate.scores(task.vessel)
         if not np.isfinite(estimate.coefficients).all():
             raise _NoCoefficientsError("the coefficients are not finite")
@@ -206,9 +206,10 @@ def turn_error(vessel: Vessel, coefficients: np.ndarray) -> tuple[float, float]:
 
 
 @contextmanager
-def _timed(parts: dict[str, float], name: str) -> Iterator[None]:
+def timed(parts: dict[str, float], name: str) -> Iterator[None]:
+    """Add the seconds of what is done inside to those of a part."""
     start = perf_counter()
     try:
         yield
     finally:
-        parts[name] = perf_counter() - start
+        parts[name] += perf_counter() - start

@@ -3,11 +3,12 @@
 Two zigzags of the same ship on the same day differ by some tenths of a degree, and no set of terms is the true force.
 The error of a held-out index beyond the spread of the draws is measured in units of what the ship did: overshoot angles
 in the swing of her heading, times in L/U and distances in L, as an error of short ones is as large as one of long ones.
-It is pooled by kind, and a forecast of any manoeuvre is widened by as much.
+It is pooled by kind, and a forecast of any manoeuvre is widened by as much. Steady speeds, rates of turn and drift
+angles are widened by the error of the motion in the runs that were held out.
 
 No held-out zigzag says how wrong a model is where no run has been. What foreign ships showed there grows with the
 distance from the motion of the runs, in the same units: :data:`BEYOND`, of a population of ships that share no code
-with the package (``make population``, docs/explanation/foreign_ships.md).
+with the package (``studies/ships.toml``, docs/explanation/foreign_ships.md).
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.forecasting.motion_error import GROWTH
+from pymc_ship.manoeuvre.indices import of_roll
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.vessel.vessel import Vessel
@@ -28,6 +31,8 @@ HELD, MADE = 561, 568
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
 and how many there were, on the ships of that population that :data:`BEYOND` was not chosen on."""
 
+_OF_MOTION = {"speed": "u", "rate": "r", "attitude": "v"}
+_GROWN = dict.fromkeys(ERRING, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
 _HALVINGS = 60
 
 
@@ -43,9 +48,10 @@ def robust_sd(values: np.ndarray) -> float:
 
 
 def index_scale(quantity: str, value, heading_deg: float, vessel: Vessel):
-    """What an error of an index of a quantity is measured in."""
+    """What an error of an index of a quantity is measured in; that of an attitude is 1 rad."""
     s = vessel.particulars
-    return {"angle": heading_deg + value, "time": s.ship_time, "distance": s.L}[quantity]
+    units = {"time": s.ship_time, "distance": s.L, "speed": s.nominal_speed, "rate": np.rad2deg(1.0 / s.ship_time)}
+    return {"angle": heading_deg + value, "attitude": np.rad2deg(1.0), **units}[quantity]
 
 
 def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
@@ -75,6 +81,24 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
         before = [one for one in shown if ERRING.index(one) <= ERRING.index(kind)]
         found[kind] = found[before[-1] if before else shown[0]]
     return found
+
+
+def steady_error(motion_error: xr.Dataset) -> dict[str, float]:
+    """Standard deviation of steady speeds, rates and drift angles by quantity: of the motion at the longest lead.
+
+    Parameters
+    ----------
+    motion_error : Dataset, dims (lead,)
+        From :func:`pymc_ship.forecasting.motion_error.motion_error`.
+
+    Returns
+    -------
+    dict of str to float
+        Prime; empty without leads.
+    """
+    if not motion_error.sizes["lead"]:
+        return {}
+    return {quantity: float(motion_error[name][-1]) for quantity, name in _OF_MOTION.items()}
 
 
 def _excess_sd(square: np.ndarray, known: np.ndarray) -> float:
@@ -125,7 +149,7 @@ def with_model_error(
     found : Dataset, dims (draw,)
         From :func:`pymc_ship.indices`.
     errors : mapping of str to float
-        From :func:`model_error`; may be empty.
+        From :func:`model_error` and :func:`steady_error`; may be empty.
     vessel : Vessel
         Gives L and U.
     rng : numpy.random.Generator
@@ -135,13 +159,14 @@ def with_model_error(
     Returns
     -------
     Dataset, dims (draw,)
+        Angles of roll are as they were.
     """
     heading_deg, table = found.attrs.get("heading_deg", 0.0), kind_named(found.attrs["manoeuvre"]).indices
 
     def widened(variable: xr.DataArray) -> xr.DataArray:
         index = table[variable.name]
-        error = float(np.hypot(errors.get(index.quantity, 0.0), BEYOND * beyond))
-        if index.quantity not in ERRING or error == 0.0:
+        error = float(np.hypot(errors.get(index.quantity, 0.0), _GROWN[index.quantity] * beyond))
+        if of_roll(index) or error == 0.0:
             return variable
         size = error * index_scale(index.quantity, variable, heading_deg, vessel)
         wide = variable + size * rng.standard_normal(variable.shape)

@@ -46,8 +46,8 @@ PRIORS = ("hull_database", "order_damped", "sister_ship")
 LARGEST_INFLATION = 5.0
 """Bound of the factor on the standard deviations of the coefficients."""
 
-WHOLE, MOSTLY = 0.95, 0.5
-"""Shares of the time that a ship sails ahead, from which models for that alone hold her records, and most of them."""
+MOSTLY = 0.5
+"""Share of the time that a ship sails ahead, from which models for that alone can hold her records."""
 
 HEELS = 2.0
 """Heel [deg] that a record reaches for one instant in a hundred, from which a ship rolls."""
@@ -197,9 +197,10 @@ def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> Coe
 def default_sets(training: Training) -> tuple[str, ...]:
     """Term sets that can hold the runs.
 
-    Terms and the hull of the MMG standard method are for a ship that makes way ahead; for one that stops, goes astern
-    or sails from rest there are parts that hold at any speed. Where the runs are ahead for the most part, the records
-    decide between both. A ship that heels is tried with and without roll.
+    Terms and the hull of the MMG standard method are for a ship that makes way ahead. Parts that hold at any speed have
+    a cross flow in place of the cubic terms: two accounts of the same hull, which differ most where no run has been,
+    and between which the records decide. Where the runs are for the most part at rest or astern, there are the parts
+    alone. A ship that heels is tried with and without roll.
     """
     if not takes_part_sets(training.vessel):
         return term_sets(training.vessel)
@@ -208,7 +209,7 @@ def default_sets(training: Training) -> tuple[str, ...]:
     if share < MOSTLY:
         return ANY_SPEED_SETS
     heeling = ROLL_SETS if _heels(training.trials) else ()
-    return (*term_sets(training.vessel), *heeling, *(ANY_SPEED_SETS if share < WHOLE else ()))
+    return (*term_sets(training.vessel), *heeling, *ANY_SPEED_SETS)
 
 
 def _time_ahead(trial: xr.Dataset, vessel: Vessel) -> float:

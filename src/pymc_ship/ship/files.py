@@ -12,6 +12,7 @@ import xarray as xr
 
 from pymc_ship.forces.surroundings import WIND
 from pymc_ship.forecasting.forecast import pooled_forecast
+from pymc_ship.forecasting.index_error import steady_error
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.files import settle, staged
@@ -117,7 +118,7 @@ def forecast_ship(
         ci_prob=ci_prob,
         rng=rng,
         motion=ship.motion,
-        errors=ship.model_error,
+        errors=ship.model_error | steady_error(ship.motion_error),
         **simulation_settings(models[0][0]),
         **around,
     )

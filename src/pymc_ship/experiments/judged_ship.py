@@ -1,0 +1,273 @@
+"""One ship of a population: drawn, sailed, identified from her trials, and her forecasts beside her own motion.
+
+What is kept of a forecast is its error over what such an error is measured in, and where the truth lies among the draws
+(the probability integral transform, Gneiting et al. 2007, doi:10.1111/j.1467-9868.2007.00587.x): from these every
+coverage, width and score of the page follows.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import process_time
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.checks.trial_checks import judged_trial
+from pymc_ship.experiments.task import MonteCarloError, timed
+from pymc_ship.forecasting.extrapolation import extrapolation
+from pymc_ship.forecasting.index_error import index_scale, robust_sd
+from pymc_ship.machine.seeds import generator
+from pymc_ship.machine.threads import one_thread
+from pymc_ship.machine.workers import MACHINE
+from pymc_ship.manoeuvre.indices import indices
+from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.ship.files import forecast_ship
+from pymc_ship.ship.model import ShipModel, identify_ship
+from pymc_ship.ship.replayed import replay
+from pymc_ship.vessel.reading import VesselLike, as_vessel
+from pymc_ship.vessel.vessel import Vessel
+
+PARTS = ("draw", "identify", "forecast", "replay")
+"""Parts of a task that are timed [s]; the motion that is forecast is sailed as part of ``forecast``."""
+
+STATUSES = ("ok", "refused", "failed")
+"""How a task ends. `ok`: identified and judged. `refused`: the package says in a sentence why it does not identify the
+ship. `failed`: any other error."""
+
+INDEX = {"manoeuvre": "str", "index": "str"} | dict.fromkeys(
+    ("error", "half_width", "sd", "draws_sd", "pit", "draws_pit", "beyond", "crps"), "float"
+)
+"""Columns of a forecast index. Errors of the median, half widths of 95 %, sd (half the width of the central 68 %) and
+CRPS are in swings of the heading, L/U, L, U/L, U or rad; ``pit`` is the share of the draws below the truth; those of
+``draws_`` are without the model error; ``beyond`` is how far the median ship leaves the motion of her runs [ranges]."""
+
+INSTANT = {"state": "str"} | dict.fromkeys(("lead", "error", "sd", "pit", "beyond", "far"), "float")
+"""Columns of a state some time (``lead`` [L/U]) after a restart in a run that she was not given: prime error of the
+median, prime sd, share of the draws below the truth, distance from the motion of the runs at that instant, and, of
+heading and track, its sum over time (``far`` [ranges L/U])."""
+
+LEADS = (1.0, 3.0, 5.0, 10.0, 15.0)
+"""Times from a restart at which the motion is judged [L/U]."""
+
+SUMMED = ("psi", "x", "y")
+"""States whose error grows with the time that a ship stays beyond the motion of her runs."""
+
+_STATES = ("u", "v", "r", *SUMMED)
+_RESTARTS = (0.0, 5.0, 10.0)  # L/U from the approach
+_DRAWS, _REPLAYED = 500, 100  # of a forecast and of a replay
+
+
+@dataclass(frozen=True)
+class DrawnShip:
+    """A ship of a population: what is known of her, and how she sails.
+
+    Attributes
+    ----------
+    hull : str
+        Kind of ship, by which the page tells them apart.
+    vessel : Vessel, str or Path
+        Her papers, without coefficients.
+    sail : callable
+        Takes a Manoeuvre and a duration [s] and returns her exact motion in calm water from the straight course, a
+        Dataset with dims (time,): u, v, r, psi, x, y, delta, n, and p and phi of a ship that rolls.
+    record : callable
+        Takes a Manoeuvre and the number of the run, from 0, and returns a record of it as her sensors read it in the
+        weather of her trials.
+    """
+
+    hull: str
+    vessel: VesselLike
+    sail: Callable[[Manoeuvre, float], xr.Dataset]
+    record: Callable[[Manoeuvre, int], xr.Dataset]
+
+
+Draw = Callable[[np.random.Generator], DrawnShip]
+"""What draws a ship of a population."""
+
+
+@dataclass(frozen=True)
+class ShipTask:
+    """What one task judges: a ship that ``draw`` draws, her trials (all, or up to ``most`` by chance) and forecasts.
+
+    ``trials``, ``seed`` and ``root`` name the ship's random numbers, ``block`` says where the result belongs.
+    """
+
+    draw: Draw
+    manoeuvres: tuple[Manoeuvre, ...]
+    most: int
+    forecasts: tuple[Manoeuvre, ...]
+    trials: str
+    seed: int
+    root: int
+    block: str = ""
+
+    def rng(self, purpose: str) -> np.random.Generator:
+        """Generator of one purpose of this ship."""
+        return generator(self.root, purpose, self.trials, self.seed)
+
+    def sailed(self) -> list[Manoeuvre]:
+        """Trials of this ship."""
+        if not self.most:
+            return list(self.manoeuvres)
+        rng = self.rng("trials of a ship of a population")
+        chosen = rng.permutation(len(self.manoeuvres))[: rng.integers(1, self.most + 1)]
+        return [self.manoeuvres[k] for k in chosen]
+
+
+def judge(task: ShipTask) -> dict:
+    """Draw, identify and judge a ship; a ship that is refused is a result like any other.
+
+    Parameters
+    ----------
+    task : ShipTask
+
+    Returns
+    -------
+    dict
+        ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), ``hull``, ``runs``,
+        rows of :data:`INDEX` and :data:`INSTANT`, those of :data:`PARTS` [s] and ``cpu`` [s].
+
+    Raises
+    ------
+    MonteCarloError
+        Where the function that draws ships fails.
+    """
+    began, parts, found = process_time(), dict.fromkeys(PARTS, 0.0), _nothing()
+    with one_thread(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with timed(parts, "draw"):
+            drawn, records = _drawn(task)
+        found |= {"hull": drawn.hull, "runs": float(len(records))}
+        try:
+            found |= _judged(task, drawn, records, parts)
+            status, sentence = "ok", ""
+        except (*MACHINE, MonteCarloError):  # says nothing of the ship
+            raise
+        except ValueError as error:
+            status, sentence = "refused", str(error)
+        except Exception as error:  # whatever goes wrong is what the study is to find out
+            status, sentence = "failed", " ".join(f"{type(error).__name__}: {error}".split())
+    identity = {"block": task.block, "seed": task.seed, "status": status, "sentence": sentence}
+    return identity | found | parts | {"cpu": process_time() - began}
+
+
+def unjudged(task: ShipTask) -> dict:
+    """A result as :func:`judge` returns it, made without any work; it shows what the keeping of results costs."""
+    identity = {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""}
+    return identity | _nothing() | dict.fromkeys((*PARTS, "cpu"), 0.0)
+
+
+def _nothing() -> dict:
+    return {"hull": "", "runs": 0.0, "indices": [], "instants": []}
+
+
+def _drawn(task: ShipTask) -> tuple[DrawnShip, list[xr.Dataset]]:
+    """Ship and records of her trials."""
+    with _of_the_user(task):
+        ship = task.draw(task.rng("ship of a population"))
+        return ship, [ship.record(manoeuvre, k) for k, manoeuvre in enumerate(task.sailed())]
+
+
+@contextmanager
+def _of_the_user(task: ShipTask) -> Iterator[None]:
+    """Raise a MonteCarloError in place of any error of the function that draws a ship, or of the ship it returns."""
+    try:
+        yield
+    except MACHINE:
+        raise
+    except Exception as error:  # whatever the user's function does
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise MonteCarloError(
+            f"Ship {task.seed} of the trials {task.trials!r} cannot be drawn or sailed: {said}; what was judged is "
+            "kept: mend the function that draws ships."
+        ) from error
+
+
+def _judged(task: ShipTask, drawn: DrawnShip, records: list[xr.Dataset], parts: dict[str, float]) -> dict:
+    """Rows of indices and instants; the seconds are filled in."""
+    with timed(parts, "identify"):
+        vessel = as_vessel(drawn.vessel)
+        trials = [judged_trial(record, vessel) for record in records]
+        ship = identify_ship(trials, vessel, rng=task.rng("identification"))
+    found: dict[str, list] = {"indices": [], "instants": []}
+    for manoeuvre in task.forecasts:
+        with timed(parts, "forecast"):
+            tree = forecast_ship(ship, manoeuvre, rng=task.rng(f"forecast of a {manoeuvre.label}"), draws=_DRAWS)
+            with _of_the_user(task):
+                run = drawn.sail(manoeuvre, float(tree["trajectories"]["time"][-1]))
+            found["indices"] += index_rows(tree, run, manoeuvre, ship.vessel)
+        with timed(parts, "replay"):
+            found["instants"] += [row for start in _RESTARTS for row in instant_rows(ship, run, start)]
+    return found
+
+
+def index_rows(tree: xr.DataTree, run: xr.Dataset, manoeuvre: Manoeuvre, vessel: Vessel) -> list[dict]:
+    """Indices of a forecast beside those of the exact motion, rows of :data:`INDEX`; those it does not reach are out.
+
+    A forecast none of whose draws reaches an index that the ship has holds nothing: its numbers are NaN.
+    """
+    rolls = "phi" in run
+    run = run if rolls else run.assign({name: xr.zeros_like(run["u"]) for name in ("p", "phi")})
+    truth = indices(run.assign_attrs(manoeuvre.attrs | {"dofs": "surge sway yaw" + " roll" * rolls}))
+    ships = tree["trajectories"].to_dataset()
+    bare = indices(ships.fillna(dict.fromkeys(("p", "phi"), 0.0)))  # of sets without roll, which have none
+    bare = bare.where(np.isfinite(tree["indices"].to_dataset()))
+    beyond = float(np.nanmax(tree["extrapolation"]["distance"]))
+    rows = []
+    for name in truth.data_vars:
+        value = float(truth[name])
+        if not math.isfinite(value) or name not in tree["indices"]:
+            continue
+        quantity = manoeuvre.traits.indices[str(name)].quantity
+        scale = float(index_scale(quantity, value, manoeuvre.heading_deg, vessel))
+        row = {"manoeuvre": manoeuvre.traits.words, "index": str(name), "beyond": beyond}
+        row |= dict.fromkeys(set(INDEX) - set(row), math.nan)
+        drawn, alone = (_errors(indexed[name], value, scale) for indexed in (tree["indices"], bare))
+        if drawn.size:
+            row["error"] = float(np.median(drawn))
+            row["half_width"] = 0.5 * float(np.diff(np.quantile(drawn, [0.025, 0.975]))[0])
+            row |= {"sd": robust_sd(drawn), "pit": float(np.mean(drawn < 0.0)), "crps": _crps(drawn)}
+            row |= {"draws_sd": robust_sd(alone), "draws_pit": float(np.mean(alone < 0.0))}
+        rows.append(row)
+    return rows
+
+
+def _errors(drawn: xr.DataArray, truth: float, scale: float) -> np.ndarray:
+    """Scaled errors of the draws that reach an index."""
+    values = drawn.values
+    return (values[np.isfinite(values)] - truth) / scale
+
+
+def _crps(errors: np.ndarray) -> float:
+    """Continuous ranked probability score of draws about the truth."""
+    return float(np.abs(errors).mean() - 0.5 * np.abs(errors[:, None] - errors).mean())
+
+
+def instant_rows(ship: ShipModel, run: xr.Dataset, start: float) -> Iterator[dict]:
+    """Motion of a ship restarted in an exact run ``start`` L/U from its begin, rows of :data:`INSTANT`."""
+    s = ship.vessel.particulars
+    unit, units = s.ship_time, {"u": s.nominal_speed, "v": s.nominal_speed, "r": 1.0 / s.ship_time, "x": s.L, "y": s.L}
+    begin = start * unit
+    if run["time"].values[-1] < begin + LEADS[-1] * unit:
+        return
+    tree = replay(ship, run, start=begin, duration=LEADS[-1] * unit, draws=_REPLAYED)
+    measured, time = tree["measured"], tree["measured"]["time"].values
+    median = tree["trajectories"].dataset.median("draw").assign(delta=run["delta"].sel(time=time))
+    beyond = np.nan_to_num(extrapolation(ship.vessel, median, ship.motion)["distance"].values)
+    since = (time - time[0]) / unit
+    stayed = np.append(0.0, np.cumsum(0.5 * (beyond[1:] + beyond[:-1]) * np.diff(since)))
+    for lead in LEADS:
+        k = min(int(np.searchsorted(since, lead - 1e-9)), since.size - 1)
+        for name in _STATES:
+            drawn = (tree["predictive"][name].values[:, k] - measured[name].values[k]) / units.get(name, 1.0)
+            drawn = drawn[np.isfinite(drawn)]
+            row = {"state": name, "lead": lead, "beyond": beyond[k], "far": (stayed if name in SUMMED else beyond)[k]}
+            ends = (np.median(drawn), drawn.std(), np.mean(drawn < 0.0)) if drawn.size else 3 * (math.nan,)
+            yield {key: value if key == "state" else float(value) for key, value in row.items()} | {
+                key: float(value) for key, value in zip(("error", "sd", "pit"), ends, strict=True)
+            }

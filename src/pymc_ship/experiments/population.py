@@ -1,0 +1,200 @@
+"""A population of ships as a study, read from TOML: what is drawn, what each ship sails and what is forecast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import pyarrow as pa
+
+from pymc_ship import __version__
+from pymc_ship.experiments.grid import gone, manoeuvres_of, partition, seed_parts
+from pymc_ship.experiments.judged_ship import INDEX, INSTANT, PARTS, Draw, ShipTask, judge, unjudged
+from pymc_ship.experiments.methods import check_handed_on, digest, import_path, imported
+from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.toml import Entry
+from pymc_ship.manoeuvre.standard import Manoeuvre
+
+_KEYS = ("title", "population", "trials", "forecasts", "ships", "root_seed")
+_NUMBERS = {"float": pa.float64(), "str": pa.string()}
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Trials of a class of ships: all of ``manoeuvres``, or up to ``most`` of them by chance."""
+
+    manoeuvres: tuple[Manoeuvre, ...]
+    most: int = 0
+
+    def __str__(self) -> str:
+        labels = ", ".join(manoeuvre.label for manoeuvre in self.manoeuvres)
+        return f"up to {self.most} of {labels}" if self.most else labels
+
+
+@dataclass(frozen=True)
+class TrialsCell:
+    """Ships that sail the same class of trials."""
+
+    trials: str
+
+    @property
+    def folder(self) -> str:
+        """Partition of the results."""
+        return partition(self)
+
+
+def _structs(columns: Mapping[str, str]) -> pa.DataType:
+    """List of rows with such columns."""
+    return pa.list_(pa.struct([pa.field(name, _NUMBERS[kind]) for name, kind in columns.items()]))
+
+
+@dataclass(frozen=True)
+class Population:
+    """All ships of a study.
+
+    Attributes
+    ----------
+    title : str
+    draw : callable
+        Of the user's own: takes a generator of random numbers and returns a
+        :class:`pymc_ship.experiments.judged_ship.DrawnShip`.
+    drawn_by : str
+        Its import path.
+    trials : dict of str to Trials
+        By name; each is a cell.
+    forecasts : dict of str to Manoeuvre
+        By label.
+    seeds : int
+        Ships of each class of trials.
+    root_seed : int
+        Root of every random number.
+    """
+
+    title: str
+    draw: Draw
+    drawn_by: str
+    trials: dict[str, Trials]
+    forecasts: dict[str, Manoeuvre]
+    seeds: int
+    root_seed: int
+
+    scores: ClassVar[dict[str, pa.DataType]] = {
+        "hull": pa.string(),
+        "runs": pa.float64(),
+        "indices": _structs(INDEX),
+        "instants": _structs(INSTANT),
+    }
+    timed: ClassVar[tuple[str, ...]] = PARTS
+    work, empty = staticmethod(judge), staticmethod(unjudged)
+
+    @property
+    def n_tasks(self) -> int:
+        """Number of ships."""
+        return len(self.trials) * self.seeds
+
+    def of_seeds(self, seeds: int) -> Population:
+        """The population with another number of ships of each class of trials."""
+        return replace(self, seeds=seeds)
+
+    def parts(self) -> Iterator[tuple[TrialsCell, range, str]]:
+        """Ships of every class of trials in parts."""
+        return seed_parts(map(TrialsCell, self.trials), self.seeds)
+
+    def task(self, cell: TrialsCell, seed: int, block: str = "") -> ShipTask:
+        """Task of one ship."""
+        trials, forecasts = self.trials[cell.trials], tuple(self.forecasts.values())
+        ship = {"trials": cell.trials, "seed": seed, "root": self.root_seed, "block": block}
+        return ShipTask(self.draw, trials.manoeuvres, trials.most, forecasts, **ship)
+
+    def record(self) -> dict:
+        """What the results depend on, as it is kept beside them."""
+        return {
+            "version": __version__,
+            "root_seed": self.root_seed,
+            "seeds": self.seeds,
+            "population": f"{self.drawn_by} ({digest(self.draw)})",
+            "trials": {name: str(trials) for name, trials in self.trials.items()},
+            "forecasts": list(self.forecasts),
+        }
+
+    def difference(self, old: Mapping) -> str:
+        """First thing in which the study does more than extend that of another record; empty where none does."""
+        new = self.record()
+        for key in ("version", "root_seed", "population", "forecasts"):
+            if old[key] != new[key]:
+                return f"{key} was {old[key]}, found {new[key]}"
+        if old["seeds"] > new["seeds"]:
+            return f"ships was {old['seeds']}, found {new['seeds']}"
+        for name, words in old["trials"].items():
+            if new["trials"].get(name, words) != words:
+                return f"{name!r} of trials is not what it was"
+        return gone({"trials": (list(old["trials"]), list(new["trials"]))})
+
+
+def population_of(file: Entry) -> Population:
+    """Population of the table of a study.
+
+    Parameters
+    ----------
+    file : Entry
+
+    Returns
+    -------
+    Population
+
+    Raises
+    ------
+    MonteCarloError
+        For unknown or missing keys and values that cannot be used; the sentence names the key.
+    """
+    file.check_keys(_KEYS, [key for key in _KEYS if key != "title"])
+    draw, name = _drawing(file.at("population"))
+    return Population(
+        title=file.at("title", "Population of ships").text(),
+        draw=draw,
+        drawn_by=name,
+        trials=_trials(file.at("trials")),
+        forecasts=_with_indices(file.at("forecasts")),
+        seeds=file.at("ships").whole(least=1),
+        root_seed=file.at("root_seed").whole(least=0),
+    )
+
+
+def _drawing(entry: Entry) -> tuple[Draw, str]:
+    """Function that draws a ship, and its import path."""
+    if isinstance(entry.value, str) and import_path(entry.value):
+        draw, name = imported(entry.value, f"{entry.file}: {entry.key}"), entry.value
+    else:
+        draw, name = entry.value, getattr(entry.value, "__qualname__", "")
+    if not callable(draw):
+        entry.fail(f"must be the import path module:function of what draws a ship, found {shown(draw)}; correct it.")
+    check_handed_on(draw, f"{entry.file}: {entry.key}")
+    return draw, name
+
+
+def _trials(table: Entry) -> dict[str, Trials]:
+    table.check_table()
+    if not table.value:
+        table.fail(
+            'must name the trials of a ship, such as two = ["zigzag 10/10", "zigzag 20/20"], found none; add one.'
+        )
+    return {name: _one_class(table.at(name)) for name in table}
+
+
+def _one_class(entry: Entry) -> Trials:
+    if not isinstance(entry.value, Mapping):
+        return Trials(tuple(manoeuvres_of(entry).values()))
+    entry.check_keys(("most", "of"), ("most", "of"))
+    found, most = tuple(manoeuvres_of(entry.at("of")).values()), entry.at("most").whole(least=1)
+    if most > len(found):
+        entry.fail(f"has {len(found)} trials, found most = {most}; lower it.")
+    return Trials(found, most)
+
+
+def _with_indices(entry: Entry) -> dict[str, Manoeuvre]:
+    found = manoeuvres_of(entry)
+    for label, manoeuvre in found.items():
+        if not manoeuvre.traits.indices:
+            entry.fail(f"must be manoeuvres that have indices, found {label!r}; leave it out.")
+    return found

@@ -1,0 +1,77 @@
+"""Populations for tests: ships that are the KVLCC2 of the package, and work that is no work."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import norm
+
+import pymc_ship as ps
+from pymc_ship.experiments.judged_ship import PARTS
+
+STUDY = {
+    "population": "tests.experiments.ships:tanker",
+    "trials": {"two": ["zigzag 20/20", "zigzag 10/10"], "some": {"most": 2, "of": ["zigzag 10/10", "zigzag 20/20"]}},
+    "forecasts": ["turning circle 35 port", "zigzag 15/15 port"],
+    "ships": 6,
+    "root_seed": 3,
+}
+SD = {"advance": 0.05, "tactical_diameter": 0.1}
+
+
+def tanker(rng):
+    """A KVLCC2 whose sensors have noise."""
+    vessel = ps.load_vessel("kvlcc2")
+
+    def sail(manoeuvre, duration):
+        return ps.simulate(vessel, manoeuvre, duration=duration, step=0.25)
+
+    def record(manoeuvre, run):
+        noisy = ps.pollute(sail(manoeuvre, 500.0), level=0.01, rng=rng)
+        return noisy.drop_vars(["p", "phi"])
+
+    return ps.DrawnShip("tanker", vessel, sail, record)
+
+
+def sunk(rng):
+    """No ship."""
+    raise RuntimeError("no such\nship")
+
+
+def made_up(task, share=1.0):
+    """A result whose draws are normal; errors are ``share`` times as large as they say, and its sd is known."""
+    rng = task.rng("made up")
+    indices = []
+    for name, sd in SD.items():
+        beyond = float(rng.uniform(0.0, 4.0))
+        error = float(share * sd * rng.standard_normal())
+        pit = float(norm.cdf(-error / sd))
+        row = {"manoeuvre": "turning circle", "index": name, "error": error, "half_width": 1.96 * sd, "sd": sd}
+        indices.append(row | {"draws_sd": 0.5 * sd, "pit": pit, "draws_pit": pit, "beyond": beyond, "crps": 0.2 * sd})
+    instants = []
+    for name in ("u", "v", "r", "psi", "x", "y"):
+        for lead in (1.0, 5.0):
+            error = float(0.01 * rng.standard_normal())
+            row = {"state": name, "lead": lead, "error": error, "sd": 0.01, "pit": float(norm.cdf(-error / 0.01))}
+            instants.append(row | {"beyond": float(lead > 2.0), "far": lead})
+    ended = {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""}
+    found = {"hull": "tanker", "runs": float(len(task.sailed())), "indices": indices, "instants": instants}
+    return ended | found | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
+
+
+def refused(task):
+    """A ship that is not identified."""
+    ended = {"block": task.block, "seed": task.seed, "status": "refused", "sentence": "No term set can be fitted."}
+    none = {"hull": "tanker", "runs": 1.0, "indices": [], "instants": []}
+    return ended | none | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
+
+
+def columns(n=4000, share=1.0, growth=0.0, ships=200, seed=4):
+    """Columns of indices whose errors have ``share`` times the stated sd, and ``growth`` a range on top of it."""
+    rng = np.random.default_rng(seed)
+    ship = np.arange(n) % ships
+    beyond, sd = rng.uniform(0.0, 4.0, n), np.full(n, 0.05)
+    error = np.hypot(share * sd, growth * beyond) * rng.standard_normal(n)
+    found = {"error": error, "sd": sd, "draws_sd": 0.5 * sd, "half_width": 1.96 * sd, "beyond": beyond}
+    found |= {"pit": norm.cdf(-error / sd), "crps": 0.2 * sd, "ship": ship, "first": ship % 2 == 0}
+    found |= {"manoeuvre": np.full(n, "turning circle"), "index": np.where(ship % 3, "advance", "transfer")}
+    return found | {"trials": np.full(n, "two"), "hull": np.full(n, "tanker")}

@@ -1,0 +1,138 @@
+"""What the intervals of a population hold: found again where it is known, and not where it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pymc_ship.experiments import coverage
+from pymc_ship.experiments.figures import coverage_by_index, motion_by_lead, reliability
+from pymc_ship.forecasting.index_error import BEYOND
+from tests.experiments.ships import columns
+
+
+def test_coverage_is_that_of_the_draws_and_that_of_narrow_ones_falls_out():
+    right, narrow = (coverage.coverage_row(columns(share=share)) for share in (1.0, 2.0))
+    assert (right["ships"], right["indices"]) == (200, 4000)
+    for level in (95, 50):
+        assert abs(right[f"hold_{level}"] - level) < 4.0 * right[f"hold_{level}_se"]
+        assert narrow[f"hold_{level}"] < level - 4.0 * narrow[f"hold_{level}_se"]
+    assert right["z"] == pytest.approx(1.0, abs=4.0 / np.sqrt(8000))
+    assert right["half_width"] == pytest.approx(0.098)
+
+
+def test_a_ship_counts_as_one():
+    """Twenty equal numbers of a ship say no more than one."""
+    rng = np.random.default_rng(1)
+    each = rng.random(50) < 0.9
+    once = coverage.over_ships(each, np.arange(50))
+    often = coverage.over_ships(np.repeat(each, 20), np.repeat(np.arange(50), 20))
+    assert often == pytest.approx(once)
+    assert np.isnan(coverage.over_ships(np.ones(3), np.zeros(3))[1])
+
+
+def test_a_forecast_that_does_not_reach_an_index_holds_nothing():
+    found = columns(200, ships=20)
+    for name in ("pit", "error", "sd", "crps", "half_width"):
+        found[name] = np.where(found["ship"] < 10, np.nan, found[name])
+    row = coverage.coverage_row(found)
+    assert row["hold_95"] < 50.0
+    assert np.isfinite([row["z"], row["crps"], row["half_width"]]).all()
+
+
+def test_statements_hold_as_often_as_they_say_and_those_of_narrow_intervals_do_not():
+    right, narrow = (coverage.statements(columns(share=share)) for share in (1.0, 2.0))
+    for row in right:
+        assert abs(row["share"] - row["stated"]) < 4.0 * row["se"]
+        assert row["statements"] == 8000
+    assert narrow[-1]["share"] < 0.99 - 4.0 * narrow[-1]["se"]
+
+
+def test_sure_statements_beyond_the_runs_are_counted():
+    found = columns()
+    held, made = coverage.sure_statements(found)
+    assert made == 8000
+    assert abs(held / made - 0.99) < 4.0 * np.sqrt(0.99 * 0.01 / made)
+    assert coverage.sure_statements(found | {"beyond": np.zeros(4000)}) == (0, 0)
+
+
+@pytest.mark.parametrize("growth", [0.01, 0.04])
+def test_the_growth_is_found_from_the_errors(growth):
+    assert coverage.fitted_growth(columns(growth=growth), 0.0) == pytest.approx(growth, rel=0.15)
+    counted = columns(growth=growth)
+    counted["sd"] = np.hypot(counted["sd"], growth * counted["beyond"])
+    assert coverage.fitted_growth(counted, growth) == pytest.approx(growth, rel=0.15)
+
+
+def test_distances_are_told_in_words():
+    names = coverage.distance_names(np.array([0.0, 0.9, 1.0, 2.9, 3.0, 40.0]))
+    assert names.tolist() == [name for name in coverage.DISTANCES for _ in range(2)]
+
+
+def test_groups_are_told_apart():
+    found = columns()
+    rows = coverage.by(found, coverage.index_names(found))
+    assert [row["group"] for row in rows] == ["turning circle, transfer", "turning circle, advance"]
+    assert sum(row["indices"] for row in rows) == 4000
+
+
+class TestAlternatives:
+    """Each is chosen on one half of the ships and shown on the other."""
+
+    def test_none_is_needed_where_the_intervals_are_right(self):
+        rows = {row["intervals"]: row for row in coverage.alternative_rows(columns(n=20_000, ships=1000))}
+        package, draws, *others = rows.values()
+        assert abs(package["hold_95"] - 95.0) < 4.0 * package["hold_95_se"]
+        assert draws["hold_95"] < 70.0  # half as wide
+        for row in others[1:]:
+            assert row["hold_95"] == pytest.approx(package["hold_95"], abs=1.5), row["intervals"]
+            assert row["score"] == pytest.approx(package["score"], rel=0.02), row["intervals"]
+            assert row["score"] < draws["score"]
+
+    def test_those_that_learn_mend_what_is_too_narrow(self):
+        package, *others = coverage.alternative_rows(columns(n=20_000, ships=1000, share=2.0))
+        learned = {
+            row["intervals"]: row for row in others if "conformal" in row["intervals"] or "t for" in row["intervals"]
+        }
+        assert len(learned) == 3
+        assert package["hold_95"] < 75.0
+        for row in learned.values():
+            assert abs(row["hold_95"] - 95.0) < 4.0 * row["hold_95_se"] + 0.5
+            assert row["score"] < package["score"]
+
+    def test_without_growth_the_interval_is_narrower_beyond(self):
+        found = columns(n=2000, growth=BEYOND)
+        found["sd"] = np.hypot(found["sd"], BEYOND * found["beyond"])
+        rows = {row["intervals"]: row for row in coverage.alternative_rows(found)}
+        assert rows["no growth beyond the runs"]["half_width"] < rows[next(iter(rows))]["half_width"]
+
+    def test_one_half_says_nothing(self):
+        assert coverage.alternative_rows(columns() | {"first": np.ones(4000, dtype=bool)}) == []
+
+
+def instants(share=1.0, n=3000):
+    """Columns of instants of two states."""
+    found = columns(n, share=share)
+    return found | {"state": np.where(np.arange(n) % 2, "u", "r"), "lead": np.where(np.arange(n) % 3, 1.0, 5.0)}
+
+
+def test_instants_in_bands_are_told_by_state_and_group():
+    right, wild = (coverage.motion_rows(instants(share), instants()["lead"]) for share in (1.0, 2.0))
+    assert {(row["state"], row["group"]) for row in right} == {("u", 1.0), ("u", 5.0), ("r", 1.0), ("r", 5.0)}
+    for row, other in zip(right, wild, strict=True):
+        assert abs(row["hold_90"] - 90.0) < 4.0 * row["se"]
+        assert row["worst"] <= row["hold_90"]
+        assert other["hold_90"] < 90.0 - 4.0 * other["se"]
+
+
+def test_figures_show_what_the_tables_tell():
+    found = columns()
+    lines = reliability(found).axes[0].get_lines()
+    stated, within = lines[0].get_ydata(), lines[1].get_ydata()
+    assert np.abs(within - stated).max() < 0.1
+    dots = coverage_by_index(found).axes[0]
+    assert [label.get_text() for label in dots.get_yticklabels()] == [
+        "turning circle, transfer",
+        "turning circle, advance",
+    ]
+    assert len(motion_by_lead(instants()).axes[0].get_lines()) >= 3

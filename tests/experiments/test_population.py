@@ -1,0 +1,221 @@
+"""A population of ships as a study: read, run, stopped, gone on with, and its page."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.cli.main import main
+from pymc_ship.experiments import run as engine
+from pymc_ship.experiments.judged_ship import INDEX, INSTANT, judge
+from pymc_ship.experiments.population import Population, TrialsCell
+from pymc_ship.experiments.run import read_study
+from tests.experiments.folders import ROOT, run
+from tests.experiments.ships import SD, STUDY, made_up, refused
+
+TABLES = ("results.parquet", "coverage.csv")
+
+
+def tables(out):
+    return {name: (out / name).read_bytes() for name in TABLES}
+
+
+def test_the_shipped_population_is_of_sixty_ships_or_more():
+    population = read_study(ROOT / "studies" / "ships.toml")
+    assert isinstance(population, Population)
+    assert population.n_tasks >= 60
+    assert max(trials.most or len(trials.manoeuvres) for trials in population.trials.values()) == 6
+    kinds = {manoeuvre.kind for manoeuvre in population.forecasts.values()}
+    assert kinds == {"turning_circle", "zigzag", "pull_out"}
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"ship": 3}, "unknown key ship; known here are title, population"),
+        ({"ships": 0}, "ships must be a whole number from 1 up, found 0"),
+        ({"root_seed": -1}, "root_seed must be a whole number from 0 up, found -1"),
+        ({"title": 3}, "title must be a text, found 3"),
+        ({"population": 3}, "population must be the import path module:function of what draws a ship, found 3"),
+        ({"population": "tanker"}, "population must be the import path module:function .*, found 'tanker'"),
+        ({"population": "no_module:f"}, "population cannot have 'no_module:f': ModuleNotFoundError"),
+        ({"population": "tests.experiments.ships:none"}, "tests.experiments.ships has no none; correct the name"),
+        ({"population": "tests.experiments.ships:SD"}, "population must be the import path module:function"),
+        ({"trials": {}}, "trials must name the trials of a ship, .*, found none; add one"),
+        ({"trials": []}, r"trials must be a table, found \[\]; correct it"),
+        ({"trials": {"a": []}}, r"trials.a must be a list of at least one text, found \[\]"),
+        ({"trials": {"a": ["circle 35"]}}, "a manoeuvre is .*, found 'circle 35'; write it so"),
+        ({"trials": {"a": {"most": 2}}}, "trials.a.of is missing; add it"),
+        ({"trials": {"a": {"most": 3, "of": ["zigzag 10/10"]}}}, "trials.a has 1 trials, found most = 3; lower it"),
+        ({"forecasts": ["zigzag 15/15", "zigzag 15/15 port"]}, "forecasts must name everything once"),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(change, sentence):
+    with pytest.raises(ps.MonteCarloError, match=sentence) as error:
+        read_study(STUDY | change)
+    assert "\n" not in str(error.value)
+
+
+def test_methods_are_of_grids():
+    with pytest.raises(ps.MonteCarloError, match="is a population, whose ships are all identified in one way"):
+        read_study(STUDY, {"mine": len})
+
+
+def test_a_ship_belongs_to_her_trials_and_number():
+    population = read_study(STUDY)
+    first, again = (population.task(TrialsCell("some"), 4) for _ in range(2))
+    other = population.task(TrialsCell("some"), 5)
+    assert first.sailed() == again.sailed()
+    assert first.rng("a").random() == again.rng("a").random() != other.rng("a").random()
+    numbers = [len(population.task(TrialsCell("some"), k).sailed()) for k in range(40)]
+    assert set(numbers) == {1, 2}
+    assert [m.label for m in population.task(TrialsCell("two"), 0).sailed()] == [
+        "zigzag 20/20 port",
+        "zigzag 10/10 port",
+    ]
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """Folder of the study of made-up results."""
+    out = tmp_path_factory.mktemp("population")
+    run(STUDY, out, made_up)
+    return out
+
+
+def test_two_workers_give_the_bytes_of_one(plain, tmp_path):
+    run(STUDY, tmp_path, made_up, workers=2)
+    assert tables(tmp_path) == tables(plain)
+
+
+def test_what_was_judged_is_kept_and_ships_may_be_added(plain, tmp_path):
+    def dying(task):
+        if task.seed == 2 and task.trials == "two":
+            raise KeyboardInterrupt
+        return made_up(task)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(STUDY | {"ships": 4}, tmp_path, dying)
+    assert not (tmp_path / "index.html").exists()
+    run(STUDY, tmp_path, made_up)
+    assert tables(tmp_path) == tables(plain)
+    assert pd.read_parquet(tmp_path / "timings.parquet").groupby("session").size().tolist() == [2, 10]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"ships": 5}, "ships was 6, found 5"),
+        ({"root_seed": 4}, "root_seed was 3, found 4"),
+        ({"population": "tests.experiments.ships:sunk"}, "population was tests.experiments.ships:tanker"),
+        ({"forecasts": ["zigzag 15/15 port"]}, "forecasts was"),
+        ({"trials": {"two": STUDY["trials"]["two"]}}, "trials had 'some', which is gone"),
+        ({"trials": STUDY["trials"] | {"two": ["zigzag 10/10"]}}, "'two' of trials is not what it was"),
+        ({"population": None}, "is no record of a study"),
+    ],
+)
+def test_a_study_that_changes_is_refused(plain, change, sentence):
+    before = tables(plain)
+    study = STUDY | change
+    if change.get("population", "") is None:
+        study = {"ships": ["container"], "manoeuvres": ["zigzag 20/20"], "methods": ["weak form"], "seeds": 1}
+        study |= {"root_seed": 3, "noise": {"white": [0.01]}}
+    with pytest.raises(ps.MonteCarloError, match=sentence):
+        run(study, plain, made_up)
+    assert tables(plain) == before
+
+
+def test_every_row_is_in_the_results(plain):
+    found = pd.read_parquet(plain / "results.parquet")
+    assert found.columns.tolist() == ["trials", "seed", "status", "sentence", "hull", "runs", "indices", "instants"]
+    assert len(found) == 12
+    assert set(found["indices"][0][0]) == set(INDEX)
+    assert set(found["instants"][0][0]) == set(INSTANT)
+    rows = pd.read_csv(plain / "coverage.csv")
+    assert rows["indices"].sum() == 12 * len(SD)
+
+
+def test_the_page_says_what_held_and_what_it_cost(plain):
+    text = (plain / "index.html").read_text(encoding="utf-8")
+    for words in (
+        "What the intervals hold",
+        "turning circle, tactical diameter",
+        "Other intervals",
+        "None was refused",
+    ):
+        assert words in text
+    assert text.count("<svg") == 3
+    assert {path.stem for path in (plain / "figures").glob("*.png")} == {
+        "coverage_by_index",
+        "motion_by_lead",
+        "reliability",
+    }
+
+
+def test_the_command_tells_coverage_by_trials(plain, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(Population, "work", staticmethod(made_up))
+    path = tmp_path / "study.toml"
+    path.write_text(toml())
+    assert main(["montecarlo", str(path), "--workers", "1", "--quiet", "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"all +12 +24", printed)
+    assert re.search(r"some +6 +12", printed)
+    assert tables(tmp_path / "out") == tables(plain)
+
+
+def toml():
+    """File of the study."""
+    return (
+        'population = "tests.experiments.ships:tanker"\nforecasts = ["turning circle 35 port", "zigzag 15/15 port"]\n'
+        'ships = 6\nroot_seed = 3\n[trials]\ntwo = ["zigzag 20/20", "zigzag 10/10"]\n'
+        'some = {most = 2, of = ["zigzag 10/10", "zigzag 20/20"]}\n'
+    )
+
+
+def test_a_population_that_is_refused_has_a_page_that_says_why(tmp_path):
+    rows, page = run(STUDY | {"ships": 2}, tmp_path, refused)
+    assert list(rows) == []
+    assert "two, ship 1: No term set can be fitted." in page.read_text(encoding="utf-8")
+
+
+def test_an_import_path_is_found_from_the_working_folder(tmp_path, monkeypatch):
+    (tmp_path / "ships_of_mine.py").write_text("def drawn(rng):\n    return rng\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path != str(tmp_path)])
+    assert read_study(STUDY | {"population": "ships_of_mine:drawn"}).drawn_by == "ships_of_mine:drawn"
+
+
+def test_a_function_that_fails_ends_the_study_in_a_sentence(tmp_path):
+    sentence = (
+        "Ship 0 of the trials 'two' cannot be drawn or sailed: RuntimeError: no such ship; what was judged is kept"
+    )
+    with pytest.raises(ps.MonteCarloError, match=sentence):
+        engine.montecarlo(STUDY | {"population": "tests.experiments.ships:sunk"}, tmp_path, workers=1)
+
+
+@pytest.mark.slow
+@pytest.mark.consistency
+def test_a_tanker_of_the_package_is_found_again():
+    """Her own forces are among the term sets; without her own motion, the broken twin, nothing is held."""
+    population = read_study(STUDY)
+    result = judge(population.task(TrialsCell("two"), 0, "here"))
+    assert (result["status"], result["sentence"], result["hull"], result["runs"]) == ("ok", "", "tanker", 2.0)
+    assert (result["block"], result["seed"]) == ("here", 0)
+    indices, instants = (pd.DataFrame(result[name]) for name in ("indices", "instants"))
+    assert set(indices) == set(INDEX)
+    assert set(indices["manoeuvre"]) == {"turning circle", "zigzag"}
+    assert {"advance", "tactical_diameter", "steady_speed"} <= set(indices["index"])
+    inside = indices["pit"].between(0.005, 0.995)
+    assert inside.mean() > 0.8
+    assert (indices["sd"] >= 0.9 * indices["draws_sd"]).all()
+    moved = indices["error"] + 10.0 * indices["half_width"]
+    assert not (moved.abs() < indices["half_width"]).any()
+    assert set(instants["state"]) == {"u", "v", "r", "psi", "x", "y"}
+    assert instants["pit"].between(0.0, 1.0).all()
+    assert np.isfinite(instants[["error", "sd", "beyond", "far"]]).all().all()
+    assert result["identify"] > result["draw"] >= 0.0
