@@ -18,7 +18,7 @@ from pymc_ship.experiments.run import read_study
 from tests.experiments.folders import ROOT, run
 from tests.experiments.ships import SD, STUDY, made_up, refused
 
-TABLES = ("results.parquet", "coverage.csv")
+TABLES = ("results.parquet", "tables/coverage.csv", "tables/trials.csv")
 
 
 def tables(out):
@@ -136,7 +136,7 @@ def test_every_row_is_in_the_results(plain):
     assert len(found) == 12
     assert set(found["indices"][0][0]) == set(INDEX)
     assert set(found["instants"][0][0]) == set(INSTANT)
-    rows = pd.read_csv(plain / "coverage.csv")
+    rows = pd.read_csv(plain / "tables" / "coverage.csv")
     assert rows["indices"].sum() == 12 * len(SD)
 
 

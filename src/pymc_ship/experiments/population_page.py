@@ -20,14 +20,14 @@ from pymc_ship.pages.tables import Table, fixed, number, table
 PAGE = Page(
     "index.html",
     Path(__file__).with_name("population.html.j2"),
-    own=("figures/*.png",),
+    own=("figures/*.png", "tables/*.csv"),
     packages=("pymc-ship", "numpy", "scipy", "xarray", "numba"),
     digits=6,
-    tables=".",
 )
-"""The page of a population, with ``coverage.csv`` and figures beside it."""
+"""The page of a population, with its tables and figures beside it."""
 
 _ROWS = ("trials", "hulls", "indices", "distances", "each", "statements", "leads", "beyond", "growth", "alternatives")
+_BESIDE = ("trials", "hulls", "indices", "distances", "statements", "leads", "beyond", "alternatives", "growth")
 _SOURCES = (
     "Gneiting, T., Balabdaoui, F. & Raftery, A. E. (2007). Probabilistic forecasts, calibration and sharpness. J. R. "
     "Stat. Soc. B 69, 243-268. doi:10.1111/j.1467-9868.2007.00587.x",
@@ -41,8 +41,7 @@ _SOURCES = (
 def write_population(store: Store) -> tuple[list[dict], Path]:
     """Write the tables and the page of a population that is complete; they appear together.
 
-    ``results.parquet`` and ``coverage.csv`` depend on the study alone, ``timings.parquet`` and the page on the runs,
-    too.
+    ``results.parquet`` and the tables depend on the study alone, ``timings.parquet`` and the page on the runs, too.
 
     Parameters
     ----------
@@ -91,6 +90,7 @@ def population_rows(ships: Sequence[Mapping]) -> dict[str, Sequence[dict]]:
     every = np.array([" | ".join(key) for key in zip(indices["trials"], distances, names, strict=True)])
     within = indices["beyond"] < 1.0
     parts = {"within one range": within, "one range beyond or more": ~within, "all": within | ~within}
+    parts |= {"beyond the motion of the runs": indices["beyond"] > 0.0}
     return {
         "trials": [{"group": "all"} | coverage.coverage_row(indices), *coverage.by(indices, indices["trials"])],
         "hulls": coverage.by(indices, indices["hull"]),
@@ -154,7 +154,8 @@ def _content(store: Store, ships: Sequence[Mapping], rows: Mapping[str, Sequence
         drawn["reliability"] = figures.reliability(indices)
     if instants["ship"].size:
         drawn["motion_by_lead"] = figures.motion_by_lead(instants)
-    return Content(values | {"drawn": list(drawn)}, drawn, {"coverage": _split(rows["each"])}, sources=_SOURCES)
+    tables = {"coverage": _split(rows["each"])} | {name: rows[name] for name in _BESIDE}
+    return Content(values | {"drawn": list(drawn)}, drawn, tables, sources=_SOURCES)
 
 
 def _split(rows: Sequence[Mapping]) -> list[dict]:

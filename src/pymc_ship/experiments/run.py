@@ -59,7 +59,7 @@ def montecarlo(
     -------
     Path
         The page, ``out/index.html``; beside it ``results.parquet``, ``timings.parquet`` and ``cells.csv``, of a
-        population ``coverage.csv``.
+        population ``tables``.
 
     Raises
     ------
