@@ -29,7 +29,7 @@ STATED = (0.75, 0.9, 0.95, 0.99)
 DISTANCES = {"within one range of the runs": (0.0, 1.0), "1 to 3 ranges beyond": (1.0, 3.0), "further": (3.0, math.inf)}
 """How far the median ship leaves the motion of her runs [ranges of it]."""
 
-_MOST_GROWTH = 0.1
+_MOST_GROWTH, _ROUNDING = 0.1, 1e-9
 
 
 def columns_of(ships: Sequence[Mapping], name: str, keys: Iterable[str]) -> dict[str, np.ndarray]:
@@ -48,7 +48,7 @@ def where(columns: Columns, mask: np.ndarray) -> dict[str, np.ndarray]:
 def held(pit: np.ndarray, probability: float) -> np.ndarray:
     """Whether equal-tailed intervals hold the truth; those of no draws hold nothing."""
     tail = 0.5 * (1.0 - probability)
-    return (pit >= tail) & (pit <= 1.0 - tail)
+    return (pit >= tail - _ROUNDING) & (pit <= 1.0 - tail + _ROUNDING)
 
 
 def over_ships(values: np.ndarray, ship: np.ndarray) -> tuple[float, float]:
@@ -93,7 +93,7 @@ def statements(columns: Columns, stated: Sequence[float] = STATED) -> list[dict]
     """Share [%] of the statements "at most" and "at least" that held, by the probability they were made with."""
     pit, ship, rows = columns["pit"], columns["ship"], []
     for probability in stated:
-        both = 0.5 * ((pit <= probability).astype(float) + (pit >= 1.0 - probability))
+        both = 0.5 * ((pit <= probability + _ROUNDING).astype(float) + (pit >= 1.0 - probability - _ROUNDING))
         share, error = over_ships(both, ship)
         rows.append({"stated": probability, "share": share, "se": error, "statements": 2 * pit.size})
     return rows
@@ -102,7 +102,7 @@ def statements(columns: Columns, stated: Sequence[float] = STATED) -> list[dict]
 def sure_statements(columns: Columns) -> tuple[int, int]:
     """Statements of 99 % on indices beyond the motion of the runs: those that held, and all."""
     pit = columns["pit"][columns["beyond"] > 0.0]
-    return int(np.sum(pit <= 0.99) + np.sum(pit >= 0.01)), 2 * pit.size
+    return int(np.sum(pit <= 0.99 + _ROUNDING) + np.sum(pit >= 0.01 - _ROUNDING)), 2 * pit.size
 
 
 def motion_rows(columns: Columns, group: np.ndarray) -> list[dict]:
