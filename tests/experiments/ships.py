@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.stats import norm
 
 import pymc_ship as ps
 from pymc_ship.experiments.judged_ship import PARTS
+from pymc_ship.vessel.vessel import reference_coefficients
 
 STUDY = {
     "population": "tests.experiments.ships:tanker",
@@ -30,6 +33,17 @@ def tanker(rng):
         return noisy.drop_vars(["p", "phi"])
 
     return ps.DrawnShip("tanker", vessel, sail, record)
+
+
+def stranger(rng):
+    """A ship whose records are those of the KVLCC2, and who sails otherwise: every force a fifth larger."""
+    vessel = ps.load_vessel("kvlcc2")
+    other = 1.2 * reference_coefficients(vessel)[None]
+
+    def sail(manoeuvre, duration):
+        return ps.simulate(vessel, manoeuvre, duration=duration, step=0.25, coefficients=other).isel(draw=0)
+
+    return replace(tanker(rng), sail=sail)
 
 
 def sunk(rng):

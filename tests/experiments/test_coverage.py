@@ -106,6 +106,14 @@ class TestAlternatives:
         rows = {row["intervals"]: row for row in coverage.alternative_rows(found)}
         assert rows["no growth beyond the runs"]["half_width"] < rows[next(iter(rows))]["half_width"]
 
+    def test_no_half_is_shown_what_was_chosen_on_itself(self):
+        """Errors of one half are twice as large: factors of the other half do not mend them."""
+        found, wide = columns(n=20_000, ships=1000), columns(n=20_000, ships=1000, share=2.0)
+        first = found["first"]
+        found |= {name: np.where(first, found[name], wide[name]) for name in ("error", "pit")}
+        rows = {row["intervals"]: row for row in coverage.alternative_rows(found)}
+        assert rows["conformal: one factor from other ships"]["hold_95"] < 88.0
+
     def test_one_half_says_nothing(self):
         assert coverage.alternative_rows(columns() | {"first": np.ones(4000, dtype=bool)}) == []
 

@@ -201,7 +201,7 @@ def test_a_function_that_fails_ends_the_study_in_a_sentence(tmp_path):
 @pytest.mark.slow
 @pytest.mark.consistency
 def test_a_tanker_of_the_package_is_found_again():
-    """Her own forces are among the term sets; without her own motion, the broken twin, nothing is held."""
+    """Beside the motion of a stranger, the broken twin, her forecasts do not hold."""
     population = read_study(STUDY)
     result = judge(population.task(TrialsCell("two"), 0, "here"))
     assert (result["status"], result["sentence"], result["hull"], result["runs"]) == ("ok", "", "tanker", 2.0)
@@ -213,9 +213,10 @@ def test_a_tanker_of_the_package_is_found_again():
     inside = indices["pit"].between(0.005, 0.995)
     assert inside.mean() > 0.8
     assert (indices["sd"] >= 0.9 * indices["draws_sd"]).all()
-    moved = indices["error"] + 10.0 * indices["half_width"]
-    assert not (moved.abs() < indices["half_width"]).any()
     assert set(instants["state"]) == {"u", "v", "r", "psi", "x", "y"}
     assert instants["pit"].between(0.0, 1.0).all()
     assert np.isfinite(instants[["error", "sd", "beyond", "far"]]).all().all()
     assert result["identify"] > result["draw"] >= 0.0
+    strange = read_study(STUDY | {"population": "tests.experiments.ships:stranger"})
+    other = judge(strange.task(TrialsCell("two"), 0))
+    assert pd.DataFrame(other["indices"])["pit"].between(0.005, 0.995).mean() < 0.7
