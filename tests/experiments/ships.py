@@ -60,7 +60,7 @@ def made_up(task, share=1.0):
         error = float(share * sd * rng.standard_normal())
         pit = float(norm.cdf(-error / sd))
         row = {"manoeuvre": "turning circle", "index": name, "error": error, "half_width": 1.96 * sd, "sd": sd}
-        indices.append(row | {"draws_sd": 0.5 * sd, "pit": pit, "draws_pit": pit, "beyond": beyond, "crps": 0.2 * sd})
+        indices.append(row | {"draws_sd": 0.5 * sd, "pit": pit, "beyond": beyond, "crps": 0.2 * sd})
     instants = []
     for name in ("u", "v", "r", "psi", "x", "y"):
         for lead in (1.0, 5.0):

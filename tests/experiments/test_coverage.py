@@ -45,15 +45,8 @@ def test_statements_hold_as_often_as_they_say_and_those_of_narrow_intervals_do_n
     for row in right:
         assert abs(row["share"] - row["stated"]) < 4.0 * row["se"]
         assert row["statements"] == 8000
+        assert row["held"] == pytest.approx(8000 * row["share"])
     assert narrow[-1]["share"] < 0.99 - 4.0 * narrow[-1]["se"]
-
-
-def test_sure_statements_beyond_the_runs_are_counted():
-    found = columns()
-    held, made = coverage.sure_statements(found)
-    assert made == 8000
-    assert abs(held / made - 0.99) < 4.0 * np.sqrt(0.99 * 0.01 / made)
-    assert coverage.sure_statements(found | {"beyond": np.zeros(4000)}) == (0, 0)
 
 
 @pytest.mark.parametrize("growth", [0.01, 0.04])
@@ -138,9 +131,10 @@ def test_figures_show_what_the_tables_tell():
     lines = reliability(found).axes[0].get_lines()
     stated, within = lines[0].get_ydata(), lines[1].get_ydata()
     assert np.abs(within - stated).max() < 0.1
-    dots = coverage_by_index(found).axes[0]
+    dots = coverage_by_index(coverage.by(found, coverage.index_names(found))).axes[0]
     assert [label.get_text() for label in dots.get_yticklabels()] == [
         "turning circle, transfer",
         "turning circle, advance",
     ]
-    assert len(motion_by_lead(instants()).axes[0].get_lines()) >= 3
+    motion = instants()
+    assert len(motion_by_lead(coverage.motion_rows(motion, motion["lead"])).axes[0].get_lines()) >= 3

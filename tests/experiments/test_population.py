@@ -146,6 +146,7 @@ def test_the_page_says_what_held_and_what_it_cost(plain):
         "What the intervals hold",
         "turning circle, tactical diameter",
         "Other intervals",
+        "statements of 99 % on forecasts beyond the motion of the runs",
         "None was refused",
     ):
         assert words in text

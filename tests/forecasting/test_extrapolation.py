@@ -186,6 +186,13 @@ def test_the_sentence_on_what_stays_inside(container):
     assert sentence(container, found) == "Every instant lies inside the motion of the record."
 
 
+def test_a_single_instant_outside_is_less_than_a_tenth_of_a_percent(container):
+    many = np.vstack([np.tile(CENTRE, (4999, 1)), CENTRE + RANGE])
+    said = sentence(container, shares(extrapolation(container, si(container, many), box())))
+    assert said.startswith("Less than 0.1 % of the instants lie outside")
+    assert sentence(container, shares(extrapolation(container, si(container, many[-100:]), box()))).startswith("1 % of")
+
+
 @pytest.mark.parametrize(
     ("spoilt", "message"),
     [

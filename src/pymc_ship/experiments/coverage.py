@@ -90,19 +90,14 @@ def distance_names(beyond: np.ndarray) -> np.ndarray:
 
 
 def statements(columns: Columns, stated: Sequence[float] = STATED) -> list[dict]:
-    """Share [%] of the statements "at most" and "at least" that held, by the probability they were made with."""
+    """Number and share of the statements "at most" and "at least" that held, by the probability they were made with."""
     pit, ship, rows = columns["pit"], columns["ship"], []
     for probability in stated:
         both = 0.5 * ((pit <= probability + _ROUNDING).astype(float) + (pit >= 1.0 - probability - _ROUNDING))
         share, error = over_ships(both, ship)
-        rows.append({"stated": probability, "share": share, "se": error, "statements": 2 * pit.size})
+        number = {"statements": 2 * pit.size, "held": int(2.0 * both.sum())}
+        rows.append({"stated": probability, "share": share, "se": error} | number)
     return rows
-
-
-def sure_statements(columns: Columns) -> tuple[int, int]:
-    """Statements of 99 % on indices beyond the motion of the runs: those that held, and all."""
-    pit = columns["pit"][columns["beyond"] > 0.0]
-    return int(np.sum(pit <= 0.99 + _ROUNDING) + np.sum(pit >= 0.01 - _ROUNDING)), 2 * pit.size
 
 
 def motion_rows(columns: Columns, group: np.ndarray) -> list[dict]:

@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.experiments.coverage import Columns, by, held, index_names, over_ships, statements, where
+from pymc_ship.experiments.coverage import Columns, statements, where
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, STYLE, styled, subplots
 
 COLOURS = ("#7d4fa3", "#c8551b", "#3a8f4d", "#1f6fb2", "#7fb3dd", "#a8892c", "#8c564b", "#6b7680")
@@ -93,9 +93,11 @@ def reliability(columns: Columns) -> Figure:
 
 
 @styled
-def coverage_by_index(columns: Columns) -> Figure:
-    """Share of every index in its intervals of 95 and 50 %, with two standard errors over ships."""
-    rows = by(columns, index_names(columns))
+def coverage_by_index(rows: Sequence[Mapping]) -> Figure:
+    """Share of every index in its intervals of 95 and 50 %, with two standard errors over ships.
+
+    ``rows`` are those of :func:`pymc_ship.experiments.coverage.by` by index.
+    """
     place = np.arange(len(rows))[::-1]
     fig, axes = subplots(7.5, 0.8 + 0.24 * len(rows))
     ax = axes[0, 0]
@@ -114,19 +116,20 @@ def coverage_by_index(columns: Columns) -> Figure:
 
 
 @styled
-def motion_by_lead(columns: Columns) -> Figure:
-    """Share of the motion in bands of 90 % by the time since a restart, a line a state, with two standard errors."""
+def motion_by_lead(rows: Sequence[Mapping]) -> Figure:
+    """Share of the motion in bands of 90 % by the time since a restart, a line a state, with two standard errors.
+
+    ``rows`` are those of :func:`pymc_ship.experiments.coverage.motion_rows` by lead [L/U].
+    """
     fig, axes = subplots(5.6, 3.6)
-    ax, states = axes[0, 0], list(dict.fromkeys(columns["state"]))
+    ax, states = axes[0, 0], list(dict.fromkeys(row["state"] for row in rows))
     for k, name in enumerate(states):
-        mine = where(columns, columns["state"] == name)
-        leads = np.unique(mine["lead"])
-        at = [mine["lead"] == lead for lead in leads]
-        share, error = np.array([over_ships(held(mine["pit"][now], 0.9), mine["ship"][now]) for now in at]).T
+        mine = [(row["group"], row["hold_90"], row["se"]) for row in rows if row["state"] == name]
+        lead, share, error = np.array(mine).T
         style = {"color": COLOURS[k], "marker": _MARKERS[k], "ms": 4.0, "elinewidth": 0.8, "capsize": 2.0}
         offset = 0.12 * (k - 0.5 * (len(states) - 1))
-        bars = 200.0 * np.nan_to_num(error)
-        ax.errorbar(leads + offset, 100.0 * share, (bars, np.minimum(bars, 100.0 - 100.0 * share)), label=name, **style)
+        bars = 2.0 * np.nan_to_num(error)
+        ax.errorbar(lead + offset, share, (bars, np.minimum(bars, 100.0 - share)), label=name, **style)
     ax.axhline(90.0, color=REFERENCE, ls="--", lw=0.9)
     ax.set_xlabel("time since the restart [L/U]")
     ax.set_ylabel("instants in bands of 90 % [%]")

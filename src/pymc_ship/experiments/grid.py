@@ -41,22 +41,16 @@ class Cell:
     level: float
     method: str
 
-    @property
-    def folder(self) -> str:
-        """Partition of the results, one ``key=value`` folder a field."""
-        return partition(self)
-
-
-def partition(cell) -> str:
-    """Folder of a cell, ``key=value`` for each of its fields."""
-    return "/".join(f"{key}={quote(str(value), safe='')}" for key, value in asdict(cell).items())
-
 
 def seed_parts(cells: Iterable, seeds: int) -> Iterator[tuple]:
-    """Every cell's seeds in parts of :data:`PART_SEEDS`, and the name of the part's results without an ending."""
+    """Every cell's seeds in parts of :data:`PART_SEEDS`, and the name of the part's results without an ending.
+
+    A part is in a folder ``key=value`` for each field of its cell.
+    """
     for cell in cells:
+        folder = "/".join(f"{key}={quote(str(value), safe='')}" for key, value in asdict(cell).items())
         for first in range(0, seeds, PART_SEEDS):
-            yield cell, range(first, min(first + PART_SEEDS, seeds)), f"{cell.folder}/seeds-{first:06d}"
+            yield cell, range(first, min(first + PART_SEEDS, seeds)), f"{folder}/seeds-{first:06d}"
 
 
 @dataclass(frozen=True)
@@ -115,10 +109,6 @@ class Grid:
             for method in self.methods
         ]
 
-    def of_seeds(self, seeds: int) -> Grid:
-        """The grid with another number of seeds."""
-        return replace(self, seeds=seeds)
-
     def parts(self) -> Iterator[tuple[Cell, range, str]]:
         """Every cell's seeds in parts, see :func:`seed_parts`."""
         return seed_parts(self.cells, self.seeds)
@@ -146,22 +136,44 @@ class Grid:
     def difference(self, old: Mapping) -> str:
         """First thing in which the grid does more than extend that of another record; empty where none does."""
         new = self.record()
-        for key in ("version", "root_seed", "duration"):
-            if old[key] != new[key]:
-                return f"{key} was {old[key]}, found {new[key]}"
-        if old["seeds"] > new["seeds"]:
-            return f"seeds was {old['seeds']}, found {new['seeds']}"
-        for key in ("ships", "manoeuvres"):
-            for name, digest in old[key].items():
-                if new[key].get(name, digest) != digest:
-                    return f"{name!r} of {key} is not what it was"
         lists = {key: (list(old[key]), list(new[key])) for key in (*_LISTS, "noise")}
         lists |= {f"noise.{kind}": (levels, new["noise"].get(kind, [])) for kind, levels in old["noise"].items()}
-        return gone(lists)
+        named = ("ships", "manoeuvres")
+        return changed(old, new, same=("version", "root_seed", "duration"), grown="seeds", named=named, lists=lists)
 
 
-def gone(lists: Mapping[str, tuple[Sequence, Sequence]]) -> str:
-    """First value that a list had and has no more, as words; empty where there is none."""
+def changed(
+    old: Mapping,
+    new: Mapping,
+    *,
+    same: Sequence[str],
+    grown: str,
+    named: Sequence[str],
+    lists: Mapping[str, tuple[Sequence, Sequence]],
+) -> str:
+    """First thing in which a record of a study does more than extend another one, as words; empty where none does.
+
+    Parameters
+    ----------
+    old, new : mapping
+    same : sequence of str
+        Keys whose values must be the same.
+    grown : str
+        Key of a number that may grow.
+    named : sequence of str
+        Keys of tables whose entries must be the same where both have them.
+    lists : mapping of str to tuple of two sequences
+        Values of old and new, by what they are called, of which none may be gone.
+    """
+    for key in same:
+        if old[key] != new[key]:
+            return f"{key} was {old[key]}, found {new[key]}"
+    if old[grown] > new[grown]:
+        return f"{grown} was {old[grown]}, found {new[grown]}"
+    for key in named:
+        for name, digest in old[key].items():
+            if new[key].get(name, digest) != digest:
+                return f"{name!r} of {key} is not what it was"
     for key, (before, now) in lists.items():
         if lost := [value for value in before if value not in now]:
             return f"{key} had {lost[0]!r}, which is gone"

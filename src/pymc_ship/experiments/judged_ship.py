@@ -19,16 +19,16 @@ import xarray as xr
 
 from pymc_ship.checks.trial_checks import judged_trial
 from pymc_ship.experiments.task import MonteCarloError, timed
-from pymc_ship.forecasting.extrapolation import extrapolation
 from pymc_ship.forecasting.index_error import index_scale, robust_sd
+from pymc_ship.forecasting.motion_error import ERRING, prime_units, time_beyond
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
-from pymc_ship.machine.workers import MACHINE
+from pymc_ship.machine.workers import MACHINE, told
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.ship.files import forecast_ship
 from pymc_ship.ship.model import ShipModel, identify_ship
-from pymc_ship.ship.replayed import replay
+from pymc_ship.ship.replayed import beyond_runs, crps, replay
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel
 
@@ -40,11 +40,12 @@ STATUSES = ("ok", "refused", "failed")
 ship. `failed`: any other error."""
 
 INDEX = {"manoeuvre": "str", "index": "str"} | dict.fromkeys(
-    ("error", "half_width", "sd", "draws_sd", "pit", "draws_pit", "beyond", "crps"), "float"
+    ("error", "half_width", "sd", "draws_sd", "pit", "beyond", "crps"), "float"
 )
 """Columns of a forecast index. Errors of the median, half widths of 95 %, sd (half the width of the central 68 %) and
-CRPS are in swings of the heading, L/U, L, U/L, U or rad; ``pit`` is the share of the draws below the truth; those of
-``draws_`` are without the model error; ``beyond`` is how far the median ship leaves the motion of her runs [ranges]."""
+CRPS are in swings of the heading, L/U, L, U/L, U or rad; ``pit`` is the share of the draws below the truth;
+``draws_sd`` is the sd without the model error; ``beyond`` is how far the median ship leaves the motion of her runs
+[ranges]."""
 
 INSTANT = {"state": "str"} | dict.fromkeys(("lead", "error", "sd", "pit", "beyond", "far"), "float")
 """Columns of a state some time (``lead`` [L/U]) after a restart in a run that she was not given: prime error of the
@@ -54,10 +55,6 @@ heading and track, its sum over time (``far`` [ranges L/U])."""
 LEADS = (1.0, 3.0, 5.0, 10.0, 15.0)
 """Times from a restart at which the motion is judged [L/U]."""
 
-SUMMED = ("psi", "x", "y")
-"""States whose error grows with the time that a ship stays beyond the motion of her runs."""
-
-_STATES = ("u", "v", "r", *SUMMED)
 _RESTARTS = (0.0, 5.0, 10.0)  # L/U from the approach
 _DRAWS, _REPLAYED = 500, 100  # of a forecast and of a replay
 
@@ -151,7 +148,7 @@ def judge(task: ShipTask) -> dict:
         except ValueError as error:
             status, sentence = "refused", str(error)
         except Exception as error:  # whatever goes wrong is what the study is to find out
-            status, sentence = "failed", " ".join(f"{type(error).__name__}: {error}".split())
+            status, sentence = "failed", told(error)
     identity = {"block": task.block, "seed": task.seed, "status": status, "sentence": sentence}
     return identity | found | parts | {"cpu": process_time() - began}
 
@@ -181,10 +178,9 @@ def _of_the_user(task: ShipTask) -> Iterator[None]:
     except MACHINE:
         raise
     except Exception as error:  # whatever the user's function does
-        said = " ".join(f"{type(error).__name__}: {error}".split())
         raise MonteCarloError(
-            f"Ship {task.seed} of the trials {task.trials!r} cannot be drawn or sailed: {said}; what was judged is "
-            "kept: mend the function that draws ships."
+            f"Ship {task.seed} of the trials {task.trials!r} cannot be drawn or sailed: {told(error)}; what was judged "
+            "is kept: mend the function that draws ships."
         ) from error
 
 
@@ -231,8 +227,12 @@ def index_rows(tree: xr.DataTree, run: xr.Dataset, manoeuvre: Manoeuvre, vessel:
         if drawn.size:
             row["error"] = float(np.median(drawn))
             row["half_width"] = 0.5 * float(np.diff(np.quantile(drawn, [0.025, 0.975]))[0])
-            row |= {"sd": robust_sd(drawn), "pit": float(np.mean(drawn < 0.0)), "crps": _crps(drawn)}
-            row |= {"draws_sd": robust_sd(alone), "draws_pit": float(np.mean(alone < 0.0))}
+            row |= {
+                "sd": robust_sd(drawn),
+                "pit": float(np.mean(drawn < 0.0)),
+                "crps": crps(drawn[:, None], np.zeros(1)),
+            }
+            row["draws_sd"] = robust_sd(alone)
         rows.append(row)
     return rows
 
@@ -243,31 +243,22 @@ def _errors(drawn: xr.DataArray, truth: float, scale: float) -> np.ndarray:
     return (values[np.isfinite(values)] - truth) / scale
 
 
-def _crps(errors: np.ndarray) -> float:
-    """Continuous ranked probability score of draws about the truth."""
-    return float(np.abs(errors).mean() - 0.5 * np.abs(errors[:, None] - errors).mean())
-
-
 def instant_rows(ship: ShipModel, run: xr.Dataset, start: float) -> Iterator[dict]:
     """Motion of a ship restarted in an exact run ``start`` L/U from its begin, rows of :data:`INSTANT`."""
-    s = ship.vessel.particulars
-    unit, units = s.ship_time, {"u": s.nominal_speed, "v": s.nominal_speed, "r": 1.0 / s.ship_time, "x": s.L, "y": s.L}
+    unit, units = ship.vessel.particulars.ship_time, prime_units(ship.vessel)
     begin = start * unit
     if run["time"].values[-1] < begin + LEADS[-1] * unit:
         return
     tree = replay(ship, run, start=begin, duration=LEADS[-1] * unit, draws=_REPLAYED)
     measured, time = tree["measured"], tree["measured"]["time"].values
-    median = tree["trajectories"].dataset.median("draw").assign(delta=run["delta"].sel(time=time))
-    beyond = np.nan_to_num(extrapolation(ship.vessel, median, ship.motion)["distance"].values)
+    beyond = np.nan_to_num(beyond_runs(ship, tree["trajectories"].dataset.median("draw"), run.sel(time=time)))
     since = (time - time[0]) / unit
-    stayed = np.append(0.0, np.cumsum(0.5 * (beyond[1:] + beyond[:-1]) * np.diff(since)))
+    far = time_beyond(beyond, since)
     for lead in LEADS:
         k = min(int(np.searchsorted(since, lead - 1e-9)), since.size - 1)
-        for name in _STATES:
-            drawn = (tree["predictive"][name].values[:, k] - measured[name].values[k]) / units.get(name, 1.0)
+        for name in ERRING:
+            drawn = (tree["predictive"][name].values[:, k] - measured[name].values[k]) / units[name]
             drawn = drawn[np.isfinite(drawn)]
-            row = {"state": name, "lead": lead, "beyond": beyond[k], "far": (stayed if name in SUMMED else beyond)[k]}
-            ends = (np.median(drawn), drawn.std(), np.mean(drawn < 0.0)) if drawn.size else 3 * (math.nan,)
-            yield {key: value if key == "state" else float(value) for key, value in row.items()} | {
-                key: float(value) for key, value in zip(("error", "sd", "pit"), ends, strict=True)
-            }
+            told_by = (np.median(drawn), drawn.std(), np.mean(drawn < 0.0)) if drawn.size else 3 * (math.nan,)
+            numbers = map(float, (lead, *told_by, beyond[k], far[name][k]))
+            yield dict(zip(INSTANT, (name, *numbers), strict=True))

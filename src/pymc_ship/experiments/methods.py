@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pymc_ship.experiments.task import METHODS, Method, MonteCarloError
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.workers import told
 
 _IMPORT_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
@@ -85,10 +86,7 @@ def imported(name: str, place: str) -> Callable:
     except AttributeError:
         reason, remedy = f"{module} has no {function}", "correct the name"
     except Exception as error:  # whatever the user's module raises
-        reason, remedy = (
-            " ".join(f"{type(error).__name__}: {error}".split()),
-            "run in the folder it is found from, put that on PYTHONPATH or mend it",
-        )
+        reason, remedy = told(error), "run in the folder it is found from, put that on PYTHONPATH or mend it"
     raise MonteCarloError(f"{place} cannot have {name!r}: {reason}; {remedy}.")
 
 
@@ -99,7 +97,6 @@ def check_handed_on(function: Callable, what: str) -> None:
     try:
         dumps(function)
     except Exception as error:  # whatever the function holds
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise MonteCarloError(
-            f"{what} cannot be handed to the workers: {reason}; give a function that holds nothing but data."
+            f"{what} cannot be handed to the workers: {told(error)}; give a function that holds nothing but data."
         ) from None

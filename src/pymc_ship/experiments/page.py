@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from pymc_ship.experiments.figures import scores
+from pymc_ship.experiments.grid import Cell
 from pymc_ship.experiments.store import Store
 from pymc_ship.experiments.tables import (
     BEYOND,
@@ -64,38 +65,33 @@ def write_report(store: Store) -> tuple[list[dict], Path]:
     """
     costs, start = Costs(store.study.timed), perf_counter()
     with staged_files(store.out, last=PAGE.file) as folder:
-        tables = [folder / f"{name}.parquet" for name in ("timings", "results")]
-        with (
-            store.table_writer(tables[0], store.timings) as add_timings,
-            store.table_writer(tables[1], store.results) as add_results,
-        ):
-            rows = list(_cells(store, costs, add_results, add_timings))
-        sizes = _sizes(store, tables, perf_counter() - start)
+        rows = list(_cells(store.written(folder), costs))
+        sizes = _sizes(store, folder, perf_counter() - start)
         write_page(PAGE, folder, _content(store, rows, costs, sizes))
     return rows, store.out / PAGE.file
 
 
-def _cells(store: Store, costs: Costs, *writers) -> Iterator[dict]:
-    """Row of each cell; its parts go to the writers and its costs are counted on the way."""
-    for cell, parts in groupby(store.rows(), key=lambda found: found[0]):
+def _cells(written: Iterator[tuple[Cell, pa.Table]], costs: Costs) -> Iterator[dict]:
+    """Row of each cell from its parts, whose costs are counted on the way."""
+    for cell, parts in groupby(written, key=lambda found: found[0]):
         mine = []
         for _, rows in parts:
-            for write in writers:
-                write(cell, rows)
             costs.add(cell.method, rows)
             mine.append(rows.select(["status", *STATISTIC]))
         whole = pa.concat_tables(mine)
         yield cell_row(cell, {name: np.array(whole[name].to_pylist()) for name in whole.column_names})
 
 
-def _sizes(store: Store, tables: Sequence[Path], build: float) -> Sizes:
-    """Files and bytes on disk and under way, memory of the parent, and how long the tables took [s]."""
+def _sizes(store: Store, folder: Path, build: float) -> Sizes:
+    """Files and bytes on disk, the tables in a folder, and under way, memory of the parent, time of the tables [s]."""
     parts = list((store.out / "parts").rglob("*.parquet"))
     cell, _, part = next(store.study.parts())
     result = dict.fromkeys((*store.results, *store.timings), 0.0)
     sent = len(pickle.dumps(store.study.task(cell, 0, part))) + len(json.dumps(result)) + len(part)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return Sizes(len(parts), sum(path.stat().st_size for path in [*parts, *tables]), sent, peak, build)
+    return Sizes(
+        len(parts), sum(path.stat().st_size for path in [*parts, *folder.glob("*.parquet")]), sent, peak, build
+    )
 
 
 def cell_table(rows: Sequence[Mapping]) -> Table:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import pyarrow as pa
 
 from pymc_ship import __version__
-from pymc_ship.experiments.grid import gone, manoeuvres_of, partition, seed_parts
+from pymc_ship.experiments.grid import changed, manoeuvres_of, seed_parts
 from pymc_ship.experiments.judged_ship import INDEX, INSTANT, PARTS, Draw, ShipTask, judge, unjudged
 from pymc_ship.experiments.methods import check_handed_on, digest, import_path, imported
 from pymc_ship.machine.arguments import shown
@@ -37,11 +37,6 @@ class TrialsCell:
     """Ships that sail the same class of trials."""
 
     trials: str
-
-    @property
-    def folder(self) -> str:
-        """Partition of the results."""
-        return partition(self)
 
 
 def _structs(columns: Mapping[str, str]) -> pa.DataType:
@@ -93,10 +88,6 @@ class Population:
         """Number of ships."""
         return len(self.trials) * self.seeds
 
-    def of_seeds(self, seeds: int) -> Population:
-        """The population with another number of ships of each class of trials."""
-        return replace(self, seeds=seeds)
-
     def parts(self) -> Iterator[tuple[TrialsCell, range, str]]:
         """Ships of every class of trials in parts."""
         return seed_parts(map(TrialsCell, self.trials), self.seeds)
@@ -112,7 +103,7 @@ class Population:
         return {
             "version": __version__,
             "root_seed": self.root_seed,
-            "seeds": self.seeds,
+            "ships": self.seeds,
             "population": f"{self.drawn_by} ({digest(self.draw)})",
             "trials": {name: str(trials) for name, trials in self.trials.items()},
             "forecasts": list(self.forecasts),
@@ -121,15 +112,9 @@ class Population:
     def difference(self, old: Mapping) -> str:
         """First thing in which the study does more than extend that of another record; empty where none does."""
         new = self.record()
-        for key in ("version", "root_seed", "population", "forecasts"):
-            if old[key] != new[key]:
-                return f"{key} was {old[key]}, found {new[key]}"
-        if old["seeds"] > new["seeds"]:
-            return f"ships was {old['seeds']}, found {new['seeds']}"
-        for name, words in old["trials"].items():
-            if new["trials"].get(name, words) != words:
-                return f"{name!r} of trials is not what it was"
-        return gone({"trials": (list(old["trials"]), list(new["trials"]))})
+        same = ("version", "root_seed", "population", "forecasts")
+        lists = {"trials": (list(old["trials"]), list(new["trials"]))}
+        return changed(old, new, same=same, grown="ships", named=("trials",), lists=lists)
 
 
 def population_of(file: Entry) -> Population:

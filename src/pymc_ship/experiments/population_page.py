@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from itertools import groupby
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from pymc_ship.experiments import coverage, figures
 from pymc_ship.experiments.coverage import Columns, columns_of, where
@@ -26,8 +26,11 @@ PAGE = Page(
 )
 """The page of a population, with its tables and figures beside it."""
 
-_ROWS = ("trials", "hulls", "indices", "distances", "each", "statements", "leads", "beyond", "growth", "alternatives")
-_BESIDE = ("trials", "hulls", "indices", "distances", "statements", "leads", "beyond", "alternatives", "growth")
+_TABLES = (
+    *("trials", "hulls", "indices", "distances", "coverage"),
+    *("statements", "leads", "beyond", "growth", "alternatives"),
+)
+_BEYOND = "beyond the motion of the runs"
 _SOURCES = (
     "Gneiting, T., Balabdaoui, F. & Raftery, A. E. (2007). Probabilistic forecasts, calibration and sharpness. J. R. "
     "Stat. Soc. B 69, 243-268. doi:10.1111/j.1467-9868.2007.00587.x",
@@ -59,19 +62,12 @@ def write_population(store: Store) -> tuple[list[dict], Path]:
     """
     costs, ships = Costs(store.study.timed), []
     with staged_files(store.out, last=PAGE.file, own=PAGE.own) as folder:
-        tables = [folder / f"{name}.parquet" for name in ("timings", "results")]
-        with (
-            store.table_writer(tables[0], store.timings) as add_timings,
-            store.table_writer(tables[1], store.results) as add_results,
-        ):
-            for cell, parts in groupby(store.rows(), key=lambda found: found[0]):
-                for _, rows in parts:
-                    add_timings(cell, rows)
-                    add_results(cell, rows)
-                    costs.add(cell.trials, rows)
-                    ships += [_ship(cell.trials, row, store.study.seeds) for row in rows.to_pylist()]
-        rows = population_rows(ships)
-        write_page(PAGE, folder, _content(store, ships, rows, costs))
+        for cell, part in store.written(folder):
+            costs.add(cell.trials, part)
+            ships += [_ship(cell.trials, row, store.study.seeds) for row in part.to_pylist()]
+        indices, instants = (columns_of(ships, *what) for what in (("indices", INDEX), ("instants", INSTANT)))
+        rows = population_rows(indices, instants) if indices["ship"].size else dict.fromkeys(_TABLES, ())
+        write_page(PAGE, folder, _content(store, ships, rows, costs, _figures(indices, rows)))
     return rows["trials"], store.out / PAGE.file
 
 
@@ -81,44 +77,61 @@ def _ship(trials: str, row: Mapping, seeds: int) -> dict:
     return kept | {"trials": trials, "first": 2 * row["seed"] < seeds}
 
 
-def population_rows(ships: Sequence[Mapping]) -> dict[str, Sequence[dict]]:
-    """Rows of every table by its name; none where no ship was judged."""
-    indices, instants = (columns_of(ships, *what) for what in (("indices", INDEX), ("instants", INSTANT)))
-    if not indices["ship"].size:
-        return dict.fromkeys(_ROWS, ())
-    names, distances = coverage.index_names(indices), coverage.distance_names(indices["beyond"])
-    every = np.array([" | ".join(key) for key in zip(indices["trials"], distances, names, strict=True)])
+def population_rows(indices: Columns, instants: Columns) -> dict[str, Sequence[dict]]:
+    """Rows of every table by its name, from the columns of ships of which one was judged or more."""
+    distances = coverage.distance_names(indices["beyond"])
     within = indices["beyond"] < 1.0
     parts = {"within one range": within, "one range beyond or more": ~within, "all": within | ~within}
-    parts |= {"beyond the motion of the runs": indices["beyond"] > 0.0}
+    parts |= {_BEYOND: indices["beyond"] > 0.0}
     return {
         "trials": [{"group": "all"} | coverage.coverage_row(indices), *coverage.by(indices, indices["trials"])],
         "hulls": coverage.by(indices, indices["hull"]),
-        "indices": coverage.by(indices, names),
-        "distances": [
-            row for name in coverage.DISTANCES for row in coverage.by(*_only(indices, distances, distances == name))
-        ],
-        "each": coverage.by(indices, every),
+        "indices": coverage.by(indices, coverage.index_names(indices)),
+        "distances": sorted(
+            coverage.by(indices, distances), key=lambda row: list(coverage.DISTANCES).index(row["group"])
+        ),
+        "coverage": list(_by_trials_and_distance(indices, distances)),
         "statements": [
             {"forecasts": name} | row
             for name, mask in parts.items()
             if mask.any()
             for row in coverage.statements(where(indices, mask))
         ],
-        "leads": coverage.motion_rows(instants, np.array([f"{lead:g} L/U" for lead in instants["lead"]])),
+        "leads": coverage.motion_rows(instants, instants["lead"]),
         "beyond": coverage.motion_rows(instants, coverage.distance_names(instants["beyond"])),
         "growth": coverage.growth_rows(indices, instants),
         "alternatives": coverage.alternative_rows(indices),
     }
 
 
-def _only(columns: Columns, group: np.ndarray, mask: np.ndarray) -> tuple[Columns, np.ndarray]:
-    return where(columns, mask), group[mask]
+def _by_trials_and_distance(indices: Columns, distances: np.ndarray) -> Iterator[dict]:
+    """Coverage of every index by the trials and how far the forecast goes beyond them."""
+    for trials in dict.fromkeys(indices["trials"]):
+        for distance in coverage.DISTANCES:
+            mine = where(indices, (indices["trials"] == trials) & (distances == distance))
+            for row in coverage.by(mine, coverage.index_names(mine)):
+                yield {"trials": str(trials), "distance": distance, "index": row.pop("group")} | row
 
 
-def _content(store: Store, ships: Sequence[Mapping], rows: Mapping[str, Sequence[dict]], costs: Costs) -> Content:
+def _figures(indices: Columns, rows: Mapping[str, Sequence[dict]]) -> dict[str, Figure]:
+    """Figures of what there is."""
+    drawn = {}
+    if rows["indices"]:
+        drawn["coverage_by_index"] = figures.coverage_by_index(rows["indices"])
+        drawn["reliability"] = figures.reliability(indices)
+    if rows["leads"]:
+        drawn["motion_by_lead"] = figures.motion_by_lead(rows["leads"])
+    return drawn
+
+
+def _content(
+    store: Store,
+    ships: Sequence[Mapping],
+    rows: Mapping[str, Sequence[dict]],
+    costs: Costs,
+    drawn: Mapping[str, Figure],
+) -> Content:
     study, n = store.study, number(3)
-    indices, instants = (columns_of(ships, *what) for what in (("indices", INDEX), ("instants", INSTANT)))
     sessions = session_rows(costs)
     by_session = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed(0))}
     by_session |= {"tasks": ("ships", fixed(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
@@ -139,32 +152,16 @@ def _content(store: Store, ships: Sequence[Mapping], rows: Mapping[str, Sequence
         "coverage": {name: _coverage_table(rows[name], head) for name, head in heads.items()},
         "tables": {
             "statements": table(rows["statements"], _STATEMENTS),
-            "leads": _motion_table(rows["leads"], "time since the restart"),
+            "leads": _motion_table(rows["leads"], "time since the restart", "{:g} L/U"),
             "beyond": _motion_table(rows["beyond"], "distance from the runs"),
             "growth": table(rows["growth"], _GROWTH),
             "alternatives": table([_with_errors(row) for row in rows["alternatives"]], _ALTERNATIVES),
             "sessions": table(sessions, by_session),
             "groups": table(group_rows(costs), by_group),
         },
-        "sure": coverage.sure_statements(indices),
+        "sure": [row for row in rows["statements"] if (row["forecasts"], row["stated"]) == (_BEYOND, 0.99)],
     }
-    drawn = {}
-    if indices["ship"].size:
-        drawn["coverage_by_index"] = figures.coverage_by_index(indices)
-        drawn["reliability"] = figures.reliability(indices)
-    if instants["ship"].size:
-        drawn["motion_by_lead"] = figures.motion_by_lead(instants)
-    tables = {"coverage": _split(rows["each"])} | {name: rows[name] for name in _BESIDE}
-    return Content(values | {"drawn": list(drawn)}, drawn, tables, sources=_SOURCES)
-
-
-def _split(rows: Sequence[Mapping]) -> list[dict]:
-    """Rows whose group is trials, distance and index."""
-    return [
-        dict(zip(("trials", "distance", "index"), row["group"].split(" | "), strict=True))
-        | {name: value for name, value in row.items() if name != "group"}
-        for row in rows
-    ]
+    return Content(values | {"drawn": list(drawn)}, drawn, rows, sources=_SOURCES)
 
 
 def _with_errors(row: Mapping) -> dict:
@@ -185,7 +182,7 @@ def _coverage_table(rows: Sequence[Mapping], head: str) -> Table:
     return table([_with_errors(row) for row in rows], columns)
 
 
-def _motion_table(rows: Sequence[Mapping], head: str) -> Table:
+def _motion_table(rows: Sequence[Mapping], head: str, form: str = "{}") -> Table:
     """A line a group, a column a state: the share in bands of 90 % with its standard error, and the worst ship."""
     states, lines = list(dict.fromkeys(row["state"] for row in rows)), []
     for group in dict.fromkeys(row["group"] for row in rows):
@@ -194,7 +191,7 @@ def _motion_table(rows: Sequence[Mapping], head: str) -> Table:
             name: f"{mine[name]['hold_90']:.0f} ± {mine[name]['se']:.0f} ({mine[name]['worst']:.0f})" for name in mine
         }
         first = next(iter(mine.values()))
-        lines.append({"group": group, "ships": first["ships"], "instants": first["instants"]} | cells)
+        lines.append({"group": form.format(group), "ships": first["ships"], "instants": first["instants"]} | cells)
     columns = {"group": (head, str), "ships": ("ships", fixed(0)), "instants": ("instants", fixed(0))}
     return table(lines, columns | {name: (f"{name} %", str) for name in states})
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +145,7 @@ def _rehearsed(store: Store, executor: LocalCores | Cluster) -> float:
     none = {"session": 0, "executor": "", "workers": 0, "wall": 0.0, "parent": 0.0}
     folder, kept = store.out / ".rehearsal", []
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
-    stage = Store(folder, store.study.of_seeds(REHEARSED))
+    stage = Store(folder, replace(store.study, seeds=REHEARSED))
     first = stage.missing()[0]
 
     def remaining() -> Iterator | None:

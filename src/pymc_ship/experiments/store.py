@@ -32,10 +32,12 @@ _ROWS, _SUM = 5_000, b"sha256"
 
 
 class Study(Protocol):
-    """What a store asks of a study.
+    """What a store asks of a study, which is a dataclass.
 
     Attributes
     ----------
+    seeds : int
+        Tasks of each cell.
     scores : mapping of str to pyarrow.DataType
         Columns of a result beside seed, status and sentence.
     timed : tuple of str
@@ -43,15 +45,13 @@ class Study(Protocol):
     """
 
     title: str
+    seeds: int
     scores: Mapping[str, pa.DataType]
     timed: tuple[str, ...]
 
     @property
     def n_tasks(self) -> int:
         """Number of tasks."""
-
-    def of_seeds(self, seeds: int) -> Study:
-        """The study with another number of seeds of each cell."""
 
     def parts(self) -> Iterator[tuple[Any, range, str]]:
         """Every cell's seeds in parts, and the name of the part's results without an ending.
@@ -133,6 +133,20 @@ class Store:
         for cell, _, part in self.study.parts():
             yield cell, self._read(part)
 
+    def written(self, folder: Path) -> Iterator[tuple[Any, pa.Table]]:
+        """Rows of every part, which go to ``timings.parquet`` and ``results.parquet`` of a folder on the way.
+
+        The two files appear when the last part has been taken.
+        """
+        with (
+            self._writer(folder / "timings.parquet", self.timings) as add_timings,
+            self._writer(folder / "results.parquet", self.results) as add_results,
+        ):
+            for cell, rows in self.rows():
+                add_timings(cell, rows)
+                add_results(cell, rows)
+                yield cell, rows
+
     def _done(self, part: str, size: int) -> set[int] | range:
         """Seeds that have their results."""
         path, journal = self._parquet(part), self._journal(part)
@@ -185,15 +199,8 @@ class Store:
             raise MonteCarloError(f"The journal {path} is damaged; delete it, its tasks will be done again.") from None
 
     @contextmanager
-    def table_writer(self, path: Path, columns: Sequence[str]) -> Iterator:
-        """Function (cell, rows) that adds columns of a part to a Parquet file, which appears when it is complete.
-
-        Parameters
-        ----------
-        path : Path
-        columns : sequence of str
-            Those after the columns of the cell.
-        """
+    def _writer(self, path: Path, columns: Sequence[str]) -> Iterator:
+        """Function (cell, rows) that adds columns of a part, after those of its cell, to a file that is staged."""
         first, *_ = self.study.parts()
         keys = [pa.field(one.name, _OF_CELL[str(one.type)]) for one in fields(first[0])]
         schema, pending = pa.schema([*keys, *(self._schema.field(name) for name in columns)]), []

@@ -26,7 +26,7 @@ from pymc_ship.frontier.estimates import (
 )
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
-from pymc_ship.machine.workers import MACHINE
+from pymc_ship.machine.workers import MACHINE, told
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle
 from pymc_ship.motion.simulation import simulate
@@ -147,7 +147,7 @@ def measure(task: Task) -> dict:
             raise
         except Exception as error:  # whatever goes wrong in a method is what the study is to find out
             scores, status = dict.fromkeys(SCORES, float("nan")), "failed"
-            sentence = " ".join(f"{type(error).__name__}: {error}".split())
+            sentence = told(error)
     identity = {"block": task.block, "seed": task.seed, "status": status, "sentence": sentence}
     return identity | scores | parts | {"cpu": process_time() - began}
 

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.draws import coefficient_draws, fitted_motion, sensor_noise
-from pymc_ship.forecasting.extrapolation import UNKNOWN, extrapolation, sentence
+from pymc_ship.forecasting.extrapolation import UNKNOWN, extrapolation, sentence, share_outside
 from pymc_ship.forecasting.index_error import reliability, with_model_error
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.indices import indices, of_roll
@@ -193,9 +193,9 @@ def stated_shares(tree: xr.DataTree) -> str:
 
     They state the number of ships, the share that diverged and, where it is known, the share extrapolated.
     """
-    diverged, extrapolated = (100.0 * tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
-    known = f", {extrapolated:.3g} % of the instants extrapolated" if np.isfinite(extrapolated) else ""
-    return f"{tree.attrs['draws']} ships, {diverged:.3g} % diverged{known}"
+    diverged, extrapolated = (tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
+    known = f", {share_outside(extrapolated)} of the instants extrapolated" if np.isfinite(extrapolated) else ""
+    return f"{tree.attrs['draws']} ships, {100.0 * diverged:.3g} % diverged{known}"
 
 
 def _check_noise(noise: Mapping[str, float]) -> None:

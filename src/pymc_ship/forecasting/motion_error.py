@@ -27,12 +27,14 @@ LEADS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 ERRING = ("u", "v", "r", "psi", "x", "y")
 """States that have an error."""
 
+SUMMED = ("psi", "x", "y")
+"""Those whose error grows with the time that a ship stays beyond the motion of her runs."""
+
 GROWTH = {"u": 0.007, "v": 0.0025, "r": 0.001, "psi": 0.001, "x": 0.003, "y": 0.003}
 """Standard deviation of the prime motion for each range of the record by which the median ship leaves it; of heading
 [rad] and track for each L/U that she stays there, too."""
 
 _ROWS = [STATE.index(name) for name in ERRING]
-_SUMMED = np.array([name in ("psi", "x", "y") for name in ERRING])  # grow with time
 _STEPS = np.arange(1, len(ERRING) + 1)
 _GOLDEN = 1.112775684278706  # x^7 = x + 1: the additive sequence that is most even in six dimensions
 
@@ -66,7 +68,7 @@ def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> xr.Dataset:
         Prime at the nominal speed. It does not fall with the lead; leads [L/U] end with the longest replay, and there
         are none without replays.
     """
-    unit, scale = vessel.particulars.ship_time, _units(vessel)
+    unit, scale = vessel.particulars.ship_time, np.array(list(prime_units(vessel).values()))
     replays = list(replays)
     leads = [lead for lead in LEADS if any(lead * unit <= one.time[-1] for one in replays)]
     found = []
@@ -113,21 +115,27 @@ def with_motion_error(
     if not known and not beyond.any():
         return states
     found, lead = states.copy(), time / unit
-    stayed = np.append(0.0, np.cumsum(0.5 * (beyond[1:] + beyond[:-1]) * np.diff(lead)))
+    far, units = time_beyond(beyond, lead), prime_units(vessel)
     place = (0.5 + np.outer(np.arange(1, states.shape[1] + 1), _GOLDEN ** -_STEPS.astype(float))) % 1.0
     for k, (name, row) in enumerate(zip(ERRING, _ROWS, strict=True)):
         sd = np.zeros(time.size)
         if known:
             seen = error["lead"].values
             sd = np.interp(lead, seen, error[name].values)
-            if _SUMMED[k] and seen[-1] > 0.0:
+            if name in SUMMED and seen[-1] > 0.0:
                 sd = sd * np.maximum(lead / seen[-1], 1.0)
-        sd = np.hypot(sd, GROWTH[name] * (stayed if _SUMMED[k] else beyond)) * _units(vessel)[k]
+        sd = np.hypot(sd, GROWTH[name] * far[name]) * units[name]
         found[row] += ndtri(place[:, k, None]) * sd
     return found
 
 
-def _units(vessel: Vessel) -> np.ndarray:
+def time_beyond(beyond: np.ndarray, lead: np.ndarray) -> dict[str, np.ndarray]:
+    """What the error of each state grows with, shape (n_time,): the distance, or its sum over the time [L/U]."""
+    stayed = np.append(0.0, np.cumsum(0.5 * (beyond[1:] + beyond[:-1]) * np.diff(lead)))
+    return {name: stayed if name in SUMMED else beyond for name in ERRING}
+
+
+def prime_units(vessel: Vessel) -> dict[str, float]:
     """Units of the states that err, by which they are prime."""
     L, U = vessel.particulars.L, vessel.particulars.nominal_speed
-    return np.array([U, U, U / L, 1.0, L, L])
+    return {"u": U, "v": U, "r": U / L, "psi": 1.0, "x": L, "y": L}

@@ -133,7 +133,7 @@ class LocalCores:
             raise WorkersLostError from None
         for failure in failures:
             if isinstance(failure.error, MACHINE):
-                raise WorkersLostError(_told(failure.error))
+                raise WorkersLostError(told(failure.error))
             raise failure.error
 
     def __enter__(self) -> LocalCores:
@@ -247,14 +247,15 @@ class Cluster:
             except (KilledWorker, CancelledError):
                 raise WorkersLostError from None
             except MACHINE as error:
-                raise WorkersLostError(_told(error)) from None
+                raise WorkersLostError(told(error)) from None
             except Exception as error:
-                text = _told(error)
+                text = told(error)
                 raise self.error(f"The workers of {self.address} cannot do a task: {text}; see to them.") from None
             yield result
 
 
-def _told(error: Exception) -> str:
+def told(error: Exception) -> str:
+    """Kind and text of an error in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 

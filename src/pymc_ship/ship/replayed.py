@@ -99,7 +99,7 @@ def replay(
     predictive = ships
     if isinstance(ship, ShipModel | IdentifiedShip):
         since = piece["time"].values - piece["time"].values[0]
-        beyond = _beyond(ship, ships.median("draw"), piece)
+        beyond = beyond_runs(ship, ships.median("draw"), piece)
         predictive = motion(with_motion_error(states, since, ship.motion_error, ship.vessel, beyond))
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
@@ -109,7 +109,7 @@ def replay(
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
 
 
-def _beyond(ship: ShipModel | IdentifiedShip, median: xr.Dataset, piece: xr.Dataset) -> np.ndarray | None:
+def beyond_runs(ship: ShipModel | IdentifiedShip, median: xr.Dataset, piece: xr.Dataset) -> np.ndarray | None:
     """Distance of the median ship from the motion of the runs that a ship was identified from, by instant."""
     if not ship.motion.sizes["row"]:
         return None
@@ -291,7 +291,7 @@ def _window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[flo
         half = np.where(seen < middle, middle - low, high - middle)
         found["square"].append(float(np.mean((median[name].values - seen) ** 2)))
         found["coverage"].append(float(np.mean(np.abs(seen - middle) <= np.hypot(half, reach))))
-        found["crps"].append(_crps(ships[name].values, seen))
+        found["crps"].append(crps(ships[name].values, seen))
     apart = np.hypot(*(median[name].values - measured[name].values for name in "xy"))
     reach = np.nanquantile(np.hypot(*(ships[name].values - median[name].values for name in "xy")), ci_prob, axis=0)
     blurred = np.sqrt(-2.0 * np.log1p(-ci_prob)) * np.sqrt(0.5 * (noise["x"] ** 2 + noise["y"] ** 2))
@@ -301,7 +301,7 @@ def _window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[flo
     return found
 
 
-def _crps(drawn: np.ndarray, seen: np.ndarray) -> float:
+def crps(drawn: np.ndarray, seen: np.ndarray) -> float:
     """Continuous ranked probability score of an ensemble (n_draws, n_time), mean over time.
 
     Gneiting & Raftery (2007), doi:10.1198/016214506000001437, Eq. 20, with the spread of a sorted ensemble.
