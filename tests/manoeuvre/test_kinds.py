@@ -44,7 +44,7 @@ def test_units_of_the_indices_are_those_of_their_names(kind):
 
 @pytest.mark.parametrize("quantity", ["mass", ""])
 def test_an_index_is_of_a_known_quantity(quantity):
-    with pytest.raises(ps.ManoeuvreError, match=r"An index is of angle, attitude.*; found .*; choose one of them"):
+    with pytest.raises(ps.ManoeuvreError, match=r"An index is of angle, drift.*; found .*; choose one of them"):
         Index(quantity)
 
 

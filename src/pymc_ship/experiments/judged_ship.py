@@ -43,9 +43,9 @@ INDEX = {"manoeuvre": "str", "index": "str"} | dict.fromkeys(
     ("error", "half_width", "sd", "draws_sd", "pit", "beyond", "crps"), "float"
 )
 """Columns of a forecast index. Errors of the median, half widths of 95 %, sd (half the width of the central 68 %) and
-CRPS are in swings of the heading, L/U, L, U/L, U or rad; ``pit`` is the share of the draws below the truth;
-``draws_sd`` is the sd without the model error; ``beyond`` is how far the median ship leaves the motion of her runs
-[ranges]."""
+CRPS are in swings of the heading, L/U, L, U/L, U, rad of drift or the angle of roll; ``pit`` is the share of the draws
+below the truth; ``draws_sd`` is the sd without the model error; ``beyond`` is how far the median ship leaves the motion
+of her runs [ranges]."""
 
 INSTANT = {"state": "str"} | dict.fromkeys(("lead", "error", "sd", "pit", "beyond", "far"), "float")
 """Columns of a state some time (``lead`` [L/U]) after a restart in a run that she was not given: prime error of the

@@ -19,20 +19,20 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.motion_error import GROWTH
-from pymc_ship.manoeuvre.indices import of_roll
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.vessel.vessel import Vessel
 
 BEYOND = 0.011
-"""Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L]."""
+"""Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L, roll].
+"""
 
 HELD, MADE = 4571, 4682
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
 and how many there were, on the seventy ships of ``reports/ships``, none of which :data:`BEYOND` was chosen on."""
 
-_OF_MOTION = {"speed": "u", "rate": "r", "attitude": "v"}
-_GROWN = dict.fromkeys(ERRING, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
+_OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
+_GROWN = dict.fromkeys((*ERRING, "roll"), BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
 _HALVINGS = 60
 
 
@@ -48,10 +48,10 @@ def robust_sd(values: np.ndarray) -> float:
 
 
 def index_scale(quantity: str, value, heading_deg: float, vessel: Vessel):
-    """What an error of an index of a quantity is measured in; that of an attitude is 1 rad."""
+    """What an error of an index of a quantity is measured in: a drift angle in 1 rad, an angle of roll in itself."""
     s = vessel.particulars
     units = {"time": s.ship_time, "distance": s.L, "speed": s.nominal_speed, "rate": np.rad2deg(1.0 / s.ship_time)}
-    return {"angle": heading_deg + value, "attitude": np.rad2deg(1.0), **units}[quantity]
+    return {"angle": heading_deg + value, "drift": np.rad2deg(1.0), "roll": value, **units}[quantity]
 
 
 def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
@@ -159,14 +159,14 @@ def with_model_error(
     Returns
     -------
     Dataset, dims (draw,)
-        Angles of roll are as they were.
+        Angles of roll have the error of what no run has seen alone.
     """
     heading_deg, table = found.attrs.get("heading_deg", 0.0), kind_named(found.attrs["manoeuvre"]).indices
 
     def widened(variable: xr.DataArray) -> xr.DataArray:
         index = table[variable.name]
         error = float(np.hypot(errors.get(index.quantity, 0.0), _GROWN[index.quantity] * beyond))
-        if of_roll(index) or error == 0.0:
+        if error == 0.0:
             return variable
         size = error * index_scale(index.quantity, variable, heading_deg, vessel)
         wide = variable + size * rng.standard_normal(variable.shape)

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 SIDES = {"starboard": 1.0, "port": -1.0}
 """Sign of the heading change towards each side."""
 
-UNITS = {"angle": "deg", "attitude": "deg", "time": "s", "distance": "m", "speed": "m/s", "rate": "deg/s"}
-"""Unit of each quantity that an index can be; `angle` is a change of heading, `attitude` an angle of roll or drift."""
+UNITS = {"angle": "deg", "drift": "deg", "roll": "deg", "time": "s", "distance": "m", "speed": "m/s", "rate": "deg/s"}
+"""Unit of each quantity that an index can be; `angle` is a change of heading."""
 
 ERRING = ("angle", "time", "distance")
 """Quantities of which a model error is measured on held-out manoeuvres."""
