@@ -88,4 +88,4 @@ def columns(n=4000, share=1.0, growth=0.0, ships=200, seed=4):
     found = {"error": error, "sd": sd, "draws_sd": 0.5 * sd, "half_width": 1.96 * sd, "beyond": beyond}
     found |= {"pit": norm.cdf(-error / sd), "crps": 0.2 * sd, "ship": ship, "first": ship % 2 == 0}
     found |= {"manoeuvre": np.full(n, "turning circle"), "index": np.where(ship % 3, "advance", "transfer")}
-    return found | {"trials": np.full(n, "two"), "hull": np.full(n, "tanker")}
+    return found | {"trials": np.full(n, "two"), "seed": ship, "hull": np.full(n, "tanker")}

@@ -69,6 +69,22 @@ def test_groups_are_told_apart():
     assert sum(row["indices"] for row in rows) == 4000
 
 
+def test_the_ship_that_holds_least_is_the_first():
+    found = columns(1000, ships=10)
+    found["pit"] = np.where(found["ship"] == 7, 0.99, found["pit"])
+    rows = coverage.ship_rows(found)
+    assert [row["hold_95"] for row in rows] == sorted(row["hold_95"] for row in rows)
+    assert {name: rows[0][name] for name in ("trials", "ship", "hull", "indices", "hold_95")} == {
+        "trials": "two",
+        "ship": 7,
+        "hull": "tanker",
+        "indices": 100,
+        "hold_95": 0.0,
+    }
+    assert rows[0]["beyond"] == found["beyond"][found["ship"] == 7].max()
+    assert len(rows) == 10
+
+
 class TestAlternatives:
     """Each is chosen on one half of the ships and shown on the other."""
 

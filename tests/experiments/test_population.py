@@ -18,7 +18,7 @@ from pymc_ship.experiments.run import read_study
 from tests.experiments.folders import ROOT, run
 from tests.experiments.ships import SD, STUDY, made_up, refused
 
-TABLES = ("results.parquet", "tables/coverage.csv", "tables/trials.csv")
+TABLES = ("results.parquet", "tables/coverage.csv", "tables/trials.csv", "tables/ships.csv")
 
 
 def tables(out):

@@ -21,7 +21,7 @@ from pymc_ship.manoeuvre.registry import kind_named
 
 Columns = Mapping[str, np.ndarray]
 """Rows of :data:`pymc_ship.experiments.judged_ship.INDEX` or `INSTANT` of all ships by column, with ``ship``, a number,
-``trials``, ``hull`` and ``first``, whether the ship is of the first half of her class of trials."""
+``trials``, ``seed``, ``hull`` and ``first``, whether the ship is of the first half of her class of trials."""
 
 STATED = (0.75, 0.9, 0.95, 0.99)
 """Probabilities of statements "at most" and "at least" that are counted."""
@@ -36,7 +36,7 @@ def columns_of(ships: Sequence[Mapping], name: str, keys: Iterable[str]) -> dict
     """Rows ``name`` of all ships as columns, see :data:`Columns`."""
     rows = [(k, ship, row) for k, ship in enumerate(ships) for row in ship[name]]
     found = {key: np.array([row[key] for _, _, row in rows]) for key in keys}
-    found |= {key: np.array([ship[key] for _, ship, _ in rows]) for key in ("trials", "hull", "first")}
+    found |= {key: np.array([ship[key] for _, ship, _ in rows]) for key in ("trials", "seed", "hull", "first")}
     return found | {"ship": np.array([k for k, _, _ in rows], dtype=int)}
 
 
@@ -75,6 +75,18 @@ def coverage_row(columns: Columns) -> dict:
 def by(columns: Columns, group: np.ndarray) -> list[dict]:
     """Rows of :func:`coverage_row` by group, in the order in which groups appear."""
     return [{"group": str(name)} | coverage_row(where(columns, group == name)) for name in dict.fromkeys(group)]
+
+
+def ship_rows(columns: Columns) -> list[dict]:
+    """Coverage of every ship, that which holds least first, and how far she leaves the motion of her runs at most."""
+    rows = []
+    for number in np.unique(columns["ship"]):
+        mine = where(columns, columns["ship"] == number)
+        who = {"trials": str(mine["trials"][0]), "ship": int(mine["seed"][0]), "hull": str(mine["hull"][0])}
+        found = coverage_row(mine)
+        kept = {name: found[name] for name in ("indices", "hold_95", "hold_50", "z")}
+        rows.append(who | kept | {"beyond": float(mine["beyond"].max())})
+    return sorted(rows, key=lambda row: row["hold_95"])
 
 
 def index_names(columns: Columns) -> np.ndarray:

@@ -26,8 +26,11 @@ PAGE = Page(
 )
 """The page of a population, with its tables and figures beside it."""
 
+WORST = 10
+"""Ships that the page shows; ``tables/ships.csv`` has all."""
+
 _TABLES = (
-    *("trials", "hulls", "indices", "distances", "coverage"),
+    *("trials", "hulls", "indices", "distances", "ships", "coverage"),
     *("statements", "leads", "beyond", "growth", "alternatives"),
 )
 _BEYOND = "beyond the motion of the runs"
@@ -90,6 +93,7 @@ def population_rows(indices: Columns, instants: Columns) -> dict[str, Sequence[d
         "distances": sorted(
             coverage.by(indices, distances), key=lambda row: list(coverage.DISTANCES).index(row["group"])
         ),
+        "ships": coverage.ship_rows(indices),
         "coverage": list(_by_trials_and_distance(indices, distances)),
         "statements": [
             {"forecasts": name} | row
@@ -151,6 +155,7 @@ def _content(
         "refused": [f"{s['trials']}, ship {s['seed']}: {s['sentence']}" for s in ships if s["status"] != "ok"],
         "coverage": {name: _coverage_table(rows[name], head) for name, head in heads.items()},
         "tables": {
+            "ships": table(rows["ships"][:WORST], _SHIPS),
             "statements": table(rows["statements"], _STATEMENTS),
             "leads": _motion_table(rows["leads"], "time since the restart", "{:g} L/U"),
             "beyond": _motion_table(rows["beyond"], "distance from the runs"),
@@ -196,6 +201,16 @@ def _motion_table(rows: Sequence[Mapping], head: str, form: str = "{}") -> Table
     return table(lines, columns | {name: (f"{name} %", str) for name in states})
 
 
+_SHIPS = {
+    "trials": ("trials", str),
+    "ship": ("ship", fixed(0)),
+    "hull": ("hull", str),
+    "indices": ("indices", fixed(0)),
+    "hold_95": ("95 % hold %", fixed(0)),
+    "hold_50": ("50 % hold %", fixed(0)),
+    "z": ("rms of error / sd", fixed(2)),
+    "beyond": ("ranges beyond the runs", fixed(1)),
+}
 _STATEMENTS = {
     "forecasts": ("forecasts", str),
     "statements": ("statements", fixed(0)),
