@@ -14,9 +14,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import norm, t
 
-from pymc_ship.forecasting.index_error import BEYOND
+from pymc_ship.forecasting.index_error import BEYOND, GROWING
 from pymc_ship.forecasting.motion_error import GROWTH
-from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.registry import kind_named
 
 Columns = Mapping[str, np.ndarray]
@@ -155,10 +154,10 @@ def growth_rows(indices: Columns, instants: Columns) -> list[dict]:
 
 
 def _grows(columns: Columns) -> np.ndarray:
-    """Whether the model error of an index is that of held-out indices."""
+    """Whether the error of an index grows by :data:`pymc_ship.forecasting.index_error.BEYOND`."""
     pairs = zip(columns["manoeuvre"], columns["index"], strict=True)
     return np.array(
-        [kind_named(words.replace(" ", "_")).indices[name].quantity in ERRING for words, name in pairs], dtype=bool
+        [kind_named(words.replace(" ", "_")).indices[name].quantity in GROWING for words, name in pairs], dtype=bool
     )
 
 

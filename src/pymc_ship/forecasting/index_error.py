@@ -27,12 +27,15 @@ BEYOND = 0.011
 """Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L, roll].
 """
 
-HELD, MADE = 4571, 4682
+GROWING = (*ERRING, "roll")
+"""Quantities whose error grows by :data:`BEYOND`."""
+
+HELD, MADE = 4573, 4682
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
 and how many there were, on the seventy ships of ``reports/ships``, none of which :data:`BEYOND` was chosen on."""
 
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
-_GROWN = dict.fromkeys((*ERRING, "roll"), BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
+_GROWN = dict.fromkeys(GROWING, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
 _HALVINGS = 60
 
 
