@@ -227,12 +227,8 @@ def index_rows(tree: xr.DataTree, run: xr.Dataset, manoeuvre: Manoeuvre, vessel:
         if drawn.size:
             row["error"] = float(np.median(drawn))
             row["half_width"] = 0.5 * float(np.diff(np.quantile(drawn, [0.025, 0.975]))[0])
-            row |= {
-                "sd": robust_sd(drawn),
-                "pit": float(np.mean(drawn < 0.0)),
-                "crps": crps(drawn[:, None], np.zeros(1)),
-            }
-            row["draws_sd"] = robust_sd(alone)
+            row |= {"sd": robust_sd(drawn), "draws_sd": robust_sd(alone)}
+            row |= {"pit": float(np.mean(drawn < 0.0)), "crps": crps(drawn[:, None], np.zeros(1))}
         rows.append(row)
     return rows
 

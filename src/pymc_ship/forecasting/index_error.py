@@ -7,8 +7,8 @@ It is pooled by kind, and a forecast of any manoeuvre is widened by as much. Ste
 angles are widened by the error of the motion in the runs that were held out.
 
 No held-out zigzag says how wrong a model is where no run has been. What foreign ships showed there grows with the
-distance from the motion of the runs, in the same units: :data:`BEYOND`, of a population of ships that share no code
-with the package (``studies/ships.toml``, docs/explanation/foreign_ships.md).
+distance from the motion of the runs, in the same units: :data:`BEYOND`, of thirty ships that share no code with the
+package and are none of those of ``studies/ships.toml`` (docs/explanation/foreign_ships.md).
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def with_model_error(
     Returns
     -------
     Dataset, dims (draw,)
-        Angles of roll have the error of what no run has seen alone.
+        Angles of roll are widened beyond the motion of the runs alone.
     """
     heading_deg, table = found.attrs.get("heading_deg", 0.0), kind_named(found.attrs["manoeuvre"]).indices
 

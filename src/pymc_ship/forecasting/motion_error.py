@@ -5,8 +5,8 @@ not exact, and gusts, waves and unsteady water act that nobody measured. The exc
 variance of the draws and of the readings is taken over all such replays, by the time since their start.
 
 No held-out run says how wrong a model is where no run has been. What foreign ships showed there grows with the distance
-of the median ship from the motion of the runs: :data:`GROWTH`, of the population of ``studies/ships.toml``
-(docs/explanation/foreign_ships.md).
+of the median ship from the motion of the runs: :data:`GROWTH`, of thirty ships that are none of those of
+``studies/ships.toml`` (docs/explanation/foreign_ships.md).
 """
 
 from __future__ import annotations
