@@ -7,7 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.ship import soundness
-from pymc_ship.ship.soundness import sound
+from pymc_ship.ship.soundness import first_failure, sound
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.ship.cases import tanker
 
@@ -20,6 +20,9 @@ UNSOUND = {
 }
 
 
+SIDES = ("port", "starboard")
+
+
 def changed(**values):
     names, row = coefficient_names(tanker()), reference_coefficients(tanker())
     for name, value in values.items():
@@ -27,9 +30,10 @@ def changed(**values):
     return row
 
 
-def extremes(row, manoeuvre):
+def extremes(row, manoeuvre, vessel=None):
     """Greatest speed over the approach speed and greatest L |r| / U that one ship reaches, or None if it diverges."""
-    run = ps.simulate(tanker(), manoeuvre, duration=2400.0, step=0.5, method="rk4", coefficients=row[None])
+    settings = {"duration": 2400.0, "step": 0.5, "method": "rk4"}
+    run = ps.simulate(vessel or tanker(), manoeuvre, coefficients=row[None], **settings)
     if run["diverged"][0]:
         return None
     speed = np.hypot(run["u"], run["v"])
@@ -77,3 +81,22 @@ def test_it_may_not_turn_within_its_own_length(monkeypatch):
     assert not sound(tanker(), row[None])[0]
     monkeypatch.setattr(soundness, "TIGHTEST", 0.4)
     assert sound(tanker(), row[None])[0]
+
+
+def test_forces_that_hold_at_any_speed_may_turn_her_on_the_spot(monkeypatch):
+    vessel = ps.with_terms(tanker(), "modular at any speed, rudder by side")
+    row = reference_coefficients(vessel)
+    assert max(extremes(row, ps.turning_circle(35.0, side=side), vessel)[1] for side in SIDES) > 2.0
+    assert sound(vessel, row[None])[0]
+    assert first_failure(vessel, row) is None
+    monkeypatch.setattr(soundness, "holds_any_speed", lambda _: False)
+    assert not sound(vessel, row[None])[0]
+    assert "turns on a radius below 0.5 L" in str(first_failure(vessel, row))
+
+
+def test_they_may_not_go_much_faster_than_they_came():
+    vessel = ps.with_terms(tanker(), "modular at any speed, rudder by side")
+    row = reference_coefficients(vessel)
+    row[coefficient_names(vessel).index("Xvv")] = 0.2
+    assert extremes(row, ps.zigzag(20.0, 20.0), vessel)[0] > 1.15
+    assert not sound(vessel, row[None])[0]

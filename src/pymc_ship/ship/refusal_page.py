@@ -15,6 +15,7 @@ from pymc_ship.pages.tables import number, table
 from pymc_ship.ship.candidates import Refusal
 from pymc_ship.ship.page import check_rows
 from pymc_ship.ship.soundness import FASTEST, TIGHTEST
+from pymc_ship.vessel.term_sets import holds_any_speed
 from pymc_ship.vessel.vessel import Vessel
 
 PAGE = Page(
@@ -118,7 +119,8 @@ def runaways(refusals: Sequence[Refusal]) -> Figure:
         turn = ship["r"].values * particulars.L / np.maximum(speed, 1e-3 * particulars.nominal_speed)
         turn_axes.plot(time, turn, color=line.get_color())
     speed_axes.axhline(FASTEST, color=REFERENCE, ls="--", lw=0.9)
-    for side in (1.0, -1.0):
+    ahead = not all(holds_any_speed(refusal.vessel) for refusal in refusals)
+    for side in (1.0, -1.0) if ahead else ():
         turn_axes.axhline(side / TIGHTEST, color=REFERENCE, ls="--", lw=0.9)
     speed_axes.set_ylabel("speed over nominal")
     turn_axes.set(xlabel="time [L/U]", ylabel="rL/U")

@@ -15,13 +15,14 @@ from pymc_ship.forecasting.index_error import index_scale
 from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.motion.stepping import simulation_settings
+from pymc_ship.vessel.term_sets import holds_any_speed
 from pymc_ship.vessel.vessel import Vessel
 
 FASTEST = 1.15
 """A ship that exceeds so many times her approach speed in a zigzag or turn has run away."""
 
 TIGHTEST = 0.5
-"""Radius of a turn [L] below which a ship has run away."""
+"""Radius of a turn [L] below which the forces of a ship ahead mean nothing, so that she has run away."""
 
 _REACH = 60.0  # L/U, of the manoeuvres
 _STEP = 1.0 / 60.0  # L/U
@@ -46,7 +47,8 @@ def sound(
     """Whether ships stay what a ship can be in manoeuvres.
 
     They stay in the model's range, never exceed :data:`FASTEST` times the approach speed (or the nominal one, which a
-    slow ship gathers) and never turn on a radius below half their length.
+    slow ship gathers) and never turn on a radius below half their length. Forces that hold at any speed may turn a ship
+    on the spot: the last rule is not for them.
 
     Parameters
     ----------
@@ -83,7 +85,7 @@ def _faults(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np
     L, U = vessel.particulars.L, vessel.particulars.nominal_speed
     speed = np.hypot(ships["u"].values, ships["v"].values)
     with np.errstate(invalid="ignore"):
-        tight = np.abs(ships["r"].values) * L * TIGHTEST > speed
+        tight = (np.abs(ships["r"].values) * L * TIGHTEST > speed) & (not holds_any_speed(vessel))
         fast = speed > FASTEST * max(manoeuvre.approach_speed or U, U)
     return fast, tight
 
