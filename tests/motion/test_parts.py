@@ -56,7 +56,7 @@ def test_derivatives_by_every_parameter_and_state_are_those_of_differences(name)
         if label in ("p", "phi") and not rolls:
             continue
         step = np.zeros(point.size)
-        step[k] = 1e-4 * unit[k]
+        step[k] = 3e-5 * unit[k]
         ahead, back = (
             replay(vessel, given, end[None, sd.size :], end[None, : sd.size], **SETTINGS)[:, 0]
             for end in (point + step, point - step)

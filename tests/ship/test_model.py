@@ -253,7 +253,7 @@ class TestOneRun:
     def test_draws_that_all_run_away_are_an_error(self, monkeypatch):
         """Those of the trial before it were sound."""
         for room in (ship_candidates, ship_model):
-            monkeypatch.setattr(room, "sound", lambda vessel, rows: np.full(len(rows), len(rows) == 101))
+            monkeypatch.setattr(room, "sound", lambda vessel, rows: np.full(len(rows), len(rows) == 51))
         with pytest.raises(
             TrajectoryError, match=r"terms, 0 of 2000 do not run away in a standard manoeuvre; give more"
         ):

@@ -41,8 +41,8 @@ class Steering(NamedTuple):
 
     ``travel`` [rad] is the most that the rudder moves in a step, infinity for a rudder that is where the command is.
     The command is multiplied by ``factor``, ``delay`` steps after the ship has turned by ``heading`` [rad] to the side
-    of the command; an infinite heading is never reached. ``others`` (3,) are the other inputs, which
-    are constant.
+    of the command; an infinite heading is never reached. It is multiplied within a step, where ``within`` is 1; where
+    it is 0, at the begin of the first step from that time on. ``others`` (3,) are the other inputs, which are constant.
     """
 
     command: np.ndarray
@@ -50,34 +50,47 @@ class Steering(NamedTuple):
     travel: float
     heading: float
     factor: float
-    delay: int
+    delay: float
+    within: float
 
 
 class Helm(NamedTuple):
     """Rudders of ships side by side, each array of shape (n_lanes,).
 
     ``delta`` [rad] is the angle at the beginning of a step and ``following`` at its end, ``factor`` is what the command
-    is multiplied by so far; ``waiting`` counts the steps from a switching heading to the switch, -1 between them.
+    is multiplied by so far; ``waiting`` are the steps until the next switch, infinite before its heading is reached;
+    ``psi`` [rad] is the heading at the begin of the step before.
     """
 
     delta: np.ndarray
     following: np.ndarray
     factor: np.ndarray
     waiting: np.ndarray
+    psi: np.ndarray
 
 
 @njit(**PART)
 def _steer(steering, psi, command, helm):
     """Rudder angle after one step: switch the command after the switching heading, follow it at the rudder rate."""
-    factor, waiting = helm.factor, helm.waiting
+    factor, waiting, travel = helm.factor, helm.waiting, steering.travel
     for lane in range(psi.size):
-        if waiting[lane] < 0 and -np.sign(factor[lane] * command) * psi[lane] >= steering.heading:
-            waiting[lane] = steering.delay
-        if waiting[lane] == 0:
+        side = -np.sign(factor[lane] * command)
+        beyond = side * psi[lane] - steering.heading
+        if waiting[lane] == np.inf and beyond >= 0.0:
+            passed = beyond / max(side * (psi[lane] - helm.psi[lane]), beyond) if beyond > 0.0 else 0.0
+            waiting[lane] = steering.delay - steering.within * passed
+        helm.psi[lane] = psi[lane]
+        delta, share = helm.delta[lane], 1.0
+        if waiting[lane] < 1.0:
+            before = waiting[lane] * travel if waiting[lane] > 0.0 else 0.0
+            delta += min(max(factor[lane] * command - delta, -before), before)
+            share -= waiting[lane]
             factor[lane] *= steering.factor
-        waiting[lane] = max(waiting[lane] - 1, -1)
-        change = min(max(factor[lane] * command - helm.delta[lane], -steering.travel), steering.travel)
-        helm.following[lane] = helm.delta[lane] + change
+            waiting[lane] = np.inf
+        else:
+            waiting[lane] -= 1.0
+        after = share * travel
+        helm.following[lane] = delta + min(max(factor[lane] * command - delta, -after), after)
 
 
 @njit(**KERNEL)
@@ -93,7 +106,7 @@ def _integrate(coefficients, scheme, initial, steering, integration, out):
     for row in range(steering.others.size):
         inputs[1 + row], following[1 + row] = steering.others[row], steering.others[row]
     delta = inputs[0]
-    helm = Helm(delta, following[0], np.ones(n_lanes), np.full(n_lanes, -1))
+    helm = Helm(delta, following[0], np.ones(n_lanes), np.full(n_lanes, np.inf), lanes.state[5].copy())
     diverged = np.full(n_lanes, -1)
     for k in range(command.size):
         if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
@@ -136,9 +149,9 @@ def simulate(
     step : float, optional
         Integration step [s]; of dop853 the interval of the samples.
     method : {"euler", "rk4", "dop853"}, optional
-        Explicit Euler, as the paper, classical Runge-Kutta, or the reference of both: the eighth-order method of
-        Dormand & Prince with controlled error, which starts anew at every kink of the rudder and locates the instants
-        at which a heading switches it.
+        Explicit Euler, as the paper, which switches the rudder at the begin of a step; classical Runge-Kutta, which
+        switches it when the heading is reached, within a step, too; or the reference of both: the eighth-order method
+        of Dormand & Prince with controlled error, which starts anew at every kink of the rudder.
     record_interval : float, optional
         Interval of the samples kept [s], a multiple of the step; every step by default.
     coefficients : array_like, shape (n_draws, n_coefficients), optional
@@ -207,7 +220,7 @@ def _stepped(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Samples (9, n_draws, n_saved) of ships side by side by steps of one length, and when each diverged [s]."""
     out = np.full((len(SIMULATED), len(draws), -(-n_steps // steps.substeps)), np.nan)
-    equations, steering = scheme(vessel), _steering(vessel, manoeuvre, n_steps, steps.step, start.others)
+    equations, steering = scheme(vessel), _steering(vessel, manoeuvre, n_steps, steps, start.others)
     blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
 
     def run(lanes: slice) -> np.ndarray:
@@ -247,16 +260,18 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
     return round(duration / step), stride
 
 
-def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, step: float, others: np.ndarray) -> Steering:
-    """What steers a vessel through a manoeuvre in steps of so many seconds."""
+def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integration, others: np.ndarray) -> Steering:
+    """What steers a vessel through a manoeuvre; Euler, which holds what a step begins with, switches between steps."""
     heading, factor = manoeuvre.switch
+    delay, within = vessel.particulars.rudder_delay / steps.step, len(steps.stages) > 1
     return Steering(
-        command=manoeuvre.command(np.arange(n_steps) * step),
+        command=manoeuvre.command(np.arange(n_steps) * steps.step),
         others=others,
-        travel=rudder_rate(vessel, manoeuvre) * step,
+        travel=rudder_rate(vessel, manoeuvre) * steps.step,
         heading=float(heading),
         factor=float(factor),
-        delay=round(vessel.particulars.rudder_delay / step),
+        delay=delay if within else float(round(delay)),
+        within=float(within),
     )
 
 

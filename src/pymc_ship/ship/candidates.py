@@ -23,10 +23,11 @@ from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.held_out import HeldOut, held_out
 from pymc_ship.ship.soundness import Failure, first_failure, sound
+from pymc_ship.trajectory.carried import carried_draws
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
 from pymc_ship.trajectory.statements import Earlier, joined, loosened, said_by_windows
-from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, normal_draws, prepared_windows, widened
+from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, prepared_windows, widened
 from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
 from pymc_ship.vessel.hull_database import with_hull_database, with_typical_rudder
 from pymc_ship.vessel.parts import with_parts
@@ -54,7 +55,7 @@ HEELS = 2.0
 
 _SAME = 0.1  # share by which revolutions differ that are counted as alike
 _GROUPS = 4  # of the windows of a single run
-_TRIED = 100  # draws of a term set that are tried in the standard manoeuvres
+_TRIED = 50  # draws of a term set that are tried in the standard manoeuvres
 _FEWEST_SOUND = 0.1  # share of them that must not run away
 
 
@@ -285,7 +286,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
     inflation = _inflation(whole, judged)
     whole, *others = (widened(fit, inflation) for fit in (whole, *judged.fits))
     judged = replace(judged, fits=tuple(others))
-    tried = np.vstack([whole.coefficients, normal_draws(whole, _TRIED, np.random.default_rng(_TRIED))])
+    tried = np.vstack([whole.coefficients, carried_draws(whole, _TRIED, np.random.default_rng(_TRIED))])
     good = sound(vessel, tried)
     if not good[0] or good.mean() < _FEWEST_SOUND:
         failure = first_failure(vessel, tried[np.argmin(good)])

@@ -35,9 +35,10 @@ from pymc_ship.ship.candidates import (
 )
 from pymc_ship.ship.held_out import index_rows, left_out
 from pymc_ship.ship.soundness import outlook, sound
+from pymc_ship.trajectory.carried import carried_draws
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.statements import Earlier
-from pymc_ship.trajectory.windows import LENGTH, normal_draws, thinned
+from pymc_ship.trajectory.windows import LENGTH, thinned
 from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
 from pymc_ship.vessel.plausibility import remarks as vessel_remarks
@@ -45,7 +46,7 @@ from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import Vessel, fullest
 
 _REPLAYS = 40  # draws of a held-out run from each window on
-_FORECASTS = 200  # draws of a held-out forecast
+_FORECASTS = 100  # draws of a held-out forecast
 _COUNTED = 0.01  # least weight of a term set that takes part in it
 _BOOTSTRAPS = 2000
 _PRIOR_DRAWS = 500  # beside captive tests
@@ -339,7 +340,7 @@ def _held_out_indices(
         if manoeuvre is not None:
             fits, gear = [candidate.held_out.fits[k] for candidate in counted], training.facilities[facility_of(trial)]
             models = [
-                (with_steering(fit.vessel, gear), np.vstack([fit.coefficients, normal_draws(fit, _FORECASTS, rng)]))
+                (with_steering(fit.vessel, gear), np.vstack([fit.coefficients, carried_draws(fit, _FORECASTS, rng)]))
                 for fit in fits
             ]
             rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum())
@@ -355,7 +356,7 @@ def _held_out_motion(found: Sequence[Candidate], training: Training, rng: np.ran
         drawn = []
         for candidate in found:
             fit, own = candidate.held_out.fits[k], candidate.held_out.coefficients[k]
-            draws = normal_draws(fit, round(_REPLAYS * candidate.weight), rng)
+            draws = carried_draws(fit, round(_REPLAYS * candidate.weight), rng)
             drawn.append((candidate.vessel, draws + own - fit.coefficients))
         time, noise = trial["time"].values, reading_noise(trial)
         for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
@@ -375,7 +376,7 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
     for candidate, count in zip(found, counts, strict=True):
         kept, tried = np.empty((0, candidate.fit.coefficients.size)), 0
         while len(kept) < count and tried < _ATTEMPTS * count:
-            batch = normal_draws(candidate.fit, int(count), rng)
+            batch = carried_draws(candidate.fit, int(count), rng)
             kept, tried = np.vstack([kept, batch[sound(candidate.vessel, batch)]]), tried + int(count)
         if len(kept) < count:
             raise TrajectoryError(

@@ -7,5 +7,6 @@
 - `mode`: the best mode from several starts.
 - `posterior`: draws around the mode as a DataTree.
 - `windows`: fits to windows of several runs, with robust covariance.
+- `carried`: draws of such a fit that fit the windows, too.
 - `statements`: what windows said, carried on beside the prior of other runs.
 """

@@ -88,6 +88,8 @@ class WindowFit:
     dispersion : float
         How many times less the windows count beside the prior than residuals independent of each other would.
     n_windows : int
+    mode : TrajectoryFit or None
+        The fit itself, from which draws are carried on; None where the law stands for no windows.
     """
 
     vessel: Vessel
@@ -98,6 +100,7 @@ class WindowFit:
     channel_sd: dict[str, float]
     dispersion: float
     n_windows: int
+    mode: TrajectoryFit | None = None
 
     @property
     def spread(self) -> dict[str, float]:
@@ -226,6 +229,7 @@ def fit_windows(
         channel_sd=dict(zip(windows[0].run.channels, noise_sd.tolist(), strict=True)),
         dispersion=dispersion,
         n_windows=len(windows),
+        mode=fit,
     )
 
 
