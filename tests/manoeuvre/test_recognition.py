@@ -14,7 +14,7 @@ from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
 from pymc_ship.ship.held_out import scored_indices
 from pymc_ship.trial.record import TrialError
 from tests.manoeuvre.cases import measured, scaled, simulated
-from tests.ship.cases import STEP, tanker, trial, with_delay
+from tests.ship.cases import tanker, trial, with_delay
 
 ZIGZAGS = (
     ps.zigzag(10.0, 10.0),
@@ -25,8 +25,8 @@ ZIGZAGS = (
     ps.zigzag(5.0, 5.0),
 )
 DELAYS = (0.0, 1.0, 2.5, 4.0, 7.5)
-DELAY_ERROR = STEP + 0.1
-"""The simulator orders the rudder up to a step late; the delay is sought on a grid, among samples 1 s apart."""
+DELAY_ERROR = 0.1
+"""The delay is sought on a grid, among samples 1 s apart."""
 
 STRAIGHT = 30.0  # s
 

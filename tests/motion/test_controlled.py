@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.motion import simulation
 from tests.motion.test_simulation import CHANNELS, RAMP, only
 
 MANOEUVRES = {
@@ -80,6 +81,33 @@ def test_runge_kutta_steps_converge_to_it_in_every_manoeuvre(late, references, n
         )
         < 0.005 * RATE
     )
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.13, 1.3])
+def test_runge_kutta_switches_the_rudder_within_a_step(container, delay, monkeypatch):
+    """Times that are no multiple of the step; between steps only, the rudder is late by up to one."""
+    ship = replace(container, particulars=replace(container.particulars, rudder_delay=delay))
+    settings = {"duration": 120.0, "record_interval": 0.5}
+    exact = ps.simulate(ship, ps.zigzag(20, 20), step=0.5, method="dop853", **settings)["delta"]
+
+    def off(step):
+        return float(
+            abs(ps.simulate(ship, ps.zigzag(20, 20), step=step, method="rk4", **settings)["delta"] - exact).max()
+        )
+
+    assert order([off(step) for step in (0.5, 0.25, 0.125)], (0.5, 0.25, 0.125)) > 1.8
+    assert off(0.25) < 0.01 * 0.25 * RATE
+    steering = simulation._steering
+    monkeypatch.setattr(simulation, "_steering", lambda *given: steering(*given)._replace(within=0.0))
+    assert off(0.25) > 0.1 * 0.25 * RATE
+
+
+def test_euler_switches_the_rudder_between_steps(container):
+    run = ps.simulate(container, ps.zigzag(20, 20), duration=60.0, step=0.5, method="euler")
+    moved = np.abs(np.diff(run["delta"].values)) / (0.5 * RATE)
+    begins = np.flatnonzero((moved[1:] > 0.0) & (moved[:-1] == 0.0)) + 1
+    assert begins.size >= 1
+    np.testing.assert_allclose(moved[begins], 1.0, rtol=1e-12)
 
 
 def test_the_rudder_is_switched_a_delay_after_the_heading(late):

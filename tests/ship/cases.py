@@ -16,7 +16,7 @@ TRUE_TERMS = "hull and loading, cubic"
 """Term set that the shipped model has."""
 
 STEP = 0.25
-"""Integration step [s]: a zigzag's rudder is ordered over up to so long after its heading."""
+"""Integration step [s]."""
 
 RUNS = (ps.zigzag(10.0, 10.0), ps.zigzag(20.0, 20.0, side="starboard"), ps.zigzag(15.0, 5.0))
 

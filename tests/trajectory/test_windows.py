@@ -176,7 +176,6 @@ class TestMode:
 
 class TestFit:
     def test_a_clean_record_gives_back_ships_that_move_alike(self, fitted):
-        """Sailed in fine steps: a rudder that is ordered a quarter of a second later is worth 0.1 deg of overshoot."""
         assert fitted.n_windows == 9
         for what in (*RUNS, ps.turning_circle(25.0)):
             true, found = (

@@ -1,9 +1,9 @@
-"""NUTS beside the normal approximation of an identification by parts.
+"""NUTS beside the normal approximation of an identification by parts, as it is and carried to the windows.
 
     python3 docs/explanation/kvlcc2/nuts.py hsva/z20_10_s.csv
 
 Windows of 5 L/U of the runs that are named, each with a start of its own, under the spread with which the windows of an
-identification count. Both posteriors have this likelihood and the priors of the parameters; the widening by scatter
+identification count. All posteriors have this likelihood and the priors of the parameters; the widening by scatter
 between windows and runs comes after.
 """
 
@@ -11,22 +11,26 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import arviz as az
 import numpy as np
 
 import pymc_ship as ps
+from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.sampling.trajectory_model import mode_nuts_posterior
 from pymc_ship.ship.candidates import as_recorded, stated_prior
+from pymc_ship.trajectory.carried import carried_draws
 from pymc_ship.trajectory.posterior import laplace_posterior
-from pymc_ship.trajectory.windows import prepared_windows, thinned, window_mode
+from pymc_ship.trajectory.windows import fit_windows, normal_draws, prepared_windows, thinned, window_mode
 from pymc_ship.vessel.term_sets import with_terms
 
 SET = "modular, wake by side"
 FORMAT = Path(__file__).parent / "hsva.toml"
 MANOEUVRES = (ps.turning_circle(35), ps.turning_circle(35, side="starboard"), ps.zigzag(10, 10), ps.zigzag(20, 20))
+DRAWS = 500
 INDICES = ("advance", "transfer", "tactical_diameter", "first_overshoot_angle", "second_overshoot_angle")
 
 
@@ -37,7 +41,9 @@ def main(paths: Sequence[str]) -> None:
     runs = [thinned(trial, vessel) for trial in trials]
     windows = [window for k, run in enumerate(runs) for window in prepared_windows(run, vessel, k)]
     prior = stated_prior(runs, vessel, "hull_database")
-    mode = window_mode(windows, vessel, prior, weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4"))
+    start = weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4")
+    mode, law = window_mode(windows, vessel, prior, start), fit_windows(windows, vessel, prior, start)
+    law = replace(law, from_windows=law.mode.covariance, from_prior=np.zeros_like(law.from_prior))
     normal = laplace_posterior(mode, draws=2000, chains=2, rng=np.random.default_rng(1))
     nuts = mode_nuts_posterior(mode, draws=300, chains=2, tune=150, rng=np.random.default_rng(2))
     print(f"{len(windows)} windows, {mode.choice.fit.unknowns.size} unknowns, spread: {mode.choice.sentence}")
@@ -51,11 +57,18 @@ def main(paths: Sequence[str]) -> None:
         shift, noise = float(draws.mean() - fit.coefficients[k]) / sd, float(error.sel(coefficient=name)) / sd
         ratio = float(draws.std()) / sd
         print(f"{name:12s} {fit.coefficients[k]:9.4g} {sd:9.2g} {shift:9.2f} {noise:6.2f} {ratio:9.2f}")
-    print(f"\n{'index':44s} {'normal':>22s} {'NUTS':>22s}")
+    chains = found.stack(sample=("chain", "draw")).transpose("sample", "coefficient").values
+    drawn = {
+        "normal": normal_draws(law, DRAWS, np.random.default_rng(3)),
+        "carried": carried_draws(law, DRAWS, np.random.default_rng(3)),
+        "NUTS": np.random.default_rng(3).permutation(chains)[:DRAWS],
+    }
+    print(f"\n{'index':44s} " + " ".join(f"{name:>22s}" for name in drawn))
+    settings = {"duration": 1600, "ci_prob": 0.95, "step": 0.5, "method": "rk4"}
     for manoeuvre in MANOEUVRES:
         bands = [
-            ps.forecast(vessel, tree, manoeuvre, draws=500, duration=1600, step=0.5, rng=3)["index_bands"]
-            for tree in (normal, nuts)
+            pooled_forecast([(vessel, rows)], manoeuvre, rng=np.random.default_rng(4), **settings)["index_bands"]
+            for rows in drawn.values()
         ]
         for index in (name for name in INDICES if name in bands[0]):
             label = f"{manoeuvre.label}, {index.replace('_', ' ')}"

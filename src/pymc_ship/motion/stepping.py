@@ -23,7 +23,7 @@ STATE_ROWS = len(STATE)
 N_INPUTS = len(INPUTS)
 
 STEPS = 240
-"""Steps in L/U of a manoeuvre that is simulated at the pace of a vessel: the rudder is reversed on one of them."""
+"""Steps in L/U of a manoeuvre that is simulated at the pace of a vessel."""
 
 RECORDED = 4
 """Steps between the samples of it that are kept."""
