@@ -65,7 +65,7 @@ class Candidate:
 
     ``fit`` is to all runs, widened by the factor ``inflation`` from how far each run moves it, and so
     are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
-    of the normal law that do not run away, ``share_unsound`` of all drawn did. ``prior`` is that of the
+    of its law that do not run away, ``share_unsound`` of all drawn did. ``prior`` is that of the
     windows, ``captive`` what captive tests say beside it, ``apart`` the shares of the prior sd by which coefficients
     differ from those of earlier runs, see :func:`pymc_ship.trajectory.statements.loosened`; empty without any.
     """
