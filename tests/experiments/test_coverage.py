@@ -19,6 +19,13 @@ def test_coverage_is_that_of_the_draws_and_that_of_narrow_ones_falls_out():
         assert narrow[f"hold_{level}"] < level - 4.0 * narrow[f"hold_{level}_se"]
     assert right["z"] == pytest.approx(1.0, abs=4.0 / np.sqrt(8000))
     assert right["half_width"] == pytest.approx(0.098)
+    assert abs(right["pit"] - 0.5) < 4.0 * right["pit_se"]
+
+
+def test_forecasts_that_err_to_one_side_have_a_mean_share_of_draws_below_that_says_so():
+    found = columns()
+    row = coverage.coverage_row(found | {"pit": found["pit"] ** 2})
+    assert row["pit"] < 0.5 - 4.0 * row["pit_se"]
 
 
 def test_a_ship_counts_as_one():

@@ -59,11 +59,12 @@ def over_ships(values: np.ndarray, ship: np.ndarray) -> tuple[float, float]:
 
 
 def coverage_row(columns: Columns) -> dict:
-    """Share [%] of indices in intervals of 95 and 50 %, errors, widths and scores."""
+    """Share [%] of indices in intervals of 95 and 50 %, errors, widths, scores, and the mean share of draws below."""
     ship, finite = columns["ship"], np.isfinite(columns["error"])
     row: dict[str, float] = {"ships": np.unique(ship).size, "indices": ship.size}
     for name, probability in (("hold_95", 0.95), ("hold_50", 0.5)):
         row[name], row[f"{name}_se"] = (100.0 * x for x in over_ships(held(columns["pit"], probability), ship))
+    row["pit"], row["pit_se"] = over_ships(columns["pit"][finite], ship[finite])
     error, sd = columns["error"][finite], columns["sd"][finite]
     row["z"] = float(np.sqrt(np.mean((error / sd) ** 2)))
     row["median_error"] = float(np.median(np.abs(error)))

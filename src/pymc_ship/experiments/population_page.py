@@ -174,7 +174,7 @@ def _with_errors(row: Mapping) -> dict:
     texts = {}
     for name in row:
         if f"{name}_se" in row:
-            form: Callable = number(3) if name == "score" else fixed(0)
+            form: Callable = {"score": number(3), "pit": fixed(2)}.get(name, fixed(0))
             texts[name] = f"{form(row[name])} ± {number(2)(row[f'{name}_se'])}"
     return dict(row) | texts
 
@@ -182,7 +182,12 @@ def _with_errors(row: Mapping) -> dict:
 def _coverage_table(rows: Sequence[Mapping], head: str) -> Table:
     n = number(2)
     columns = {"group": (head, str), "ships": ("ships", fixed(0)), "indices": ("indices", fixed(0))}
-    columns |= {"hold_95": ("95 % hold %", str), "hold_50": ("50 % hold %", str), "z": ("rms of error / sd", fixed(2))}
+    columns |= {
+        "hold_95": ("95 % hold %", str),
+        "hold_50": ("50 % hold %", str),
+        "pit": ("mean PIT", str),
+        "z": ("rms of error / sd", fixed(2)),
+    }
     columns |= {"median_error": ("median error", n), "half_width": ("half width", n), "crps": ("CRPS", n)}
     return table([_with_errors(row) for row in rows], columns)
 
