@@ -46,7 +46,7 @@ def carried_draws(fit: WindowFit, count: int, rng: np.random.Generator) -> np.nd
     Returns
     -------
     ndarray, shape (count, n_coefficients)
-        A draw that does not settle is where it came nearest.
+        A draw that does not settle is where it came nearest, at worst the estimate itself.
     """
     drawn = normal_draws(fit, count, rng)
     return drawn if fit.mode is None else fit.coefficients + _carried(fit.mode, drawn - fit.coefficients)
