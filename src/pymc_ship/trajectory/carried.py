@@ -72,8 +72,8 @@ def _carried(mode: TrajectoryFit, drawn: np.ndarray) -> np.ndarray:
         length = np.linalg.norm(ahead, axis=1)
         nearer = length < size[open_]
         better, worse = open_[nearer], open_[~nearer]
-        at[better], left[better], size[better], share[better] = tried[nearer], ahead[nearer], length[nearer], 1.0
-        share[worse] *= 0.5
+        at[better], left[better], size[better] = tried[nearer], ahead[nearer], length[nearer]
+        share[better], share[worse] = 1.0, 0.5 * share[worse]
     return at @ root[:n].T
 
 
@@ -95,9 +95,8 @@ def _bent(mode: TrajectoryFit, pieces: list[_Piece], at: np.ndarray) -> np.ndarr
         motion = replay(
             problem.vessel, run.inputs, unknowns[:, n:], unknowns[:, :n], block=run.block, **run.integration
         )
-        for row, values, sd, misfit, design in zip(
-            run.rows, piece.noise.values, piece.noise.sd, piece.misfit, piece.design, strict=True
-        ):
-            beyond = misfit - (values - motion[row]) / sd - change[:, piece.which] @ design.T
-            pull[:, piece.which] += beyond @ design
+        for c, row in enumerate(run.rows):
+            misfit = (piece.noise.values[c] - motion[row]) / piece.noise.sd[c]
+            beyond = piece.misfit[c] - misfit - change[:, piece.which] @ piece.design[c].T
+            pull[:, piece.which] += beyond @ piece.design[c]
     return pull @ root
