@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.trajectory.posterior import log_likelihood_rows
 from pymc_ship.trajectory.prior import coefficient_prior
 from pymc_ship.trajectory.windows import HEADING, fit_windows, prepared_windows, thinned, with_constants
 from pymc_ship.trial.record import OVER_GROUND
@@ -107,3 +108,12 @@ def test_the_heading_of_a_ship_in_wind_is_the_measured_one():
     np.testing.assert_allclose(other, one, rtol=1e-4, atol=1e-9)
     places = [coefficient_names(vessel).index(name) for name in free]
     np.testing.assert_allclose(one[places], reference_coefficients(vessel)[places], rtol=0.02)
+
+
+def test_the_likelihood_of_draws_knows_the_current_of_each_trial(fitted):
+    mode = fitted[1].mode
+    calm = mode.unknowns.copy()
+    calm[mode.problem.n_coefficients : mode.problem.n_shared] = 0.0
+    found, still = log_likelihood_rows(mode, np.array([mode.unknowns, calm])).sum(axis=1)
+    assert found == pytest.approx(mode.log_likelihood, rel=1e-9)
+    assert still < found - 100.0

@@ -67,7 +67,7 @@ def closed_loop_sensitivities(
     settings = {"interval": STEP, "method": "rk4"}
     jacobian = sensitivities(vessel, delta, initial, theta, **settings)[1][:, :, : theta.size]
     psi_dot = ship["r"].values * np.cos(ship["phi"].values)
-    wait = round(vessel.particulars.rudder_delay / STEP) - 1  # from the sample before the rudder moves
+    wait = int(vessel.particulars.rudder_delay / STEP) - 1  # to the sample before the rudder moves
     for begin, end in pairwise([*_reversals(ship["psi"].values, manoeuvre), delta.size]):
         travel = np.zeros(delta.size)
         travel[begin + wait : end + wait] = np.gradient(delta, STEP)[begin + wait : end + wait]

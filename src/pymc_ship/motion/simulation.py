@@ -41,8 +41,8 @@ class Steering(NamedTuple):
 
     ``travel`` [rad] is the most that the rudder moves in a step, infinity for a rudder that is where the command is.
     The command is multiplied by ``factor``, ``delay`` steps after the ship has turned by ``heading`` [rad] to the side
-    of the command; an infinite heading is never reached. It is multiplied within a step, where ``within`` is 1; where
-    it is 0, at the begin of the first step from that time on. ``others`` (3,) are the other inputs, which are constant.
+    of the command; an infinite heading is never reached. The switch comes within a step where ``within`` is 1, at the
+    begin of the next step where it is 0. ``others`` (3,) are the other inputs, which are constant.
     """
 
     command: np.ndarray

@@ -10,13 +10,13 @@ solved by steps of the fixed Jacobian, which take replays and no sensitivities.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from pymc_ship.motion.replay import replay
-from pymc_ship.trajectory.fit import Noise, TrajectoryFit, run_rows
-from pymc_ship.trajectory.runs import Run
+from pymc_ship.trajectory.fit import TrajectoryFit, run_rows
+from pymc_ship.trajectory.noise import white_misfits
 from pymc_ship.trajectory.windows import WindowFit, normal_draws
 
 _NEAR = 0.5  # sd of the unknowns: a draw is not carried further than that
@@ -24,10 +24,11 @@ _MOST_STEPS = 8
 
 
 class _Piece(NamedTuple):
-    """A window at the mode: its run and noise, the places of its unknowns, misfit and design of each channel."""
+    """A window at the mode.
 
-    run: Run
-    noise: Noise
+    Places of its unknowns, whitened misfit (n_channels, n_blocks) and design (n_channels, n_blocks, n_places).
+    """
+
     which: np.ndarray
     misfit: np.ndarray
     design: np.ndarray
@@ -77,26 +78,21 @@ def _carried(mode: TrajectoryFit, drawn: np.ndarray) -> np.ndarray:
     return at @ root[:n].T
 
 
-def _pieces(mode: TrajectoryFit):
+def _pieces(mode: TrajectoryFit) -> Iterator[_Piece]:
     """Windows at the mode."""
     problem = mode.problem
     for run, noise, columns, place in zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True):
         rows = run_rows(problem.vessel, run, noise, mode.unknowns[columns], mode.unknowns[place])
         misfit, design = (np.array(values) for values in zip(*rows, strict=True))
-        yield _Piece(run, noise, np.r_[columns, place], misfit, design)
+        yield _Piece(np.r_[columns, place], misfit, design)
 
 
-def _bent(mode: TrajectoryFit, pieces: list[_Piece], at: np.ndarray) -> np.ndarray:
+def _bent(mode: TrajectoryFit, pieces: Sequence[_Piece], at: np.ndarray) -> np.ndarray:
     """What the motion changes beyond its linearisation, as the estimate sees it, (n_draws, n_unknowns); NaN if lost."""
-    problem, root = mode.problem, mode.square_root
-    change, pull, n = at @ root.T, np.zeros_like(at), problem.n_coefficients
-    for piece in pieces:
-        run, unknowns = piece.run, mode.unknowns[piece.which] + change[:, piece.which]
-        motion = replay(
-            problem.vessel, run.inputs, unknowns[:, n:], unknowns[:, :n], block=run.block, **run.integration
-        )
-        for c, row in enumerate(run.rows):
-            misfit = (piece.noise.values[c] - motion[row]) / piece.noise.sd[c]
-            beyond = piece.misfit[c] - misfit - change[:, piece.which] @ piece.design[c].T
-            pull[:, piece.which] += beyond @ piece.design[c]
-    return pull @ root
+    change, pull = at @ mode.square_root.T, np.zeros_like(at)
+    misfits = white_misfits(mode.problem, mode.unknowns + change)
+    for piece, misfit in zip(pieces, misfits, strict=True):
+        linear = change[:, piece.which] @ piece.design.transpose(0, 2, 1)
+        beyond = piece.misfit[:, None] - misfit - linear
+        pull[:, piece.which] += np.sum(beyond @ piece.design, axis=0)
+    return pull @ mode.square_root

@@ -8,7 +8,7 @@ place of 90 %.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +27,7 @@ from pymc_ship.trajectory.fit import (
     white_noise,
 )
 from pymc_ship.trajectory.prior import CoefficientPrior
-from pymc_ship.trajectory.runs import Run
+from pymc_ship.trajectory.runs import Run, whiten
 from pymc_ship.vessel.vessel import Vessel
 
 NOISE_MODELS = ("auto", "white", "ar1", "student_t")
@@ -237,6 +237,25 @@ def _residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
         offsets = nuisances[run.n_states :, None] if noise.offsets else 0.0
         residuals.append(run.samples - motion[list(run.rows), 0] - offsets)
     return residuals
+
+
+def white_misfits(problem: Problem, unknowns: np.ndarray) -> Iterator[np.ndarray]:
+    """Whitened misfit of each run for many draws, (n_channels, n_draws, n_blocks); NaN where the ship left the range.
+
+    Parameters
+    ----------
+    problem : Problem
+    unknowns : ndarray, shape (n_draws, n_unknowns)
+    """
+    for run, noise, columns, place in zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True):
+        theta, nuisances = unknowns[:, columns], unknowns[:, place]
+        motion = replay(
+            problem.vessel, run.inputs, nuisances[:, : run.n_states], theta, block=run.block, **run.integration
+        )
+        offsets = nuisances[:, run.n_states :] if noise.offsets else np.zeros((len(unknowns), len(run.channels)))
+        misfit = noise.values[:, None] - motion[list(run.rows)] - offsets.T[:, :, None]
+        laws = zip(misfit, noise.sd, noise.correlation, strict=True)
+        yield np.array([whiten(values.T, sd, correlation).T for values, sd, correlation in laws])
 
 
 def _fitted(fit: TrajectoryFit, kind: str, offsets: bool, tests: ResidualTests | None) -> tuple[TrajectoryFit, float]:

@@ -16,9 +16,9 @@ from pymc_ship.motion.replay import replay
 from pymc_ship.regression.tree import CITATIONS, provenance, rng_state
 from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit
 from pymc_ship.trajectory.mode import TrajectoryMode, trajectory_mode
-from pymc_ship.trajectory.noise import sample_residuals
+from pymc_ship.trajectory.noise import sample_residuals, white_misfits
 from pymc_ship.trajectory.prior import CoefficientPrior
-from pymc_ship.trajectory.runs import Run, whiten
+from pymc_ship.trajectory.runs import Run
 from pymc_ship.vessel.reading import VesselLike, as_vessel
 from pymc_ship.vessel.vessel import coefficient_names
 
@@ -146,23 +146,15 @@ def verdict(khat: float) -> str:
 
 def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
     """Log likelihood of every block, all channels together, shape (n_draws, n_rows); NaN where a draw diverges."""
-    problem, rows = fit.problem, []
-    for run, noise, place in zip(problem.runs, problem.noise, problem.nuisances, strict=True):
-        nuisances = unknowns[:, place]
-        start, theta = nuisances[:, : run.n_states], unknowns[:, : problem.n_coefficients]
-        motion = replay(problem.vessel, run.inputs, start, theta, block=run.block, **run.integration)
-        offsets = nuisances[:, run.n_states :] if noise.offsets else np.zeros((len(unknowns), len(run.channels)))
-        rows.append(_run_log_likelihood(run, noise, motion, offsets))
-    return np.hstack(rows)
+    pieces = zip(fit.problem.noise, white_misfits(fit.problem, unknowns), strict=True)
+    return np.hstack([_run_log_likelihood(noise, white) for noise, white in pieces])
 
 
-def _run_log_likelihood(run: Run, noise: Noise, motion: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+def _run_log_likelihood(noise: Noise, white: np.ndarray) -> np.ndarray:
     """Log density of the blocks of one run given those before, shape (n_draws, n_blocks)."""
-    total = np.zeros(motion.shape[1:])
-    for c, row in enumerate(run.rows):
-        misfit = noise.values[c] - motion[row] - offsets[:, c, None]
-        sd, correlation = noise.sd[c], noise.correlation[c]
-        total -= 0.5 * (whiten(misfit.T, sd, correlation).T ** 2 + _LOG_2PI) + np.log(sd)
+    total = np.zeros(white.shape[1:])
+    for values, sd, correlation in zip(white, noise.sd, noise.correlation, strict=True):
+        total -= 0.5 * (values**2 + _LOG_2PI) + np.log(sd)
         total[:, 1:] -= 0.5 * np.log1p(-(correlation**2))
     return total
 
