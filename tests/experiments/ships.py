@@ -68,14 +68,21 @@ def made_up(task, share=1.0):
             row = {"state": name, "lead": lead, "error": error, "sd": 0.01, "pit": float(norm.cdf(-error / 0.01))}
             instants.append(row | {"beyond": float(lead > 2.0), "far": lead})
     ended = {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""}
-    found = {"hull": "tanker", "runs": float(len(task.sailed())), "indices": indices, "instants": instants}
+    held = [{"kind": "distance", "error": float(0.1 * rng.standard_normal()), "known": 0.01}]
+    found = {
+        "hull": "tanker",
+        "runs": float(len(task.sailed())),
+        "indices": indices,
+        "instants": instants,
+        "held": held,
+    }
     return ended | found | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
 
 
 def refused(task):
     """A ship that is not identified."""
     ended = {"block": task.block, "seed": task.seed, "status": "refused", "sentence": "No term set can be fitted."}
-    none = {"hull": "tanker", "runs": 1.0, "indices": [], "instants": []}
+    none = {"hull": "tanker", "runs": 1.0, "indices": [], "instants": [], "held": []}
     return ended | none | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
 
 

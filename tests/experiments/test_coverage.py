@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 import pytest
 
 from pymc_ship.experiments import coverage
 from pymc_ship.experiments.figures import coverage_by_index, motion_by_lead, reliability
-from pymc_ship.forecasting.index_error import BEYOND
+from pymc_ship.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
 from tests.experiments.ships import columns
 
 
@@ -62,6 +64,58 @@ def test_the_growth_is_found_from_the_errors(growth):
     counted = columns(growth=growth)
     counted["sd"] = np.hypot(counted["sd"], growth * counted["beyond"])
     assert coverage.fitted_growth(counted, growth) == pytest.approx(growth, rel=0.15)
+
+
+class TestLaw:
+    """Ships whose errors have a known law: half-Cauchy sizes, overshoots of 0.2 % and distances of 0.5 %."""
+
+    TRUE = MappingProxyType({"angle": 0.002, "distance": 0.005})
+    NAMES = MappingProxyType({"angle": ("zigzag", "first_overshoot_angle"), "distance": ("turning circle", "advance")})
+
+    def ships(self, copies=1, count=200, seed=8):
+        """Columns of forecasts and of held-out indices, these of every third ship and ``copies`` times over."""
+        rng, forecasts, held = np.random.default_rng(seed), [], []
+        for ship in range(count):
+            size = np.tan(0.5 * np.pi * rng.random())
+            for kind, typical in self.TRUE.items():
+                manoeuvre, index = self.NAMES[kind]
+                of_ship = {"ship": ship, "first": ship % 2 == 0}
+                for _ in range(3):
+                    sd = np.hypot(0.001, typical * size)
+                    row = {"manoeuvre": manoeuvre, "index": index, "draws_sd": 0.001, "beyond": 0.0}
+                    forecasts.append(of_ship | row | {"error": sd * rng.standard_normal()})
+                    held += (
+                        (ship % 3 == 0)
+                        * copies
+                        * [of_ship | {"kind": kind, "known": 1e-6, "error": sd * rng.standard_normal()}]
+                    )
+        return ({name: np.array([row[name] for row in rows]) for name in rows[0]} for rows in (forecasts, held))
+
+    def test_it_is_found_again(self):
+        """Within four standard errors of the mean logarithm of 200 half-Cauchy sizes."""
+        angle, time, distance, roll, together = coverage.fitted_law(*self.ships())
+        error = 4.0 * 0.5 * np.pi / np.sqrt(200)
+        assert np.log(angle / 0.002) == pytest.approx(0.0, abs=error)
+        assert np.log(distance / 0.005) == pytest.approx(0.0, abs=error)
+        assert np.isnan([time, roll]).all()
+        assert together > 0.6
+
+    def test_indices_that_say_the_same_count_for_less(self):
+        once, often = (coverage.fitted_law(*self.ships(copies))[-1] for copies in (1, 4))
+        assert often < 0.4 * once
+
+    def test_each_half_has_its_own_beside_the_one_that_is_used(self):
+        forecasts, held = self.ships()
+        late = ~forecasts["first"]
+        forecasts["error"] = np.where(late, 20.0 * forecasts["error"], forecasts["error"])
+        rows = {row["of"]: row for row in coverage.law_rows(forecasts, held)}
+        assert rows["typical error, angle"]["used"] == TYPICAL["angle"]
+        assert rows["weight of an index"]["used"] == TOGETHER
+        assert rows["typical error, distance"]["second"] > 3.0 * rows["typical error, distance"]["first"]
+
+    def test_no_ship_says_nothing(self):
+        none = [{name: values[:0] for name, values in columns.items()} for columns in self.ships(count=1)]
+        assert np.isnan(coverage.fitted_law(*none)).all()
 
 
 def test_distances_are_told_in_words():

@@ -132,7 +132,17 @@ def test_a_study_that_changes_is_refused(plain, change, sentence):
 
 def test_every_row_is_in_the_results(plain):
     found = pd.read_parquet(plain / "results.parquet")
-    assert found.columns.tolist() == ["trials", "seed", "status", "sentence", "hull", "runs", "indices", "instants"]
+    assert found.columns.tolist() == [
+        "trials",
+        "seed",
+        "status",
+        "sentence",
+        "hull",
+        "runs",
+        "indices",
+        "instants",
+        "held",
+    ]
     assert len(found) == 12
     assert set(found["indices"][0][0]) == set(INDEX)
     assert set(found["instants"][0][0]) == set(INSTANT)

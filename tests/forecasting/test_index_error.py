@@ -14,10 +14,15 @@ from pymc_ship.forecasting.index_error import (
     BEYOND,
     HELD,
     MADE,
+    SIZES,
+    TOGETHER,
+    TYPICAL,
     index_sd,
     model_error,
     reliability,
     robust_sd,
+    scaled,
+    size_law,
     steady_error,
     with_model_error,
 )
@@ -29,7 +34,7 @@ from tests.ship.cases import tanker
 
 N = 20_000
 MONTE_CARLO = 4.0 / np.sqrt(2.0 * N)  # relative, of a standard deviation
-ERRORS = {"angle": 0.1, "time": 0.02, "distance": 0.05}
+ERRORS = {"angle": 0.1, "time": 0.02, "distance": 0.05, "roll": 0.08}
 UNIT = {"time": 320.0 / 7.974, "distance": 320.0}
 RNG = np.random.default_rng
 
@@ -52,61 +57,90 @@ def test_the_spread_of_normal_draws_is_their_sd_whatever_a_few_of_them_do():
     assert robust_sd(np.append(draws, [1e9, np.nan, np.nan])) == pytest.approx(2.0, rel=0.02)
 
 
+def root_mean_square(rows, **law):
+    """Of the size, in typical errors, from :func:`size_law`."""
+    error, known = np.array([scaled(one) for one in rows]).T
+    size, log_weight = size_law(error, known, np.array([TYPICAL[one["kind"]] for one in rows]), **law)
+    return float(np.sqrt(np.exp(log_weight) @ size**2))
+
+
+def errors_of(size, count, rng, parameter_sd=0.4, model_sd=0.3):
+    """Rows of indices whose errors are ``size`` over the scale beyond their draws."""
+    scale = rng.uniform(10.0, 30.0, count)
+    total = np.sqrt(parameter_sd**2 + model_sd**2 + (size * scale) ** 2)
+    pairs = zip(total, scale, strict=True)
+    return [row("angle", sd * rng.standard_normal(), parameter_sd, model_sd, width) for sd, width in pairs]
+
+
 class TestModelError:
-    def test_it_is_what_the_draws_and_models_leave_in_units_of_the_scale(self):
-        """The sd t at which (6^2 / 10^2) / (0.13 + t^2) and (1 / 5^2) / t^2 are 1 on average."""
-        rows = [row("angle", 6.0, 3.0, 2.0, 10.0), row("angle", -1.0, scale=5.0)]
-        square = np.array([0.36, 0.04])
-        found = model_error(rows)["angle"]
-        assert np.mean(square / (np.array([0.13, 0.0]) + found**2)) == pytest.approx(1.0, rel=1e-9)
-
-    def test_equal_variances_leave_the_mean_square_less_the_variance(self):
-        rows = [row("time", size, parameter_sd=1.0) for size in (1.0, 2.0, 3.0)]
-        assert model_error(rows)["time"] == pytest.approx(np.sqrt(14.0 / 3.0 - 1.0), rel=1e-9)
-        assert model_error([row("time", 1.0, parameter_sd=1.5)])["time"] == 0.0
-
-    def test_an_index_that_is_hardly_known_does_not_wipe_out_the_others(self):
-        rows = [row("time", 1.0), row("time", -1.0), row("time", 0.1, parameter_sd=30.0)]
-        assert model_error(rows)["time"] > 0.7
-
-    def test_kinds_are_pooled_apart(self):
-        rows = [row("angle", 0.1), row("time", 0.2), row("distance", 0.3)]
-        assert model_error(rows) == pytest.approx({"angle": 0.1, "time": 0.2, "distance": 0.3}, rel=1e-9)
-
-    def test_where_a_kind_was_not_held_out_that_before_it_counts(self):
-        assert model_error([row("angle", 0.1)]) == pytest.approx(dict.fromkeys(ERRING, 0.1), rel=1e-9)
-        found = model_error([row("angle", 0.1), row("distance", 0.3)])
-        assert found == pytest.approx({"angle": 0.1, "time": 0.1, "distance": 0.3}, rel=1e-9)
-        found = model_error([row("distance", 0.3)])
-        assert found == pytest.approx(dict.fromkeys(ERRING, 0.3), rel=1e-9)
-        found = model_error([row("time", 0.2), row("distance", 0.3)])
-        assert found == pytest.approx({"angle": 0.2, "time": 0.2, "distance": 0.3}, rel=1e-9)
-
-    def test_the_kind_before_it_counts_and_not_the_largest(self):
-        found = model_error([row("angle", 0.3), row("time", 0.1)])
-        assert found == pytest.approx({"angle": 0.3, "time": 0.1, "distance": 0.1}, rel=1e-9)
-
-    def test_nothing_held_out_has_none(self):
-        assert model_error([]) == {}
-
-    def test_the_sd_of_a_forecast_holds_all_three(self):
-        errors = {"angle": 0.2}
-        assert index_sd(row("angle", 0.0, 3.0, 4.0, 60.0), errors) == pytest.approx(13.0, rel=1e-12)
+    def test_without_a_held_out_index_it_is_the_law_of_other_ships(self):
+        """Half-Cauchy: a quarter of it below tan(pi / 8) of the median, three quarters below tan(3 pi / 8)."""
+        for kind, sizes in model_error([]).items():
+            assert sizes.size == SIZES
+            expected = np.tan(0.5 * np.pi * np.array([0.25, 0.5, 0.75, 0.9]))
+            found = np.quantile(sizes, [0.25, 0.5, 0.75, 0.9], method="hazen") / TYPICAL[kind]
+            assert found == pytest.approx(expected, rel=0.02), kind
 
     def test_errors_of_a_known_size_are_found_again(self):
-        """1000 rows with draws, models and a relative error of 5 %: the estimate within four standard errors."""
-        rng, n = RNG(1), 1000
-        scale = rng.uniform(10.0, 30.0, n)
-        total = np.sqrt(0.4**2 + 0.3**2 + (0.05 * scale) ** 2)
-        rows = [
-            row("angle", size * rng.standard_normal(), 0.4, 0.3, width)
-            for size, width in zip(total, scale, strict=True)
-        ]
-        square = (total / scale) ** 2
-        error = np.sqrt(2.0 * np.sum(square**2)) / n
-        assert model_error(rows)["angle"] ** 2 == pytest.approx(0.05**2, abs=4.0 * error)
-        forgetful = [entry | {"parameter_sd": 0.0, "model_sd": 0.0} for entry in rows]
-        assert model_error(forgetful)["angle"] ** 2 > 0.05**2 + 4.0 * error
+        """4000 rows with draws, models and a relative error of 5 %: the size within four of its own sd."""
+        rows = errors_of(0.05, 4000, RNG(1), parameter_sd=0.8)
+        sizes = model_error(rows)["angle"]
+        assert sizes.mean() == pytest.approx(0.05, abs=4.0 * sizes.std())
+        assert sizes.std() < 0.01
+        forgetful = model_error([one | {"parameter_sd": 0.0, "model_sd": 0.0} for one in rows])["angle"]
+        assert forgetful.mean() > 0.05 + 4.0 * forgetful.std()
+
+    def test_what_the_draws_explain_is_no_model_error(self):
+        """Errors as large as the draws make them leave less than half the sizes of other ships above the median."""
+        rng = RNG(2)
+        rows = [row("time", rng.standard_normal(), parameter_sd=1.0, scale=100.0) for _ in range(200)]
+        upper = np.quantile(model_error(rows)["time"], 0.95)
+        assert upper < 0.01 < np.quantile(model_error([])["time"], 0.95)
+
+    def test_a_ship_has_one_size_in_all_kinds(self):
+        """Overshoots that err by ten times what is typical say as much of distances."""
+        found = model_error(errors_of(10.0 * TYPICAL["angle"], 400, RNG(3), parameter_sd=0.0, model_sd=0.0))
+        for kind in ERRING:
+            assert found[kind] / TYPICAL[kind] == pytest.approx(found["angle"] / TYPICAL["angle"], rel=1e-12)
+        assert np.median(found["distance"]) == pytest.approx(10.0 * TYPICAL["distance"], rel=0.5)
+
+    def test_an_index_counts_for_a_part_as_it_errs_with_the_others_of_its_run(self):
+        """Four copies of an index, each a quarter, say as much as one that counts whole."""
+        one = [row("time", 0.5, parameter_sd=0.1, scale=10.0)]
+        assert root_mean_square(4 * one, together=0.25) == pytest.approx(root_mean_square(one, together=1.0), rel=1e-9)
+        assert root_mean_square(4 * one, together=1.0) != pytest.approx(root_mean_square(one, together=1.0), rel=0.1)
+        assert TOGETHER < 1.0
+
+    def test_one_large_error_of_a_single_run_is_not_taken_at_its_word(self):
+        """A circle forecast wrongly by 0.3 L from a single zigzag, whose draws say 0.15 L."""
+        lone = [row("distance", 0.3, parameter_sd=0.15)]
+        many = [row("distance", sign * 0.3, parameter_sd=0.15) for sign in (1.0, -1.0)] * 40
+        assert np.median(model_error(lone)["distance"]) < 0.02
+        assert np.median(model_error(many)["distance"]) > 0.2
+
+    def test_an_index_that_is_hardly_known_does_not_wipe_out_the_others(self):
+        rows = [row("time", sign * 1.0) for sign in (1.0, -1.0)] * 20
+        found = np.median(model_error(rows)["time"])
+        assert np.median(model_error([*rows, row("time", 0.1, parameter_sd=30.0)])["time"]) > 0.95 * found
+
+
+class TestIndexSd:
+    def test_it_holds_draws_models_and_the_error(self):
+        errors = {"angle": np.array([0.2])}
+        assert index_sd(row("angle", 0.0, 3.0, 4.0, 60.0), errors) == pytest.approx(13.0, rel=1e-12)
+        assert index_sd(row("roll", 0.0, 3.0, 4.0, 60.0), errors) == pytest.approx(5.0, rel=1e-12)
+
+    def test_its_interval_of_95_percent_is_that_of_all_sizes_together(self):
+        """By simulation; broken twin: the sd of the median size."""
+        errors, rng, n = model_error([]), RNG(5), 200_000
+        entry = row("distance", 0.0, 0.002, 0.0, 1.0)
+        size = np.hypot(0.002, rng.choice(errors["distance"], n))
+        drawn = np.abs(size * rng.standard_normal(n))
+        reach = stats.norm.ppf(0.975)
+        error = 4.0 * np.sqrt(0.05 * 0.95 / n)
+        assert np.mean(drawn < reach * index_sd(entry, errors)) == pytest.approx(0.95, abs=error)
+        median = {"distance": np.median(errors["distance"])}
+        assert np.mean(drawn < reach * index_sd(entry, {k: np.atleast_1d(v) for k, v in median.items()})) < 0.95 - error
 
 
 def ships(kind, **attrs):
@@ -121,15 +155,28 @@ class TestWithModelError:
         before = ships(kind, heading_deg=heading_deg)
         after = with_model_error(before, ERRORS, tanker(), RNG(2))
         for name, index in kind.indices.items():
-            if index.quantity in ("speed", "rate") or name in ("maximum_roll_angle", "steady_drift_angle"):
+            if index.quantity in ("speed", "rate", "drift"):
                 assert after[name].identical(before[name]), name
                 continue
-            size = UNIT.get(index.quantity, heading_deg + float(before[name][0]))
+            swing = (index.quantity == "angle") * heading_deg + float(before[name][0])
+            size = UNIT.get(index.quantity, swing)
             spread = float(after[name].std())
             assert spread == pytest.approx(ERRORS[index.quantity] * size, rel=MONTE_CARLO), name
             assert float(after[name].mean()) == pytest.approx(float(before[name][0]), abs=4.0 * spread / np.sqrt(N))
         assert after.attrs == before.attrs
         assert all(after[name].attrs == before[name].attrs for name in kind.indices)
+
+    def test_a_draw_has_one_size_in_all_kinds(self):
+        """Large errors of a ship come together: the squares of two indices are correlated, their values are not."""
+        errors = {kind: np.repeat([0.01, 0.2], 50) for kind in ERRORS}
+        before = ships(ZIGZAG, heading_deg=20.0)
+        after = with_model_error(before, errors, tanker(), RNG(2))
+        names = ("second_overshoot_angle", "period")
+        first, second = (after[name].values - float(before[name][0]) for name in names)
+        assert abs(np.corrcoef(first, second)[0, 1]) < 4.0 / np.sqrt(N)
+        assert np.corrcoef(first**2, second**2)[0, 1] > 0.1
+        share = np.mean(np.abs(first) > 4.0 * 0.01 * 124.0)
+        assert share == pytest.approx(0.5 * 2.0 * stats.norm.sf(0.2), abs=4.0 * 0.5 / np.sqrt(N))
 
     def test_an_overshoot_measured_without_the_swing_would_be_narrower(self):
         """Broken twin: the heading left out of the attrs."""
@@ -156,9 +203,12 @@ class TestWithModelError:
             assert float(after[name].std()) == pytest.approx(wanted, rel=MONTE_CARLO), name
         assert float(after["steady_speed"].std()) == pytest.approx(3.0 * GROWTH["u"] * 7.974, rel=MONTE_CARLO)
         roll = float(before["maximum_roll_angle"][0])
-        assert float(after["maximum_roll_angle"].std()) == pytest.approx(3.0 * BEYOND * roll, rel=MONTE_CARLO)
+        wanted = np.hypot(errors.get("roll", 0.0), 3.0 * BEYOND) * roll
+        assert float(after["maximum_roll_angle"].std()) == pytest.approx(wanted, rel=MONTE_CARLO)
         within = with_model_error(before, errors, tanker(), RNG(2), beyond=0.0)
-        assert within["maximum_roll_angle"].identical(before["maximum_roll_angle"])
+        assert float(within["maximum_roll_angle"].std()) == pytest.approx(
+            errors.get("roll", 0.0) * roll, rel=MONTE_CARLO
+        )
         assert (
             float(within["advance"].std())
             < 0.9 * np.hypot(errors.get("distance", 0.0), 3.0 * BEYOND) * UNIT["distance"]

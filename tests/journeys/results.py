@@ -51,7 +51,7 @@ def write_ship(vessel, out):
     motion = xr.DataArray(np.random.default_rng(2).normal(size=(5, 2)), dims=("row", "symbol"))
     settings = {
         "prior": "order_damped",
-        "model_error": {"angle": 0.1},
+        "model_error": {"angle": np.array([0.1, 0.2])},
         "motion_error": motion_error([], vessel),
         "facilities": {"": Steering(2.3, 1.0, 4)},
         "judgement": {},
@@ -75,7 +75,14 @@ def read_ship(out):
     ship = load_ship(out)
     models = [(vessel.name, reference_coefficients(vessel).tolist(), rows.tolist()) for vessel, rows in ship.models]
     said = [(name, one.statement.values.tolist(), one.log_density.tolist()) for name, one in ship.said.items()]
-    return [models, ship.motion.values.tolist(), ship.model_error, ship.remarks, said, ship.known_rows]
+    return [
+        models,
+        ship.motion.values.tolist(),
+        {kind: sizes.tolist() for kind, sizes in ship.model_error.items()},
+        ship.remarks,
+        said,
+        ship.known_rows,
+    ]
 
 
 def read_parts(study, out):

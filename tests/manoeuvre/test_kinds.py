@@ -29,8 +29,14 @@ def test_a_kind_says_how_it_is_written(kind, words, metavar, option):
 
 def test_these_indices_are_compared_on_held_out_runs():
     zigzag = ("first_overshoot_angle", "second_overshoot_angle", "first_overshoot_time", "second_overshoot_time")
-    assert ZIGZAG.scored == (*zigzag, "initial_turning_time", "initial_turning_distance", "period")
-    assert TURNING_CIRCLE.scored == ("advance", "transfer", "tactical_diameter")
+    assert ZIGZAG.scored == (
+        *zigzag,
+        "initial_turning_time",
+        "initial_turning_distance",
+        "period",
+        "maximum_roll_angle",
+    )
+    assert TURNING_CIRCLE.scored == ("advance", "transfer", "tactical_diameter", "maximum_roll_angle")
     assert RUDDER_PROGRAMME.scored == ()
 
 
@@ -49,7 +55,7 @@ def test_an_index_is_of_a_known_quantity(quantity):
 
 
 def test_an_index_without_a_model_error_is_not_scored():
-    with pytest.raises(ps.ManoeuvreError, match="A scored index is of angle, time, distance; found 'rate'"):
+    with pytest.raises(ps.ManoeuvreError, match="A scored index is of angle, time, distance, roll; found 'rate'"):
         Index("rate", scored=True)
 
 

@@ -245,7 +245,7 @@ class TestExecution:
     def test_a_record_without_a_track_has_no_distances(self, records):
         run = records[2.5][0].drop_vars(["x", "y", "phi"])
         found = scored_indices(run, ZIGZAGS[0])
-        assert np.isnan(found.pop("initial_turning_distance"))
+        assert np.isnan([found.pop(name) for name in ("initial_turning_distance", "maximum_roll_angle")]).all()
         whole = scored_indices(records[2.5][0], ZIGZAGS[0])
         assert found == {name: whole[name] for name in found}
         assert set(run) == set(records[2.5][0].drop_vars(["x", "y", "phi"]))

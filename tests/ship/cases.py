@@ -20,6 +20,13 @@ STEP = 0.25
 
 RUNS = (ps.zigzag(10.0, 10.0), ps.zigzag(20.0, 20.0, side="starboard"), ps.zigzag(15.0, 5.0))
 
+ROLL = "maximum_roll_angle"
+
+
+def scored_upright(manoeuvre) -> list[str]:
+    """Scored indices of a manoeuvre that a ship without roll has."""
+    return [name for name in manoeuvre.traits.scored if name != ROLL]
+
 
 @cache
 def tanker() -> Vessel:

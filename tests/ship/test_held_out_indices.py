@@ -9,7 +9,8 @@ import pymc_ship as ps
 from pymc_ship.ship.held_out import index_rows, left_out, scored_indices
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.manoeuvre.cases import steered_by_hand
-from tests.ship.cases import RUNS, tanker, trial, with_delay
+from tests.ship.cases import ROLL, RUNS, scored_upright, tanker, trial, with_delay
+from tests.ship.test_roll import tender
 
 UNIT = {"time": 320.0 / 7.974, "distance": 320.0}
 RNG = np.random.default_rng
@@ -27,7 +28,7 @@ class TestIndexRows:
     @pytest.mark.parametrize("manoeuvre", [RUNS[0], ps.turning_circle(35.0)])
     def test_a_run_of_the_model_itself_is_forecast_without_error(self, manoeuvre):
         rows = index_rows("own", trial(manoeuvre), manoeuvre, [self.model()], np.ones(1))
-        assert [entry["index"] for entry in rows] == list(manoeuvre.traits.scored)
+        assert [entry["index"] for entry in rows] == scored_upright(manoeuvre)
         for entry in rows:
             assert (entry["run"], entry["manoeuvre"]) == ("own", manoeuvre.label)
             assert abs(entry["measured"] - entry["forecast"]) < 0.025 * entry["scale"], entry["index"]
@@ -49,6 +50,21 @@ class TestIndexRows:
             assert c["model_sd"] == pytest.approx(0.4 * abs(a["forecast"] - b["forecast"]), rel=1e-9)
             within = 0.8 * a["parameter_sd"] ** 2 + 0.2 * b["parameter_sd"] ** 2
             assert c["parameter_sd"] == pytest.approx(np.sqrt(within), rel=1e-12)
+
+    def test_roll_is_that_of_the_models_that_have_it(self):
+        """Half the weight on a tanker without roll; the run is that of one with roll, or of one that never heels."""
+        rolling = tender(0.4)
+        run = ps.simulate(rolling, RUNS[0], duration=600, step=0.5, method="rk4")
+        own = np.tile(reference_coefficients(rolling), (3, 1))
+        models, weight = [self.model(), (rolling, own)], np.array([0.5, 0.5])
+        (row,) = (entry for entry in index_rows("1", run, RUNS[0], models, weight) if entry["index"] == ROLL)
+        (alone,) = (entry for entry in index_rows("1", run, RUNS[0], models[1:], np.ones(1)) if entry["index"] == ROLL)
+        assert row == alone
+        assert row["kind"] == "roll"
+        assert row["scale"] == row["measured"] == pytest.approx(row["forecast"], rel=0.01)
+        assert ROLL not in {entry["index"] for entry in index_rows("1", run, RUNS[0], models[:1], np.ones(1))}
+        upright = run.assign(phi=0.0 * run["phi"])
+        assert ROLL not in {entry["index"] for entry in index_rows("1", upright, RUNS[0], models, weight)}
 
     def test_a_few_draws_that_run_away_do_not_count(self):
         vessel, draws = self.model()

@@ -15,6 +15,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.checks.verdicts import Check
 from pymc_ship.forces.hull_database import typical_rudder
+from pymc_ship.forecasting.index_error import TYPICAL, model_error
 from pymc_ship.machine.files import OutputError
 from pymc_ship.pages.tables import fixed
 from pymc_ship.ship import page as ship_report
@@ -163,8 +164,9 @@ def test_the_summary_counts_what_the_intervals_cover(text):
     assert f"{errors['second_overshoot_angle_max']:.2g} deg at most" in text
     assert f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of 21" in text
     assert f"; {covered['90_apart']} and {covered['95_apart']} where the model error comes from the other" in text
-    shown = {line[0]: line[1] for line in cells(text) if line[0] in model().model_error}
-    assert shown == {kind: fixed(1)(100.0 * sd) for kind, sd in model().model_error.items()}
+    shown = {line[0]: line[1:3] for line in cells(text) if line[0] in model().model_error}
+    expected = {kind: np.quantile(model().model_error[kind], (0.5, 0.95)) for kind in ("angle", "time", "distance")}
+    assert shown == {kind: [fixed(1)(100.0 * sd) for sd in law] for kind, law in expected.items()}
 
 
 def test_paths_stand_as_they_were_compared(text, out):
@@ -277,11 +279,14 @@ def test_no_held_out_manoeuvre_no_table_of_it(tmp_path):
     written(tmp_path)
     own = tmp_path / "tables" / "forecast_verdict.csv"
     own.write_text("kept", encoding="utf-8")
-    page = written(tmp_path, ship=replace(model(), index_rows=[], model_error={}))
+    page = written(tmp_path, ship=replace(model(), index_rows=[], model_error=model_error([])))
     assert "No standard manoeuvre was held out" in page
     assert "First overshoot" not in page
     left = {path.stem for folder in ("tables", "figures") for path in (tmp_path / folder).iterdir()}
-    assert {"held_out_indices", "model_error", "held_out_overshoots"}.isdisjoint(left)
+    assert {"held_out_indices", "held_out_overshoots"}.isdisjoint(left)
+    assert [float(row["median"]) for row in table_of(tmp_path, "model_error")] == pytest.approx(
+        [TYPICAL[kind] for kind in ("angle", "time", "distance")], rel=0.02
+    )
     assert own.read_text(encoding="utf-8") == "kept"
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.ship import paths as ship_paths
 from pymc_ship.ship.held_out import scored
 from pymc_ship.ship.paths import PATHS, compare_paths, coverage, held_out_rows, overshoot_errors, regression_rows
@@ -156,13 +157,14 @@ def test_errors_of_overshoots():
 
 def test_held_out_rows_take_the_model_error_of_the_other_runs():
     index = [
-        index_row("a", "first_overshoot_angle", 10.0, 9.0, sd=0.6),
+        index_row("a", "first_overshoot_angle", 10.0, 4.0, sd=0.6),
         index_row("b", "first_overshoot_angle", 10.0, 10.2, sd=0.6),
         index_row("c", "first_overshoot_angle", 10.0, 10.4, sd=0.6),
     ]
     found = held_out_rows(index)
-    assert [row["z"] for row in found] == pytest.approx([-1.0 / 0.6, 0.2 / 0.6, 0.4 / 0.6])
-    expected = np.sqrt([(0.04 + 0.16) / 2.0, (1.0 + 0.16) / 2.0, (1.0 + 0.04) / 2.0])
-    assert [row["apart_sd"] for row in found] == pytest.approx(expected)
-    assert coverage(found) == {"90": 2, "90_apart": 2, "95": 3, "95_apart": 2}
-    assert np.isnan(held_out_rows(index[:1])[0]["apart_sd"])
+    assert [row["z"] for row in found] == pytest.approx([-10.0, 0.2 / 0.6, 0.4 / 0.6])
+    expected = [index_sd(row, model_error([one for one in index if one is not row])) for row in index]
+    assert [row["apart_sd"] for row in found] == pytest.approx(expected, rel=1e-12)
+    assert found[0]["apart_sd"] < found[1]["apart_sd"]
+    assert coverage(found) == {"90": 2, "90_apart": 2, "95": 2, "95_apart": 2}
+    assert held_out_rows(index[:1])[0]["apart_sd"] == pytest.approx(index_sd(index[0], model_error([])), rel=1e-12)

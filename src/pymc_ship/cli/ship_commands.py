@@ -29,7 +29,7 @@ from pymc_ship.cli.texts import (
     score_text,
     term_set_text,
 )
-from pymc_ship.forecasting.index_error import BEYOND
+from pymc_ship.forecasting.index_error import BEYOND, error_rows
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
@@ -256,16 +256,12 @@ def _refused(tree: xr.DataTree) -> str:
     return f"{share:.2g} % of the draws run away in the {tree.attrs['label']} and are left out." if share else ""
 
 
-_UNITS = {
-    "angle": "of the swing of heading for overshoot angles",
-    "time": "L/U for times",
-    "distance": "L for distances",
-}
-
-
 def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str]:
     """How the intervals of an identified ship are made."""
-    widened = ", ".join(f"{value:.2g} {_UNITS[kind]}" for kind, value in ship.model_error.items())
+    widened = ", ".join(
+        "{median:.2g} {unit} for {kind}s, with 95 % below {upper:.2g}".format(**row)
+        for row in error_rows(ship.model_error, ship.vessel)
+    )
     found = [
         f"{len(ship.models)} term sets take part by their score on held-out runs: their scatter and that of the "
         "coefficients make the bands, tracks and force curves.",
@@ -274,7 +270,10 @@ def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str
         *dict.fromkeys(tree.attrs["reliability"] for tree in trees.values() if "reliability" in tree.attrs),
     ]
     if widened:
-        found.append(f"Intervals of the indices also hold what held-out manoeuvres show beyond it, an sd of {widened}.")
+        found.append(
+            "Intervals of the indices also hold what foreign ships and held-out manoeuvres show beyond it, an sd of "
+            f"{widened}."
+        )
     return [
         *found,
         f"They hold the error of a model where no run has been, too: an sd of {BEYOND:g} of the swing, of L/U and of L "

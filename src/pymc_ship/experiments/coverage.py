@@ -11,11 +11,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
+from scipy.special import expit, logit, logsumexp
 from scipy.stats import norm, t
 
-from pymc_ship.forecasting.index_error import BEYOND, GROWING
+from pymc_ship.forecasting.index_error import BEYOND, TOGETHER, TYPICAL, size_law
 from pymc_ship.forecasting.motion_error import GROWTH
+from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.registry import kind_named
 
 Columns = Mapping[str, np.ndarray]
@@ -29,6 +31,7 @@ DISTANCES = {"within one range of the runs": (0.0, 1.0), "1 to 3 ranges beyond":
 """How far the median ship leaves the motion of her runs [ranges of it]."""
 
 _MOST_GROWTH, _ROUNDING = 0.1, 1e-9
+_STRIDE, _CHOSEN_TO = 0.5, 1e-3  # of the law of a model error, in logarithms
 
 
 def columns_of(ships: Sequence[Mapping], name: str, keys: Iterable[str]) -> dict[str, np.ndarray]:
@@ -156,10 +159,59 @@ def growth_rows(indices: Columns, instants: Columns) -> list[dict]:
 
 def _grows(columns: Columns) -> np.ndarray:
     """Whether the error of an index grows by :data:`pymc_ship.forecasting.index_error.BEYOND`."""
+    return np.isin(_quantities(columns), ERRING)
+
+
+def law_rows(indices: Columns, held: Columns) -> list[dict]:
+    """The law of the model error that the ships of each half would choose, beside the one that is used."""
+    halves = []
+    for first in (True, False):
+        halves.append(fitted_law(*(where(columns, columns["first"] == first) for columns in (indices, held))))
+    used = {f"typical error, {kind}": value for kind, value in TYPICAL.items()} | {"weight of an index": TOGETHER}
+    first, second = halves
+    return [{"of": of, "used": used[of], "first": first[k], "second": second[k]} for k, of in enumerate(used)]
+
+
+def fitted_law(indices: Columns, held: Columns) -> np.ndarray:
+    """Typical errors by kind and weight of an index under which the errors of forecasts are most probable.
+
+    Each ship's size has the law of her held-out runs, and each ship counts as one; NaN of a kind without an index.
+    """
+    kinds = list(TYPICAL)
+    quantities, finite = _quantities(indices), np.isfinite(indices["error"])
+    mine = where(indices, finite & np.isin(quantities, kinds))
+    place = {"indices": _places(_quantities(mine)), "held": _places(held["kind"])}
+    shown = np.isin(np.arange(len(kinds)), place["indices"])
+
+    def surprise(unknowns: np.ndarray) -> float:
+        typical, together, total = np.exp(unknowns[:-1]), expit(unknowns[-1]), 0.0
+        for ship in np.unique(mine["ship"]):
+            rows, told = mine["ship"] == ship, held["ship"] == ship
+            size, log_weight = size_law(
+                held["error"][told], held["known"][told], typical[place["held"][told]], together
+            )
+            known = mine["draws_sd"][rows] ** 2 + (BEYOND * mine["beyond"][rows]) ** 2
+            variance = known[:, None] + (typical[place["indices"][rows]][:, None] * size) ** 2
+            log_density = -0.5 * (np.log(variance) + mine["error"][rows][:, None] ** 2 / variance)
+            total -= np.mean(logsumexp(log_weight + log_density, axis=1))
+        return total
+
+    begin = np.append(np.log(list(TYPICAL.values())), logit(TOGETHER))
+    simplex = np.vstack([begin, begin + _STRIDE * np.eye(begin.size)])
+    settings = {"initial_simplex": simplex, "xatol": _CHOSEN_TO, "fatol": _CHOSEN_TO}
+    found = minimize(surprise, begin, method="Nelder-Mead", options=settings).x
+    return np.where(np.append(shown, shown.any()), np.append(np.exp(found[:-1]), expit(found[-1])), math.nan)
+
+
+def _places(kinds: np.ndarray) -> np.ndarray:
+    """Place of each kind among those of the law."""
+    return np.array([list(TYPICAL).index(kind) for kind in kinds], dtype=int)
+
+
+def _quantities(columns: Columns) -> np.ndarray:
+    """Quantity of each index."""
     pairs = zip(columns["manoeuvre"], columns["index"], strict=True)
-    return np.array(
-        [kind_named(words.replace(" ", "_")).indices[name].quantity in GROWING for words, name in pairs], dtype=bool
-    )
+    return np.array([kind_named(words.replace(" ", "_")).indices[name].quantity for words, name in pairs], dtype=object)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import xarray as xr
 
 from pymc_ship.checks.trial_checks import judged_trial
 from pymc_ship.experiments.task import MonteCarloError, timed
-from pymc_ship.forecasting.index_error import index_scale, robust_sd
+from pymc_ship.forecasting.index_error import index_scale, robust_sd, scaled
 from pymc_ship.forecasting.motion_error import ERRING, prime_units, time_beyond
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
@@ -51,6 +51,10 @@ INSTANT = {"state": "str"} | dict.fromkeys(("lead", "error", "sd", "pit", "beyon
 """Columns of a state some time (``lead`` [L/U]) after a restart in a run that she was not given: prime error of the
 median, prime sd, share of the draws below the truth, distance from the motion of the runs at that instant, and, of
 heading and track, its sum over time (``far`` [ranges L/U])."""
+
+HELD_INDEX = {"kind": "str", "error": "float", "known": "float"}
+"""Columns of an index of a run that was held out in the identification: kind, error of the forecast and variance that
+draws and term sets explain of it, in the units of :data:`INDEX`."""
 
 LEADS = (1.0, 3.0, 5.0, 10.0, 15.0)
 """Times from a restart at which the motion is judged [L/U]."""
@@ -127,7 +131,8 @@ def judge(task: ShipTask) -> dict:
     -------
     dict
         ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), ``hull``, ``runs``,
-        rows of :data:`INDEX` and :data:`INSTANT`, those of :data:`PARTS` [s] and ``cpu`` [s].
+        rows of :data:`INDEX`, :data:`INSTANT` and :data:`HELD_INDEX` (``held``), those of :data:`PARTS` [s] and
+        ``cpu`` [s].
 
     Raises
     ------
@@ -160,7 +165,7 @@ def unjudged(task: ShipTask) -> dict:
 
 
 def _nothing() -> dict:
-    return {"hull": "", "runs": 0.0, "indices": [], "instants": []}
+    return {"hull": "", "runs": 0.0, "indices": [], "instants": [], "held": []}
 
 
 def _drawn(task: ShipTask) -> tuple[DrawnShip, list[xr.Dataset]]:
@@ -190,7 +195,7 @@ def _judged(task: ShipTask, drawn: DrawnShip, records: list[xr.Dataset], parts: 
         vessel = as_vessel(drawn.vessel)
         trials = [judged_trial(record, vessel) for record in records]
         ship = identify_ship(trials, vessel, rng=task.rng("identification"))
-    found: dict[str, list] = {"indices": [], "instants": []}
+    found: dict[str, list] = {"indices": [], "instants": [], "held": held_rows(ship)}
     for manoeuvre in task.forecasts:
         with timed(parts, "forecast"):
             tree = forecast_ship(ship, manoeuvre, rng=task.rng(f"forecast of a {manoeuvre.label}"), draws=_DRAWS)
@@ -200,6 +205,11 @@ def _judged(task: ShipTask, drawn: DrawnShip, records: list[xr.Dataset], parts: 
         with timed(parts, "replay"):
             found["instants"] += [row for start in _RESTARTS for row in instant_rows(ship, run, start)]
     return found
+
+
+def held_rows(ship: ShipModel) -> list[dict]:
+    """Indices of her held-out runs, rows of :data:`HELD_INDEX`."""
+    return [{"kind": row["kind"]} | dict(zip(("error", "known"), scaled(row), strict=True)) for row in ship.index_rows]
 
 
 def index_rows(tree: xr.DataTree, run: xr.Dataset, manoeuvre: Manoeuvre, vessel: Vessel) -> list[dict]:

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from pymc_ship import __version__
 from pymc_ship.experiments.grid import changed, manoeuvres_of, seed_parts
-from pymc_ship.experiments.judged_ship import INDEX, INSTANT, PARTS, Draw, ShipTask, judge, unjudged
+from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, Draw, ShipTask, judge, unjudged
 from pymc_ship.experiments.methods import check_handed_on, digest, import_path, imported
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.toml import Entry
@@ -79,6 +79,7 @@ class Population:
         "runs": pa.float64(),
         "indices": _structs(INDEX),
         "instants": _structs(INSTANT),
+        "held": _structs(HELD_INDEX),
     }
     timed: ClassVar[tuple[str, ...]] = PARTS
     work, empty = staticmethod(judge), staticmethod(unjudged)

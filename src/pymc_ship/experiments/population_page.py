@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.experiments import coverage, figures
 from pymc_ship.experiments.coverage import Columns, columns_of, where
-from pymc_ship.experiments.judged_ship import INDEX, INSTANT, PARTS, STATUSES
+from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STATUSES
 from pymc_ship.experiments.store import Store
 from pymc_ship.experiments.tables import Costs, group_rows, session_rows
 from pymc_ship.machine.files import staged_files
@@ -30,8 +30,8 @@ WORST = 10
 """Ships that the page shows; ``tables/ships.csv`` has all."""
 
 _TABLES = (
-    *("trials", "hulls", "indices", "distances", "ships", "coverage"),
-    *("statements", "leads", "beyond", "growth", "alternatives"),
+    *("trials", "hulls", "halves", "indices", "distances", "ships", "coverage"),
+    *("statements", "leads", "beyond", "growth", "model_error", "alternatives"),
 )
 _BEYOND = "beyond the motion of the runs"
 _SOURCES = (
@@ -68,19 +68,20 @@ def write_population(store: Store) -> tuple[list[dict], Path]:
         for cell, part in store.written(folder):
             costs.add(cell.trials, part)
             ships += [_ship(cell.trials, row, store.study.seeds) for row in part.to_pylist()]
-        indices, instants = (columns_of(ships, *what) for what in (("indices", INDEX), ("instants", INSTANT)))
-        rows = population_rows(indices, instants) if indices["ship"].size else dict.fromkeys(_TABLES, ())
+        kept = (("indices", INDEX), ("instants", INSTANT), ("held", HELD_INDEX))
+        indices, instants, held = (columns_of(ships, *what) for what in kept)
+        rows = population_rows(indices, instants, held) if indices["ship"].size else dict.fromkeys(_TABLES, ())
         write_page(PAGE, folder, _content(store, ships, rows, costs, _figures(indices, rows)))
     return rows["trials"], store.out / PAGE.file
 
 
 def _ship(trials: str, row: Mapping, seeds: int) -> dict:
     """A result as tables take it."""
-    kept = {name: row[name] for name in ("seed", "status", "sentence", "hull", "runs", "indices", "instants")}
+    kept = {name: row[name] for name in ("seed", "status", "sentence", "hull", "runs", "indices", "instants", "held")}
     return kept | {"trials": trials, "first": 2 * row["seed"] < seeds}
 
 
-def population_rows(indices: Columns, instants: Columns) -> dict[str, Sequence[dict]]:
+def population_rows(indices: Columns, instants: Columns, held: Columns) -> dict[str, Sequence[dict]]:
     """Rows of every table by its name, from the columns of ships of which one was judged or more."""
     distances = coverage.distance_names(indices["beyond"])
     within = indices["beyond"] < 1.0
@@ -89,6 +90,7 @@ def population_rows(indices: Columns, instants: Columns) -> dict[str, Sequence[d
     return {
         "trials": [{"group": "all"} | coverage.coverage_row(indices), *coverage.by(indices, indices["trials"])],
         "hulls": coverage.by(indices, indices["hull"]),
+        "halves": coverage.by(indices, np.where(indices["first"], "first", "second")),
         "indices": coverage.by(indices, coverage.index_names(indices)),
         "distances": sorted(
             coverage.by(indices, distances), key=lambda row: list(coverage.DISTANCES).index(row["group"])
@@ -104,6 +106,7 @@ def population_rows(indices: Columns, instants: Columns) -> dict[str, Sequence[d
         "leads": coverage.motion_rows(instants, instants["lead"]),
         "beyond": coverage.motion_rows(instants, coverage.distance_names(instants["beyond"])),
         "growth": coverage.growth_rows(indices, instants),
+        "model_error": coverage.law_rows(indices, held),
         "alternatives": coverage.alternative_rows(indices),
     }
 
@@ -141,7 +144,13 @@ def _content(
     by_session |= {"tasks": ("ships", fixed(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
     by_group = {"group": ("trials", str), "tasks": ("ships", fixed(0))}
     by_group |= {name: (f"{name} s", n) for name in PARTS} | {"cpu": ("processor s", n)}
-    heads = {"trials": "trials", "hulls": "hull", "indices": "index", "distances": "distance from the runs"}
+    heads = {
+        "trials": "trials",
+        "hulls": "hull",
+        "halves": "half",
+        "indices": "index",
+        "distances": "distance from the runs",
+    }
     values = {
         "title": study.title,
         "ended": {status: sum(ship["status"] == status for ship in ships) for status in STATUSES},
@@ -159,7 +168,8 @@ def _content(
             "statements": table(rows["statements"], _STATEMENTS),
             "leads": _motion_table(rows["leads"], "time since the restart", "{:g} L/U"),
             "beyond": _motion_table(rows["beyond"], "distance from the runs"),
-            "growth": table(rows["growth"], _GROWTH),
+            "growth": table(rows["growth"], {"of": ("growth of", str)} | _CHOSEN),
+            "model_error": table(rows["model_error"], {"of": ("of", str)} | _CHOSEN),
             "alternatives": table([_with_errors(row) for row in rows["alternatives"]], _ALTERNATIVES),
             "sessions": table(sessions, by_session),
             "groups": table(group_rows(costs), by_group),
@@ -223,8 +233,7 @@ _STATEMENTS = {
     "share": ("held %", lambda value: fixed(1)(100.0 * value)),
     "se": ("± %", lambda value: fixed(1)(100.0 * value)),
 }
-_GROWTH = {
-    "of": ("growth of", str),
+_CHOSEN = {
     "used": ("used", number(2)),
     "first": ("first half would choose", number(2)),
     "second": ("second half would choose", number(2)),

@@ -2,9 +2,13 @@
 
 Two zigzags of the same ship on the same day differ by some tenths of a degree, and no set of terms is the true force.
 The error of a held-out index beyond the spread of the draws is measured in units of what the ship did: overshoot angles
-in the swing of her heading, times in L/U and distances in L, as an error of short ones is as large as one of long ones.
-It is pooled by kind, and a forecast of any manoeuvre is widened by as much. Steady speeds, rates of turn and drift
-angles are widened by the error of the motion in the runs that were held out.
+in the swing of her heading, times in L/U and distances in L, as an error of short ones is as large as one of long ones,
+an angle of roll in itself. Steady speeds, rates of turn and drift angles are widened by the error of the motion in the
+runs that were held out.
+
+A few held-out manoeuvres tell little of how large the errors of a ship are. Their size is therefore a number with a
+law: a half-Cauchy law over ships (Gelman 2006, doi:10.1214/06-BA117A), whose median is that of a population of foreign
+ships (:data:`TYPICAL`), times what the held-out runs of this ship say. A forecast holds the whole law.
 
 No held-out zigzag says how wrong a model is where no run has been. What foreign ships showed there grows with the
 distance from the motion of the runs, in the same units: :data:`BEYOND`, of thirty ships that share no code with the
@@ -17,6 +21,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
+from scipy.optimize import brentq
+from scipy.special import logsumexp, ndtr, ndtri
 
 from pymc_ship.forecasting.motion_error import GROWTH
 from pymc_ship.manoeuvre.kinds import ERRING
@@ -27,16 +33,25 @@ BEYOND = 0.011
 """Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L, roll].
 """
 
-GROWING = (*ERRING, "roll")
-"""Quantities whose error grows by :data:`BEYOND`."""
+TYPICAL = {"angle": 0.0007, "time": 0.0021, "distance": 0.0017, "roll": 0.010}
+"""Error of an index beyond the draws that half the ships exceed [swing, L/U, L, roll], and
+:data:`TOGETHER`: of the first half of the ships of ``reports/ships`` (docs/explanation/model_error.md)."""
+
+TOGETHER = 0.25
+"""What an index counts for that errs with the others of its run."""
+
+SIZES = 200
+"""Equally probable sizes that stand for the law of a model error."""
 
 HELD, MADE = 4601, 4710
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
 and how many there were, on the seventy ships of ``reports/ships``, none of which :data:`BEYOND` was chosen on."""
 
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
-_GROWN = dict.fromkeys(GROWING, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
-_HALVINGS = 60
+_GROWN = dict.fromkeys(ERRING, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
+_SHARE_OF = {"angle": "swing of heading", "time": "L/U", "distance": "L", "roll": "angle of roll"}
+_SIZE = np.exp(np.linspace(-7.0, 9.0, 321))
+_COVERED = 0.95
 
 
 def robust_sd(values: np.ndarray) -> float:
@@ -57,33 +72,69 @@ def index_scale(quantity: str, value, heading_deg: float, vessel: Vessel):
     return {"angle": heading_deg + value, "drift": np.rad2deg(1.0), "roll": value, **units}[quantity]
 
 
-def model_error(rows: Sequence[Mapping]) -> dict[str, float]:
+def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
     """Standard deviation of the indices of each kind that the spread of the draws leaves unexplained.
 
     Parameters
     ----------
     rows : sequence of mapping
-        From :func:`index_rows`, of any number of runs.
+        From :func:`index_rows`, of any number of runs; without any, the law is that of foreign ships.
 
     Returns
     -------
-    dict of str to float
-        Of overshoot angles over the swing, of times in L/U, of distances in L; empty without rows, 0 where the draws
-        explain the errors. Without a held-out index of a kind, the error of the previous kind in this order is used,
-        or that of the next one for the first.
+    dict of str to ndarray, shape (SIZES,)
+        Equally probable sizes, rising: of overshoot angles over the swing, of times in L/U, of distances in L, of
+        angles of roll over the angle. A place is one size of the ship's errors in all kinds.
     """
-    found: dict[str, float] = {}
-    for kind in ERRING:
-        mine = [row for row in rows if row["kind"] == kind]
-        square = np.array([((row["measured"] - row["forecast"]) / row["scale"]) ** 2 for row in mine])
-        known = np.array([(row["parameter_sd"] ** 2 + row["model_sd"] ** 2) / row["scale"] ** 2 for row in mine])
-        if mine:
-            found[kind] = _excess_sd(square, known)
-    shown = list(found)
-    for kind in ERRING if shown else ():
-        before = [one for one in shown if ERRING.index(one) <= ERRING.index(kind)]
-        found[kind] = found[before[-1] if before else shown[0]]
-    return found
+    error, known = np.reshape([scaled(row) for row in rows], (-1, 2)).T
+    typical = np.array([TYPICAL[row["kind"]] for row in rows])
+    size, log_weight = size_law(error, known, typical)
+    weight = np.exp(log_weight)
+    middle = np.cumsum(weight) - 0.5 * weight
+    found = np.interp((np.arange(SIZES) + 0.5) / SIZES, middle, size)
+    return {kind: TYPICAL[kind] * found for kind in ERRING}
+
+
+def scaled(row: Mapping) -> tuple[float, float]:
+    """Error of a row of :func:`index_rows`, and the variance that draws and term sets explain of it, over its scale."""
+    known = row["parameter_sd"] ** 2 + row["model_sd"] ** 2
+    return (row["forecast"] - row["measured"]) / row["scale"], known / row["scale"] ** 2
+
+
+def size_law(
+    error: np.ndarray, known: np.ndarray, typical: np.ndarray, together: float = TOGETHER
+) -> tuple[np.ndarray, np.ndarray]:
+    """Law of how many times the typical error a ship has.
+
+    Parameters
+    ----------
+    error, known, typical : ndarray, shape (n_rows,)
+        Errors of held-out indices, variances that are known of them, and typical errors beyond these.
+    together : float, optional
+        What a row counts for.
+
+    Returns
+    -------
+    size, log_weight : ndarray, shape (n_sizes,)
+        Sizes, evenly spaced in their logarithm, and the logarithms of their probabilities.
+    """
+    variance = known[:, None] + (typical[:, None] * _SIZE) ** 2
+    told = -0.5 * together * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
+    log_weight = told + np.log(_SIZE) - np.log1p(_SIZE**2)
+    return _SIZE, log_weight - logsumexp(log_weight)
+
+
+def error_rows(errors: Mapping[str, np.ndarray], vessel: Vessel) -> list[dict]:
+    """Law of :func:`model_error` in rows, of the kinds that the vessel models.
+
+    ``kind``, ``median`` and ``upper`` (with 95 %) of the sd, and what it is a share of, ``unit``.
+    """
+    rows = []
+    for kind, sizes in errors.items():
+        if kind != "roll" or "roll" in vessel.dofs:
+            median, upper = np.quantile(sizes, (0.5, _COVERED)).tolist()
+            rows.append({"kind": kind, "median": median, "upper": upper, "unit": _SHARE_OF[kind]})
+    return rows
 
 
 def steady_error(motion_error: xr.Dataset) -> dict[str, float]:
@@ -104,23 +155,21 @@ def steady_error(motion_error: xr.Dataset) -> dict[str, float]:
     return {quantity: float(motion_error[name][-1]) for quantity, name in _OF_MOTION.items()}
 
 
-def _excess_sd(square: np.ndarray, known: np.ndarray) -> float:
-    """Sd beyond the ``known`` variances at which squared errors are on average as large as their variance, or 0.
+def index_sd(row: Mapping, errors: Mapping[str, np.ndarray]) -> float:
+    """Standard deviation of the normal law with the same interval of 95 % as the forecast of a row.
 
-    Paule & Mandel (1982), doi:10.6028/jres.087.022: an error whose variance is known to be large counts for little.
+    The row is one of :func:`index_rows`; the forecast holds draws, models and model error together.
     """
-    low, high = 0.0, float(np.sqrt(square.max()))
-    if np.mean(square / np.maximum(known, np.finfo(float).tiny)) <= 1.0:
-        return 0.0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if np.mean(square / (known + middle**2)) > 1.0 else (low, middle)
-    return 0.5 * (low + high)
+    sizes = np.asarray(errors.get(row["kind"], np.zeros(1)))
+    sd = np.sqrt(row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + (sizes * row["scale"]) ** 2)
+    quantile = ndtri(0.5 + 0.5 * _COVERED)
+    if sd.min() == sd.max():
+        return float(sd[0])
 
+    def excess(half_width: float) -> float:
+        return float(np.mean(2.0 * ndtr(half_width / sd) - 1.0)) - _COVERED
 
-def index_sd(row: Mapping, errors: Mapping[str, float]) -> float:
-    """Standard deviation of the forecast of a row of :func:`index_rows`: draws, models and model error together."""
-    return float(np.sqrt(row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + (errors[row["kind"]] * row["scale"]) ** 2))
+    return float(brentq(excess, quantile * sd.min(), quantile * sd.max())) / quantile
 
 
 def reliability(beyond: float) -> dict[str, float | str]:
@@ -151,8 +200,8 @@ def with_model_error(
     ----------
     found : Dataset, dims (draw,)
         From :func:`pymc_ship.indices`.
-    errors : mapping of str to float
-        From :func:`model_error` and :func:`steady_error`; may be empty.
+    errors : mapping of str to ndarray or float
+        From :func:`model_error`, of which a draw has one size in all kinds, and :func:`steady_error`; may be empty.
     vessel : Vessel
         Gives L and U.
     rng : numpy.random.Generator
@@ -162,14 +211,15 @@ def with_model_error(
     Returns
     -------
     Dataset, dims (draw,)
-        Angles of roll are widened beyond the motion of the runs alone.
     """
     heading_deg, table = found.attrs.get("heading_deg", 0.0), kind_named(found.attrs["manoeuvre"]).indices
+    place = rng.random(found.sizes["draw"])
 
     def widened(variable: xr.DataArray) -> xr.DataArray:
         index = table[variable.name]
-        error = float(np.hypot(errors.get(index.quantity, 0.0), _GROWN[index.quantity] * beyond))
-        if error == 0.0:
+        sizes = np.atleast_1d(errors.get(index.quantity, 0.0))
+        error = np.hypot(sizes[(place * sizes.size).astype(int)], _GROWN[index.quantity] * beyond)
+        if not error.any():
             return variable
         size = error * index_scale(index.quantity, variable, heading_deg, vessel)
         wide = variable + size * rng.standard_normal(variable.shape)

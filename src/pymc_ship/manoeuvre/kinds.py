@@ -19,7 +19,10 @@ SIDES = {"starboard": 1.0, "port": -1.0}
 UNITS = {"angle": "deg", "drift": "deg", "roll": "deg", "time": "s", "distance": "m", "speed": "m/s", "rate": "deg/s"}
 """Unit of each quantity that an index can be; `angle` is a change of heading."""
 
-ERRING = ("angle", "time", "distance")
+TRACKED = ("angle", "time", "distance")
+"""Quantities of heading and track, of which every manoeuvre has some."""
+
+ERRING = (*TRACKED, "roll")
 """Quantities of which a model error is measured on held-out manoeuvres."""
 
 OVERSHOOTS = ("first_overshoot_angle", "second_overshoot_angle", "third_overshoot_angle")

@@ -71,7 +71,7 @@ TURNING_CIRCLE = ManoeuvreKind(
         "steady_yaw_rate": Index("rate"),
         "steady_speed": Index("speed", _WATER),
         "steady_drift_angle": Index("drift", _WATER),
-        "maximum_roll_angle": Index("roll", ("phi",)),
+        "maximum_roll_angle": Index("roll", ("phi",), scored=True),
     },
     measure=_indices,
     limits=_limits,

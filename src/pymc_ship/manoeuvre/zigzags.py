@@ -83,7 +83,7 @@ ZIGZAG = ManoeuvreKind(
         "initial_turning_time": Index("time", scored=True),
         "initial_turning_distance": Index("distance", TRACK, scored=True),
         "period": Index("time", scored=True),
-        "maximum_roll_angle": Index("roll", ("phi",)),
+        "maximum_roll_angle": Index("roll", ("phi",), scored=True),
     },
     measure=_indices,
     limits=_limits,

@@ -18,7 +18,7 @@ from pymc_ship.forecasting.draws import thinned_draws
 from pymc_ship.manoeuvre.criteria import imo_limits
 from pymc_ship.manoeuvre.helm import base_course
 from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.kinds import ERRING
+from pymc_ship.manoeuvre.kinds import TRACKED
 from pymc_ship.manoeuvre.measured import denoisable, smooth_indices, smoothed, through
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.simulation import simulate
@@ -111,7 +111,7 @@ def corrected_indices(
     unknown = np.full(1, np.nan)
     rows = []
     for name, index in manoeuvre.traits.indices.items():
-        if index.quantity not in ERRING or not np.isfinite(still.get(name, np.nan)):
+        if index.quantity not in TRACKED or not np.isfinite(still.get(name, np.nan)):
             continue
         distance = index.quantity == "distance"
         unit = vessel.particulars.L if distance else 1.0

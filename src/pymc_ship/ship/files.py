@@ -208,7 +208,7 @@ def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:
         index = {
             "terms": [_entry(c, model) for c in counted],
             "prior": model.prior,
-            "model_error": model.model_error,
+            "model_error": {kind: sizes.tolist() for kind, sizes in model.model_error.items()},
             "motion_error": model.motion_error.to_dict(),
             "facilities": {name: asdict(gear) for name, gear in model.facilities.items()},
             "runs": list(model.names),
@@ -269,7 +269,8 @@ def load_ship(out: str | Path) -> IdentifiedShip:
     facilities = {name: Steering(**gear) for name, gear in index["facilities"].items()}
     known = {"prior": index["prior"], "said": said, "known_rows": index["index_rows"]}
     known["held_tests"] = index["held_tests"]
-    return IdentifiedShip(models, motion, index["model_error"], error, tuple(index["remarks"]), facilities, **known)
+    sizes = {kind: np.array(values) for kind, values in index["model_error"].items()}
+    return IdentifiedShip(models, motion, sizes, error, tuple(index["remarks"]), facilities, **known)
 
 
 def _of_another_version(folder: Path, file: str, lacking: Sequence[str]) -> VesselError:

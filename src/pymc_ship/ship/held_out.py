@@ -133,13 +133,13 @@ def sailed_in(trial: xr.Dataset, vessel: Vessel) -> dict[str, float | tuple[floa
 def forecast_indices(
     vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float, **around
 ) -> dict[str, np.ndarray]:
-    """Scored indices of a manoeuvre for each row of coefficients, each of shape (n_draws,).
+    """Scored indices of a manoeuvre that the vessel models, for each row of coefficients, each of shape (n_draws,).
 
     ``around`` are the revolutions and the wind, as of :func:`sailed_in`.
     """
     settings = simulation_settings(vessel) | around
     found = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
-    return {name: found[name].values for name in manoeuvre.traits.scored}
+    return {name: found[name].values for name in manoeuvre.traits.scored if name in found}
 
 
 def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre, rudder_delay: float = 0.0) -> dict[str, float]:
@@ -186,7 +186,8 @@ def index_rows(
     -------
     list of dict
         ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between
-        the models) and ``scale``, for every index that both reach.
+        the models) and ``scale``, for every index that the run and all models reach that have it: models without roll
+        say nothing of its angle.
     """
     duration = float(np.ptp(trial["time"].values))
     found = [
@@ -196,14 +197,18 @@ def index_rows(
     rows = []
     delay = models[0][0].particulars.rudder_delay
     for name, measured in scored_indices(trial, manoeuvre, delay).items():
-        mean = np.array([values[name][0] for values in found])
-        sd = np.array([robust_sd(values[name][1:]) for values in found])
-        forecast = float(weight @ mean)
-        if np.isfinite([measured, forecast, *sd]).all():
-            between = float(np.sqrt(weight @ (mean - forecast) ** 2))
-            kind = manoeuvre.traits.indices[name].quantity
+        has = [name in values for values in found]
+        if not any(has):
+            continue
+        share = weight[has] / weight[has].sum()
+        mean = np.array([values[name][0] for values in found if name in values])
+        sd = np.array([robust_sd(values[name][1:]) for values in found if name in values])
+        forecast = float(share @ mean)
+        kind = manoeuvre.traits.indices[name].quantity
+        scale = float(index_scale(kind, measured, manoeuvre.heading_deg, models[0][0]))
+        if np.isfinite([measured, forecast, *sd]).all() and scale > 0.0:
+            between = float(np.sqrt(share @ (mean - forecast) ** 2))
             row = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": kind}
-            row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(weight @ sd**2))}
-            scale = index_scale(kind, measured, manoeuvre.heading_deg, models[0][0])
-            rows.append(row | {"model_sd": between, "scale": float(scale)})
+            row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(share @ sd**2))}
+            rows.append(row | {"model_sd": between, "scale": scale})
     return rows

@@ -74,8 +74,9 @@ class ShipModel:
     index_rows : list of dict
         Indices of held-out manoeuvres, see :func:`pymc_ship.ship.held_out.index_rows`, and the ``sd`` of each
         forecast.
-    model_error : dict of str to float
-        Relative sd of the indices by kind beyond the draws; empty where no manoeuvre was held out.
+    model_error : dict of str to ndarray
+        Equally probable sizes of the error of indices beyond the draws by kind, see
+        :func:`pymc_ship.forecasting.index_error.model_error`.
     motion_error : Dataset, dims (lead,)
         Model error of the motion, see :func:`pymc_ship.forecasting.motion_error.motion_error`; without leads where no
         run was held out.
@@ -104,7 +105,7 @@ class ShipModel:
     facilities: dict[str, Steering]
     candidates: tuple[Candidate, ...]
     index_rows: list[dict]
-    model_error: dict[str, float]
+    model_error: dict[str, np.ndarray]
     motion_error: xr.Dataset
     motion: xr.DataArray
     remarks: tuple[str, ...]
@@ -126,14 +127,14 @@ class IdentifiedShip:
     """What forecasts and later runs need of an identified ship; part of a :class:`ShipModel`, whose names it has.
 
     ``models`` holds vessel and coefficient draws of each term set, ``motion`` the prime motion of the runs,
-    ``model_error`` the relative sd of indices by kind, ``motion_error`` that of the motion by lead, ``remarks`` how the
-    intervals came about and ``facilities`` how the rudder was steered at each facility, the first being that of the
-    models' vessels. ``prior``, ``said``, ``known_rows`` and ``held_tests`` are for runs to come.
+    ``model_error`` the sizes of the error of indices by kind, ``motion_error`` that of the motion by lead, ``remarks``
+    how the intervals came about and ``facilities`` how the rudder was steered at each facility, the first being that
+    of the models' vessels. ``prior``, ``said``, ``known_rows`` and ``held_tests`` are for runs to come.
     """
 
     models: list[tuple[Vessel, np.ndarray]]
     motion: xr.DataArray
-    model_error: dict[str, float]
+    model_error: dict[str, np.ndarray]
     motion_error: xr.Dataset
     remarks: tuple[str, ...]
     facilities: dict[str, Steering] = field(default_factory=dict)
@@ -239,8 +240,8 @@ def identify_ship(
     remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
     if not known_rows:
         remarks.append(
-            "No run of a standard manoeuvre was held out: the intervals hold the spread of the term sets and of the "
-            "windows, not the error of a whole manoeuvre, and are too narrow by what these trials cannot tell."
+            "No run of a standard manoeuvre was held out: beside the spread of the term sets and of the windows, the "
+            "intervals hold the error of a whole manoeuvre that is typical of other ships, not that of this one."
         )
     progress("draws that do not run away")
     found = sorted(_drawn(found, draws, rng), key=lambda candidate: -candidate.weight)

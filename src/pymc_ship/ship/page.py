@@ -13,6 +13,7 @@ from pymc_ship.captive.comparison import captive_forces, comparison_rows, shown_
 from pymc_ship.checks.trial_checks import worst_verdict
 from pymc_ship.checks.verdicts import Check
 from pymc_ship.forecasting.force_curves import force_curves
+from pymc_ship.forecasting.index_error import error_rows
 from pymc_ship.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.manoeuvre.helm import approach_speed
@@ -34,7 +35,7 @@ from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval
 from pymc_ship.vessel.parts import HELD
 from pymc_ship.vessel.term_sets import PART_SETS, TERM_SETS
-from pymc_ship.vessel.vessel import LETTER, Vessel, coefficient_names
+from pymc_ship.vessel.vessel import LETTER, Vessel, coefficient_names, fullest
 
 CORRELATED = 0.95
 """Correlation of two coefficients from which the page warns of it."""
@@ -65,7 +66,6 @@ PAGE = Page(
 )
 """The page of a ship, which may share its folder with the page of her forecasts."""
 
-_OF = {"angle": "swing of heading", "time": "L/U", "distance": "L"}
 _LEFT_OUT = " terms were left out: "
 _WORDS = {"first": "First overshoot angle", "second": "Second overshoot angle"}
 
@@ -127,7 +127,7 @@ def write_ship_report(
         "checks": check_rows(checks),
         "term_sets": term_set_rows(model),
         "held_out_indices": held_out_rows(model.index_rows),
-        "model_error": [{"kind": kind, "sd": sd, "unit": _OF[kind]} for kind, sd in model.model_error.items()],
+        "model_error": error_rows(model.model_error, fullest(c.vessel for c in model.candidates)),
         "paths": [dict(row) for row in paths],
         "coefficients": coefficient_rows(model.candidates[0]),
         "correlations": correlation_rows(model.candidates[0]),
@@ -338,14 +338,13 @@ def _tables(model: ShipModel, rows: Mapping[str, list[dict]]) -> dict[str, Table
     coefficients = {"coefficient": ("coefficient", str), "estimate": ("estimate", fixed(1)), "sd": ("sd", fixed(1))}
     coefficients |= known | {"correlated_with": (f"correlated beyond {CORRELATED:g} with", str)}
     pairs = {"first": ("coefficient", str), "second": ("with", str), "correlation": ("correlation", fixed(3))}
+    heads = {"median": "sd [%]", "upper": "95 % below"}
+    sizes = {key: (head, lambda value: fixed(1)(100.0 * value)) for key, head in heads.items()}
     found = {
         "runs": (rows["runs"], runs),
         "term_sets": ([_shown(row, channels) for row in rows["term_sets"]], sets),
         "held_out_indices": ([_named(row) for row in rows["held_out_indices"]], held),
-        "model_error": (
-            [row | {"sd": 100.0 * row["sd"]} for row in rows["model_error"]],
-            {"kind": ("kind of index", str), "sd": ("sd, % of", fixed(1)), "unit": ("", str)},
-        ),
+        "model_error": (rows["model_error"], {"kind": ("kind", str)} | sizes | {"unit": ("of", str)}),
         "paths": ([_shown(row, channels) for row in rows["paths"]], _path_columns(channels)),
         "correlations": (rows["correlations"], pairs),
         "captive": shown_comparison(rows["captive"]),

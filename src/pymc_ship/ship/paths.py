@@ -194,7 +194,9 @@ def _row(name: str, fits: Sequence[Estimated], runs: _Runs) -> dict:
     for run, trial, manoeuvre, fit in zip(runs.names, runs.trials, runs.manoeuvres, fits, strict=True):
         if manoeuvre is not None:
             found = scored_indices(trial, manoeuvre, runs.vessel.particulars.rudder_delay)
-            measured += int(np.isfinite(list(found.values())).sum())
+            rolls, table = "roll" in runs.vessel.dofs, manoeuvre.traits.indices
+            known = [value for index, value in found.items() if rolls or table[index].quantity != "roll"]
+            measured += int(np.isfinite(known).sum())
             estimate = np.tile(fit.coefficients, (2, 1))
             lines += index_rows(run, trial, manoeuvre, [(runs.vessel, estimate)], np.ones(1))
     row = {"path": name, "log_density": float(judged.log_density.sum())}
@@ -251,15 +253,14 @@ def held_out_rows(index_rows: Sequence[Mapping]) -> list[dict]:
     Returns
     -------
     list of dict
-        With ``error`` and ``z``, and ``apart_sd``: the sd whose model error comes from the other runs alone; NaN where
-        there are none.
+        With ``error`` and ``z``, and ``apart_sd``: the sd whose model error comes from the other runs alone.
     """
     rows = []
     for row in index_rows:
         others = model_error([other for other in index_rows if other["run"] != row["run"]])
         error = row["forecast"] - row["measured"]
         found = dict(row) | {"error": error, "z": error / row["sd"]}
-        rows.append(found | {"apart_sd": index_sd(row, others) if others else np.nan})
+        rows.append(found | {"apart_sd": index_sd(row, others)})
     return rows
 
 

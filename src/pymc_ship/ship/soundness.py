@@ -27,6 +27,7 @@ TIGHTEST = 0.5
 _REACH = 60.0  # L/U, of the manoeuvres
 _STEP = 1.0 / 60.0  # L/U
 _DRAWS = 200  # of a forecast, at most
+_COMPARED = ("angle", "distance")  # in swings and lengths
 
 
 STANDARD = tuple(
@@ -120,9 +121,11 @@ def outlook(
         bands = pooled_forecast(drawn, manoeuvre, duration=duration, **settings)["index_bands"]
         for name in manoeuvre.traits.scored:
             quantity = manoeuvre.traits.indices[name].quantity
+            if quantity not in _COMPARED:
+                continue
             lower, median, upper = bands[name].values.tolist()
             width = 0.5 * (upper - lower) / index_scale(quantity, median, manoeuvre.heading_deg, vessel)
-            found.append(_Known(manoeuvre, name, (median, lower, upper), width if quantity != "time" else np.nan))
+            found.append(_Known(manoeuvre, name, (median, lower, upper), width))
     circles = [one for one in found if one.index == "tactical_diameter" and np.isfinite(one.values).all()]
     widest = max((one for one in found if np.isfinite(one.width)), key=lambda one: one.width, default=None)
     turns = ["{:.2f} L ({:.2f} to {:.2f}) to {}".format(*one.in_lengths(vessel), one.manoeuvre.side) for one in circles]
