@@ -53,7 +53,7 @@ def test_an_identified_ship_has_intervals_of_indices(records):
     vessel = ps.load_vessel("kvlcc2")
     row = reference_coefficients(vessel)
     draws = row * (1.0 + 0.01 * np.random.default_rng(1).standard_normal((30, row.size)))
-    ship = ps.IdentifiedShip([(vessel, draws)], None, {"angle": 0.05}, None, ())
+    ship = ps.IdentifiedShip([(vessel, draws)], None, {"angle": np.array([0.05])}, None, ())
     plain = ps.IdentifiedShip([(vessel, draws)], None, {}, None, ())
     wide, narrow = (ps.score_indices(one, [records["zigzag"]])[0] for one in (ship, plain))
     assert wide["index"] == "first_overshoot_angle"

@@ -160,7 +160,7 @@ def index_sd(row: Mapping, errors: Mapping[str, np.ndarray]) -> float:
 
     The row is one of :func:`index_rows`; the forecast holds draws, models and model error together.
     """
-    sizes = np.asarray(errors.get(row["kind"], np.zeros(1)))
+    sizes = errors.get(row["kind"], np.zeros(1))
     sd = np.sqrt(row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + (sizes * row["scale"]) ** 2)
     quantile = ndtri(0.5 + 0.5 * _COVERED)
     if sd.min() == sd.max():

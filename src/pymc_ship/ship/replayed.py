@@ -13,7 +13,6 @@ from pymc_ship.forecasting.extrapolation import extrapolation
 from pymc_ship.forecasting.forecast import BANDS, quantile_bands
 from pymc_ship.forecasting.index_error import index_sd
 from pymc_ship.forecasting.motion_error import with_motion_error
-from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, with_steering
 from pymc_ship.motion.equations import STATE
 from pymc_ship.ship.along import reading_noise, sailed_along
@@ -235,7 +234,7 @@ def score_indices(
     names = names or [str(k + 1) for k in range(len(trials))]
     found = _models(ship, draws)
     weight = np.array([len(rows) for _, rows in found], dtype=float)
-    errors = dict.fromkeys(ERRING, 0.0) | (ship.model_error if isinstance(ship, ShipModel | IdentifiedShip) else {})
+    errors = ship.model_error if isinstance(ship, ShipModel | IdentifiedShip) else {}
     manoeuvres, _ = recognise_by_facility(trials, _first_vessel(ship))
     known = ship.facilities if isinstance(ship, ShipModel | IdentifiedShip) else {}
     rows = []
