@@ -269,7 +269,7 @@ def load_ship(out: str | Path) -> IdentifiedShip:
     facilities = {name: Steering(**gear) for name, gear in index["facilities"].items()}
     known = {"prior": index["prior"], "said": said, "known_rows": index["index_rows"]}
     known["held_tests"] = index["held_tests"]
-    sizes = {kind: np.array(values) for kind, values in index["model_error"].items()}
+    sizes = {kind: np.atleast_1d(values) for kind, values in index["model_error"].items()}
     return IdentifiedShip(models, motion, sizes, error, tuple(index["remarks"]), facilities, **known)
 
 
