@@ -102,7 +102,7 @@ class TestHeldOut:
 
     @pytest.mark.parametrize("kind", ["angle", "time", "distance"])
     def test_errors_of_a_kind_are_as_large_as_stated(self, ship, kind):
-        """In the mean square, where draws alone do not say more."""
+        """In the mean square, as far as the few errors of a kind tell."""
         rows = [row for row in ship.index_rows if row["kind"] == kind]
         found = np.mean([((row["measured"] - row["forecast"]) / row["sd"]) ** 2 for row in rows])
         assert found < 2.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +95,19 @@ def test_a_saved_ship_rolls(ship, tmp_path):
     assert again.vessel.dofs == ("surge", "sway", "yaw", "roll")
     found, expected = (ps.forecast_ship(one, TURN, rng=1)["index_bands"] for one in (again, ship))
     np.testing.assert_allclose(found["maximum_roll_angle"], expected["maximum_roll_angle"], rtol=1e-9)
+
+
+def test_a_ship_that_was_saved_with_one_size_of_error_has_it(ship, tmp_path):
+    """So were those of earlier versions."""
+    path = ps.save_ship(ship, tmp_path) / "ship.json"
+    index = json.loads(path.read_text(encoding="utf-8"))
+    del index["sha256"]
+    path.write_text(json.dumps(index | {"model_error": {"angle": 0.05}}), encoding="utf-8")
+    again = ps.load_ship(tmp_path)
+    assert {kind: sizes.tolist() for kind, sizes in again.model_error.items()} == {"angle": [0.05]}
+    overshoot = ps.forecast_ship(again, ps.zigzag(10, 10), rng=1)["index_bands"]["first_overshoot_angle"].values
+    exact = ps.forecast_ship(replace(again, model_error={}), ps.zigzag(10, 10), rng=1)["index_bands"]
+    assert np.ptp(overshoot) > np.ptp(exact["first_overshoot_angle"].values)
 
 
 def test_stability_that_her_papers_leave_out_is_derived_and_said(ship):

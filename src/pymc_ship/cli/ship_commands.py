@@ -259,7 +259,7 @@ def _refused(tree: xr.DataTree) -> str:
 def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str]:
     """How the intervals of an identified ship are made."""
     widened = ", ".join(
-        "{median:.2g} {unit} for {kind}s, with 95 % below {upper:.2g}".format(**row)
+        "{kind} {median:.2g} of {unit} (95 % below {upper:.2g})".format(**row)
         for row in error_rows(ship.model_error, ship.vessel)
     )
     found = [
@@ -271,8 +271,8 @@ def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str
     ]
     if widened:
         found.append(
-            "Intervals of the indices also hold what foreign ships and held-out manoeuvres show beyond it, an sd of "
-            f"{widened}."
+            "Intervals of the indices also hold the error that foreign ships and held-out manoeuvres show beyond it. "
+            f"Its sd by kind of index is: {widened}."
         )
     return [
         *found,

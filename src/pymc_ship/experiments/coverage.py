@@ -177,22 +177,20 @@ def fitted_law(indices: Columns, held: Columns) -> np.ndarray:
 
     Each ship's size has the law of her held-out runs, and each ship counts as one; NaN of a kind without an index.
     """
-    kinds = list(TYPICAL)
-    quantities, finite = _quantities(indices), np.isfinite(indices["error"])
-    mine = where(indices, finite & np.isin(quantities, kinds))
-    place = {"indices": _places(_quantities(mine)), "held": _places(held["kind"])}
-    shown = np.isin(np.arange(len(kinds)), place["indices"])
+    mine = where(indices, _grows(indices) & np.isfinite(indices["error"]))
+    kind, variance = _places(_quantities(mine)), mine["draws_sd"] ** 2 + (BEYOND * mine["beyond"]) ** 2
+    forecasts = {"kind": kind, "error": mine["error"], "known": variance}
+    told = {"kind": _places(held["kind"]), "error": held["error"], "known": held["known"]}
+    ships = [
+        (where(told, held["ship"] == ship), where(forecasts, mine["ship"] == ship)) for ship in np.unique(mine["ship"])
+    ]
 
     def surprise(unknowns: np.ndarray) -> float:
         typical, together, total = np.exp(unknowns[:-1]), expit(unknowns[-1]), 0.0
-        for ship in np.unique(mine["ship"]):
-            rows, told = mine["ship"] == ship, held["ship"] == ship
-            size, log_weight = size_law(
-                held["error"][told], held["known"][told], typical[place["held"][told]], together
-            )
-            known = mine["draws_sd"][rows] ** 2 + (BEYOND * mine["beyond"][rows]) ** 2
-            variance = known[:, None] + (typical[place["indices"][rows]][:, None] * size) ** 2
-            log_density = -0.5 * (np.log(variance) + mine["error"][rows][:, None] ** 2 / variance)
+        for seen, ahead in ships:
+            size, log_weight = size_law(seen["error"], seen["known"], typical[seen["kind"]], together)
+            variance = ahead["known"][:, None] + (typical[ahead["kind"]][:, None] * size) ** 2
+            log_density = -0.5 * (np.log(variance) + ahead["error"][:, None] ** 2 / variance)
             total -= np.mean(logsumexp(log_weight + log_density, axis=1))
         return total
 
@@ -200,6 +198,7 @@ def fitted_law(indices: Columns, held: Columns) -> np.ndarray:
     simplex = np.vstack([begin, begin + _STRIDE * np.eye(begin.size)])
     settings = {"initial_simplex": simplex, "xatol": _CHOSEN_TO, "fatol": _CHOSEN_TO}
     found = minimize(surprise, begin, method="Nelder-Mead", options=settings).x
+    shown = np.isin(np.arange(len(TYPICAL)), kind)
     return np.where(np.append(shown, shown.any()), np.append(np.exp(found[:-1]), expit(found[-1])), math.nan)
 
 

@@ -209,7 +209,11 @@ def _judged(task: ShipTask, drawn: DrawnShip, records: list[xr.Dataset], parts: 
 
 def held_rows(ship: ShipModel) -> list[dict]:
     """Indices of her held-out runs, rows of :data:`HELD_INDEX`."""
-    return [{"kind": row["kind"]} | dict(zip(("error", "known"), scaled(row), strict=True)) for row in ship.index_rows]
+    rows = []
+    for row in ship.index_rows:
+        error, known = scaled(row)
+        rows.append({"kind": row["kind"], "error": error, "known": known})
+    return rows
 
 
 def index_rows(tree: xr.DataTree, run: xr.Dataset, manoeuvre: Manoeuvre, vessel: Vessel) -> list[dict]:

@@ -8,7 +8,7 @@ runs that were held out.
 
 A few held-out manoeuvres tell little of how large the errors of a ship are. Their size is therefore a number with a
 law: a half-Cauchy law over ships (Gelman 2006, doi:10.1214/06-BA117A), whose median is that of a population of foreign
-ships (:data:`TYPICAL`), times what the held-out runs of this ship say. A forecast holds the whole law.
+ships (:data:`TYPICAL`), times the likelihood of the held-out indices of this ship. A forecast holds the whole law.
 
 No held-out zigzag says how wrong a model is where no run has been. What foreign ships showed there grows with the
 distance from the motion of the runs, in the same units: :data:`BEYOND`, of thirty ships that share no code with the
@@ -34,11 +34,11 @@ BEYOND = 0.011
 """
 
 TYPICAL = {"angle": 0.0007, "time": 0.0021, "distance": 0.0017, "roll": 0.010}
-"""Error of an index beyond the draws that half the ships exceed [swing, L/U, L, roll], and
-:data:`TOGETHER`: of the first half of the ships of ``reports/ships`` (docs/explanation/model_error.md)."""
+"""Error of an index beyond the draws that half the ships exceed [swing, L/U, L, roll]; the first half of the ships of
+``reports/ships`` chose it, and :data:`TOGETHER` (docs/explanation/model_error.md)."""
 
 TOGETHER = 0.25
-"""What an index counts for that errs with the others of its run."""
+"""Weight of each held-out index in the law; the indices of one run err together."""
 
 SIZES = 200
 """Equally probable sizes that stand for the law of a model error."""
@@ -111,7 +111,7 @@ def size_law(
     error, known, typical : ndarray, shape (n_rows,)
         Errors of held-out indices, variances that are known of them, and typical errors beyond these.
     together : float, optional
-        What a row counts for.
+        Weight of each row.
 
     Returns
     -------

@@ -197,12 +197,12 @@ def index_rows(
     rows = []
     delay = models[0][0].particulars.rudder_delay
     for name, measured in scored_indices(trial, manoeuvre, delay).items():
-        has = [name in values for values in found]
-        if not any(has):
+        having = [k for k, values in enumerate(found) if name in values]
+        if not having:
             continue
-        share = weight[has] / weight[has].sum()
-        mean = np.array([values[name][0] for values in found if name in values])
-        sd = np.array([robust_sd(values[name][1:]) for values in found if name in values])
+        share, drawn = weight[having] / weight[having].sum(), [found[k][name] for k in having]
+        mean = np.array([values[0] for values in drawn])
+        sd = np.array([robust_sd(values[1:]) for values in drawn])
         forecast = float(share @ mean)
         kind = manoeuvre.traits.indices[name].quantity
         scale = float(index_scale(kind, measured, manoeuvre.heading_deg, models[0][0]))

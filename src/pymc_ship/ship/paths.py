@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.index_error import index_sd, model_error
+from pymc_ship.manoeuvre.indices import of_roll
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.weak_form import evidence_posterior_mean, weak_form_start
@@ -195,7 +196,7 @@ def _row(name: str, fits: Sequence[Estimated], runs: _Runs) -> dict:
         if manoeuvre is not None:
             found = scored_indices(trial, manoeuvre, runs.vessel.particulars.rudder_delay)
             rolls, table = "roll" in runs.vessel.dofs, manoeuvre.traits.indices
-            known = [value for index, value in found.items() if rolls or table[index].quantity != "roll"]
+            known = [value for index, value in found.items() if rolls or not of_roll(table[index])]
             measured += int(np.isfinite(known).sum())
             estimate = np.tile(fit.coefficients, (2, 1))
             lines += index_rows(run, trial, manoeuvre, [(runs.vessel, estimate)], np.ones(1))
