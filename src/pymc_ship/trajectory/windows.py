@@ -377,7 +377,13 @@ def widened(fit: WindowFit, factor: float) -> WindowFit:
 
 
 def normal_draws(fit: WindowFit, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draws (count, n_coefficients) from the normal law of a fit."""
-    values, vectors = np.linalg.eigh(fit.covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return fit.coefficients + rng.standard_normal((count, values.size)) @ root.T
+    """Draws (count, n_coefficients) from the normal law of a fit.
+
+    They are standard normal numbers times the symmetric root of the correlations, which changes no more than the
+    covariance does; eigenvectors or a triangular root would depend on units, order or the last digit.
+    """
+    sd = np.sqrt(np.diag(fit.covariance))
+    unit = np.where(sd > 0.0, sd, 1.0)
+    values, vectors = np.linalg.eigh(fit.covariance / np.outer(unit, unit))
+    root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    return fit.coefficients + rng.standard_normal((count, values.size)) @ root * sd
