@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import xarray as xr
 from scipy.stats import norm
 
 import pymc_ship as ps
 from pymc_ship.experiments.judged_ship import PARTS
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.motion.equations import STATE
+from pymc_ship.vessel.term_sets import ANY_SPEED_SETS
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
 STUDY = {
     "population": "tests.experiments.ships:tanker",
@@ -17,6 +20,7 @@ STUDY = {
     "forecasts": ["turning circle 35 port", "zigzag 15/15 port"],
     "ships": 6,
     "root_seed": 3,
+    "astern": 0.7,
 }
 SD = {"advance": 0.05, "tactical_diameter": 0.1}
 
@@ -46,6 +50,32 @@ def stranger(rng):
     return replace(tanker(rng), sail=sail)
 
 
+def of_parts(rng, astern=1.0):
+    """A KVLCC2 of the parts that hold at any speed; her propeller pulls ``astern`` times as much as is typical."""
+    vessel = ps.with_terms(ps.load_vessel("kvlcc2"), ANY_SPEED_SETS[0])
+    own = reference_coefficients(vessel)
+    own[coefficient_names(vessel).index("T_nn")] *= astern
+
+    def sail(manoeuvre, duration):
+        return ps.simulate(vessel, manoeuvre, duration=duration, step=0.5, coefficients=own[None]).isel(draw=0)
+
+    def record(manoeuvre, run):
+        return ps.pollute(sail(manoeuvre, 500.0), level=0.01, rng=rng).drop_vars(["p", "phi"])
+
+    def stop(test, duration):
+        time = np.arange(0.0, duration, 2.0)
+        n, states = test.sailed(vessel, own[None], time)
+        motion = {name: ("time", row[0]) for name, row in zip(STATE, states, strict=True)}
+        return xr.Dataset(motion | {"n": ("time", n)}, {"time": time})
+
+    return ps.DrawnShip("tanker", "kvlcc2", sail, record, stop)
+
+
+def pulled_hard(rng):
+    """The same with a propeller that pulls three times as hard astern as is typical."""
+    return of_parts(rng, 3.0)
+
+
 def sunk(rng):
     """No ship."""
     raise RuntimeError("no such\nship")
@@ -69,12 +99,15 @@ def made_up(task, share=1.0):
             instants.append(row | {"beyond": float(lead > 2.0), "far": lead})
     ended = {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""}
     held = [{"kind": "distance", "error": float(0.1 * rng.standard_normal()), "known": 0.01}]
+    error = float(2.0 * rng.standard_normal())
+    stop = {"error": error, "half_width": 3.92, "sd": 2.0, "pit": float(norm.cdf(-0.5 * error)), "crps": 0.4}
     found = {
         "hull": "tanker",
         "runs": float(len(task.sailed())),
         "indices": indices,
         "instants": instants,
         "held": held,
+        "stops": [{"index": "track_reach"} | stop] if task.seed % 2 else [],
     }
     return ended | found | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
 
@@ -82,7 +115,7 @@ def made_up(task, share=1.0):
 def refused(task):
     """A ship that is not identified."""
     ended = {"block": task.block, "seed": task.seed, "status": "refused", "sentence": "No term set can be fitted."}
-    none = {"hull": "tanker", "runs": 1.0, "indices": [], "instants": [], "held": []}
+    none = {"hull": "tanker", "runs": 1.0, "indices": [], "instants": [], "held": [], "stops": []}
     return ended | none | dict.fromkeys(PARTS, 1e-6) | {"cpu": 1e-6}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,10 +12,13 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
+from pymc_ship.experiments import judged_ship
 from pymc_ship.experiments import run as engine
-from pymc_ship.experiments.judged_ship import INDEX, INSTANT, judge
+from pymc_ship.experiments.judged_ship import INDEX, INSTANT, judge, stop_rows
 from pymc_ship.experiments.population import Population, TrialsCell
 from pymc_ship.experiments.run import read_study
+from pymc_ship.manoeuvre.stopping_tests import INDICES
+from tests.experiments import ships
 from tests.experiments.folders import ROOT, run
 from tests.experiments.ships import SD, STUDY, made_up, refused
 
@@ -53,6 +57,8 @@ def test_the_shipped_population_is_of_sixty_ships_or_more():
         ({"trials": {"a": {"most": 2}}}, "trials.a.of is missing; add it"),
         ({"trials": {"a": {"most": 3, "of": ["zigzag 10/10"]}}}, "trials.a has 1 trials, found most = 3; lower it"),
         ({"forecasts": ["zigzag 15/15", "zigzag 15/15 port"]}, "forecasts must name everything once"),
+        ({"astern": -0.7}, "astern must be a number from 0 up, found -0.7; correct it"),
+        ({"astern": 42.0}, "astern is a share of the nominal revolutions up to 1.5, found 42; lower it"),
     ],
 )
 def test_what_cannot_be_used_is_one_sentence(change, sentence):
@@ -114,6 +120,7 @@ def test_what_was_judged_is_kept_and_ships_may_be_added(plain, tmp_path):
         ({"root_seed": 4}, "root_seed was 3, found 4"),
         ({"population": "tests.experiments.ships:sunk"}, "population was tests.experiments.ships:tanker"),
         ({"forecasts": ["zigzag 15/15 port"]}, "forecasts was"),
+        ({"astern": 0.5}, "astern was 0.7, found 0.5"),
         ({"trials": {"two": STUDY["trials"]["two"]}}, "trials had 'some', which is gone"),
         ({"trials": STUDY["trials"] | {"two": ["zigzag 10/10"]}}, "'two' of trials is not what it was"),
         ({"population": None}, "is no record of a study"),
@@ -142,12 +149,17 @@ def test_every_row_is_in_the_results(plain):
         "indices",
         "instants",
         "held",
+        "stops",
     ]
     assert len(found) == 12
     assert set(found["indices"][0][0]) == set(INDEX)
     assert set(found["instants"][0][0]) == set(INSTANT)
     rows = pd.read_csv(plain / "tables" / "coverage.csv")
     assert rows["indices"].sum() == 12 * len(SD)
+    stops = pd.read_csv(plain / "tables" / "stops.csv")
+    assert stops[["group", "ships", "indices"]].to_numpy().tolist() == [["track reach", 6, 6]]
+    by_trials = pd.read_csv(plain / "tables" / "stops_by_trials.csv")
+    assert by_trials["group"].tolist() == ["all", "two", "some"]
 
 
 def test_the_page_says_what_held_and_what_it_cost(plain):
@@ -158,6 +170,7 @@ def test_the_page_says_what_held_and_what_it_cost(plain):
         "Other intervals",
         "statements of 99 % on forecasts beyond the motion of the runs",
         "None was refused",
+        "stopped with 0.7 of their nominal revolutions astern",
     ):
         assert words in text
     assert text.count("<svg") == 3
@@ -183,7 +196,7 @@ def toml():
     """File of the study."""
     return (
         'population = "tests.experiments.ships:tanker"\nforecasts = ["turning circle 35 port", "zigzag 15/15 port"]\n'
-        'ships = 6\nroot_seed = 3\n[trials]\ntwo = ["zigzag 20/20", "zigzag 10/10"]\n'
+        'ships = 6\nroot_seed = 3\nastern = 0.7\n[trials]\ntwo = ["zigzag 20/20", "zigzag 10/10"]\n'
         'some = {most = 2, of = ["zigzag 10/10", "zigzag 20/20"]}\n'
     )
 
@@ -231,3 +244,49 @@ def test_a_tanker_of_the_package_is_found_again():
     strange = read_study(STUDY | {"population": "tests.experiments.ships:stranger"})
     other = judge(strange.task(TrialsCell("two"), 0))
     assert pd.DataFrame(other["indices"])["pit"].between(0.005, 0.995).mean() < 0.7
+
+
+@pytest.mark.slow
+@pytest.mark.consistency
+def test_a_ship_of_parts_stops_as_forecast_and_one_that_is_pulled_hard_sooner():
+    """The second, a broken twin, has a propeller that no prior expects."""
+    found = []
+    for drawn in ("of_parts", "pulled_hard"):
+        population = read_study(STUDY | {"population": f"tests.experiments.ships:{drawn}"})
+        result = judge(replace(population.task(TrialsCell("two"), 0), forecasts=()))
+        assert (result["status"], result["stop"] > result["replay"]) == ("ok", True)
+        found.append(pd.DataFrame(result["stops"]).set_index("index"))
+    right, hard = found
+    assert right.index.tolist() == list(INDICES)
+    assert right["pit"].between(0.025, 0.975).all()
+    assert (right["error"].abs() < 0.5 * right["half_width"]).all()
+    assert (hard.loc[["track_reach", "head_reach", "stopping_time"], "pit"] < 0.025).all()
+
+
+@pytest.mark.parametrize("lacks", ["stop", "propeller", "draught"])
+def test_a_ship_that_cannot_be_stopped_is_not(lacks):
+    task = read_study(STUDY).task(TrialsCell("two"), 0)
+    ship, vessel = ships.of_parts(np.random.default_rng(1)), ps.load_vessel("kvlcc2")
+    if lacks == "stop":
+        ship = replace(ship, stop=None)
+    elif lacks == "propeller":
+        vessel = replace(vessel, propeller=None)
+    else:
+        vessel = replace(vessel, particulars=replace(vessel.particulars, d=0.0))
+    assert stop_rows(task, ship, [], vessel) == []
+
+
+def test_a_study_that_asks_for_no_stopping_test_has_none():
+    task = read_study({key: value for key, value in STUDY.items() if key != "astern"}).task(TrialsCell("two"), 0)
+    assert stop_rows(task, ships.of_parts(np.random.default_rng(1)), [], ps.load_vessel("kvlcc2")) == []
+
+
+def test_a_ship_whose_parts_are_not_identified_holds_nothing(monkeypatch):
+    def refused(*args, **settings):
+        raise ps.TrajectoryError("No term set can be fitted.")
+
+    monkeypatch.setattr(judged_ship, "identify_ship", refused)
+    task = read_study(STUDY).task(TrialsCell("two"), 0)
+    rows = stop_rows(task, ships.of_parts(np.random.default_rng(1)), [], ps.load_vessel("kvlcc2"))
+    assert [row["index"] for row in rows] == list(INDICES)
+    assert all(np.isnan(row["pit"]) for row in rows)

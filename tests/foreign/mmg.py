@@ -20,12 +20,16 @@ and a_H; gamma_R, epsilon and kappa = .6 / epsilon are functions of C_B B/L of t
 Gedling & Hine (1983), m_x = .05 m. Surge by drift and yaw: c_m m_y v r with c_m = 1.11 C_B - .07 (Hasegawa 1980). x_H =
 -.45 L, t = .6 w. f_alpha by Fujii. Resistance by the ITTC line of 1957 with form factor .25, .9e-3 for roughness and
 waves, and the wetted surface of Denny & Mumford. K_T: least squares of the Wageningen polynomials (Oosterveld & van
-Oossanen 1975) of B4-49.9 at P/D = .716 for J from .1 to .9, within .002; at other
-pitches in proportion between that one and the Mariner's at .964. Another form of hull makes another ship.
+Oossanen 1975) of B4-49.9 at P/D = .716 for J from .1 to .9, within .002; at other pitches in proportion between that
+one and the Mariner's at .964.
 
 Cross-flow ship. A hull of the same form whose forces no polynomial has: linear ones by Clarke, Gedling & Hine (1983),
 and a drag of the cross flow that is summed along the length, with a coefficient that differs from bow to stern (Hooft
 1994, The cross-flow drag on a manoeuvring ship, Ocean Engineering 21, 329-342; its values here are by judgement).
+
+Propeller astern. Thrust, side force and moment by u / (n D) as public codes of the 3 m model of the Esso Osaka have
+them, from tests of Hachii (Ahmed & Hasegawa 2013, Eng. Appl. Artif. Intell. 26, 2287-2304). The thrust holds the
+reaction of the hull and is in proportion to k_0, .3278 there; the rudder meets no race.
 """
 
 from __future__ import annotations
@@ -97,6 +101,28 @@ class Rudder:
 
 
 @dataclass(frozen=True)
+class Astern:
+    """Propeller turning astern: ``thrust`` and ``side`` are factors on what is published, the screw right-handed."""
+
+    thrust: float = 1.0
+    side: float = 1.0
+
+    def force(self, J: float, k_0: float) -> float:
+        """Over rho n^2 D^4, at J = u / (n D)."""
+        return self.thrust * k_0 / 0.3278 * max(-0.175 + 0.33 * J, -0.251)
+
+    def aside(self, J: float) -> tuple[float, float]:
+        """Side force, and moment by L, over rho/2 L d (n D)^2."""
+        if J > -0.06:
+            Y, N = -5.58e-4, 2.25e-4
+        elif J >= -0.35:
+            Y, N = -7.9e-5 + 7.99e-3 * J, 3.5e-5 - 3.17e-3 * J
+        else:
+            Y, N = -4.93e-3 - 5.87e-3 * J, 1.96e-3 + 2.33e-3 * J
+        return self.side * Y, self.side * N
+
+
+@dataclass(frozen=True)
 class MmgShip:
     """A ship of the MMG standard method; ``Y_P`` and ``N_P`` are side force and moment (by L) over the thrust."""
 
@@ -111,6 +137,21 @@ class MmgShip:
     x_P: float = -0.48
     Y_P: float = 0.0
     N_P: float = 0.0
+    astern: Astern = Astern()
+
+    def screw(self, u: float, n: float, passed: float) -> tuple[tuple[float, float, float], float]:
+        """Forces ahead and aside [N] and moment [N m], and 8 K_T / (pi J^2) of the race."""
+        if n <= 0.0:
+            return self.screw_astern(u, n), 0.0
+        thrust, loading = self.thrust(u, n, passed)
+        return ((1.0 - self.t_P) * thrust, self.Y_P * thrust, self.N_P * self.papers.L * thrust), loading
+
+    def screw_astern(self, u: float, n: float) -> tuple[float, float, float]:
+        """Forces ahead and aside [N] and moment [N m] of the propeller astern."""
+        p, D = self.papers, self.papers.propeller["D"]
+        J, q = u / min(n * D, -1e-9), WATER * (n * D) ** 2
+        (Y, N), sides = self.astern.aside(J), 0.5 * q * p.L * p.d
+        return q * D * D * self.astern.force(J, p.propeller["k_0"]), sides * Y, sides * p.L * N
 
     def thrust(self, u: float, n: float, passed: float) -> tuple[float, float]:
         """Thrust [N] and 8 K_T / (pi J^2)."""
@@ -137,13 +178,13 @@ class MmgShip:
         v_, r_ = v / U, yaw_rate * p.L / U
         beta = math.atan2(-v, u)
         passed = self.wake.passed(beta - self.x_P * r_)
-        thrust, loading = self.thrust(u, n, passed)
+        (ahead, aside, around), loading = self.screw(u, n, passed)
         F_N = self.normal_force(u, (U, beta, r_), delta, (passed, loading))
         area = 0.5 * WATER * p.L * p.d
         q, hull = area * U * U, self.hull
-        X = q * (polynomial(hull.X, v_, r_) - hull.R0) + (1.0 - self.t_P) * thrust
-        Y = q * polynomial(hull.Y, v_, r_) + self.Y_P * thrust
-        N = q * p.L * polynomial(hull.N, v_, r_) + self.N_P * p.L * thrust
+        X = q * (polynomial(hull.X, v_, r_) - hull.R0) + ahead
+        Y = q * polynomial(hull.Y, v_, r_) + aside
+        N = q * p.L * polynomial(hull.N, v_, r_) + around
         X += push[0] - (1.0 - s.t_R) * F_N * math.sin(delta)
         across, turning = hull.cross_flow(v_, r_)
         Y, N = Y + q * across, N + q * p.L * turning

@@ -28,7 +28,10 @@ HULLS = ("tanker", "cargo ship", "cross flow", "mariner", "s175")
 KINDS = {"zigzag": "zigzag", "turning_circle": "circle", "pull_out": "pull-out"}
 """What a foreign trial calls the kinds of manoeuvres of the package."""
 
-_SCATTER = {"hull": 0.2, "rudder": 0.12, "roll": 0.1, "sides": 0.1}
+FINITE_AT_REST = ("cargo ship", "cross flow")
+"""Kinds that can be stopped: forces with the cube of r' grow beyond all bounds as the speed falls."""
+
+_SCATTER = {"hull": 0.2, "rudder": 0.12, "roll": 0.1, "sides": 0.1, "thrust astern": 0.15, "side force astern": 0.5}
 _SCALES = (0.6, 1.2)
 _TRIED = 60
 _USUAL = (Trial("circle", 35.0, side="port"), Trial("circle", 35.0), Trial("zigzag", 20.0, 20.0))
@@ -58,6 +61,9 @@ def drawn(rng: np.random.Generator) -> ps.DrawnShip:
         path.write_text(sailing.vessel_file(ship, propeller=propeller), encoding="utf-8")
         vessel = ps.load_vessel(path)
     unit = ship.papers.unit
+    if hull in FINITE_AT_REST:
+        thrust, side = np.exp(np.array([_SCATTER["thrust astern"], _SCATTER["side force astern"]]) * rng.normal(size=2))
+        ship = replace(ship, astern=mmg.Astern(float(thrust), float(side)))
 
     def sail(manoeuvre: Manoeuvre, duration: float) -> xr.Dataset:
         return sailing.sail(ship, as_trial(manoeuvre), duration=duration)
@@ -67,7 +73,11 @@ def drawn(rng: np.random.Generator) -> ps.DrawnShip:
         settings = {"duration": _LASTS[trial.kind] * unit, "ground": sky == 1, "sensors": SENSORS}
         return sailing.sail(ship, trial, weather, course_deg=90.0 * run, seed=noise + run, **settings)
 
-    return ps.DrawnShip(hull, vessel, sail, record)
+    def stop(test: ps.StoppingTest, duration: float) -> xr.Dataset:
+        trial = Trial("stop", astern=test.astern, reversal=test.reversal)
+        return sailing.sail(ship, trial, duration=duration)
+
+    return ps.DrawnShip(hull, vessel, sail, record, stop if hull in FINITE_AT_REST else None)
 
 
 def as_trial(manoeuvre: Manoeuvre) -> Trial:

@@ -51,15 +51,29 @@ class Papers:
 
 @dataclass(frozen=True)
 class Trial:
-    """A manoeuvre: ``zigzag``, ``circle`` or ``pull-out``, rudder and heading to switch at [deg], first side."""
+    """A manoeuvre: ``zigzag``, ``circle``, ``pull-out`` or ``stop``, rudder and heading to switch at [deg], first side.
+
+    In a stop the rudder is amidships and the revolutions go evenly to ``astern`` [1/s], a magnitude, in ``reversal``
+    [s]; it ends when the ship makes no way ahead.
+    """
 
     kind: str
-    rudder: float
+    rudder: float = 0.0
     heading: float = 0.0
     side: str = "starboard"
+    astern: float = 0.0
+    reversal: float = 0.0
+
+    def revolutions(self, nominal: float, time: float) -> float:
+        """Of the propeller at a time [1/s]."""
+        if self.kind != "stop":
+            return nominal
+        return nominal - (nominal + self.astern) * min(time / self.reversal, 1.0)
 
     @property
     def label(self) -> str:
+        if self.kind == "stop":
+            return f"stop {self.astern:g}"
         angles = f"{self.rudder:g}" if self.kind == "circle" else f"{self.rudder:g}/{self.heading:g}"
         return f"{self.kind} {angles} {self.side}"
 
@@ -158,7 +172,7 @@ class Helmsman:
     def __init__(self, trial: Trial, delay: float):
         self.order = -SIDES[trial.side] * math.radians(trial.rudder)
         self.turn = math.copysign(1.0, -self.order)
-        self.heading = math.inf if trial.kind == "circle" else math.radians(trial.heading)
+        self.heading = math.inf if trial.kind in ("circle", "stop") else math.radians(trial.heading)
         self.then = 0.0 if trial.kind == "pull-out" else -1.0
         self.delay, self.due = delay, math.inf
 
@@ -174,15 +188,15 @@ class Helmsman:
 def integrate(ship, trial: Trial, weather: Weather, *, duration: float, step: float, every: int) -> np.ndarray:
     """Motion by the classical Runge-Kutta method: rows of time, u, v, r, p, phi, x, y, psi and delta."""
     papers = ship.papers
-    revolutions, rate = papers.propeller["n"], math.radians(papers.rudder_rate_deg)
+    nominal, rate = papers.propeller["n"], math.radians(papers.rudder_rate_deg)
     north, east = weather.drift
     motion, delta = approach(ship, weather)
     state, helm = [*motion, 0.0, 0.0, 0.0], Helmsman(trial, papers.rudder_delay)
 
-    def slope(at, angle):
+    def slope(at, angle, time):
         u, v, r, p, phi, _, _, psi = at
-        now = (u, v, r, p, phi)
-        du, dv, dr, dp = ship.accelerations(now, angle, revolutions, wind_push(papers, weather, psi, now))
+        now, n = (u, v, r, p, phi), trial.revolutions(nominal, time)
+        du, dv, dr, dp = ship.accelerations(now, angle, n, wind_push(papers, weather, psi, now))
         cosine, sine, upright = math.cos(psi), math.sin(psi), math.cos(phi)
         along, across = u * cosine - v * upright * sine, u * sine + v * upright * cosine
         return du, dv, dr, dp, p, along + north, across + east, r * upright
@@ -193,16 +207,19 @@ def integrate(ship, trial: Trial, weather: Weather, *, duration: float, step: fl
     rows = [(0.0, *state, delta)]
     for k in range(1, round(duration / step) + 1):
         middle, last = (delta + max(-rate * h, min(rate * h, helm.order - delta)) for h in (0.5 * step, step))
-        k1 = slope(state, delta)
-        k2 = slope(moved(k1, 0.5 * step), middle)
-        k3 = slope(moved(k2, 0.5 * step), middle)
-        k4 = slope(moved(k3, step), last)
+        begin, end = (k - 1) * step, k * step
+        k1 = slope(state, delta, begin)
+        k2 = slope(moved(k1, 0.5 * step), middle, 0.5 * (begin + end))
+        k3 = slope(moved(k2, 0.5 * step), middle, 0.5 * (begin + end))
+        k4 = slope(moved(k3, step), last, end)
         before = state[7]
         state = moved([(a + 2.0 * (b + c) + d) / 6.0 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)], step)
         delta = last
-        helm.watch(k * step, step, before, state[7])
+        helm.watch(end, step, before, state[7])
         if k % every == 0:
-            rows.append((k * step, *state, delta))
+            rows.append((end, *state, delta))
+            if trial.kind == "stop" and state[0] <= 0.0:
+                break
     return np.array(rows)
 
 
@@ -252,7 +269,8 @@ def sail(
     names = ("u", "v", "r", "p", "phi", "x", "y", "psi", "delta")
     channels = {name: ("time", values) for name, values in zip(names, rows.T[1:], strict=True)}
     record = xr.Dataset(channels, {"time": rows[:, 0]})
-    record = record.assign(n=xr.full_like(record["u"], ship.papers.propeller["n"]))
+    turned = [trial.revolutions(ship.papers.propeller["n"], time) for time in rows[:, 0]]
+    record = record.assign(n=("time", turned))
     record = record if ship.papers.stability else record.drop_vars(["p", "phi"])
     if ground:
         u, v = over_ground(record["u"], record["v"], record["psi"], weather)

@@ -221,6 +221,53 @@ def test_a_side_force_of_the_propeller_wants_helm():
     assert yaw < 0.0
 
 
+@pytest.mark.parametrize(
+    ("J", "read"),
+    [
+        (-0.03, (-0.1849, -5.58e-4, 2.25e-4)),
+        (-0.2, (-0.241, -1.677e-3, 6.69e-4)),
+        (-0.5, (-0.251, -1.995e-3, 7.95e-4)),
+    ],
+)
+def test_a_propeller_astern_is_that_of_a_public_code(J, read):
+    """The 3 m model of the Esso Osaka at J = u / (n D), read line by line; the screw at rest has its k_0 there."""
+    ship = mmg.kvlcc2()
+    p, n = ship.papers, -1.2
+    D = p.propeller["D"]
+    X, Y, N = ship.screw_astern(J * n * D, n)
+    q = mmg.WATER * (n * D) ** 2
+    sides = 0.5 * p.L * p.d
+    found = (X / (q * D * D) * 0.3278 / p.propeller["k_0"], Y / (q * sides), N / (q * sides * p.L))
+    assert found == pytest.approx(read, rel=1e-9)
+
+
+def stopped(ship, **settings):
+    unit, n = ship.papers.unit, ship.papers.propeller["n"]
+    trial = Trial("stop", **({"astern": 0.7 * n, "reversal": 1.5 * unit} | settings))
+    return coarse(ship, trial, duration=150.0 * unit)
+
+
+def test_a_ship_stops_with_her_propeller_astern():
+    ship = mmg.cargo()
+    unit, n = ship.papers.unit, ship.papers.propeller["n"]
+    run = stopped(ship)
+    assert run["n"].values[0] == n
+    np.testing.assert_allclose(run["n"].values[run["time"].values >= 1.5 * unit], -0.7 * n)
+    assert (run["u"].values[:-1] > 0.0).all()
+    assert run["u"].values[-1] <= 0.0
+    assert (run["delta"] == 0.0).all()
+    sooner, later = stopped(ship, astern=n), stopped(ship, reversal=5.0 * unit)
+    assert sooner["time"][-1] < run["time"][-1] < later["time"][-1]
+
+
+def test_a_screw_to_the_right_swings_the_bow_to_starboard_and_one_to_the_left_to_port():
+    ship = SYMMETRIC["cargo"]
+    right, none, left = (stopped(replace(ship, astern=mmg.Astern(side=side))) for side in (1.0, 0.0, -1.0))
+    assert float(right["psi"][-1]) > 0.3
+    assert float(none["psi"][-1]) == pytest.approx(0.0, abs=1e-12)
+    assert float(left["psi"][-1]) == pytest.approx(-float(right["psi"][-1]))
+
+
 def test_a_run_starts_on_its_straight_course():
     """Before the rudder moves nothing changes, with wind, current and an asymmetric propeller."""
     weather = Weather(wind=10.0, wind_from_deg=60.0, current=0.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -116,3 +117,61 @@ def test_a_law_without_windows_has_normal_draws():
     law = WindowFit(tanker(), np.array([1.0, -2.0]), np.eye(2), np.zeros((2, 2)), np.eye(2), {}, 1.0, 1)
     rows = [make(law, 5, np.random.default_rng(4)) for make in (carried_draws, normal_draws)]
     np.testing.assert_array_equal(*rows)
+
+
+@pytest.fixture
+def hardly_known():
+    """A law of twelve coefficients of very different size, five of them alike and four combinations known exactly."""
+    rng = np.random.default_rng(5)
+    size = np.geomspace(1e-5, 1e2, 12)
+    root = np.hstack([rng.standard_normal((12, 8)), np.zeros((12, 4))])
+    root[:5, :8] = np.eye(12)[:5, :8]
+    covariance = (root @ root.T) * np.outer(size, size)
+    return WindowFit(tanker(), np.zeros(12), covariance, np.zeros((12, 12)), np.eye(12), {}, 1.0, 5)
+
+
+def drawn_by(root, fit):
+    return np.random.default_rng(6).standard_normal((10, 12)) @ root(fit.covariance).T
+
+
+def by_eigenvectors(covariance):
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+class TestDrawsDoNotDependOn:
+    """What says nothing of the law."""
+
+    @staticmethod
+    def far(one, other, fit):
+        """Largest difference of two sets of draws [sd]."""
+        return np.max(np.abs(one - other) / np.sqrt(np.diag(fit.covariance)))
+
+    def rounded(self, fit):
+        noise = np.random.default_rng(7).standard_normal((12, 12))
+        return replace(fit, from_windows=fit.from_windows * (1.0 + 1e-15 * (noise + noise.T)))
+
+    def test_the_last_digit_of_the_covariance(self, hardly_known):
+        one, other = (
+            normal_draws(fit, 10, np.random.default_rng(6)) for fit in (hardly_known, self.rounded(hardly_known))
+        )
+        assert self.far(one, other, hardly_known) < 1e-6
+
+    def test_which_eigenvectors_do(self, hardly_known):
+        """Broken twin."""
+        one, other = (drawn_by(by_eigenvectors, fit) for fit in (hardly_known, self.rounded(hardly_known)))
+        assert self.far(one, other, hardly_known) > 0.1
+
+    def test_the_order_of_the_coefficients(self, hardly_known):
+        order, fit = np.random.default_rng(8).permutation(12), hardly_known
+        turned = replace(fit, from_windows=fit.from_windows[np.ix_(order, order)])
+        numbers = np.random.default_rng(6).standard_normal((10, 12))
+        one = normal_draws(fit, 10, SimpleNamespace(standard_normal=lambda shape: numbers))
+        other = normal_draws(turned, 10, SimpleNamespace(standard_normal=lambda shape: numbers[:, order]))
+        assert self.far(one[:, order], other, turned) < 1e-6
+
+    def test_the_units(self, hardly_known):
+        size = np.geomspace(1e3, 1e-4, 12)
+        other = replace(hardly_known, from_windows=hardly_known.from_windows * np.outer(size, size))
+        one, other = (normal_draws(fit, 10, np.random.default_rng(6)) for fit in (hardly_known, other))
+        assert self.far(one, other / size, hardly_known) < 1e-6

@@ -21,27 +21,32 @@ from pymc_ship.checks.trial_checks import judged_trial
 from pymc_ship.experiments.task import MonteCarloError, timed
 from pymc_ship.forecasting.index_error import index_scale, robust_sd, scaled
 from pymc_ship.forecasting.motion_error import ERRING, prime_units, time_beyond
+from pymc_ship.forecasting.stopping import LONGEST, StoppingTest, stopped, stopping
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.manoeuvre.stopping_tests import INDICES
+from pymc_ship.motion.equations import STATE
 from pymc_ship.ship.files import forecast_ship
 from pymc_ship.ship.model import ShipModel, identify_ship
 from pymc_ship.ship.replayed import beyond_runs, crps, replay
+from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.vessel.reading import VesselLike, as_vessel
+from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, takes_part_sets, with_terms
 from pymc_ship.vessel.vessel import Vessel
 
-PARTS = ("draw", "identify", "forecast", "replay")
-"""Parts of a task that are timed [s]; the motion that is forecast is sailed as part of ``forecast``."""
+PARTS = ("draw", "identify", "forecast", "replay", "stop")
+"""Parts of a task that are timed [s]; the motion that is forecast is sailed as part of ``forecast`` and of ``stop``."""
 
 STATUSES = ("ok", "refused", "failed")
 """How a task ends. `ok`: identified and judged. `refused`: the package says in a sentence why it does not identify the
 ship. `failed`: any other error."""
 
-INDEX = {"manoeuvre": "str", "index": "str"} | dict.fromkeys(
-    ("error", "half_width", "sd", "draws_sd", "pit", "beyond", "crps"), "float"
-)
+_TOLD = dict.fromkeys(("error", "half_width", "sd", "pit", "crps"), "float")
+
+INDEX = {"manoeuvre": "str", "index": "str"} | _TOLD | dict.fromkeys(("draws_sd", "beyond"), "float")
 """Columns of a forecast index. Errors of the median, half widths of 95 %, sd (half the width of the central 68 %) and
 CRPS are in swings of the heading, L/U, L, U/L, U, rad of drift or the angle of roll; ``pit`` is the share of the draws
 below the truth; ``draws_sd`` is the sd without the model error; ``beyond`` is how far the median ship leaves the motion
@@ -55,6 +60,9 @@ heading and track, its sum over time (``far`` [ranges L/U])."""
 HELD_INDEX = {"kind": "str", "error": "float", "known": "float"}
 """Columns of an index of a run that was held out in the identification: kind, error of the forecast and variance that
 draws and term sets explain of it, in the units of :data:`INDEX`."""
+
+STOP = {"index": "str"} | _TOLD
+"""Columns of an index of a stopping test, as those of :data:`INDEX`; changes of heading are in rad."""
 
 LEADS = (1.0, 3.0, 5.0, 10.0, 15.0)
 """Times from a restart at which the motion is judged [L/U]."""
@@ -79,12 +87,16 @@ class DrawnShip:
     record : callable
         Takes a Manoeuvre and the number of the run, from 0, and returns a record of it as her sensors read it in the
         weather of her trials.
+    stop : callable, optional
+        Takes a StoppingTest with all its numbers and a duration [s] and returns her exact motion until she makes no way
+        ahead, as ``sail`` does; None for a ship whose forces mean nothing there.
     """
 
     hull: str
     vessel: VesselLike
     sail: Callable[[Manoeuvre, float], xr.Dataset]
     record: Callable[[Manoeuvre, int], xr.Dataset]
+    stop: Callable[[StoppingTest, float], xr.Dataset] | None = None
 
 
 Draw = Callable[[np.random.Generator], DrawnShip]
@@ -95,13 +107,15 @@ Draw = Callable[[np.random.Generator], DrawnShip]
 class ShipTask:
     """What one task judges: a ship that ``draw`` draws, her trials (all, or up to ``most`` by chance) and forecasts.
 
-    ``trials``, ``seed`` and ``root`` name the ship's random numbers, ``block`` says where the result belongs.
+    ``astern`` is the share of the nominal revolutions that stop her, 0 for no stopping test. ``trials``, ``seed`` and
+    ``root`` name the ship's random numbers, ``block`` says where the result belongs.
     """
 
     draw: Draw
     manoeuvres: tuple[Manoeuvre, ...]
     most: int
     forecasts: tuple[Manoeuvre, ...]
+    astern: float
     trials: str
     seed: int
     root: int
@@ -131,8 +145,8 @@ def judge(task: ShipTask) -> dict:
     -------
     dict
         ``block``, ``seed``, ``status`` (of :data:`STATUSES`), ``sentence`` (why it is not ok), ``hull``, ``runs``,
-        rows of :data:`INDEX`, :data:`INSTANT` and :data:`HELD_INDEX` (``held``), those of :data:`PARTS` [s] and
-        ``cpu`` [s].
+        rows of :data:`INDEX`, :data:`INSTANT`, :data:`HELD_INDEX` (``held``) and :data:`STOP` (``stops``), those of
+        :data:`PARTS` [s] and ``cpu`` [s].
 
     Raises
     ------
@@ -165,7 +179,7 @@ def unjudged(task: ShipTask) -> dict:
 
 
 def _nothing() -> dict:
-    return {"hull": "", "runs": 0.0, "indices": [], "instants": [], "held": []}
+    return {"hull": "", "runs": 0.0, "indices": [], "instants": [], "held": [], "stops": []}
 
 
 def _drawn(task: ShipTask) -> tuple[DrawnShip, list[xr.Dataset]]:
@@ -204,7 +218,40 @@ def _judged(task: ShipTask, drawn: DrawnShip, records: list[xr.Dataset], parts: 
             found["indices"] += index_rows(tree, run, manoeuvre, ship.vessel)
         with timed(parts, "replay"):
             found["instants"] += [row for start in _RESTARTS for row in instant_rows(ship, run, start)]
+    with timed(parts, "stop"):
+        found["stops"] = stop_rows(task, drawn, trials, vessel)
     return found
+
+
+def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel: Vessel) -> list[dict]:
+    """Stopping test of a ship beside the forecast by the parts that hold at any speed, rows of :data:`STOP`.
+
+    There is none where the study asks for no test, the ship cannot be stopped or her papers state no draught or no
+    propeller. Numbers are NaN where these parts are not identified.
+    """
+    if not task.astern or drawn.stop is None or vessel.propeller is None or not takes_part_sets(vessel):
+        return []
+    full = StoppingTest(task.astern * vessel.propeller.n).on(with_terms(vessel, ANY_SPEED_SETS[0]))
+    with _of_the_user(task):
+        run = drawn.stop(full, LONGEST * vessel.particulars.ship_time)
+        truth = stopped(_states(run), run["time"].values).isel(draw=0)
+    try:
+        rng = task.rng("identification of a ship that is stopped")
+        models = identify_ship(trials, vessel, terms=ANY_SPEED_SETS, draws=_DRAWS, rng=rng).models
+        forecast = stopping(models, astern=full.astern)
+    except TrajectoryError:
+        forecast = truth.expand_dims("draw").isel(draw=[])
+    scale = {"m": vessel.particulars.L, "s": vessel.particulars.ship_time, "deg": math.degrees(1.0)}
+    return [
+        {"index": name} | _told(_errors(forecast[name], float(truth[name]), scale[units]))
+        for name, units in INDICES.items()
+        if math.isfinite(truth[name])
+    ]
+
+
+def _states(run: xr.Dataset) -> np.ndarray:
+    """States of a run, (8, 1, n_time), those of roll 0 where it has none."""
+    return np.array([run[name].values if name in run else np.zeros(run.sizes["time"]) for name in STATE])[:, None]
 
 
 def held_rows(ship: ShipModel) -> list[dict]:
@@ -235,16 +282,19 @@ def index_rows(tree: xr.DataTree, run: xr.Dataset, manoeuvre: Manoeuvre, vessel:
             continue
         quantity = manoeuvre.traits.indices[str(name)].quantity
         scale = float(index_scale(quantity, value, manoeuvre.heading_deg, vessel))
-        row = {"manoeuvre": manoeuvre.traits.words, "index": str(name), "beyond": beyond}
-        row |= dict.fromkeys(set(INDEX) - set(row), math.nan)
         drawn, alone = (_errors(indexed[name], value, scale) for indexed in (tree["indices"], bare))
-        if drawn.size:
-            row["error"] = float(np.median(drawn))
-            row["half_width"] = 0.5 * float(np.diff(np.quantile(drawn, [0.025, 0.975]))[0])
-            row |= {"sd": robust_sd(drawn), "draws_sd": robust_sd(alone)}
-            row |= {"pit": float(np.mean(drawn < 0.0)), "crps": crps(drawn[:, None], np.zeros(1))}
-        rows.append(row)
+        row = {"manoeuvre": manoeuvre.traits.words, "index": str(name), "beyond": beyond} | _told(drawn)
+        rows.append(row | {"draws_sd": robust_sd(alone) if drawn.size else math.nan})
     return rows
+
+
+def _told(drawn: np.ndarray) -> dict[str, float]:
+    """What the scaled errors of the draws tell of a forecast; NaN of none."""
+    if not drawn.size:
+        return dict.fromkeys(_TOLD, math.nan)
+    row = {"error": float(np.median(drawn)), "pit": float(np.mean(drawn < 0.0))}
+    row["half_width"] = 0.5 * float(np.diff(np.quantile(drawn, [0.025, 0.975]))[0])
+    return row | {"sd": robust_sd(drawn), "crps": crps(drawn[:, None], np.zeros(1))}
 
 
 def _errors(drawn: xr.DataArray, truth: float, scale: float) -> np.ndarray:

@@ -10,13 +10,15 @@ import pyarrow as pa
 
 from pymc_ship import __version__
 from pymc_ship.experiments.grid import changed, manoeuvres_of, seed_parts
-from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, Draw, ShipTask, judge, unjudged
+from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STOP, Draw, ShipTask, judge, unjudged
 from pymc_ship.experiments.methods import check_handed_on, digest, import_path, imported
+from pymc_ship.forecasting.stopping import MOST_ASTERN
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.toml import Entry
 from pymc_ship.manoeuvre.standard import Manoeuvre
 
-_KEYS = ("title", "population", "trials", "forecasts", "ships", "root_seed")
+_KEYS = ("title", "population", "trials", "forecasts", "astern", "ships", "root_seed")
+_OPTIONAL = ("title", "astern")
 _NUMBERS = {"float": pa.float64(), "str": pa.string()}
 
 
@@ -60,6 +62,8 @@ class Population:
         By name; each is a cell.
     forecasts : dict of str to Manoeuvre
         By label.
+    astern : float
+        Share of the nominal revolutions by which ships are stopped; 0 for no stopping test.
     seeds : int
         Ships of each class of trials.
     root_seed : int
@@ -71,6 +75,7 @@ class Population:
     drawn_by: str
     trials: dict[str, Trials]
     forecasts: dict[str, Manoeuvre]
+    astern: float
     seeds: int
     root_seed: int
 
@@ -80,6 +85,7 @@ class Population:
         "indices": _structs(INDEX),
         "instants": _structs(INSTANT),
         "held": _structs(HELD_INDEX),
+        "stops": _structs(STOP),
     }
     timed: ClassVar[tuple[str, ...]] = PARTS
     work, empty = staticmethod(judge), staticmethod(unjudged)
@@ -97,7 +103,7 @@ class Population:
         """Task of one ship."""
         trials, forecasts = self.trials[cell.trials], tuple(self.forecasts.values())
         ship = {"trials": cell.trials, "seed": seed, "root": self.root_seed, "block": block}
-        return ShipTask(self.draw, trials.manoeuvres, trials.most, forecasts, **ship)
+        return ShipTask(self.draw, trials.manoeuvres, trials.most, forecasts, self.astern, **ship)
 
     def record(self) -> dict:
         """What the results depend on, as it is kept beside them."""
@@ -108,12 +114,13 @@ class Population:
             "population": f"{self.drawn_by} ({digest(self.draw)})",
             "trials": {name: str(trials) for name, trials in self.trials.items()},
             "forecasts": list(self.forecasts),
+            "astern": self.astern,
         }
 
     def difference(self, old: Mapping) -> str:
         """First thing in which the study does more than extend that of another record; empty where none does."""
         new = self.record()
-        same = ("version", "root_seed", "population", "forecasts")
+        same = ("version", "root_seed", "population", "forecasts", "astern")
         lists = {"trials": (list(old["trials"]), list(new["trials"]))}
         return changed(old, new, same=same, grown="ships", named=("trials",), lists=lists)
 
@@ -134,7 +141,7 @@ def population_of(file: Entry) -> Population:
     MonteCarloError
         For unknown or missing keys and values that cannot be used; the sentence names the key.
     """
-    file.check_keys(_KEYS, [key for key in _KEYS if key != "title"])
+    file.check_keys(_KEYS, [key for key in _KEYS if key not in _OPTIONAL])
     draw, name = _drawing(file.at("population"))
     return Population(
         title=file.at("title", "Population of ships").text(),
@@ -142,6 +149,7 @@ def population_of(file: Entry) -> Population:
         drawn_by=name,
         trials=_trials(file.at("trials")),
         forecasts=_with_indices(file.at("forecasts")),
+        astern=_astern(file.at("astern", 0.0)),
         seeds=file.at("ships").whole(least=1),
         root_seed=file.at("root_seed").whole(least=0),
     )
@@ -157,6 +165,14 @@ def _drawing(entry: Entry) -> tuple[Draw, str]:
         entry.fail(f"must be the import path module:function of what draws a ship, found {shown(draw)}; correct it.")
     check_handed_on(draw, f"{entry.file}: {entry.key}")
     return draw, name
+
+
+def _astern(entry: Entry) -> float:
+    """Share of the nominal revolutions that a ship can have astern."""
+    share = entry.number(least=0.0)
+    if share > MOST_ASTERN:
+        entry.fail(f"is a share of the nominal revolutions up to {MOST_ASTERN:g}, found {share:g}; lower it.")
+    return share
 
 
 def _trials(table: Entry) -> dict[str, Trials]:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.experiments import coverage, figures
 from pymc_ship.experiments.coverage import Columns, columns_of, where
-from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STATUSES
+from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STATUSES, STOP
 from pymc_ship.experiments.store import Store
 from pymc_ship.experiments.tables import Costs, group_rows, session_rows
 from pymc_ship.machine.files import staged_files
@@ -31,7 +31,7 @@ WORST = 10
 
 _TABLES = (
     *("trials", "hulls", "halves", "indices", "distances", "ships", "coverage"),
-    *("statements", "leads", "beyond", "growth", "model_error", "alternatives"),
+    *("statements", "leads", "beyond", "stops", "stops_by_trials", "growth", "model_error", "alternatives"),
 )
 _BEYOND = "beyond the motion of the runs"
 _SOURCES = (
@@ -68,27 +68,30 @@ def write_population(store: Store) -> tuple[list[dict], Path]:
         for cell, part in store.written(folder):
             costs.add(cell.trials, part)
             ships += [_ship(cell.trials, row, store.study.seeds) for row in part.to_pylist()]
-        kept = (("indices", INDEX), ("instants", INSTANT), ("held", HELD_INDEX))
-        indices, instants, held = (columns_of(ships, *what) for what in kept)
-        rows = population_rows(indices, instants, held) if indices["ship"].size else dict.fromkeys(_TABLES, ())
+        kept = (("indices", INDEX), ("instants", INSTANT), ("held", HELD_INDEX), ("stops", STOP))
+        indices, instants, held, stops = (columns_of(ships, *what) for what in kept)
+        rows = dict.fromkeys(_TABLES, ())
+        if indices["ship"].size:
+            rows = population_rows(indices, instants, held, stops)
         write_page(PAGE, folder, _content(store, ships, rows, costs, _figures(indices, rows)))
     return rows["trials"], store.out / PAGE.file
 
 
 def _ship(trials: str, row: Mapping, seeds: int) -> dict:
     """A result as tables take it."""
-    kept = {name: row[name] for name in ("seed", "status", "sentence", "hull", "runs", "indices", "instants", "held")}
+    names = ("seed", "status", "sentence", "hull", "runs", "indices", "instants", "held", "stops")
+    kept = {name: row[name] for name in names}
     return kept | {"trials": trials, "first": 2 * row["seed"] < seeds}
 
 
-def population_rows(indices: Columns, instants: Columns, held: Columns) -> dict[str, Sequence[dict]]:
+def population_rows(indices: Columns, instants: Columns, held: Columns, stops: Columns) -> dict[str, Sequence[dict]]:
     """Rows of every table by its name, from the columns of ships of which one was judged or more."""
     distances = coverage.distance_names(indices["beyond"])
     within = indices["beyond"] < 1.0
     parts = {"within one range": within, "one range beyond or more": ~within, "all": within | ~within}
     parts |= {_BEYOND: indices["beyond"] > 0.0}
     return {
-        "trials": [{"group": "all"} | coverage.coverage_row(indices), *coverage.by(indices, indices["trials"])],
+        "trials": _all_and_by_trials(indices),
         "hulls": coverage.by(indices, indices["hull"]),
         "halves": coverage.by(indices, np.where(indices["first"], "first", "second")),
         "indices": coverage.by(indices, coverage.index_names(indices)),
@@ -105,10 +108,17 @@ def population_rows(indices: Columns, instants: Columns, held: Columns) -> dict[
         ],
         "leads": coverage.motion_rows(instants, instants["lead"]),
         "beyond": coverage.motion_rows(instants, coverage.distance_names(instants["beyond"])),
+        "stops": coverage.by(stops, np.array([name.replace("_", " ") for name in stops["index"]])),
+        "stops_by_trials": _all_and_by_trials(stops) if stops["ship"].size else [],
         "growth": coverage.growth_rows(indices, instants),
         "model_error": coverage.law_rows(indices, held),
         "alternatives": coverage.alternative_rows(indices),
     }
+
+
+def _all_and_by_trials(columns: Columns) -> list[dict]:
+    """Coverage of all ships and by class of trials."""
+    return [{"group": "all"} | coverage.coverage_row(columns), *coverage.by(columns, columns["trials"])]
 
 
 def _by_trials_and_distance(indices: Columns, distances: np.ndarray) -> Iterator[dict]:
@@ -150,6 +160,8 @@ def _content(
         "halves": "half",
         "indices": "index",
         "distances": "distance from the runs",
+        "stops": "index",
+        "stops_by_trials": "trials",
     }
     values = {
         "title": study.title,
@@ -159,6 +171,7 @@ def _content(
             "root_seed": study.root_seed,
             "drawn_by": study.drawn_by,
             "forecasts": list(study.forecasts),
+            "astern": study.astern,
             "trials": {name: str(trials) for name, trials in study.trials.items()},
         },
         "refused": [f"{s['trials']}, ship {s['seed']}: {s['sentence']}" for s in ships if s["status"] != "ok"],

@@ -2,7 +2,8 @@
 
 Yasukawa & Yoshimura (2015), Eq. 10 to 16, with the wake by side, w_P = 1 - (1 - w_0) [1 + (1 - exp(-2 |beta_P|))
 (C_2 - 1)]. Thrust is measured in that of the straight course, which holds the resistance R_0 in balance. Astern,
-thrust goes as n^2 and n u with coefficients of its own, the rudder meets no race and the stern is pushed aside.
+thrust goes as n^2 and n u with coefficients of its own, the rudder meets no race and the stern is pushed aside: to port
+by a screw that turns to the right ahead, as that of nearly every ship with one does.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ NOMINAL_REVOLUTIONS = "n_0"
 """Parameter that sets right the revolutions a vessel file states for the nominal speed."""
 
 _JUDGED = "by judgement"
+_TURNING = f"right-handed screw, {_JUDGED}"
 
 
 def _parameters(ship: Ship) -> tuple[Parameter, ...]:
@@ -44,8 +46,8 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
         Parameter("N_P", 0.0, 5e-4 * side, "none on average", "at nominal thrust", of_facility=True),
         Parameter("T_nn", 0.7, 0.2, astern, "over k_0"),
         Parameter("T_nu", 0.3, 0.3, f"how way ahead adds to thrust astern, {_JUDGED}", "over k_0 / J"),
-        Parameter("Y_nn", 0.0, 0.1, f"side force astern, {_JUDGED}", "over thrust astern"),
-        Parameter("N_nn", 0.0, 0.05, f"moment astern, {_JUDGED}", "over thrust astern"),
+        Parameter("Y_nn", 0.15, 0.15, f"side force astern, {_TURNING}", "over thrust astern"),
+        Parameter("N_nn", -0.06, 0.06, f"moment astern, {_TURNING}", "over thrust astern"),
     )
 
 

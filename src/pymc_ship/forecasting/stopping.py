@@ -1,7 +1,8 @@
 """The stopping test: full astern from the approach, until the ship is dead in the water (IMO MSC.137(76), 5.3.4).
 
 Revolutions go from those of the approach to the ones astern at an even rate, the rudder stays amidships. What the
-propeller does astern is known beforehand only by judgement where no run went astern: the interval holds that.
+propeller does astern is known beforehand only by judgement where no run went astern: the interval holds that. A
+right-handed screw pushes the stern to port, so that most ships swing to starboard as they stop.
 """
 
 from __future__ import annotations
@@ -30,10 +31,14 @@ COLUMNS = {"index": ("index", str), "units": ("", str)} | {
 }
 """Columns in which a page shows them."""
 
-_LONGEST = 150.0  # L/U
+LONGEST = 150.0
+"""Time for which a ship is followed [L/U]."""
+
+MOST_ASTERN = 1.5
+"""Revolutions astern over the nominal ones, at most."""
+
 _STEPS = 20  # in L/U
 _REVERSAL = 1.5  # L/U
-_MOST_ASTERN = 1.5  # over the nominal revolutions
 _SHOWN = 40  # tracks of a figure
 _NOT_ASTERN = (
     "A stopping test needs forces at any speed and a propeller that is stated, found none among the models; "
@@ -73,9 +78,9 @@ class StoppingTest:
             raise SimulationError(_NOT_ASTERN)
         s, nominal = vessel.particulars, ship_of(vessel).n
         reversal = _REVERSAL * s.ship_time if self.reversal is None else self.reversal
-        if not 0.0 < self.astern <= _MOST_ASTERN * nominal or not 0.0 <= reversal < np.inf:
+        if not 0.0 < self.astern <= MOST_ASTERN * nominal or not 0.0 <= reversal < np.inf:
             raise SimulationError(
-                f"A stopping test has revolutions astern up to {_MOST_ASTERN:g} times the nominal {nominal:.3g} 1/s "
+                f"A stopping test has revolutions astern up to {MOST_ASTERN:g} times the nominal {nominal:.3g} 1/s "
                 f"and a time from 0 s to reach them, found {self.astern} and {reversal}; correct them (1/min over 60 "
                 "are 1/s)."
             )
@@ -134,18 +139,58 @@ def stopping(
     >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed, rudder by side")
     >>> stop = ps.stopping([(vessel, reference_coefficients(vessel)[None])], astern=1.0)
     >>> print(f"track reach {stop['track_reach'].item() / 320.0:.1f} L in {stop['stopping_time'].item():.0f} s")
-    track reach 13.3 L in 1323 s
+    track reach 12.9 L in 1242 s
     """
     known = [(vessel, np.atleast_2d(rows)) for vessel, rows in models if knows_astern(vessel)]
     if not known:
         raise SimulationError(_NOT_ASTERN)
     first = known[0][0]
     test, step = StoppingTest(astern, reversal, approach_speed).on(first), first.particulars.ship_time / _STEPS
-    time = step * np.arange(round(_LONGEST * _STEPS) + 1)
+    time = step * np.arange(round(LONGEST * _STEPS) + 1)
     states = [test.sailed(vessel, rows, time)[1] for vessel, rows in known]
-    found = _stopped(np.concatenate(states, axis=1), time)
+    found = stopped(np.concatenate(states, axis=1), time)
     attrs = {"L": first.particulars.L} | asdict(test)
     return found.assign_attrs(attrs)
+
+
+def stopped(states: np.ndarray, time: np.ndarray) -> xr.Dataset:
+    """Indices and motion of ships until they make no way ahead.
+
+    Parameters
+    ----------
+    states : ndarray, shape (8, n_draws, n_time)
+        SI and rad, in the order of :data:`pymc_ship.motion.equations.STATE`, from the order astern on.
+    time : ndarray, shape (n_time,)
+        [s].
+
+    Returns
+    -------
+    Dataset, dims (draw,), (draw, time)
+        As :func:`stopping` returns it.
+    """
+    u, psi, x, y = (states[STATE.index(name)] for name in ("u", "psi", "x", "y"))
+    n_draws = len(u)
+    values = {name: np.full(n_draws, np.nan) for name in INDICES}
+    shown = {name: np.full(u.shape, np.nan) for name in ("u", "x", "y")}
+    for k in range(n_draws):
+        still = np.flatnonzero(u[k] <= 0.0)
+        if not still.size:
+            continue
+        end = still[0]
+        share = u[k, end - 1] / (u[k, end - 1] - u[k, end])
+        last = [row[k, end - 1] + share * (row[k, end] - row[k, end - 1]) for row in (x, y, psi)]
+        path_x, path_y = np.append(x[k, :end], last[0]), np.append(y[k, :end], last[1])
+        values["track_reach"][k] = np.sum(np.hypot(np.diff(path_x), np.diff(path_y)))
+        values["head_reach"][k], values["lateral_deviation"][k] = last[:2]
+        values["stopping_time"][k] = time[end - 1] + share * (time[end] - time[end - 1])
+        values["heading_change"][k] = np.rad2deg(last[2])
+        for name, row in (("u", u), ("x", x), ("y", y)):
+            shown[name][k, :end] = row[k, :end]
+    kept = int(np.flatnonzero(np.isfinite(shown["u"]).any(axis=0)).max(initial=0)) + 1
+    found = {name: ("draw", value, {"units": INDICES[name]}) for name, value in values.items()}
+    units = {"u": "m/s", "x": "m", "y": "m"}
+    found |= {name: (("draw", "time"), row[:, :kept], {"units": units[name]}) for name, row in shown.items()}
+    return xr.Dataset(found, {"draw": np.arange(n_draws), "time": ("time", time[:kept], {"units": "s"})})
 
 
 def stopping_sentence(stop: xr.Dataset) -> str:
@@ -203,30 +248,3 @@ def stopping_tracks(stop: xr.Dataset) -> Figure:
 def knows_astern(vessel: Vessel) -> bool:
     """Whether the forces of a vessel hold with her propeller astern."""
     return holds_any_speed(vessel) and takes_revolutions(vessel)
-
-
-def _stopped(states: np.ndarray, time: np.ndarray) -> xr.Dataset:
-    """Indices and motion of ships (8, n_draws, n_time) until they make no way ahead."""
-    u, psi, x, y = (states[STATE.index(name)] for name in ("u", "psi", "x", "y"))
-    n_draws = len(u)
-    values = {name: np.full(n_draws, np.nan) for name in INDICES}
-    shown = {name: np.full(u.shape, np.nan) for name in ("u", "x", "y")}
-    for k in range(n_draws):
-        still = np.flatnonzero(u[k] <= 0.0)
-        if not still.size:
-            continue
-        end = still[0]
-        share = u[k, end - 1] / (u[k, end - 1] - u[k, end])
-        last = [row[k, end - 1] + share * (row[k, end] - row[k, end - 1]) for row in (x, y, psi)]
-        path_x, path_y = np.append(x[k, :end], last[0]), np.append(y[k, :end], last[1])
-        values["track_reach"][k] = np.sum(np.hypot(np.diff(path_x), np.diff(path_y)))
-        values["head_reach"][k], values["lateral_deviation"][k] = last[:2]
-        values["stopping_time"][k] = time[end - 1] + share * (time[end] - time[end - 1])
-        values["heading_change"][k] = np.rad2deg(last[2])
-        for name, row in (("u", u), ("x", x), ("y", y)):
-            shown[name][k, :end] = row[k, :end]
-    kept = int(np.flatnonzero(np.isfinite(shown["u"]).any(axis=0)).max(initial=0)) + 1
-    found = {name: ("draw", value, {"units": INDICES[name]}) for name, value in values.items()}
-    units = {"u": "m/s", "x": "m", "y": "m"}
-    found |= {name: (("draw", "time"), row[:, :kept], {"units": units[name]}) for name, row in shown.items()}
-    return xr.Dataset(found, {"draw": np.arange(n_draws), "time": ("time", time[:kept], {"units": "s"})})
