@@ -13,6 +13,7 @@ from pymc_ship.experiments.coverage import Columns, columns_of, where
 from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STATUSES, STOP
 from pymc_ship.experiments.store import Store
 from pymc_ship.experiments.tables import Costs, group_rows, session_rows
+from pymc_ship.forecasting.stopping import REVERSAL
 from pymc_ship.machine.files import staged_files
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
@@ -172,6 +173,7 @@ def _content(
             "drawn_by": study.drawn_by,
             "forecasts": list(study.forecasts),
             "astern": study.astern,
+            "reversal": REVERSAL,
             "trials": {name: str(trials) for name, trials in study.trials.items()},
         },
         "refused": [f"{s['trials']}, ship {s['seed']}: {s['sentence']}" for s in ships if s["status"] != "ok"],

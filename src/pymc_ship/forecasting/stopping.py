@@ -37,8 +37,10 @@ LONGEST = 150.0
 MOST_ASTERN = 1.5
 """Revolutions astern over the nominal ones, at most."""
 
+REVERSAL = 1.5
+"""Time from the order to the revolutions astern, where none is stated [L/U]."""
+
 _STEPS = 20  # in L/U
-_REVERSAL = 1.5  # L/U
 _SHOWN = 40  # tracks of a figure
 _NOT_ASTERN = (
     "A stopping test needs forces at any speed and a propeller that is stated, found none among the models; "
@@ -77,7 +79,7 @@ class StoppingTest:
         if not knows_astern(vessel):
             raise SimulationError(_NOT_ASTERN)
         s, nominal = vessel.particulars, ship_of(vessel).n
-        reversal = _REVERSAL * s.ship_time if self.reversal is None else self.reversal
+        reversal = REVERSAL * s.ship_time if self.reversal is None else self.reversal
         if not 0.0 < self.astern <= MOST_ASTERN * nominal or not 0.0 <= reversal < np.inf:
             raise SimulationError(
                 f"A stopping test has revolutions astern up to {MOST_ASTERN:g} times the nominal {nominal:.3g} 1/s "
