@@ -25,9 +25,15 @@ def drawn(tanker):
     return stopping([(tanker, draws)], astern=1.0)
 
 
-def test_a_ship_on_a_straight_line_stops_as_thrust_and_resistance_say(tanker):
-    at, s = reference_coefficients(tanker), tanker.particulars
+def without_push(tanker):
+    """Typical coefficients, the propeller astern without side force and moment."""
+    at = reference_coefficients(tanker)
     at[[coefficient_names(tanker).index(name) for name in ("Y_nn", "N_nn")]] = 0.0
+    return at
+
+
+def test_a_ship_on_a_straight_line_stops_as_thrust_and_resistance_say(tanker):
+    at, s = without_push(tanker), tanker.particulars
     found = stopping([(tanker, at[None])], astern=1.0, reversal=30.0)
     m = tanker.m + at[coefficient_names(tanker).index("m_x")]
 
@@ -67,15 +73,22 @@ def test_a_ship_is_no_longer_shown_once_she_stopped(drawn):
     assert (drawn["track_reach"] >= drawn["head_reach"] - 1e-6).all()
 
 
+def test_ships_that_push_to_port_end_on_different_sides(drawn):
+    side = drawn["lateral_deviation"].values
+    assert side.min() < 0.0 < side.max()
+
+
 def test_a_right_handed_screw_swings_the_bow_to_starboard(tanker, drawn):
     """Nearly every drawn ship; without side force and moment astern the ship goes straight on."""
     swung = drawn["heading_change"].values
     assert np.median(swung) > 20.0
     assert 0.7 < np.mean(swung > 0.0) < 1.0
-    at = reference_coefficients(tanker)
-    assert stopping([(tanker, at[None])], astern=1.0)["heading_change"].item() > 20.0
-    at[[coefficient_names(tanker).index(name) for name in ("Y_nn", "N_nn")]] = 0.0
-    assert abs(stopping([(tanker, at[None])], astern=1.0)["heading_change"].item()) < 1e-6
+    typical, straight = (
+        stopping([(tanker, at[None])], astern=1.0)["heading_change"].item()
+        for at in (reference_coefficients(tanker), without_push(tanker))
+    )
+    assert typical > 20.0
+    assert abs(straight) < 1e-6
 
 
 def test_what_is_said_is_in_the_table(drawn):

@@ -74,7 +74,7 @@ def drawn(rng: np.random.Generator) -> ps.DrawnShip:
         return sailing.sail(ship, trial, weather, course_deg=90.0 * run, seed=noise + run, **settings)
 
     def stop(test: ps.StoppingTest, duration: float) -> xr.Dataset:
-        trial = Trial("stop", astern=test.astern, reversal=test.reversal)
+        trial = Trial("stop", 0.0, astern=test.astern, reversal=test.reversal)
         return sailing.sail(ship, trial, duration=duration)
 
     return ps.DrawnShip(hull, vessel, sail, record, stop if hull in FINITE_AT_REST else None)

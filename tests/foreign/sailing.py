@@ -58,7 +58,7 @@ class Trial:
     """
 
     kind: str
-    rudder: float = 0.0
+    rudder: float
     heading: float = 0.0
     side: str = "starboard"
     astern: float = 0.0
@@ -68,7 +68,7 @@ class Trial:
         """Of the propeller at a time [1/s]."""
         if self.kind != "stop":
             return nominal
-        return nominal - (nominal + self.astern) * min(time / self.reversal, 1.0)
+        return nominal - (nominal + self.astern) * min(time / max(self.reversal, 1e-9), 1.0)
 
     @property
     def label(self) -> str:

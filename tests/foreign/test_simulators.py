@@ -243,7 +243,7 @@ def test_a_propeller_astern_is_that_of_a_public_code(J, read):
 
 def stopped(ship, **settings):
     unit, n = ship.papers.unit, ship.papers.propeller["n"]
-    trial = Trial("stop", **({"astern": 0.7 * n, "reversal": 1.5 * unit} | settings))
+    trial = Trial("stop", 0.0, **({"astern": 0.7 * n, "reversal": 1.5 * unit} | settings))
     return coarse(ship, trial, duration=150.0 * unit)
 
 

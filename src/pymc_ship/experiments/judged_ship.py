@@ -28,7 +28,6 @@ from pymc_ship.machine.workers import MACHINE, told
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.manoeuvre.stopping_tests import INDICES
-from pymc_ship.motion.equations import STATE
 from pymc_ship.ship.files import forecast_ship
 from pymc_ship.ship.model import ShipModel, identify_ship
 from pymc_ship.ship.replayed import beyond_runs, crps, replay
@@ -234,7 +233,8 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
     full = StoppingTest(task.astern * vessel.propeller.n).on(with_terms(vessel, ANY_SPEED_SETS[0]))
     with _of_the_user(task):
         run = drawn.stop(full, LONGEST * vessel.particulars.ship_time)
-        truth = stopped(_states(run), run["time"].values).isel(draw=0)
+        motion = {name: run[name].values[None] for name in ("u", "psi", "x", "y")}
+        truth = stopped(motion, run["time"].values).isel(draw=0)
     try:
         rng = task.rng("identification of a ship that is stopped")
         models = identify_ship(trials, vessel, terms=ANY_SPEED_SETS, draws=_DRAWS, rng=rng).models
@@ -247,11 +247,6 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
         for name, units in INDICES.items()
         if math.isfinite(truth[name])
     ]
-
-
-def _states(run: xr.Dataset) -> np.ndarray:
-    """States of a run, (8, 1, n_time), those of roll 0 where it has none."""
-    return np.array([run[name].values if name in run else np.zeros(run.sizes["time"]) for name in STATE])[:, None]
 
 
 def held_rows(ship: ShipModel) -> list[dict]:

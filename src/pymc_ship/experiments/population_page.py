@@ -64,11 +64,11 @@ def write_population(store: Store) -> tuple[list[dict], Path]:
     OutputError
         When the folder cannot be written.
     """
-    costs, ships = Costs(store.study.timed), []
+    costs, ships, seeds = Costs(store.study.timed), [], store.study.seeds
     with staged_files(store.out, last=PAGE.file, own=PAGE.own) as folder:
         for cell, part in store.written(folder):
             costs.add(cell.trials, part)
-            ships += [_ship(cell.trials, row, store.study.seeds) for row in part.to_pylist()]
+            ships += [row | {"trials": cell.trials, "first": 2 * row["seed"] < seeds} for row in part.to_pylist()]
         kept = (("indices", INDEX), ("instants", INSTANT), ("held", HELD_INDEX), ("stops", STOP))
         indices, instants, held, stops = (columns_of(ships, *what) for what in kept)
         rows = dict.fromkeys(_TABLES, ())
@@ -76,13 +76,6 @@ def write_population(store: Store) -> tuple[list[dict], Path]:
             rows = population_rows(indices, instants, held, stops)
         write_page(PAGE, folder, _content(store, ships, rows, costs, _figures(indices, rows)))
     return rows["trials"], store.out / PAGE.file
-
-
-def _ship(trials: str, row: Mapping, seeds: int) -> dict:
-    """A result as tables take it."""
-    names = ("seed", "status", "sentence", "hull", "runs", "indices", "instants", "held", "stops")
-    kept = {name: row[name] for name in names}
-    return kept | {"trials": trials, "first": 2 * row["seed"] < seeds}
 
 
 def population_rows(indices: Columns, instants: Columns, held: Columns, stops: Columns) -> dict[str, Sequence[dict]]:

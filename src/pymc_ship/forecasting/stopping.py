@@ -7,7 +7,7 @@ right-handed screw pushes the stern to port, so that most ships swing to starboa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -149,19 +149,19 @@ def stopping(
     first = known[0][0]
     test, step = StoppingTest(astern, reversal, approach_speed).on(first), first.particulars.ship_time / _STEPS
     time = step * np.arange(round(LONGEST * _STEPS) + 1)
-    states = [test.sailed(vessel, rows, time)[1] for vessel, rows in known]
-    found = stopped(np.concatenate(states, axis=1), time)
+    states = np.concatenate([test.sailed(vessel, rows, time)[1] for vessel, rows in known], axis=1)
+    found = stopped(dict(zip(STATE, states, strict=True)), time)
     attrs = {"L": first.particulars.L} | asdict(test)
     return found.assign_attrs(attrs)
 
 
-def stopped(states: np.ndarray, time: np.ndarray) -> xr.Dataset:
+def stopped(motion: Mapping[str, np.ndarray], time: np.ndarray) -> xr.Dataset:
     """Indices and motion of ships until they make no way ahead.
 
     Parameters
     ----------
-    states : ndarray, shape (8, n_draws, n_time)
-        SI and rad, in the order of :data:`pymc_ship.motion.equations.STATE`, from the order astern on.
+    motion : mapping of str to ndarray, shape (n_draws, n_time)
+        u [m/s], psi [rad], x and y [m] from the order astern on; others are not looked at.
     time : ndarray, shape (n_time,)
         [s].
 
@@ -170,7 +170,7 @@ def stopped(states: np.ndarray, time: np.ndarray) -> xr.Dataset:
     Dataset, dims (draw,), (draw, time)
         As :func:`stopping` returns it.
     """
-    u, psi, x, y = (states[STATE.index(name)] for name in ("u", "psi", "x", "y"))
+    u, psi, x, y = (motion[name] for name in ("u", "psi", "x", "y"))
     n_draws = len(u)
     values = {name: np.full(n_draws, np.nan) for name in INDICES}
     shown = {name: np.full(u.shape, np.nan) for name in ("u", "x", "y")}
