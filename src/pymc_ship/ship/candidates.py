@@ -84,7 +84,7 @@ class Candidate:
     @property
     def said(self) -> Statement:
         """All that data have said of these coefficients: the windows of the runs, and what stood beside the prior."""
-        return joined([self.prior.statement, said_by_windows(self.fit, self.prior, self.inflation)])
+        return joined([self.prior.statement, said_by_windows(self.fit, self.fit.mode.problem.prior, self.inflation)])
 
     def densities(self, earlier: Mapping[str, Earlier]) -> np.ndarray:
         """Log predictive density of every run so far, (n_runs,)."""

@@ -6,7 +6,7 @@ theta_j ~ N(mean_j, (tau_g scale_j)^2) with one tau for each degree of freedom g
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,10 @@ from pymc_ship.vessel.vessel import Vessel, coefficient_names, reference_coeffic
 
 KINDS = ("flat", "order_damped", "sister_ship")
 """Priors that need no numbers of the user's own."""
+
+
+FREEDOM = 4.0
+"""Degrees of freedom of a prior that is Student's t."""
 
 
 class Statement(NamedTuple):
@@ -65,6 +69,21 @@ class CoefficientPrior:
     def stated(self) -> Statement:
         """The statement; one without rows where there is none."""
         return self.statement or Statement(np.empty((0, self.mean.size)), np.empty(0))
+
+    def as_normal_at(self, coefficients: np.ndarray, sd: np.ndarray) -> CoefficientPrior:
+        """Normal prior that stands for Student's t of these scales at a posterior.
+
+        Student's t is a mixture of normal laws; their mean precision at the posterior is (FREEDOM + 1) / (FREEDOM +
+        E z^2), z the distance from the mean in scales (Lange, Little & Taylor 1989,
+        doi:10.1080/01621459.1989.10478852). What the data leave open keeps its scale, as E z^2 is 1 there.
+
+        Parameters
+        ----------
+        coefficients, sd : ndarray, shape (n_coefficients,)
+            Posterior mean and standard deviation.
+        """
+        square = ((coefficients - self.mean) ** 2 + sd**2) / self.scale**2
+        return replace(self, scale=self.scale * np.sqrt((FREEDOM + square) / (FREEDOM + 1.0)))
 
     def draw(self, draws: int, rng: np.random.Generator) -> np.ndarray:
         """Independent draws with every factor tau at 1, shape (draws, n_coefficients), the statement left out.

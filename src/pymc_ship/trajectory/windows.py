@@ -6,6 +6,9 @@ forecast needs, its motion, and no window can hide behind another's errors. The 
 nuisance; the noise of a channel is what the windows leave of it. Those residuals are model error, the same for seconds
 on end: beside the prior the windows count for as much as the scatter of their gradients says (Ribatet, Cooley &
 Davison 2012, doi:10.5705/ss.2009.248), and the covariance is that of those gradients (sandwich estimator).
+
+The prior of each coefficient is Student's t: where the records contradict it, it gives way, and no other coefficient
+has to make up for it.
 """
 
 from __future__ import annotations
@@ -53,7 +56,7 @@ _SMOOTHING = 4.0 / np.sqrt(_SMOOTHED)  # error of that at the end of a record, f
 _FIRST_SD = {"m/s": 0.01, "rad/s": 0.02, "rad": 0.01}  # by unit: of the speed, of U/L, or rad
 _CHANGE = 1e-2  # of the log posterior: no step for less
 _EXACT = 1e-3  # of the first sd: a simulated record without errors leaves no less
-_PASSES = 6
+_PASSES = 10
 _SETTLED = 0.03
 
 
@@ -89,7 +92,8 @@ class WindowFit:
         How many times less the windows count beside the prior than residuals independent of each other would.
     n_windows : int
     mode : TrajectoryFit or None
-        The fit itself, from which draws are carried on; None where the law stands for no windows.
+        The fit itself, from which draws are carried on, with the normal priors that stand for Student's t; None where
+        the law stands for no windows.
     """
 
     vessel: Vessel
@@ -204,7 +208,7 @@ def fit_windows(
         From :func:`prepared_windows`, of one or many trials; all have the same channels.
     vessel : Vessel
     prior : CoefficientPrior
-        Taken as stated: its scales are not tuned.
+        Scales of Student's t, taken as stated: they are not tuned.
     start : ndarray, shape (n_coefficients,)
     sd : dict of str to float, optional
         First guess of the spread under which windows count, by channel, SI; by default what the start leaves of them.
@@ -252,11 +256,11 @@ def _settled(
     start: np.ndarray,
     sd: dict[str, float] | None = None,
 ) -> tuple[TrajectoryFit, np.ndarray, float]:
-    """Fit, what the windows leave of each channel (n_channels,), and their dispersion, found in turns."""
+    """Fit, what the windows leave of each channel (n_channels,) and their dispersion, in turns with the prior."""
     runs = [window.run for window in windows]
-    fixed = replace(prior, tuned=np.zeros_like(prior.tuned))
+    stated = replace(prior, tuned=np.zeros_like(prior.tuned))
     sailed = np.unique([window.trial for window in windows], return_inverse=True)[1]
-    problem = replace(initial_problem(runs, vessel, fixed), sailed=tuple(sailed.tolist()))
+    problem = replace(initial_problem(runs, vessel, stated), sailed=tuple(sailed.tolist()))
     constants = problem.center[problem.n_coefficients : problem.n_shared]
     unknowns = np.concatenate([start, constants, *(window.state for window in windows)])
     least = _EXACT * runs[0].sample_sd
@@ -267,10 +271,12 @@ def _settled(
         square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
         noise_sd = np.maximum(spread * np.sqrt(square / sum(run.n_blocks for run in runs)), least)
         dispersion = max(_dispersion(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
-        ratio = noise_sd * np.sqrt(dispersion) / spread
-        unknowns, spread = fit.unknowns, spread * ratio
-        if np.max(np.abs(np.log(ratio))) < _SETTLED:
+        ratio, unknowns = noise_sd * np.sqrt(dispersion) / spread, fit.unknowns
+        robust = stated.as_normal_at(fit.coefficients, fit.sd)
+        changes = np.log(np.r_[ratio, robust.scale / problem.prior.scale])
+        if np.max(np.abs(changes)) < _SETTLED:
             break
+        problem, spread = replace(problem, prior=robust), spread * ratio
     return fit, noise_sd, dispersion
 
 

@@ -1,0 +1,65 @@
+"""Ships whose prior is wrong: identified with Student's t and with the normal law as the prior of each coefficient.
+
+    python3 docs/explanation/model_error/conflict.py
+
+Five ships of the second half of the population have sailed a 20/20 and a 10/10 zigzag. The prior of N_v, the moment by
+which drift turns a ship, is moved by some of its standard deviations in every term set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from unittest.mock import patch
+
+import numpy as np
+
+from pymc_ship.experiments.judged_ship import judge
+from pymc_ship.experiments.population import TrialsCell
+from pymc_ship.experiments.run import read_study
+from pymc_ship.ship import candidates
+from pymc_ship.trajectory import prior
+from pymc_ship.trajectory.prior import CoefficientPrior
+from pymc_ship.vessel.vessel import coefficient_names
+
+STUDY = "studies/ships.toml"
+TRIALS = "20/20 and 10/10"
+SEEDS = range(5, 10)
+MOVED = (0.0, 20.0)  # prior sd
+LAWS = {"Student's t": prior.FREEDOM, "normal": 1e9}  # degrees of freedom
+YAW_BY_DRIFT = "Nv"
+
+
+def main() -> None:
+    """Judge every ship by every law and print what holds."""
+    study = read_study(STUDY)
+    print(f"{'prior of N_v':14s} {'law':12s} {'95 % hold':>9s} {'50 % hold':>9s} {'CRPS':>6s} {'half width':>10s}")
+    for sd in MOVED:
+        for law, freedom in LAWS.items():
+            with patch.object(prior, "FREEDOM", freedom), wrong_by(sd):
+                ships = [judge(replace(study.task(TrialsCell(TRIALS), seed), astern=0.0)) for seed in SEEDS]
+            rows = [row for ship in ships for row in ship["indices"]]
+            pit = np.array([row["pit"] for row in rows])
+            held = [100.0 * np.mean(np.abs(pit - 0.5) <= 0.5 * level) for level in (0.95, 0.5)]
+            width, crps = np.median([row["half_width"] for row in rows]), np.mean([row["crps"] for row in rows])
+            where = f"{sd:g} sd off" if sd else "as it is"
+            print(f"{where:14s} {law:12s} {held[0]:9.0f} {held[1]:9.0f} {crps:6.3f} {width:10.3f}", flush=True)
+
+
+@contextmanager
+def wrong_by(sd: float) -> Iterator[None]:
+    """Every term set has its prior of N_v moved by so many of its standard deviations."""
+    stated: Callable[..., CoefficientPrior] = candidates.stated_prior
+
+    def moved(trials, vessel, kind):
+        known, names = stated(trials, vessel, kind), coefficient_names(vessel)
+        shift = np.array([-sd if name == YAW_BY_DRIFT else 0.0 for name in names])
+        return replace(known, mean=known.mean + shift * known.scale)
+
+    with patch.object(candidates, "stated_prior", moved):
+        yield
+
+
+if __name__ == "__main__":
+    main()
