@@ -23,6 +23,8 @@ from pymc_ship.ship.figures import held_out_windows
 from pymc_ship.ship.model import identify_ship
 from pymc_ship.ship.page import coefficient_rows, correlation_rows, write_ship_report
 from pymc_ship.ship.paths import coverage, held_out_rows, overshoot_errors
+from pymc_ship.trajectory.prior import FREEDOM
+from pymc_ship.vessel.vessel import coefficient_names
 from tests.ship.three_zigzags import TERMS, kvlcc2, model, rows, runs
 
 COMMAND = "pymc-ship identify 'my <ship>.csv' --seed 3"
@@ -205,12 +207,39 @@ def test_coefficients_carry_the_widened_sandwich_and_what_was_known(text, out):
     for row in (row for row in found if row["known_sd"] != "nan"):
         away = (float(row["estimate"]) - float(row["known_value"])) / float(row["known_sd"])
         assert float(row["apart"]) == pytest.approx(away, rel=1e-9)
+    mode, prior = best.fit.mode, best.prior
+    square = ((mode.coefficients - prior.mean) ** 2 + mode.sd**2) / prior.scale**2
+    given_way = np.sqrt((FREEDOM + square) / (FREEDOM + 1.0))
+    assert [float(row["given_way"]) for row in found] == pytest.approx(given_way.tolist(), rel=0.04)
+    assert given_way.max() > 1.1 * given_way.min()
     known = {row["coefficient"]: row["known_sd"] for row in found if row["known_sd"] != "nan"}
     hull = {name: str(sd) for name, (_, sd) in ps.hull_coefficients(kvlcc2()).items()}
     rudder = {f"{name[0]}g{name[1:]}": str(sd) for name, (_, sd) in typical_rudder(320.0, 20.8).items()}
     assert known == hull | rudder | {"XT": "0.00014"}
     line = next(line for line in cells(text) if line[0] == "XT")
     assert line[1:5] == [fixed(1)(1e5 * best.fit.coefficients[0]), fixed(1)(1e5 * sd[0]), "94.0", "14.0"]
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_prior_that_gave_way_is_told(tmp_path):
+    best = model().candidates[0]
+    assert "Records and prior disagree" not in written(tmp_path / "agreed", ship=shifted(best, "Xvv", 0.0))
+    told = "Records and prior disagree by more than 2 sd of the prior in Xvv \\(\\+7.0 sd\\). .* with (.*) times its sd"
+    found = re.search(told, unescape(written(tmp_path / "apart", ship=shifted(best, "Xvv", 7.0))))
+    k = list(coefficient_names(best.vessel)).index("Xvv")
+    assert found[1] == f"{best.fit.mode.problem.prior.scale[k] / best.prior.scale[k]:.1f}"
+
+
+def shifted(best, name, sd):
+    """The ship with one coefficient so many prior sd from what was known of it, the others less than 2."""
+    prior, coefficients = (
+        best.prior,
+        np.clip(best.fit.coefficients, *(best.prior.mean + k * best.prior.scale for k in (-1, 1))),
+    )
+    k = list(coefficient_names(best.vessel)).index(name)
+    coefficients[k] = prior.mean[k] + sd * prior.scale[k]
+    moved = replace(best, fit=replace(best.fit, coefficients=coefficients))
+    return replace(model(), candidates=(moved, *model().candidates[1:]))
 
 
 def test_correlated_coefficients_are_warned_of():

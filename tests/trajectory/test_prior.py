@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
 import pymc_ship as ps
 from pymc_ship.forces.terms import order
-from pymc_ship.trajectory.prior import coefficient_dofs
+from pymc_ship.trajectory.prior import FREEDOM, CoefficientPrior, coefficient_dofs
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.trajectory.cases import record
 
@@ -136,3 +137,41 @@ class TestErrors:
     def test_priors_that_are_none(self, container, trial, settings, found):
         with pytest.raises(ps.PriorError, match=found):
             ps.coefficient_prior([trial], container, **settings)
+
+
+class TestNormalForStudent:
+    @staticmethod
+    def settled(measured, sd):
+        """Posterior mean and sd of a coefficient with Student's t about 0, scale 1, that was measured, by turns."""
+        stated = CoefficientPrior(np.zeros(1), np.ones(1), np.ones(1), np.zeros(1, dtype=bool), "stated")
+        normal = stated
+        for _ in range(60):
+            precision = sd**-2.0 + normal.scale**-2.0
+            mean, spread = measured / sd**2 / precision, precision**-0.5
+            normal = stated.as_normal_at(mean, spread)
+        return float(mean[0]), float(spread[0])
+
+    @staticmethod
+    def exact(measured, sd):
+        """The same by the trapezium rule."""
+        at = np.linspace(measured - 40.0 * sd, measured + 40.0 * sd, 80_001)
+        weight = stats.t.pdf(at, FREEDOM) * stats.norm.pdf(at, measured, sd)
+        mean = np.sum(weight * at) / weight.sum()
+        return mean, np.sqrt(np.sum(weight * (at - mean) ** 2) / weight.sum())
+
+    @pytest.mark.parametrize("measured", [0.0, 1.0, 2.0, 5.0, 20.0])
+    def test_a_posterior_is_that_of_students_t_where_the_data_tell_as_much(self, measured):
+        for sd, off, share in ((0.1, 0.001, 0.005), (0.3, 0.01, 0.03), (1.0, 0.1, 0.16)):
+            (mean, spread), (true_mean, true_spread) = self.settled(measured, sd), self.exact(measured, sd)
+            assert abs(mean - true_mean) < off * true_spread
+            assert abs(spread / true_spread - 1.0) < share
+
+    def test_the_normal_law_holds_on_where_student_lets_go(self):
+        mean, spread = self.exact(20.0, 1.0)
+        assert abs(20.0 / 2.0 - mean) > 9.0 * spread
+        assert abs(self.settled(20.0, 1.0)[0] - mean) < 0.01 * spread
+
+    def test_what_no_data_tell_keeps_its_scale(self):
+        mean, scale = np.array([0.1, -3.0]), np.array([0.02, 7.0])
+        stated = CoefficientPrior(mean, scale, scale, np.zeros(2, dtype=bool), "stated")
+        np.testing.assert_allclose(stated.as_normal_at(mean, scale).scale, scale, rtol=1e-15)

@@ -11,6 +11,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.motion.replay import replay
+from pymc_ship.trajectory import prior as priors
 from pymc_ship.trajectory import windows as window_fit
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
 from pymc_ship.trajectory.posterior import laplace_posterior
@@ -32,7 +33,7 @@ from pymc_ship.trajectory.windows import (
 )
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.term_sets import with_terms
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, wide_prior, with_values
 from tests.trajectory.cases import correlated
 from tests.vessel.cases import small_vessel
@@ -201,7 +202,8 @@ class TestFit:
         with pytest.raises(TrajectoryError, match="leaves the model's range at the start of the fit"):
             fit_windows(windows, tanker(), wide_prior(start), start)
 
-    def test_a_scale_of_the_prior_is_not_tuned(self, container):
+    def test_a_scale_of_the_prior_is_not_tuned(self, container, monkeypatch):
+        monkeypatch.setattr(priors, "FREEDOM", 1e9)
         ship, reference, windows = tiny(container)
         tight = replace(wide_prior(1.1 * reference, 1e-4), tuned=np.ones(reference.size, dtype=bool))
         fit = fit_windows(windows, ship, tight, reference)
@@ -246,6 +248,30 @@ def many_fits(container):
     prior, rng = wide_prior(reference), np.random.default_rng(8)
     sets = [with_errors(windows, rng, 0.9) for _ in range(N_SETS)]
     return reference, [fit_windows(noisy, ship, prior, reference, ERROR) for noisy in sets]
+
+
+class TestConflict:
+    """The prior of N_v is 20 of its sd off; the windows know better."""
+
+    @staticmethod
+    def fits(container):
+        ship, reference, windows = tiny(container)
+        noisy, known = with_errors(windows, np.random.default_rng(3), 0.9), wide_prior(reference, 0.1)
+        off = known.scale * [20.0 * (name == "Nv") for name in coefficient_names(ship)]
+        planted = replace(known, mean=known.mean + off)
+        return [fit_windows(noisy, ship, prior, reference, ERROR) for prior in (known, planted)]
+
+    def test_a_prior_that_the_windows_contradict_gives_way(self, container):
+        right, planted = self.fits(container)
+        sd = np.sqrt(np.diag(right.covariance))
+        assert (np.abs(planted.coefficients - right.coefficients) < 0.5 * sd).all()
+        *others, widest = np.sort(planted.mode.problem.prior.scale / right.mode.problem.prior.scale)
+        assert max(others) < 1.1 < 8.0 < widest
+
+    def test_the_broken_twin_the_normal_law_does_not(self, container, monkeypatch):
+        monkeypatch.setattr(priors, "FREEDOM", 1e9)
+        right, planted = self.fits(container)
+        assert (np.abs(planted.coefficients - right.coefficients) > 10.0 * np.sqrt(np.diag(right.covariance))).any()
 
 
 class TestSandwich:

@@ -40,6 +40,9 @@ from pymc_ship.vessel.vessel import LETTER, Vessel, coefficient_names, fullest
 CORRELATED = 0.95
 """Correlation of two coefficients from which the page warns of it."""
 
+DISAGREE = 2.0
+"""Prior standard deviations beyond which an estimate and what was known beforehand disagree."""
+
 SOURCES = (
     "Yao, Vehtari, Simpson & Gelman (2018), Using stacking to average Bayesian predictive distributions, "
     "doi:10.1214/17-BA1091",
@@ -49,9 +52,6 @@ SOURCES = (
 )
 
 _FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves", "captive_forces", "spiral")
-DISAGREE = 2.0
-"""Prior standard deviations beyond which an estimate and what was known beforehand disagree."""
-
 _OF_PARAMETER = ("estimate", "sd", "known_value", "known_sd")
 _TABLES = (
     *("runs", "checks", "term_sets", "held_out_indices", "model_error", "paths", "coefficients", "correlations"),
@@ -183,17 +183,17 @@ def term_set_rows(model: ShipModel) -> list[dict]:
 
 
 def coefficient_rows(candidate: Candidate) -> list[dict]:
-    """Estimate and sd (sandwich, widened) of each coefficient and what was known beforehand, prime values."""
+    """Estimate and sd (sandwich, widened) of each coefficient, its prior, and how far that gave way, prime values."""
     vessel, sd = candidate.vessel, np.sqrt(np.diag(candidate.fit.covariance))
     held = {c.name: c for c in (*(c for force in vessel.forces.values() for c in force), *vessel.parameters)}
-    pairs = correlation_rows(candidate)
-    rows = []
-    for name, value, spread in zip(coefficient_names(vessel), candidate.fit.coefficients, sd, strict=True):
+    pairs, given_way = correlation_rows(candidate), candidate.fit.mode.problem.prior.scale / candidate.prior.scale
+    columns, rows = (coefficient_names(vessel), candidate.fit.coefficients, sd, given_way), []
+    for name, value, spread, factor in zip(*columns, strict=True):
         center, width = (held[name].value, held[name].sd) if held[name].sd > 0.0 else (np.nan, np.nan)
         partners = [row["second" if row["first"] == name else "first"] for row in pairs if name in row.values()]
         row = {"coefficient": name, "estimate": float(value), "sd": float(spread)}
         row |= {"known_value": center, "known_sd": width, "apart": float((value - center) / width)}
-        row |= {"unit": held[name].unit, "source": held[name].source}
+        row |= {"given_way": float(factor), "unit": held[name].unit, "source": held[name].source}
         rows.append(row | {"correlated_with": " ".join(partners)})
     return rows
 
@@ -244,7 +244,8 @@ def _values(model: ShipModel, trials: Mapping[str, xr.Dataset], rows: Mapping[st
         "left_out": left_out,
         "best": model.candidates[0],
         "path_terms": next((c.name for c in model.candidates if not c.vessel.modular), ""),
-        "apart": [row["coefficient"] for row in rows["coefficients"] if abs(row["apart"]) > DISAGREE],
+        "apart": [row for row in rows["coefficients"] if abs(row["apart"]) > DISAGREE],
+        "disagree": f"{DISAGREE:g}",
         "n_coefficients": len(rows["coefficients"]),
         "summary": _summary(rows["held_out_indices"]),
         "failed_paths": [row for row in rows["paths"] if row["remark"]],

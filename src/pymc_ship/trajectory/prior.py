@@ -21,7 +21,6 @@ from pymc_ship.vessel.vessel import Vessel, coefficient_names, reference_coeffic
 KINDS = ("flat", "order_damped", "sister_ship")
 """Priors that need no numbers of the user's own."""
 
-
 FREEDOM = 4.0
 """Degrees of freedom of a prior that is Student's t."""
 
@@ -75,7 +74,8 @@ class CoefficientPrior:
 
         Student's t is a mixture of normal laws; their mean precision at the posterior is (FREEDOM + 1) / (FREEDOM +
         E z^2), z the distance from the mean in scales (Lange, Little & Taylor 1989,
-        doi:10.1080/01621459.1989.10478852). What the data leave open keeps its scale, as E z^2 is 1 there.
+        doi:10.1080/01621459.1989.10478852). What the data leave open keeps its scale, as E z^2 is 1 there: tails that
+        no data cut are left out.
 
         Parameters
         ----------
