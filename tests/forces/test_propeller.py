@@ -54,3 +54,31 @@ def test_the_thrust_in_excess_drives_a_slow_ship_back_to_its_nominal_speed(conta
         ends[value] = float(np.hypot(end["u"], end["v"]))
     assert ends[0.002] == pytest.approx(container.particulars.nominal_speed, rel=1e-3)
     assert not ends[-0.002] > 7.9
+
+
+THRUST_ASTERN = {
+    "B3-65, P/D 1.0": (0.96, 0.92, 0.73, 0.84, 1.33),
+    "B4-40, P/D 1.0": (0.66, 0.60, 0.54, 0.76, 1.12),
+    "B4-55, P/D 1.0": (0.70, 0.74, 0.69, 0.85, 1.22),
+    "B4-70, P/D 0.5": (0.56, 0.47, 0.53, 1.09, 1.79),
+    "B4-70, P/D 0.6": (0.69, 0.59, 0.59, 1.04, 1.63),
+    "B4-70, P/D 0.8": (0.74, 0.68, 0.64, 0.95, 1.46),
+    "B4-70, P/D 1.0": (0.76, 0.73, 0.65, 0.82, 1.26),
+    "B4-70, P/D 1.2": (0.80, 0.77, 0.69, 0.79, 1.21),
+    "B5-75, P/D 1.0": (0.75, 0.77, 0.60, 0.80, 1.29),
+    "B6-80, P/D 1.0": (0.73, 0.76, 0.65, 0.69, 1.06),
+}
+"""Thrust astern over that ahead at rest, at u_P / (|n| D) of 0, 0.2, 0.4, 0.6 and 0.8: from the Fourier series of C_T*
+of Roddy, Hess & Faller (2006), NSWCCD-50-TR-2006/004."""
+
+
+def test_thrust_astern_is_beforehand_that_of_published_propellers():
+    """Straight lines through the thrust of each: their mean and sd are the prior's, as far as ten propellers tell."""
+    known = {c.name: c for c in ps.with_terms(ps.load_vessel("kvlcc2"), "modular, rudder by side").parameters}
+    advance = np.column_stack([np.ones(5), [0.0, 0.2, 0.4, 0.6, 0.8]])
+    lines = np.array([np.linalg.lstsq(advance, thrust)[0] for thrust in THRUST_ASTERN.values()])
+    for name, found in zip(("T_nn", "T_nu"), lines.T, strict=True):
+        mean, sd, n = found.mean(), found.std(ddof=1), len(found)
+        assert abs(known[name].value - mean) < 2.0 * sd / np.sqrt(n)
+        assert 1.0 / 1.5 < known[name].sd / sd < 1.5
+        assert abs(0.3 * known[name].value - mean) > 2.0 * sd / np.sqrt(n)

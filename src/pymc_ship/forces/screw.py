@@ -2,8 +2,9 @@
 
 Yasukawa & Yoshimura (2015), Eq. 10 to 16, with the wake by side, w_P = 1 - (1 - w_0) [1 + (1 - exp(-2 |beta_P|))
 (C_2 - 1)]. Thrust is measured in that of the straight course, which holds the resistance R_0 in balance. Astern,
-thrust goes as n^2 and n u with coefficients of its own, the rudder meets no race and the stern is pushed aside: to port
-by a screw that turns to the right ahead, as that of nearly every ship with one does.
+thrust goes as n^2 and n u with coefficients of its own, which are those of propellers that were tested in all four
+quadrants; the rudder meets no race and the stern is pushed aside: to port by a screw that turns to the right ahead, as
+that of nearly every ship with one does.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ X_P = -0.48
 NOMINAL_REVOLUTIONS = "n_0"
 """Parameter that sets right the revolutions a vessel file states for the nominal speed."""
 
-_JUDGED = "by judgement"
-_TURNING = f"right-handed screw, {_JUDGED}"
+_TURNING = "right-handed screw, by judgement"
+_B_SERIES = "ten propellers of the Wageningen B-series (Roddy, Hess & Faller 2006, NSWCCD-50-TR-2006/004)"
 
 
 def _parameters(ship: Ship) -> tuple[Parameter, ...]:
     side = ship.d / ship.L
     stated = "vessel file" if ship.propeller_known else "Taylor, w = 0.5 C_B - 0.05"
     stated_n = "vessel file" if ship.propeller_known else "thrust of a typical propeller"
-    astern = f"thrust astern at rest over that ahead, {_JUDGED}"
+    astern = f"thrust astern at rest over that ahead, {_B_SERIES}"
     return (
         Parameter(
             NOMINAL_REVOLUTIONS,
@@ -44,8 +45,8 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
         Parameter("dC2", 0.0, 0.15, "half the difference between the sides", "wake by drift", of_facility=True),
         Parameter("Y_P", 0.0, 1e-3 * side, "none on average", "at nominal thrust", of_facility=True),
         Parameter("N_P", 0.0, 5e-4 * side, "none on average", "at nominal thrust", of_facility=True),
-        Parameter("T_nn", 0.7, 0.2, astern, "over k_0"),
-        Parameter("T_nu", 0.3, 0.3, f"how way ahead adds to thrust astern, {_JUDGED}", "over k_0 / J"),
+        Parameter("T_nn", 0.6, 0.2, astern, "over k_0"),
+        Parameter("T_nu", 0.6, 0.4, f"how way ahead adds to thrust astern, {_B_SERIES}", "over k_0 / J"),
         Parameter("Y_nn", 0.15, 0.15, f"side force astern, {_TURNING}", "over thrust astern"),
         Parameter("N_nn", -0.06, 0.06, f"moment astern, {_TURNING}", "over thrust astern"),
     )

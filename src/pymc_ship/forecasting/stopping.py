@@ -1,8 +1,8 @@
 """The stopping test: full astern from the approach, until the ship is dead in the water (IMO MSC.137(76), 5.3.4).
 
 Revolutions go from those of the approach to the ones astern at an even rate, the rudder stays amidships. What the
-propeller does astern is known beforehand only by judgement where no run went astern: the interval holds that. A
-right-handed screw pushes the stern to port, so that most ships swing to starboard as they stop.
+propeller does astern is known beforehand only from other propellers where no run went astern: the interval holds that.
+A right-handed screw pushes the stern to port, so that most ships swing to starboard as they stop.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Priors of all coefficients of a vessel at once, for fits of whole trajectories.
 
-theta_j ~ N(mean_j, (tau_g scale_j)^2) with one tau for each degree of freedom g, found by evidence, or 1.
+theta_j ~ N(mean_j, (tau_g scale_j)^2) with one tau for each degree of freedom g, found by evidence, or 1. Fits
+to windows take the same mean and scale for those of Student's t.
 """
 
 from __future__ import annotations
