@@ -103,6 +103,15 @@ def test_the_curve_is_drawn_against_the_rudder(kvlcc2):
     assert ax.get_legend_handles_labels()[1] == ["95 % band", "median"]
 
 
+def test_a_curve_of_ships_without_steady_turns_is_empty(kvlcc2):
+    turns = turns_of(kvlcc2)
+    turns = turns.assign({name: np.nan * turns[name] for name in ("delta", "r")})
+    ax = spiral_curve(turns).axes[0]
+    assert ax.get_legend_handles_labels()[1] == []
+    assert ax.get_legend() is None
+    assert "nothing is said of her stability" in spiral_sentence(turns)
+
+
 def test_models_are_pooled(kvlcc2):
     parts = ps.with_terms(kvlcc2, "modular, wake by side")
     both = steady_turns([(ship, reference_coefficients(ship)[None]) for ship in (kvlcc2, parts)])

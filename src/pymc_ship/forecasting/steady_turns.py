@@ -120,15 +120,16 @@ def spiral_curve(turns: xr.Dataset, *, ci_prob: float = 0.95) -> Figure:
     """Rate of turn against rudder angle: the steady turns of the median ship, and the band of rudders at each rate."""
     fig, axes = subplots(5.6, 4.4)
     draw_curve(axes[0, 0], turns, ci_prob)
-    axes[0, 0].legend(loc="upper right")
+    if axes[0, 0].get_legend_handles_labels()[1]:
+        axes[0, 0].legend(loc="upper right")
     return fig
 
 
 def draw_curve(ax: Axes, turns: xr.Dataset | None, ci_prob: float) -> None:
-    """Draw the curve and its band, where steady turns are known, on the axes of a spiral test."""
-    if turns is not None:
+    """Draw the curve and its band on the axes of a spiral test, at rates whose steady turns nearly all ships have."""
+    kept = [] if turns is None else np.isfinite(turns["delta"].values).mean(axis=0) > ci_prob
+    if np.any(kept):
         tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
-        kept = np.isfinite(turns["delta"].values).mean(axis=0) > ci_prob
         lower, median, upper = np.nanquantile(turns["delta"].values[:, kept], tails, axis=0)
         rate = np.nanmedian(turns["r"].values[:, kept], axis=0)
         ax.fill_betweenx(rate, lower, upper, color=BLUE, alpha=0.25, lw=0, label=f"{100.0 * ci_prob:g} % band")
