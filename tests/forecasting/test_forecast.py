@@ -5,9 +5,11 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.forecasting.draws import fitted_motion, sensor_noise
 from pymc_ship.forecasting.extrapolation import extrapolation
-from pymc_ship.forecasting.forecast import _quantiles, forecast, stated_shares
+from pymc_ship.forecasting.forecast import _quantiles, forecast, pooled_forecast, rolls, stated_shares
 from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.vessel.vessel import reference_coefficients
 from tests.forecasting.posteriors import joint, posterior, scattered
+from tests.trajectory.cases import without_roll
 
 ZIGZAG = ps.zigzag(20.0, 20.0)
 STEPS = ps.rudder_programme([0.0, 20.0, 60.0], [0.0, 0.3, -0.3])
@@ -250,3 +252,40 @@ def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_t
         xr.testing.assert_identical(fitted_motion(posteriors), held["constant_data"]["motion"])
         found = forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
         assert np.isfinite(found.attrs["share_extrapolated"])
+
+
+class TestShipsThatRollAndShipsThatDoNot:
+    """Term sets with roll weigh little: their draws make a band once one lies beyond either end of it."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def pooled(cls, container):
+        flat, rng = without_roll(container), np.random.default_rng(14)
+        noise = {"v": 0.01, "phi": 0.001}
+
+        def of(rolling, ci_prob):
+            models = [
+                (ship, np.tile(reference_coefficients(ship), (n, 1))) for ship, n in ((container, rolling), (flat, 30))
+            ]
+            return pooled_forecast(models, ZIGZAG, duration=80.0, ci_prob=ci_prob, noise=noise, rng=rng)
+
+        return of
+
+    @pytest.mark.parametrize(("rolling", "ci_prob"), [(20, 0.9), (10, 0.8)])
+    def test_enough_of_them_make_the_forecast_of_roll(self, pooled, rolling, ci_prob):
+        tree = pooled(rolling, ci_prob)
+        assert rolls(tree)
+        assert int(np.isfinite(tree["trajectories"]["phi"].isel(time=-1)).sum()) == rolling
+        assert {"p", "phi"} < set(tree["bands"].data_vars)
+        assert "phi" in tree["measured_bands"]
+        assert int(np.isfinite(tree["indices"]["maximum_roll_angle"]).sum()) == rolling
+
+    @pytest.mark.parametrize(("rolling", "ci_prob"), [(19, 0.9), (20, 0.95), (1, 0.5)])
+    def test_too_few_make_none(self, pooled, rolling, ci_prob):
+        tree = pooled(rolling, ci_prob)
+        assert not rolls(tree)
+        assert not {"p", "phi"} & set(tree["bands"].data_vars)
+        assert set(tree["measured_bands"].data_vars) == {"v"}
+        assert "maximum_roll_angle" not in tree["indices"]
+        assert tree["indices"].sizes["draw"] == rolling + 30
+        assert float(tree["index_bands"]["first_overshoot_angle"].sel(band="median")) > 0.0

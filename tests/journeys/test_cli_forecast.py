@@ -3,6 +3,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.forecasting.forecast import NO_ROLL
 from pymc_ship.motion.prime_record import prime_record
 from pymc_ship.regression import identify as identification
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
@@ -29,7 +30,7 @@ def test_forecast_writes_bands_and_prints_indices_beside_the_reference(made, sma
     assert printed.startswith("zigzag 10/10 starboard: 30 ships, 0 % diverged, bands of 90%\n")
     assert printed.count("\nExtrapolation is unknown: the posterior does not hold the motion it was fitted to.\n") == 3
     assert "maximum roll angle" not in printed
-    assert printed.count("\nThe model has no roll: there is no forecast of roll angles.\n") == 3
+    assert printed.count(f"\n{NO_ROLL}\n") == 3
     line = next(line.split() for line in printed.splitlines() if line.startswith("first overshoot angle"))
     reference = ps.indices(ps.simulate(small, manoeuvre, duration=150.0, record_interval=0.5))
     expected = [float(reference["first_overshoot_angle"]), *tree["index_bands"]["first_overshoot_angle"].values]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forecasting.forecast import BANDS, NO_ROLL, stated_shares
+from pymc_ship.forecasting.forecast import BANDS, NO_ROLL, rolls, stated_shares
 from pymc_ship.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def forecast_text(tree: xr.DataTree, beside: Mapping[str, xr.Dataset]) -> str:
     if "index_bands" in tree.children:
         bands = tree["index_bands"].to_dataset()
         lines.append(index_table(bands, {**beside, **{band: bands.sel(band=band) for band in BANDS}}))
-    lines += [] if "roll" in tree.attrs["dofs"].split() else [NO_ROLL]
+    lines += [] if rolls(tree) else [NO_ROLL]
     return "\n".join([*lines, tree.attrs["extrapolation"]])
 
 

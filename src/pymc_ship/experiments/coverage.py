@@ -69,8 +69,7 @@ def coverage_row(columns: Columns) -> dict:
         row[name], row[f"{name}_se"] = (100.0 * x for x in over_ships(held(columns["pit"], probability), ship))
     row["pit"], row["pit_se"] = over_ships(columns["pit"][finite], ship[finite])
     error, sd = columns["error"][finite], columns["sd"][finite]
-    with np.errstate(divide="ignore"):  # one draw has no spread
-        row["z"] = float(np.sqrt(np.mean((error / sd) ** 2)))
+    row["z"] = float(np.sqrt(np.mean((error / sd) ** 2)))
     row["median_error"] = float(np.median(np.abs(error)))
     row["half_width"] = float(np.median(columns["half_width"][finite]))
     return row | {"crps": float(np.mean(columns["crps"][finite]))}

@@ -21,8 +21,8 @@ from pymc_ship.vessel.vessel import Vessel, fullest
 BANDS = ("lower", "median", "upper")
 """Coordinate ``band`` of what a forecast summarises."""
 
-NO_ROLL = "The model has no roll: there is no forecast of roll angles."
-"""What a forecast says of a vessel without roll."""
+NO_ROLL = "There is no forecast of roll angles: none or too few of the simulated ships roll."
+"""What a forecast without roll says."""
 
 
 def forecast(
@@ -121,7 +121,8 @@ def pooled_forecast(
 ) -> xr.DataTree:
     """Forecast a manoeuvre with ships of several models at once: vessels that share all but their terms and parts.
 
-    Where some models roll, p, phi and their indices are those of these models.
+    Where some models roll, p, phi and their indices are those of these models. Where their draws are too few to have
+    one beyond either end of the band, the forecast has no roll, and says so in the ``dofs`` of its attrs.
 
     Parameters
     ----------
@@ -144,24 +145,26 @@ def pooled_forecast(
     """
     settings = {"step": 0.02, "record_interval": 0.5} | settings
     runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
-    vessel = fullest(ship for ship, _ in models)
+    rolling = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])
+    if not rolling.all() and rolling.sum() < round(2.0 / (1.0 - ci_prob)):
+        rolling[:] = False
+    vessel = fullest(ship for ship, _ in models if rolling.any() or "roll" not in ship.dofs)
     shown = [name for name in SIMULATED if "roll" in vessel.dofs or not CHANNELS[name].rolling]
     simulated = runs[0]
     if len(runs) > 1:
         simulated = xr.concat(runs, "draw", combine_attrs="override")
         simulated = simulated.assign_coords(draw=np.arange(simulated.sizes["draw"]))
         simulated = simulated.assign_attrs(dofs=" ".join(vessel.dofs))
-    rolls = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])
-    ships = _of_those_that_roll(simulated, [name for name in SIMULATED if CHANNELS[name].rolling], rolls)
+    ships = _of_those_that_roll(simulated, [name for name in SIMULATED if CHANNELS[name].rolling], rolling)
     groups = {"trajectories": ships, "bands": quantile_bands(ships[shown], ci_prob)}
     if noise:
-        groups["measured_bands"] = quantile_bands(_measured(ships, noise, rng), ci_prob)
+        groups["measured_bands"] = quantile_bands(_measured(ships[shown], noise, rng), ci_prob)
     left = None if motion is None else _over_draws(extrapolation(vessel, simulated, motion))
     beyond = float(np.nanmax(left["distance"])) if left is not None else 0.0
     if manoeuvre.traits.indices:
         found = indices(simulated)
-        rolling = [str(name) for name in found if of_roll(manoeuvre.traits.indices[str(name)])]
-        found = _of_those_that_roll(found, rolling, rolls)
+        angles = [str(name) for name in found if of_roll(manoeuvre.traits.indices[str(name)])]
+        found = _of_those_that_roll(found, angles, rolling)
         groups["indices"] = found if errors is None else with_model_error(found, errors, vessel, rng, beyond=beyond)
         groups["index_bands"] = quantile_bands(groups["indices"], ci_prob)
     attrs = {
@@ -181,11 +184,16 @@ def pooled_forecast(
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
 
 
-def _of_those_that_roll(values: xr.Dataset, names: Sequence[str], rolls: np.ndarray) -> xr.Dataset:
+def _of_those_that_roll(values: xr.Dataset, names: Sequence[str], rolling: np.ndarray) -> xr.Dataset:
     """Values by draw; those of these names are NaN for draws that do not roll where others do."""
-    if rolls.all() or not rolls.any():
+    if rolling.all() or not rolling.any():
         return values
-    return values.assign({name: values[name].where(xr.DataArray(rolls, dims="draw")) for name in names})
+    return values.assign({name: values[name].where(xr.DataArray(rolling, dims="draw")) for name in names})
+
+
+def rolls(tree: xr.DataTree) -> bool:
+    """Whether a forecast holds the roll."""
+    return "roll" in tree.attrs["dofs"].split()
 
 
 def stated_shares(tree: xr.DataTree) -> str:
@@ -209,7 +217,7 @@ def _check_noise(noise: Mapping[str, float]) -> None:
 
 def _measured(ships: xr.Dataset, noise: Mapping[str, float], rng: np.random.Generator) -> xr.Dataset:
     """Readings of the ships' sensors: the motion plus independent normal noise at every instant."""
-    read = ships[[name for name in SIMULATED if name in noise]]
+    read = ships[[name for name in ships if name in noise]]
     return read.map(lambda channel: channel + noise[channel.name] * rng.standard_normal(channel.shape), keep_attrs=True)
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 from pymc_ship.forecasting.figures import manoeuvre_figures
 from pymc_ship.forecasting.force_curves import force_curves
-from pymc_ship.forecasting.forecast import NO_ROLL
+from pymc_ship.forecasting.forecast import NO_ROLL, rolls
 from pymc_ship.forecasting.steady_turns import spiral_curve, spiral_sentence
 from pymc_ship.forecasting.stopping import COLUMNS as STOPPING_COLUMNS
 from pymc_ship.forecasting.stopping import stopping_rows, stopping_sentence, stopping_tracks
@@ -137,7 +137,7 @@ def write_forecast_page(
         "spiral": spiral_sentence(turns) if turns is not None else "",
         "stopping": stopping_sentence(stop) if stop is not None else "",
         "stopping_table": table(rows["forecast_stopping"], STOPPING_COLUMNS) if stop is not None else None,
-        "remarks": [*remarks, *([] if "roll" in vessel.dofs else [NO_ROLL])],
+        "remarks": [*remarks, *([] if all(map(rolls, forecasts.values())) else [NO_ROLL])],
         "command": command,
     }
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
