@@ -224,7 +224,7 @@ def test_coefficients_carry_the_widened_sandwich_and_what_was_known(text, out):
 def test_a_prior_that_gave_way_is_told(tmp_path):
     best = model().candidates[0]
     assert "Records and prior disagree" not in written(tmp_path / "agreed", ship=shifted(best, "Xvv", 0.0))
-    told = "Records and prior disagree by more than 2 sd of the prior in Xvv \\(\\+7.0 sd\\). .* with (.*) times its sd"
+    told = r"disagree by more than 2 sd of the prior in Xvv \(\+7.0 sd, counts with (.*) times its sd\)\."
     found = re.search(told, unescape(written(tmp_path / "apart", ship=shifted(best, "Xvv", 7.0))))
     k = list(coefficient_names(best.vessel)).index("Xvv")
     assert found[1] == f"{best.fit.mode.problem.prior.scale[k] / best.prior.scale[k]:.1f}"
