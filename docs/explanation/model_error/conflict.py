@@ -15,7 +15,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from pymc_ship.experiments.judged_ship import judge
+from pymc_ship.experiments.coverage import columns_of, coverage_row
+from pymc_ship.experiments.judged_ship import INDEX, judge
 from pymc_ship.experiments.population import TrialsCell
 from pymc_ship.experiments.run import read_study
 from pymc_ship.ship import candidates
@@ -26,28 +27,23 @@ from pymc_ship.vessel.vessel import coefficient_names
 STUDY = "studies/ships.toml"
 TRIALS = "20/20 and 10/10"
 SEEDS = range(5, 9)
-STUDENT, NORMAL = 4.0, 1e9  # degrees of freedom
-CASES = ((0.0, STUDENT), (20.0, STUDENT), (20.0, NORMAL))  # prior sd by which the prior is off
+NORMAL = 1e9  # degrees of freedom
+CASES = ((0.0, prior.FREEDOM), (20.0, prior.FREEDOM), (20.0, NORMAL))  # prior sd by which the prior is off
 YAW_BY_DRIFT = "Nv"
 
 
 def main() -> None:
     """Judge every ship by every law and print what holds."""
-    study = read_study(STUDY)
+    study, whose = read_study(STUDY), {"trials": TRIALS, "first": False}
     print("prior of N_v   law          95 % hold  50 % hold   CRPS  half width  identified in s")
     for sd, freedom in CASES:
         with patch.object(prior, "FREEDOM", freedom), wrong_by(sd):
             ships = [judge(replace(study.task(TrialsCell(TRIALS), seed), astern=0.0)) for seed in SEEDS]
-        rows = [row for ship in ships for row in ship["indices"]]
-        pit = np.array([row["pit"] for row in rows])
-        held = [100.0 * np.mean(np.abs(pit - 0.5) <= 0.5 * level) for level in (0.95, 0.5)]
-        width, crps = np.median([row["half_width"] for row in rows]), np.mean([row["crps"] for row in rows])
-        where, law = f"{sd:g} sd off" if sd else "as it is", "Student's t" if freedom == STUDENT else "normal"
-        seconds = np.mean([ship["identify"] for ship in ships])
-        print(
-            f"{where:14s} {law:12s} {held[0]:9.0f} {held[1]:10.0f} {crps:6.3f} {width:11.3f} {seconds:16.0f}",
-            flush=True,
-        )
+        found = coverage_row(columns_of([ship | whose for ship in ships], "indices", INDEX))
+        where, law = f"{sd:g} sd off" if sd else "as it is", "normal" if freedom == NORMAL else "Student's t"
+        shares, seconds = f"{found['hold_95']:9.0f} {found['hold_50']:10.0f}", np.mean([s["identify"] for s in ships])
+        width = f"{found['crps']:6.3f} {found['half_width']:11.3f}"
+        print(f"{where:14s} {law:12s} {shares} {width} {seconds:16.0f}", flush=True)
 
 
 @contextmanager
