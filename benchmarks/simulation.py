@@ -109,7 +109,7 @@ def parts() -> Iterator[Row]:
 
     The two ships take turns on one core; the check is that a lane is the ship alone.
     """
-    modular, polynomial = with_terms(ps.load_vessel("kvlcc2"), "modular, wake by side"), kvlcc2.vessel()
+    modular, polynomial = with_terms(ps.load_vessel("kvlcc2"), "modular"), kvlcc2.vessel()
 
     def run(vessel, count):
         step = vessel.particulars.ship_time / 60.0

@@ -14,7 +14,7 @@ from pymc_ship.vessel.parts import HELD
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
 NOISE = {"X": 2e-5, "Y": 1e-4, "N": 4e-5}
-PARTS = "modular, rudder by side"
+PARTS = "modular"
 
 
 def program(vessel, rng, at):

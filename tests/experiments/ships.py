@@ -11,7 +11,7 @@ from scipy.stats import norm
 import pymc_ship as ps
 from pymc_ship.experiments.judged_ship import PARTS
 from pymc_ship.motion.equations import STATE
-from pymc_ship.vessel.term_sets import ANY_SPEED_SETS
+from pymc_ship.vessel.term_sets import ANY_SPEED_SET
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
 STUDY = {
@@ -52,7 +52,7 @@ def stranger(rng):
 
 def of_parts(rng, astern=1.0):
     """A KVLCC2 of the parts that hold at any speed; her propeller pulls ``astern`` times as much as is typical."""
-    vessel = ps.with_terms(ps.load_vessel("kvlcc2"), ANY_SPEED_SETS[0])
+    vessel = ps.with_terms(ps.load_vessel("kvlcc2"), ANY_SPEED_SET)
     own = reference_coefficients(vessel)
     own[coefficient_names(vessel).index("T_nn")] *= astern
 

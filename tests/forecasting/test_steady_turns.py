@@ -29,7 +29,7 @@ def kvlcc2():
 
 @pytest.mark.parametrize("kind", ["kvlcc2", "container", "parts"])
 def test_a_turn_that_is_sailed_ends_on_the_curve(kind, kvlcc2):
-    vessel = ps.with_terms(kvlcc2, "modular, wake by side") if kind == "parts" else ps.load_vessel(kind)
+    vessel = ps.with_terms(kvlcc2, "modular") if kind == "parts" else ps.load_vessel(kind)
     turns = turns_of(vessel).isel(draw=0)
     for side, sign in (("starboard", 1.0), ("port", -1.0)):
         run = ps.simulate(vessel, ps.turning_circle(20, side=side), duration=3000, step=0.5, method="rk4")
@@ -113,7 +113,7 @@ def test_a_curve_of_ships_without_steady_turns_is_empty(kvlcc2):
 
 
 def test_models_are_pooled(kvlcc2):
-    parts = ps.with_terms(kvlcc2, "modular, wake by side")
+    parts = ps.with_terms(kvlcc2, "modular")
     both = steady_turns([(ship, reference_coefficients(ship)[None]) for ship in (kvlcc2, parts)])
     assert both.sizes["draw"] == 2
     np.testing.assert_array_equal(both["delta"].values[1], turns_of(parts)["delta"].values[0])

@@ -7,7 +7,7 @@ import pymc_ship as ps
 from pymc_ship.motion.held import held_forces, held_slopes
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
-VESSELS = {"terms": "own terms", "parts": "modular, wake by side", "cross flow": "modular at any speed, wake by side"}
+VESSELS = {"terms": "own terms", "parts": "modular", "cross flow": "modular at any speed"}
 U = 7.5
 
 

@@ -18,7 +18,7 @@ STEP = 0.5
 def tanker():
     """The shipped tanker with areas above the water, made of parts that hold at any speed."""
     vessel = replace(ps.load_vessel("kvlcc2"), windage=Windage(frontal_area=1160.0, lateral_area=4260.0))
-    return ps.with_terms(vessel, "modular at any speed, rudder by side")
+    return ps.with_terms(vessel, "modular at any speed")
 
 
 @cache

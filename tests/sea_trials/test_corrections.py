@@ -107,7 +107,7 @@ def test_a_zigzag_takes_the_current_of_the_turn(measured):
 def test_another_loading_is_that_of_a_ship_as_far_from_its_formulae(calm):
     """R = T F / B of a ship in calm is F itself: she is drawn at both draughts by the same deviations."""
     light = replace(tanker(), particulars=replace(tanker().particulars, d=15.0, volume=222000.0), derived={})
-    light = ps.with_terms(replace(light, m=0.0136, parameters=(), parts=()), "modular at any speed, rudder by side")
+    light = ps.with_terms(replace(light, m=0.0136, parameters=(), parts=()), "modular at any speed")
     one = replace(ship(), models=[(light, np.array([[c.value for c in light.parameters]] * 2))])
     run = sailed(CIRCLE, 2400, wind=None, current=None, vessel=light)
     found = rows_of(ps.sea_trial({"circle": run}, light, ship=one, full_load=tanker(), rng=1), "circle")

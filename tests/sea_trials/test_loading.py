@@ -13,7 +13,7 @@ from tests.sea_trials.cases import tanker
 def lighter():
     particulars = replace(tanker().particulars, d=15.0, volume=222000.0)
     bare = replace(tanker(), particulars=particulars, m=0.0136, parts=(), parameters=(), derived={})
-    return ps.with_terms(bare, "modular at any speed, rudder by side")
+    return ps.with_terms(bare, "modular at any speed")
 
 
 def test_a_ship_stays_as_far_from_her_formulae_in_their_sd():

@@ -138,7 +138,7 @@ def test_coefficients_without_a_place_are_refused_and_constants_of_runs_are_not(
         replace(earlier, statement=Statement(np.array([[1.0, 2.0, 0.0]]), np.ones(1))).of(tanker())
 
 
-PARTS = "modular, rudder by side"
+PARTS = "modular"
 
 
 def of_parts(changes, *, facility="", draught=None):

@@ -11,6 +11,7 @@ from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.ship import paths as ship_paths
 from pymc_ship.ship.held_out import scored
 from pymc_ship.ship.paths import PATHS, compare_paths, coverage, held_out_rows, overshoot_errors, regression_rows
+from pymc_ship.trajectory import windows
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trial.record import TrialError
 from pymc_ship.vessel.vessel import reference_coefficients
@@ -83,13 +84,13 @@ def _surge(name, *, by_speed):
     return regression_rows(runs()[name], model().candidates[0].vessel, by_speed=by_speed)["surge"]
 
 
-@pytest.mark.parametrize(("path", "same"), list(zip(PATHS, (1e-12, 1e-12, 1e-12, 0.1), strict=True)))
-def test_a_fit_does_not_see_the_run_it_is_judged_on(path, same):
-    """Another first run changes every fit but the first; the trajectory fit begins elsewhere."""
+@pytest.mark.parametrize(("path", "same"), list(zip(PATHS, (1e-12, 1e-12, 1e-12, 0.02), strict=True)))
+def test_a_fit_does_not_see_the_run_it_is_judged_on(path, same, monkeypatch):
+    """Another first run changes every fit but the first; the trajectory fit begins elsewhere and is let settle."""
+    monkeypatch.setattr(windows, "_CHANGE", 1e-4)
     before = prepared()
     trials = [before.trials[0].assign(r=1.1 * before.trials[0]["r"]), *before.trials[1:]]
-    windows = [ship_paths.prepared_windows(trial, before.vessel) for trial in trials]
-    after = replace(before, trials=trials, windows=windows)
+    after = replace(before, trials=trials, windows=[ship_paths.prepared_windows(t, before.vessel) for t in trials])
     old, new = ([fit.coefficients for fit in ship_paths._ESTIMATES[path](one)] for one in (before, after))
     apart = [np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(old, new, strict=True)]
     assert apart[0] <= same * min(apart[1:])

@@ -26,12 +26,12 @@ from pymc_ship.ship.page import write_ship_report
 from pymc_ship.trajectory.windows import prepared_windows
 from pymc_ship.trial.record import OVER_GROUND
 from pymc_ship.vessel.parts import HELD
-from pymc_ship.vessel.term_sets import AHEAD_SETS, ANY_SPEED_SETS, with_terms
+from pymc_ship.vessel.term_sets import AHEAD_SET, ANY_SPEED_SET, with_terms
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.forces.test_parts import AHEAD, tanker
 
 SETTINGS = {"duration": 450, "step": 0.5, "method": "rk4"}
-SET = "modular, wake by side"
+SET = "modular"
 
 
 def known(vessel):
@@ -76,7 +76,7 @@ def test_the_page_shows_every_free_parameter_with_what_was_known_of_it(ship, tri
     assert "Parameters of the parts" in text
     for name in ("gamma_R", "w0", "kappa", "R0", "C_X"):
         assert f"<td>{name}</td>" in text
-    assert "<td>dgamma_R</td>" not in text
+    assert "<td>n_0</td>" not in text
     assert "Kijima" in text
 
 
@@ -116,9 +116,9 @@ def test_a_ship_of_terms_knows_no_revolutions():
 def test_a_ship_that_stops_or_goes_astern_takes_parts_for_any_speed(truth, trials):
     slow = trials[0].assign(u=0.1 * trials[0]["u"])
     astern = trials[0].assign(n=("time", np.full(trials[0].sizes["time"], -1.0)))
-    assert default_sets(_prepared(trials, known(truth), "hull_database"))[:2] == AHEAD_SETS
+    assert default_sets(_prepared(trials, known(truth), "hull_database"))[0] == AHEAD_SET
     for record in (slow, astern):
-        assert default_sets(_prepared([record], known(truth), "hull_database")) == ANY_SPEED_SETS
+        assert default_sets(_prepared([record], known(truth), "hull_database")) == (ANY_SPEED_SET,)
 
 
 def test_speeds_over_ground_bring_a_current(truth, trials):
@@ -177,7 +177,7 @@ def test_sets_for_a_ship_ahead_take_the_piece_in_which_she_is(truth, trials):
     rest = np.where(trials[0]["time"].values < 200.0, 0.05, 1.0)
     whole = trials[0].assign({name: trials[0][name] * rest for name in ("u", "v", "r")})
     cut = held_piece(whole, known(truth))
-    assert held_piece(whole, with_terms(known(truth), ANY_SPEED_SETS[0])) is whole
+    assert held_piece(whole, with_terms(known(truth), ANY_SPEED_SET)) is whole
     assert float(cut["time"][0]) == pytest.approx(200.0, abs=10.0)
     overruled = ["yaw rate", "speed", "track closure"]
     short, kept = (ps.judged_trial(whole, known(truth), overruled, any_speed=each) for each in (False, True))
@@ -191,9 +191,8 @@ def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_p
     begun = [trial.assign({name: trial[name] * rest for name in ("u", "v", "r")}) for trial in trials]
     training = _prepared(begun, known(truth), "hull_database")
     sets = default_sets(training)
-    assert sets[:2] == AHEAD_SETS
-    assert sets[-2:] == ANY_SPEED_SETS
-    whole, ahead = (with_terms(known(truth), names[0]) for names in (ANY_SPEED_SETS, AHEAD_SETS))
+    assert (sets[0], sets[-1]) == (AHEAD_SET, ANY_SPEED_SET)
+    whole, ahead = (with_terms(known(truth), name) for name in (ANY_SPEED_SET, AHEAD_SET))
     for judged, trial in zip(_shared(training, whole), training.trials, strict=True):
         cut = prepared_windows(held_piece(trial, ahead), ahead)
         assert [window.run.start for window in judged] == [window.run.start for window in cut]
@@ -209,7 +208,7 @@ def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
     last = time[-1] - 2.0 * unit
     stopped = ((time > 150.0) & (time < 190.0)) | ((time > last - 40.0) & (time < last))
     broken = trials[0].assign({name: trials[0][name] * np.where(stopped, 0.05, 1.0) for name in ("u", "v", "r")})
-    ahead = with_terms(known(truth), AHEAD_SETS[0])
+    ahead = with_terms(known(truth), AHEAD_SET)
     first, second = held_pieces(broken, ahead)
     assert float(first["time"][-1]) == pytest.approx(150.0, abs=10.0)
     assert float(second["time"][0]) == pytest.approx(190.0, abs=10.0)
@@ -218,8 +217,8 @@ def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
     starts = [window.run.start for window in held_windows(broken, ahead)]
     assert starts == [window.run.start for piece in (first, second) for window in prepared_windows(piece, ahead)]
     training = _prepared([broken, trials[1]], known(truth), "hull_database")
-    assert default_sets(training)[:2] == AHEAD_SETS
-    candidate = candidates_of([AHEAD_SETS[0]], training)[0][0]
+    assert default_sets(training)[0] == AHEAD_SET
+    candidate = candidates_of([AHEAD_SET], training)[0][0]
     (remark,) = cut_runs(("broken", "whole"), training, [candidate])
     assert remark.startswith("Run broken: sets for a ship ahead were fitted to the pieces from 0 to ")
     assert " and from " in remark

@@ -81,7 +81,7 @@ def test_it_may_not_turn_within_its_own_length(monkeypatch):
 
 
 def test_forces_that_hold_at_any_speed_may_turn_her_on_the_spot(monkeypatch):
-    vessel = ps.with_terms(tanker(), "modular at any speed, rudder by side")
+    vessel = ps.with_terms(tanker(), "modular at any speed")
     row = reference_coefficients(vessel)
     assert max(extremes(row, what, vessel)[1] for what in soundness.STANDARD) > 2.0
     assert sound(vessel, row[None])[0]
@@ -92,7 +92,7 @@ def test_forces_that_hold_at_any_speed_may_turn_her_on_the_spot(monkeypatch):
 
 
 def test_they_may_not_go_much_faster_than_they_came():
-    vessel = ps.with_terms(tanker(), "modular at any speed, rudder by side")
+    vessel = ps.with_terms(tanker(), "modular at any speed")
     row = reference_coefficients(vessel)
     row[coefficient_names(vessel).index("Xvv")] = 0.2
     assert extremes(row, ps.zigzag(20.0, 20.0), vessel)[0] > 1.15

@@ -23,7 +23,7 @@ CIRCLE, ZIGZAG = ps.turning_circle(35.0), ps.zigzag(15.0, 15.0)
 
 @pytest.fixture(scope="module")
 def vessel():
-    return with_terms(tanker(), "modular, rudder by side")
+    return with_terms(tanker(), "modular")
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.vessel.parts import HELD, ship_of
-from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, OWN, PART_SETS, term_sets, with_terms
+from pymc_ship.vessel.term_sets import ANY_SPEED_SET, OWN, PART_SETS, term_sets, with_terms
 from pymc_ship.vessel.vessel import VesselError, coefficient_names
 
 PARTICULARS = """
@@ -79,17 +79,17 @@ def test_an_unknown_rudder_is_known_less_well(tmp_path):
 
 
 @pytest.mark.parametrize("name", PART_SETS)
-def test_a_set_of_parts_holds_what_the_records_cannot_tell(tmp_path, name):
-    plain = vessel(tmp_path, head="")
-    ship = with_terms(plain, name)
-    held = {c.name for c in ship.parameters if c.sd == HELD}
-    assert held == set(PART_SETS[name].held)
-    assert ("low-speed hull" in ship.parts) == (name in ANY_SPEED_SETS)
+def test_a_set_of_parts_leaves_open_what_the_records_cannot_tell(tmp_path, name):
+    """One run does not tell a wake by side from a flow straightening by side: both are open, as far as priors go."""
+    ship = with_terms(vessel(tmp_path, head=""), name)
+    assert min(ship.parameters, key=lambda c: c.sd).sd > HELD
+    assert {"dC2", "dgamma_R"} < {c.name for c in ship.parameters}
+    assert ("low-speed hull" in ship.parts) == (name == ANY_SPEED_SET)
 
 
 def test_windage_brings_the_wind(tmp_path):
     tail = f"{PROPELLER}[windage]\nfrontal_area = 1200.0\nlateral_area = 3600.0\n"
-    assert "wind" in with_terms(vessel(tmp_path, head="", tail=tail), "modular, wake by side").parts
+    assert "wind" in with_terms(vessel(tmp_path, head="", tail=tail), "modular").parts
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from pymc_ship.trajectory.posterior import laplace_posterior
 from pymc_ship.trajectory.windows import fit_windows, normal_draws, prepared_windows, thinned, window_mode
 from pymc_ship.vessel.term_sets import with_terms
 
-SET = "modular, wake by side"
+SET = "modular"
 FORMAT = Path(__file__).parent / "hsva.toml"
 MANOEUVRES = (ps.turning_circle(35), ps.turning_circle(35, side="starboard"), ps.zigzag(10, 10), ps.zigzag(20, 20))
 DRAWS = 500

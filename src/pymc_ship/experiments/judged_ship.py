@@ -33,7 +33,7 @@ from pymc_ship.ship.model import ShipModel, identify_ship
 from pymc_ship.ship.replayed import beyond_runs, crps, replay
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.term_sets import ANY_SPEED_SETS, takes_part_sets, with_terms
+from pymc_ship.vessel.term_sets import ANY_SPEED_SET, takes_part_sets, with_terms
 from pymc_ship.vessel.vessel import Vessel
 
 PARTS = ("draw", "identify", "forecast", "replay", "stop")
@@ -230,14 +230,14 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
     """
     if not task.astern or drawn.stop is None or vessel.propeller is None or not takes_part_sets(vessel):
         return []
-    full = StoppingTest(task.astern * vessel.propeller.n).on(with_terms(vessel, ANY_SPEED_SETS[0]))
+    full = StoppingTest(task.astern * vessel.propeller.n).on(with_terms(vessel, ANY_SPEED_SET))
     with _of_the_user(task):
         run = drawn.stop(full, LONGEST * vessel.particulars.ship_time)
         motion = {name: run[name].values[None] for name in ("u", "psi", "x", "y")}
         truth = stopped(motion, run["time"].values).isel(draw=0)
     try:
         rng = task.rng("identification of a ship that is stopped")
-        models = identify_ship(trials, vessel, terms=ANY_SPEED_SETS, draws=_DRAWS, rng=rng).models
+        models = identify_ship(trials, vessel, terms=[ANY_SPEED_SET], draws=_DRAWS, rng=rng).models
         forecast = stopping(models, astern=full.astern)
     except TrajectoryError:
         forecast = truth.expand_dims("draw").isel(draw=[])

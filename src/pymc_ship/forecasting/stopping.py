@@ -44,7 +44,7 @@ _STEPS = 20  # in L/U
 _SHOWN = 40  # tracks of a figure
 _NOT_ASTERN = (
     "A stopping test needs forces at any speed and a propeller that is stated, found none among the models; "
-    'identify the ship with --terms "modular at any speed, rudder by side" and [propeller] in her file.'
+    'identify the ship with --terms "modular at any speed" and [propeller] in her file.'
 )
 
 
@@ -138,7 +138,7 @@ def stopping(
 
     >>> import pymc_ship as ps
     >>> from pymc_ship.vessel.vessel import reference_coefficients
-    >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed, rudder by side")
+    >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed")
     >>> stop = ps.stopping([(vessel, reference_coefficients(vessel)[None])], astern=1.0)
     >>> print(f"track reach {stop['track_reach'].item() / 320.0:.1f} L in {stop['stopping_time'].item():.0f} s")
     track reach 13.1 L in 1304 s

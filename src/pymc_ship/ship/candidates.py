@@ -32,8 +32,8 @@ from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
 from pymc_ship.vessel.hull_database import with_hull_database, with_typical_rudder
 from pymc_ship.vessel.parts import with_parts
 from pymc_ship.vessel.term_sets import (
-    ANY_SPEED_SETS,
-    ROLL_SETS,
+    ANY_SPEED_SET,
+    ROLL_SET,
     holds_any_speed,
     takes_part_sets,
     term_sets,
@@ -208,9 +208,9 @@ def default_sets(training: Training) -> tuple[str, ...]:
     duration = sum(float(np.ptp(trial["time"].values)) for trial in training.trials)
     share = sum(_time_ahead(trial, training.vessel) for trial in training.trials) / duration
     if share < MOSTLY:
-        return ANY_SPEED_SETS
-    heeling = ROLL_SETS if _heels(training.trials) else ()
-    return (*term_sets(training.vessel), *heeling, *ANY_SPEED_SETS)
+        return (ANY_SPEED_SET,)
+    heeling = (ROLL_SET,) if _heels(training.trials) else ()
+    return (*term_sets(training.vessel), *heeling, ANY_SPEED_SET)
 
 
 def _time_ahead(trial: xr.Dataset, vessel: Vessel) -> float:

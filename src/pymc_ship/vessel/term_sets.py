@@ -30,10 +30,9 @@ _CUBES = ("vvv", "vvr", "vrr", "rrr")
 
 @dataclass(frozen=True)
 class PartSet:
-    """Parts that make all forces, parameters that are held at their values, and a sentence on what they stand for."""
+    """Parts that make all forces, and a sentence on what they stand for."""
 
     parts: tuple[str, ...]
-    held: tuple[str, ...]
     about: str
 
 
@@ -91,32 +90,18 @@ TERM_SETS = {
 
 _BODY = (ADDED_MASS.name, PROPELLER.name, RUDDER.name)
 
+AHEAD_SET, ANY_SPEED_SET, ROLL_SET = "modular", "modular at any speed", "modular with roll"
+"""Sets for a ship that makes way ahead, for one that stops, goes astern or sails from rest, and for one that heels."""
+
 PART_SETS = {
-    "modular, rudder by side": PartSet(
-        (*_BODY, MANOEUVRING.name), ("dC2",), "MMG standard method, flow straightening that differs by side"
-    ),
-    "modular, wake by side": PartSet(
-        (*_BODY, MANOEUVRING.name), ("dgamma_R",), "MMG standard method, wake that differs by side"
-    ),
-    "modular at any speed, rudder by side": PartSet(
-        (*_BODY, LOW_SPEED.name), ("dC2",), "cross-flow hull, flow straightening that differs by side"
-    ),
-    "modular at any speed, wake by side": PartSet(
-        (*_BODY, LOW_SPEED.name), ("dgamma_R",), "cross-flow hull, wake that differs by side"
-    ),
-    "modular with roll, rudder by side": PartSet(
+    AHEAD_SET: PartSet((*_BODY, MANOEUVRING.name), "MMG standard method, wake and flow straightening differ by side"),
+    ANY_SPEED_SET: PartSet((*_BODY, LOW_SPEED.name), "cross-flow hull, wake and flow straightening differ by side"),
+    ROLL_SET: PartSet(
         (*_BODY, MANOEUVRING.name, ROLL.name),
-        ("dC2",),
-        "MMG standard method with roll, flow straightening that differs by side",
-    ),
-    "modular with roll, wake by side": PartSet(
-        (*_BODY, MANOEUVRING.name, ROLL.name), ("dgamma_R",), "MMG standard method with roll, wake that differs by side"
+        "MMG standard method with roll, wake and flow straightening differ by side",
     ),
 }
 """Sets of parts by name."""
-
-AHEAD_SETS, ANY_SPEED_SETS, ROLL_SETS = tuple(PART_SETS)[:2], tuple(PART_SETS)[2:4], tuple(PART_SETS)[4:]
-"""Sets for a ship that makes way ahead, for one that stops, goes astern or sails from rest, and for one that heels."""
 
 
 def holds_any_speed(vessel: Vessel) -> bool:
@@ -141,8 +126,7 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     >>> import pymc_ship as ps
     >>> for name in ps.term_sets(ps.load_vessel("kvlcc2")):
     ...     print(name)
-    modular, rudder by side
-    modular, wake by side
+    modular
     loading
     hull and loading
     hull and loading, cubic
@@ -150,7 +134,7 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     """
     vessel = as_vessel(vessel)
     wanted = vessel.propeller is not None
-    modular = AHEAD_SETS if takes_part_sets(vessel) else ()
+    modular = (AHEAD_SET,) if takes_part_sets(vessel) else ()
     names = (*modular, *(name for name, terms in TERM_SETS.items() if terms.propeller == wanted))
     own = {c.name for force in vessel.forces.values() for c in force}
     if vessel.modular:
@@ -217,4 +201,4 @@ def _with_part_set(vessel: Vessel, chosen: PartSet) -> Vessel:
     parts = (*chosen.parts, *around)
     bare = replace(vessel, forces=dict.fromkeys(vessel.forces, ()), parts=(), parameters=())
     known = {p.name for p in parameters_of(ship_of(bare), parts)}
-    return with_parts(bare, parts, {c.name: c for c in vessel.parameters if c.name in known}, chosen.held)
+    return with_parts(bare, parts, {c.name: c for c in vessel.parameters if c.name in known})
