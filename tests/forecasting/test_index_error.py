@@ -155,7 +155,7 @@ class TestWithModelError:
         before = ships(kind, heading_deg=heading_deg)
         after = with_model_error(before, ERRORS, tanker(), RNG(2))
         for name, index in kind.indices.items():
-            if index.quantity in ("speed", "rate", "drift"):
+            if index.quantity in ("speed", "rate", "drift", "diameter"):
                 assert after[name].identical(before[name]), name
                 continue
             swing = (index.quantity == "angle") * heading_deg + float(before[name][0])
@@ -202,6 +202,13 @@ class TestWithModelError:
             wanted = np.hypot(errors.get(kind, 0.0), 3.0 * BEYOND) * UNIT[kind]
             assert float(after[name].std()) == pytest.approx(wanted, rel=MONTE_CARLO), name
         assert float(after["steady_speed"].std()) == pytest.approx(3.0 * GROWTH["u"] * 7.974, rel=MONTE_CARLO)
+        diameter = np.log(after["steady_turning_diameter"] / before["steady_turning_diameter"])
+        speed, rate = (
+            7.974 / float(before["steady_speed"][0]),
+            np.rad2deg(7.974 / 320.0 / float(before["steady_yaw_rate"][0])),
+        )
+        wanted = 3.0 * np.hypot(GROWTH["u"] * speed, GROWTH["r"] * rate)
+        assert float(diameter.std()) == pytest.approx(wanted, rel=MONTE_CARLO)
         roll = float(before["maximum_roll_angle"][0])
         wanted = np.hypot(errors.get("roll", 0.0), 3.0 * BEYOND) * roll
         assert float(after["maximum_roll_angle"].std()) == pytest.approx(wanted, rel=MONTE_CARLO)
@@ -224,6 +231,10 @@ class TestWithModelError:
         wanted = {"steady_speed": 0.02 * 7.974, "steady_yaw_rate": np.rad2deg(0.04 / unit)}
         for name, sd in (wanted | {"steady_drift_angle": np.rad2deg(0.03)}).items():
             assert float(after[name].std()) == pytest.approx(sd, rel=MONTE_CARLO), name
+        relative = np.hypot(*(wanted[name] / float(before[name][0]) for name in wanted))
+        diameter = np.log(after["steady_turning_diameter"] / before["steady_turning_diameter"])
+        assert float(diameter.std()) == pytest.approx(relative, rel=MONTE_CARLO)
+        assert float(diameter.mean()) == pytest.approx(0.0, abs=4.0 * relative / np.sqrt(N))
         assert after["advance"].identical(before["advance"])
         assert steady_error(xr.Dataset(coords={"lead": []})) == {}
 

@@ -4,7 +4,7 @@ Two zigzags of the same ship on the same day differ by some tenths of a degree, 
 The error of a held-out index beyond the spread of the draws is measured in units of what the ship did: overshoot angles
 in the swing of her heading, times in L/U and distances in L, as an error of short ones is as large as one of long ones,
 an angle of roll in itself. Steady speeds, rates of turn and drift angles are widened by the error of the motion in the
-runs that were held out.
+runs that were held out, a steady turning diameter, 2 U / r, by the relative errors of both.
 
 A few held-out manoeuvres tell little of how large the errors of a ship are. Their size is therefore a number with a
 law: a half-Cauchy law over ships (Gelman 2006, doi:10.1214/06-BA117A), whose median is that of a population of foreign
@@ -68,7 +68,8 @@ def robust_sd(values: np.ndarray) -> float:
 def index_scale(quantity: str, value, heading_deg: float, vessel: Vessel):
     """What an error of an index of a quantity is measured in: a drift angle in 1 rad, an angle of roll in itself."""
     s = vessel.particulars
-    units = {"time": s.ship_time, "distance": s.L, "speed": s.nominal_speed, "rate": np.rad2deg(1.0 / s.ship_time)}
+    units = {"time": s.ship_time, "speed": s.nominal_speed, "rate": np.rad2deg(1.0 / s.ship_time)}
+    units |= dict.fromkeys(("distance", "diameter"), s.L)
     return {"angle": heading_deg + value, "drift": np.rad2deg(1.0), "roll": value, **units}[quantity]
 
 
@@ -194,7 +195,8 @@ def with_model_error(
     """Add to each index of the simulated ships a normal error of its kind, as the indices of trials have.
 
     An index that cannot be negative is 0 where the sum is: an interval of quantiles is then the part of the interval of
-    the sums that exists, and covers every value that exists as often as that one.
+    the sums that exists, and covers every value that exists as often as that one. The logarithm of a steady turning
+    diameter gets the relative errors of the steady speed and yaw rate.
 
     Parameters
     ----------
@@ -215,14 +217,23 @@ def with_model_error(
     heading_deg, table = found.attrs.get("heading_deg", 0.0), kind_named(found.attrs["manoeuvre"]).indices
     place = rng.random(found.sizes["draw"])
 
+    def size_of(variable: xr.DataArray) -> np.ndarray:
+        """Standard deviation of the error of each draw."""
+        quantity = table[variable.name].quantity
+        sizes = np.atleast_1d(errors.get(quantity, 0.0))
+        error = np.hypot(sizes[(place * sizes.size).astype(int)], _GROWN[quantity] * beyond)
+        return error * np.asarray(index_scale(quantity, variable, heading_deg, vessel))
+
     def widened(variable: xr.DataArray) -> xr.DataArray:
         index = table[variable.name]
-        sizes = np.atleast_1d(errors.get(index.quantity, 0.0))
-        error = np.hypot(sizes[(place * sizes.size).astype(int)], _GROWN[index.quantity] * beyond)
-        if not error.any():
+        if index.quantity == "diameter":
+            turn = [found[name] for name in found if table[name].quantity in ("speed", "rate")]
+            size = np.hypot(*(size_of(one) / one.values for one in turn))
+            return variable * np.exp(size * rng.standard_normal(size.size)) if size.any() else variable
+        size = size_of(variable)
+        if not size.any():
             return variable
-        size = error * index_scale(index.quantity, variable, heading_deg, vessel)
-        wide = variable + size * rng.standard_normal(variable.shape)
+        wide = variable + size * rng.standard_normal(size.size)
         return wide if index.signed else wide.clip(min=0.0)
 
     return found.map(widened, keep_attrs=True)

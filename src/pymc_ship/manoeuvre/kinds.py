@@ -16,13 +16,22 @@ if TYPE_CHECKING:
 SIDES = {"starboard": 1.0, "port": -1.0}
 """Sign of the heading change towards each side."""
 
-UNITS = {"angle": "deg", "drift": "deg", "roll": "deg", "time": "s", "distance": "m", "speed": "m/s", "rate": "deg/s"}
-"""Unit of each quantity that an index can be; `angle` is a change of heading."""
+UNITS = {
+    "angle": "deg",
+    "drift": "deg",
+    "roll": "deg",
+    "time": "s",
+    "distance": "m",
+    "diameter": "m",
+    "speed": "m/s",
+    "rate": "deg/s",
+}
+"""Unit of each quantity that an index can be; `angle` is a change of heading, `diameter` that of a steady turn."""
 
-TRACKED = ("angle", "time", "distance")
+TRACKED = ("angle", "time", "distance", "diameter")
 """Quantities of heading and track, of which every manoeuvre has some."""
 
-ERRING = (*TRACKED, "roll")
+ERRING = ("angle", "time", "distance", "roll")
 """Quantities of which a model error is measured on held-out manoeuvres."""
 
 OVERSHOOTS = ("first_overshoot_angle", "second_overshoot_angle", "third_overshoot_angle")

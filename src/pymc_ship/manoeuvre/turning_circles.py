@@ -67,7 +67,7 @@ TURNING_CIRCLE = ManoeuvreKind(
         "tactical_diameter": Index("distance", TRACK, scored=True),
         "time_to_90": Index("time"),
         "time_to_180": Index("time"),
-        "steady_turning_diameter": Index("distance", _WATER),
+        "steady_turning_diameter": Index("diameter", _WATER),
         "steady_yaw_rate": Index("rate"),
         "steady_speed": Index("speed", _WATER),
         "steady_drift_angle": Index("drift", _WATER),

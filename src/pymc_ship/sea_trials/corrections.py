@@ -113,7 +113,7 @@ def corrected_indices(
     for name, index in manoeuvre.traits.indices.items():
         if index.quantity not in TRACKED or not np.isfinite(still.get(name, np.nan)):
             continue
-        distance = index.quantity == "distance"
+        distance = index.units == "m"
         unit = vessel.particulars.L if distance else 1.0
         ratios = by_model.get(name, unknown if by_model or not model.wind else np.ones(1))
         ratio = float(np.nan_to_num(np.median(ratios), nan=1.0))
