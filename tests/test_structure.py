@@ -31,8 +31,9 @@ WINGS = {
     "captive": "pages forces trial vessel motion regression trajectory",
     "sampling": "machine vessel motion rows regression trajectory",
     "forecasting": "machine pages forces vessel trial manoeuvre motion rows regression trajectory sampling",
-    "design": "machine vessel trial manoeuvre motion trajectory forecasting",
-    "ship": "machine pages forces vessel trial manoeuvre motion checks rows regression trajectory captive forecasting",
+    "design": "machine forces vessel trial manoeuvre motion trajectory forecasting",
+    "ship": "machine pages forces vessel trial manoeuvre motion checks rows regression trajectory captive "
+    "forecasting design",
     "sea_trials": "machine pages forces vessel trial denoising manoeuvre motion forecasting ship",
     "diagnostics": "machine pages vessel trial rows regression trajectory sampling forecasting design",
     "frontier": "machine pages vessel trial denoising manoeuvre motion regression trajectory forecasting design",

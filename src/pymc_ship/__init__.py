@@ -77,6 +77,7 @@ _PUBLIC = {
     "forecasting.stopping": ("StoppingTest", "stopping"),
     "design.candidates": ("candidate_trials",),
     "design.identifiability": ("fisher_information", "fitted_identifiability", "identifiability"),
+    "design.next_run": ("next_runs",),
     "design.trial_design": ("TrialDesignError", "design_trials"),
     "ship.files": ("forecast_ship", "load_ship", "save_ship"),
     "ship.model": ("IdentifiedShip", "ShipModel", "identify_ship"),

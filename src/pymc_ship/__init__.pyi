@@ -18,6 +18,7 @@ from pymc_ship.design.candidates import candidate_trials as candidate_trials
 from pymc_ship.design.identifiability import fisher_information as fisher_information
 from pymc_ship.design.identifiability import fitted_identifiability as fitted_identifiability
 from pymc_ship.design.identifiability import identifiability as identifiability
+from pymc_ship.design.next_run import next_runs as next_runs
 from pymc_ship.design.trial_design import TrialDesignError as TrialDesignError
 from pymc_ship.design.trial_design import design_trials as design_trials
 from pymc_ship.diagnostics.agreement import agreement as agreement

@@ -54,7 +54,7 @@ class TestIdentify:
         assert main([*words, "--out", str(tmp_path / "both")]) == 0
         text = capsys.readouterr().out
         assert "Earlier runs stand beside the prior" in text
-        assert "Of the standard manoeuvres least is known of the " in text
+        assert "As the next run the " in text
         assert "Tactical diameter of the turning circle of 35 deg: " in (tmp_path / "both" / "index.html").read_text()
         first, both = (ps.load_ship(folder) for folder in (identified, tmp_path / "both"))
         (one,), (other,) = first.said.values(), both.said.values()
@@ -107,6 +107,33 @@ class TestIdentify:
     def test_a_forecast_needs_a_manoeuvre(self, identified, capsys):
         assert "needs a manoeuvre" in refused(capsys, "forecast", identified)
 
+    def test_design_says_which_run_tells_most_in_the_sea_room(self, identified, capsys, tmp_path):
+        words = ["design", str(identified), "--n", "1", "--quiet", "--out", str(tmp_path)]
+        assert main(words) == 0
+        anywhere = capsys.readouterr().out
+        assert main([*words, "--sea-room", "2500"]) == 0
+        near = capsys.readouterr().out
+        for text in (anywhere, near):
+            assert text.startswith("candidate ")
+            assert "half width of 95 %" in text
+        assert anywhere != near
+        first, *rows = (tmp_path / "next_runs.csv").read_text().splitlines()[1:]
+        assert first == "candidate,sea_room,width_ratio_1"
+        table = {row.split(",")[0]: [float(word) for word in row.split(",")[1:]] for row in rows}
+        assert all(np.isnan(ratio) == (room > 2500.0) for room, ratio in table.values())
+        best = min((ratio, label) for label, (_, ratio) in table.items() if np.isfinite(ratio))[1]
+        assert f"after {best}" in near
+        header, *widths = (tmp_path / "half_widths.csv").read_text().splitlines()[1:]
+        assert header == "target,units,half_width,half_width_after_1"
+        assert len(widths) == 18
+
+    @pytest.mark.parametrize("option", ["vessel", "criterion", "duration"])
+    def test_options_of_a_posterior_are_not_those_of_a_ship(self, identified, capsys, tmp_path, option):
+        value = {"vessel": "kvlcc2", "criterion": "forecast", "duration": "100"}[option]
+        sentence = refused(capsys, "design", identified, f"--{option}", value, "--out", tmp_path / "out")
+        assert f"Only a design from a posterior takes --{option}; leave it out." in sentence
+        assert not (tmp_path / "out").exists()
+
     def test_a_broken_index_is_named(self, identified, capsys, tmp_path):
         (tmp_path / "model").mkdir()
         (tmp_path / "model" / "ship.json").write_text('{"terms": []')
@@ -137,6 +164,8 @@ def test_runs_are_called_by_their_files_or_where_two_are_alike_by_their_paths():
     [
         (("identify", RUNS[0], *COMMON, *VESSEL, "--terms", "septic"), "A term set is one of"),
         (("identify", "missing.csv", *COMMON, *VESSEL), "missing.csv"),
+        (("design", "nowhere"), "A design from a posterior needs --vessel, found none and no identified ship in"),
+        (("design", "nowhere", "--vessel", "kvlcc2", "--sea-room", "10"), "of an identified ship takes --sea-room;"),
         (("forecast", "nowhere", "--turn", "35"), "--vessel"),
         (("forecast", "nowhere", "--turn", "35", "--vessel", "container", "--measured", CIRCLE), "--measured"),
     ],

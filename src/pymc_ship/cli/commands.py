@@ -19,6 +19,7 @@ import pymc_ship as ps
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
+    check_options,
     judged_arguments,
     made_by,
     model_argument,
@@ -30,7 +31,7 @@ from pymc_ship.cli.files import (
     write_csv,
     write_trial_file,
 )
-from pymc_ship.cli.parser import FAMILIES
+from pymc_ship.cli.parser import CRITERIA, FAMILIES
 from pymc_ship.cli.texts import (
     CoefficientRow,
     check_text,
@@ -244,15 +245,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     if holds_ship(args.posterior):
         return forecast_identified(args, progress)
-    for option in ("vessel", "out"):
-        if getattr(args, option) is None:
-            raise ValueError(
-                f"A forecast from a posterior needs --{option}, found none and no identified ship in {args.posterior}; "
-                "add it."
-            )
-    for option in ("measured", "n", "wind", "current", "facility"):
-        if getattr(args, option) not in ([], None):
-            raise ValueError(f"Only a forecast of an identified ship takes --{option}; leave it out.")
+    check_options(args, needed=("vessel", "out"), of_ship=("measured", "n", "wind", "current", "facility"))
     vessel, side, duration = model_argument(args.vessel, progress), args.side or "port", args.duration or 400.0
     manoeuvres = requested_manoeuvres(args, (side,))
     if not manoeuvres:
@@ -275,10 +268,16 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Design the next runs; the text has the gain of each candidate and the accuracy that the chosen ones promise."""
+    from pymc_ship.cli.ship_commands import design_identified, holds_ship
+
+    if holds_ship(args.posterior):
+        return design_identified(args, progress)
+    check_options(args, needed=("vessel",), of_ship=("sea_room", "wind"))
     vessel, rng = model_argument(args.vessel, progress), np.random.default_rng(args.seed)
     posterior = _of_vessel(read_posterior(args.posterior), Path(args.posterior), vessel)
-    candidates = ps.candidate_trials(vessel, duration=args.duration, rng=rng)
-    out, settings = writable_folder(args.out), {"criterion": args.criterion, "duration": args.duration}
+    duration = args.duration or 400.0
+    candidates = ps.candidate_trials(vessel, duration=duration, rng=rng)
+    out, settings = writable_folder(args.out), {"criterion": args.criterion or CRITERIA[0], "duration": duration}
     progress(f"simulating {len(candidates)} candidates")
     found = ps.design_trials(vessel, posterior, candidates, args.n, rng=rng, **settings)
     with staged_files(out) as folder:

@@ -44,6 +44,7 @@ FORECAST = """examples:
   pymc-ship forecast trajectory.nc --vessel my.toml --zigzag 20/20 --draws 1000 --out forecast
 """
 DESIGN = """examples:
+  pymc-ship design reports/my_ship --sea-room 3000 --wind 8/270 --out design
   pymc-ship design trajectory.nc --vessel container --n 2 --out design
   pymc-ship design trajectory.nc --vessel my.toml --criterion forecast --out design
 """

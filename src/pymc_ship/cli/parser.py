@@ -342,17 +342,24 @@ def _add_trial_report(commands) -> None:
 
 def _add_design(commands) -> None:
     command = _command(commands, "design", "choose the runs that will tell most about a ship", examples.DESIGN)
-    command.add_argument("posterior", metavar="POSTERIOR", help="joint posterior of a trajectory fit, .nc or .zarr")
-    command.add_argument("--vessel", required=True, help="shipped vessel or TOML file: terms and reference values")
+    command.add_argument(
+        "posterior", metavar="POSTERIOR", help="folder that `identify` wrote, or joint posterior of a fit, .nc or .zarr"
+    )
     command.add_argument("--n", type=int, default=2, help="runs to choose (%(default)s)")
+    command.add_argument(
+        "--sea-room", type=float, metavar="M", help="of the track of a run [m], for an identified ship (any)"
+    )
+    command.add_argument(
+        "--wind", type=flow, metavar="SPEED/FROM", help="true wind of a run [m/s, deg], for an identified ship (none)"
+    )
+    command.add_argument("--vessel", help="shipped vessel or TOML file: terms and reference values, with a posterior")
     command.add_argument(
         "--criterion",
         choices=CRITERIA,
-        default="information",
-        help="precision of the coefficients, or of a 10/10 zigzag and a 35 deg turn (%(default)s)",
+        help="precision of the coefficients, or of a 10/10 zigzag and a 35 deg turn, with a posterior (information)",
     )
-    command.add_argument("--duration", type=float, default=400.0, help="of each run [s] (%(default)s)")
-    command.add_argument("--out", required=True, help="folder of design.csv, predicted_sd.csv and rudder programmes")
+    command.add_argument("--duration", type=float, help="of each run [s], with a posterior (400)")
+    command.add_argument("--out", required=True, help="folder of the tables and, with a posterior, rudder programmes")
 
 
 def _add_frontier(commands) -> None:

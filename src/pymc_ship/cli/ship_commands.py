@@ -14,10 +14,12 @@ from pymc_ship.checks.verdicts import Check
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
+    check_options,
     judged_arguments,
     made_by,
     requested_manoeuvres,
     vessel_argument,
+    write_csv,
 )
 from pymc_ship.cli.parser import SHIP_PRIORS
 from pymc_ship.cli.texts import (
@@ -25,6 +27,7 @@ from pymc_ship.cli.texts import (
     form_text,
     held_out_text,
     index_text,
+    next_runs_text,
     probability_text,
     score_text,
     term_set_text,
@@ -172,6 +175,24 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
         progress=progress,
     )
     return "\n\n".join(text), page
+
+
+def design_identified(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Design the next runs of an identified ship; the text has what each candidate promises and its sea room."""
+    check_options(args, of_posterior=("vessel", "criterion", "duration"))
+    ship, out = load_ship(args.posterior), writable_folder(args.out)
+    room = np.inf if args.sea_room is None else args.sea_room
+    found = ps.next_runs(ship, n=args.n, sea_room=room, wind=args.wind, progress=progress)
+    with staged_files(out) as folder:
+        ratio = found["width_ratio"].transpose("candidate", "step")
+        header = ("candidate", "sea_room", *(f"width_ratio_{k}" for k in ratio["step"].values))
+        rows = zip(found["candidate"].values, found["sea_room"].values, *ratio.values.T, strict=True)
+        write_csv(folder / "next_runs.csv", header, rows, args)
+        width = found["half_width"].transpose("target", "stage")
+        header = ("target", "units", "half_width", *(f"half_width_after_{k}" for k in width["stage"].values[1:]))
+        rows = zip(found["target"].values, found["units"].values, *width.values.T, strict=True)
+        write_csv(folder / "half_widths.csv", header, rows, args)
+    return next_runs_text(found), out
 
 
 def score(args: argparse.Namespace, progress: Progress) -> Outcome:

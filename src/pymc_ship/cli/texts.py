@@ -146,6 +146,17 @@ def design_text(found: xr.Dataset) -> str:
     return f"{table(header, rows)}\n\n{chosen}"
 
 
+def next_runs_text(found: xr.Dataset) -> str:
+    """How many times as wide intervals would be after each candidate, its sea room, and what the chosen runs leave."""
+    steps = found["step"].values
+    header = ("candidate", *(f"width ratio {k}" for k in steps), "sea room m")
+    columns = [found["width_ratio"].sel(step=k).values for k in steps]
+    rows = zip(found["candidate"].values, *columns, found["sea_room"].values, strict=True)
+    widths = zip(found["target"].values, *found["half_width"].values, found["units"].values, strict=True)
+    chosen = table(("half width of 95 %", "now", *(f"after {label}" for label in found["chosen"].values), ""), widths)
+    return f"{table(header, list(rows))}\n\n{chosen}"
+
+
 def montecarlo_text(rows: list[dict], most: int = 60) -> str:
     """One line for each cell of a Monte-Carlo study: median errors and coverage, and tasks that did not end well."""
     keys = ("ship", "manoeuvre", "noise", "level", "method")

@@ -3,5 +3,6 @@
 - `identifiability`: Cramer-Rao bound and directions that the data leave unknown.
 - `closed_loop`: sensitivities of a zigzag whose rudder depends on the ship.
 - `candidates`: manoeuvres that may be worth running.
-- `trial_design`: the choice among them.
+- `trial_design`: the choice among them, from a posterior of the coefficients.
+- `next_run`: the choice for an identified ship, from the ensemble of her draws.
 """

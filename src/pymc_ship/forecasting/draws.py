@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.forces.surroundings import WIND
 from pymc_ship.machine.arguments import shown
+from pymc_ship.motion.stepping import SimulationError
 from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names
 
 
@@ -81,6 +83,25 @@ def thinned_draws(models: Sequence[tuple[Vessel, np.ndarray]], draws: int) -> li
     """Models with so many rows of draws at most, each its share of them and one at least."""
     share = min(draws / sum(len(rows) for _, rows in models), 1.0)
     return [(vessel, rows[: max(round(share * len(rows)), 1)]) for vessel, rows in models]
+
+
+def knowing_models(
+    models: Sequence[tuple[Vessel, np.ndarray]], *, n: float | None = None, wind: tuple[float, float] | None = None
+) -> list[tuple[Vessel, np.ndarray]]:
+    """Models whose forces know the revolutions and the wind that are asked for; SimulationError where none does."""
+    found = [
+        (vessel, rows)
+        for vessel, rows in models
+        if (n is None or (vessel.modular and vessel.propeller is not None))
+        and (wind is None or WIND.name in vessel.parts)
+    ]
+    if not found:
+        asked = " and ".join(word for word, given in (("revolutions", n), ("wind", wind)) if given is not None)
+        raise SimulationError(
+            f"No term set of this ship knows {asked}; state [propeller] and [windage] in her vessel file and identify "
+            "her anew, or leave them out."
+        )
+    return found
 
 
 def fitted_motion(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> xr.DataArray | None:

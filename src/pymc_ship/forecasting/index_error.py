@@ -189,14 +189,53 @@ def reliability(beyond: float) -> dict[str, float | str]:
     return {"surest": surest, "reliability": sentence}
 
 
+def error_sizes(
+    found: xr.Dataset, errors: Mapping[str, np.ndarray], vessel: Vessel, *, beyond: float, place: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Standard deviation of the error of each index of the simulated ships, by its name, each of shape (n_draws,).
+
+    A steady turning diameter, 2 U / r, has the relative errors of the steady speed and yaw rate.
+
+    Parameters
+    ----------
+    found, errors, vessel, beyond
+        As :func:`with_model_error`.
+    place : ndarray, shape (n_draws,)
+        Place in [0, 1) of each draw's size among the equally probable ones.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Units of the indices.
+    """
+    heading_deg, table = found.attrs.get("heading_deg", 0.0), kind_named(found.attrs["manoeuvre"]).indices
+    sizes: dict[str, np.ndarray] = {}
+    for name in map(str, found):
+        quantity = table[name].quantity
+        if quantity != "diameter":
+            law = np.atleast_1d(errors.get(quantity, 0.0))
+            error = np.hypot(law[(place * law.size).astype(int)], _GROWN[quantity] * beyond)
+            sizes[name] = error * np.asarray(index_scale(quantity, found[name], heading_deg, vessel))
+    turn = [sizes[name] / found[name].values for name in sizes if table[name].quantity in ("speed", "rate")]
+    for name in map(str, found):
+        if table[name].quantity == "diameter":
+            sizes[name] = np.hypot(*turn) * found[name].values
+    return sizes
+
+
 def with_model_error(
-    found: xr.Dataset, errors: Mapping[str, float], vessel: Vessel, rng: np.random.Generator, *, beyond: float = 0.0
+    found: xr.Dataset,
+    errors: Mapping[str, np.ndarray],
+    vessel: Vessel,
+    rng: np.random.Generator,
+    *,
+    beyond: float = 0.0,
 ) -> xr.Dataset:
     """Add to each index of the simulated ships a normal error of its kind, as the indices of trials have.
 
     An index that cannot be negative is 0 where the sum is: an interval of quantiles is then the part of the interval of
-    the sums that exists, and covers every value that exists as often as that one. The logarithm of a steady turning
-    diameter gets the relative errors of the steady speed and yaw rate.
+    the sums that exists, and covers every value that exists as often as that one. The error of a steady turning
+    diameter is one of its logarithm.
 
     Parameters
     ----------
@@ -214,26 +253,16 @@ def with_model_error(
     -------
     Dataset, dims (draw,)
     """
-    heading_deg, table = found.attrs.get("heading_deg", 0.0), kind_named(found.attrs["manoeuvre"]).indices
-    place = rng.random(found.sizes["draw"])
-
-    def size_of(variable: xr.DataArray) -> np.ndarray:
-        """Standard deviation of the error of each draw."""
-        quantity = table[variable.name].quantity
-        sizes = np.atleast_1d(errors.get(quantity, 0.0))
-        error = np.hypot(sizes[(place * sizes.size).astype(int)], _GROWN[quantity] * beyond)
-        return error * np.asarray(index_scale(quantity, variable, heading_deg, vessel))
+    table = kind_named(found.attrs["manoeuvre"]).indices
+    sizes = error_sizes(found, errors, vessel, beyond=beyond, place=rng.random(found.sizes["draw"]))
 
     def widened(variable: xr.DataArray) -> xr.DataArray:
-        index = table[variable.name]
-        if index.quantity == "diameter":
-            turn = [found[name] for name in found if table[name].quantity in ("speed", "rate")]
-            size = np.hypot(*(size_of(one) / one.values for one in turn))
-            return variable * np.exp(size * rng.standard_normal(size.size)) if size.any() else variable
-        size = size_of(variable)
+        size, index = sizes[variable.name], table[variable.name]
         if not size.any():
             return variable
-        wide = variable + size * rng.standard_normal(size.size)
-        return wide if index.signed else wide.clip(min=0.0)
+        error = size * rng.standard_normal(size.size)
+        if index.quantity == "diameter":
+            return variable * np.exp(error / variable)
+        return variable + error if index.signed else (variable + error).clip(min=0.0)
 
     return found.map(widened, keep_attrs=True)

@@ -321,3 +321,11 @@ def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angl
             raise ManoeuvreError(
                 f"{name} is a magnitude between 0 and {most:g} deg, found {angle}; use `side` for the sign."
             )
+
+
+STANDARD = tuple(
+    make(*angles, side=side)
+    for make, angles in ((zigzag, (10, 10)), (zigzag, (20, 20)), (turning_circle, (35,)))
+    for side in ("port", "starboard")
+)
+"""Manoeuvres that every ship must be able to run (IMO MSC.137(76))."""

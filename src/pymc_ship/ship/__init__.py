@@ -4,7 +4,7 @@
 - `model`: term sets weighted and drawn from.
 - `held_out`: runs left out: score of their windows, indices beside their forecasts.
 - `paths`: other ways to the coefficients, on the same terms.
-- `soundness`: the manoeuvres that every ship must be able to run: who runs away in them, which tells most next.
+- `soundness`: who runs away in the manoeuvres that every ship must be able to run.
 - `along`: ships along the measured inputs of a record.
 - `replayed`: the motion along a record's inputs, and its score.
 - `score_page`: the page of a score.

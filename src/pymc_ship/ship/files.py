@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.surroundings import WIND
+from pymc_ship.forecasting.draws import knowing_models
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.forecasting.index_error import steady_error
 from pymc_ship.machine.arguments import check_choice
@@ -19,7 +19,7 @@ from pymc_ship.machine.files import settle, staged
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import Steering, with_steering
 from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
-from pymc_ship.motion.stepping import SimulationError, simulation_settings
+from pymc_ship.motion.stepping import simulation_settings
 from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.model import IdentifiedShip, ShipModel
@@ -95,7 +95,7 @@ def forecast_ship(
     """
     rng, manoeuvre = random_generator(rng), one_manoeuvre(manoeuvre)
     around = {"n": n, "wind": wind, "current": current}
-    known = _knowing(_steered_at(ship, facility), n=n, wind=wind)
+    known = knowing_models(_steered_at(ship, facility), n=n, wind=wind)
     if facility is not None and manoeuvre.approach_speed is None and n is None:
         speed = ship.facilities[facility].approach_speed
         manoeuvre = replace(manoeuvre, approach_speed=speed if np.isfinite(speed) else None)
@@ -155,25 +155,6 @@ def _steered_at(ship: ShipModel | IdentifiedShip, facility: str | None) -> list[
         )
     check_choice("A facility", facility, named, TrialError)
     return [(with_steering(vessel, ship.facilities[facility]), rows) for vessel, rows in ship.models]
-
-
-def _knowing(
-    models: Sequence[tuple[Vessel, np.ndarray]], *, n: float | None, wind: tuple[float, float] | None
-) -> list[tuple[Vessel, np.ndarray]]:
-    """Models whose forces know the revolutions and the wind that are asked for."""
-    found = [
-        (vessel, rows)
-        for vessel, rows in models
-        if (n is None or (vessel.modular and vessel.propeller is not None))
-        and (wind is None or WIND.name in vessel.parts)
-    ]
-    if not found:
-        asked = " and ".join(word for word, given in (("revolutions", n), ("wind", wind)) if given is not None)
-        raise SimulationError(
-            f"No term set of this ship knows {asked}; state [propeller] and [windage] in her vessel file and identify "
-            "her anew, or leave them out."
-        )
-    return found
 
 
 def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:

@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.captive.comparison import compared
+from pymc_ship.design.next_run import outlook
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.forecasting.motion_error import LEADS, Replayed, motion_error
@@ -34,7 +35,7 @@ from pymc_ship.ship.candidates import (
     default_sets,
 )
 from pymc_ship.ship.held_out import index_rows, left_out
-from pymc_ship.ship.soundness import outlook, sound
+from pymc_ship.ship.soundness import sound
 from pymc_ship.trajectory.carried import carried_draws
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.statements import Earlier
@@ -255,6 +256,7 @@ def identify_ship(
         remarks.append(beside_earlier(found[0], training))
     moved = motion_error(_held_out_motion(found, training, rng), vessel)
     motion = _motion(training, fullest_vessel, before)
+    models = [(c.vessel, c.draws) for c in found if len(c.draws)]
     progress("outlook on standard manoeuvres")
     return ShipModel(
         vessel=training.vessel,
@@ -268,7 +270,7 @@ def identify_ship(
         motion_error=moved if moved.sizes["lead"] or not before.said else before.motion_error,
         motion=motion,
         remarks=tuple(remarks),
-        outlook=outlook([(c.vessel, c.draws) for c in found if len(c.draws)], motion, errors, rng),
+        outlook=outlook(IdentifiedShip(models, motion, errors, moved, ()), rng),
         judgement=judgement(trials, names),
         said={c.name: c.told(training.earlier) for c in found},
         known_rows=known_rows,
