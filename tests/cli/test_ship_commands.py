@@ -124,8 +124,9 @@ class TestIdentify:
         best = min((ratio, label) for label, (_, ratio) in table.items() if np.isfinite(ratio))[1]
         assert f"after {best}" in near
         header, *widths = (tmp_path / "half_widths.csv").read_text().splitlines()[1:]
-        assert header == "target,units,half_width,half_width_after_1"
+        assert header == "manoeuvre,index,units,half_width,after_1"
         assert len(widths) == 18
+        assert all(len(row.split(",")) == 5 for row in widths)
 
     @pytest.mark.parametrize("option", ["vessel", "criterion", "duration"])
     def test_options_of_a_posterior_are_not_those_of_a_ship(self, identified, capsys, tmp_path, option):

@@ -275,7 +275,7 @@ def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     check_options(args, needed=("vessel",), of_ship=("sea_room", "wind"))
     vessel, rng = model_argument(args.vessel, progress), np.random.default_rng(args.seed)
     posterior = _of_vessel(read_posterior(args.posterior), Path(args.posterior), vessel)
-    duration = args.duration or 400.0
+    duration = 400.0 if args.duration is None else args.duration
     candidates = ps.candidate_trials(vessel, duration=duration, rng=rng)
     out, settings = writable_folder(args.out), {"criterion": args.criterion or CRITERIA[0], "duration": duration}
     progress(f"simulating {len(candidates)} candidates")

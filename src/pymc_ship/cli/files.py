@@ -139,7 +139,7 @@ def check_options(
         if getattr(args, option) is None:
             raise ValueError(
                 f"A {args.command} from a posterior needs --{option}, found none and no identified ship in "
-                f"{args.posterior}; add it."
+                f"{args.posterior}; add --{option}."
             )
     for option in (*of_ship, *of_posterior):
         if getattr(args, option) not in ([], None):

@@ -347,10 +347,13 @@ def _add_design(commands) -> None:
     )
     command.add_argument("--n", type=int, default=2, help="runs to choose (%(default)s)")
     command.add_argument(
-        "--sea-room", type=float, metavar="M", help="of the track of a run [m], for an identified ship (any)"
+        "--sea-room", type=float, metavar="M", help="largest extent of a run's track [m], of an identified ship (any)"
     )
     command.add_argument(
-        "--wind", type=flow, metavar="SPEED/FROM", help="true wind of a run [m/s, deg], for an identified ship (none)"
+        "--wind",
+        type=flow,
+        metavar="SPEED/FROM",
+        help="true wind [m/s, deg from the approach course], of an identified ship (none)",
     )
     command.add_argument("--vessel", help="shipped vessel or TOML file: terms and reference values, with a posterior")
     command.add_argument(

@@ -189,8 +189,9 @@ def design_identified(args: argparse.Namespace, progress: Progress) -> Outcome:
         rows = zip(found["candidate"].values, found["sea_room"].values, *ratio.values.T, strict=True)
         write_csv(folder / "next_runs.csv", header, rows, args)
         width = found["half_width"].transpose("target", "stage")
-        header = ("target", "units", "half_width", *(f"half_width_after_{k}" for k in width["stage"].values[1:]))
-        rows = zip(found["target"].values, found["units"].values, *width.values.T, strict=True)
+        header = ("manoeuvre", "index", "units", "half_width", *(f"after_{k}" for k in width["stage"].values[1:]))
+        targets = [str(target).split(", ") for target in found["target"].values]
+        rows = zip(*zip(*targets, strict=True), found["units"].values, *width.values.T, strict=True)
         write_csv(folder / "half_widths.csv", header, rows, args)
     return next_runs_text(found), out
 

@@ -22,8 +22,7 @@ from pymc_ship.design.trial_design import TrialDesignError
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.draws import knowing_models, thinned_draws
 from pymc_ship.forecasting.extrapolation import extrapolation
-from pymc_ship.forecasting.forecast import pooled_forecast
-from pymc_ship.forecasting.index_error import error_sizes, steady_error
+from pymc_ship.forecasting.index_error import SIZES, equivalent_sd, error_sizes, steady_error
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import STANDARD, Manoeuvre, pull_out, turning_circle, zigzag
 from pymc_ship.motion.equations import STATE
@@ -52,16 +51,28 @@ _INSIDE = 0.95  # probability of intervals, and share of the draws whose track t
 _ROUNDS = np.deg2rad(540.0)  # of a circle, until which it is sailed
 _SWINGS = 3  # of a zigzag
 _POINTS = 64  # of a track
-_DRAWS = 200  # of an outlook, at most
+_FAR, _TINY = 1e3, 1e-12  # sd from the middle of a draw without an index, and an interval without width
+_QUANTILE = float(ndtri(0.5 + 0.5 * _INSIDE))
 
 
 class Ensemble(Protocol):
     """What is needed of an identified ship, see :class:`pymc_ship.IdentifiedShip`."""
 
-    models: list[tuple[Vessel, np.ndarray]]
-    motion: xr.DataArray
-    model_error: dict[str, np.ndarray]
-    motion_error: xr.Dataset
+    @property
+    def models(self) -> list[tuple[Vessel, np.ndarray]]:
+        """Vessel and draws of each term set."""
+
+    @property
+    def motion(self) -> xr.DataArray:
+        """Prime motion of the runs."""
+
+    @property
+    def model_error(self) -> dict[str, np.ndarray]:
+        """Sizes of the error of indices by kind."""
+
+    @property
+    def motion_error(self) -> xr.Dataset:
+        """Error of the motion by lead."""
 
 
 class _Run(NamedTuple):
@@ -77,10 +88,9 @@ class _Run(NamedTuple):
         return [name for name in names if name in self.indices and np.isfinite(self.indices[name]).mean() >= _REACHED]
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
-        """Indices of the draws (n_draws, n_names), those beyond the central :data:`_INSIDE` moved to its ends."""
-        values = np.reshape([self.indices[name].values for name in names], (len(names), -1)).T
-        tail = 0.5 * (1.0 - _INSIDE)
-        return np.clip(values, *np.nanquantile(values, [tail, 1.0 - tail], axis=0)) if names else values
+        """Indices of the draws (n_draws, n_names)."""
+        values = [self.indices[name].values for name in names]
+        return np.array(values).T if names else np.empty((self.indices.sizes["draw"], 0))
 
 
 class _Known(NamedTuple):
@@ -115,11 +125,14 @@ def next_runs(
     interest : sequence of Manoeuvre, optional
         Manoeuvres to forecast well, in calm water: overshoot angles, advance, transfer and tactical diameter.
     sea_room : float, optional
-        [m]; a candidate takes the largest distance between two points of its track, that of 95 % of the draws.
+        Longest distance that there is [m]. A candidate needs the longest one between two points of its track, that
+        of 95 % of the draws.
     wind : (speed, direction), optional
-        Of the runs to come, as in :func:`pymc_ship.simulate`; leaves the term sets out that know no wind.
+        Of the runs to come, as in :func:`pymc_ship.simulate`: its direction counts from the course of the approach.
+        Term sets that know no wind are left out.
     draws : int, optional
-        At most.
+        Draws that are sailed, in all, and one of each term set at least; one that leaves the model's range reaches no
+        index.
     progress : callable, optional
         Called with a short text before each manoeuvre.
 
@@ -154,10 +167,12 @@ def next_runs(
     'turning circle 35 port'
     """
     labelled = labelled_trials(candidates)
-    if n < 1 or draws < 2 or not labelled or not all(one.traits.indices for one in labelled.values()):
+    sailable = [isinstance(one, Manoeuvre) and bool(one.traits.indices) for one in (*labelled.values(), *interest)]
+    if n < 1 or draws < 2 or not labelled or not interest or not all(sailable):
         raise TrialDesignError(
-            "The next run is chosen from one candidate or more that have indices, with one step and two draws or more, "
-            f"found {list(labelled)}, {n} and {draws}; correct them."
+            "The next run is chosen from one manoeuvre or more that have indices, for others that have some, with one "
+            f"step and two draws or more; found {list(labelled)}, {[one.label for one in interest]}, {n} and {draws}; "
+            "correct them."
         )
     models = thinned_draws(knowing_models(ship.models, wind=wind), draws)
     sailed: dict[tuple[Manoeuvre, bool], _Run] = {}
@@ -231,29 +246,41 @@ class _Design:
         return [run.manoeuvre.traits.indices[name].units for run, names in self.targets for name in names]
 
     def _error(self, run: _Run, names: Sequence[str], motion: xr.DataArray) -> np.ndarray:
-        """Standard deviation of the error of each index, (n_names,), of a model fitted to this motion."""
-        middle = run.indices[list(names)].median("draw", keep_attrs=True).expand_dims("draw")
-        ship = run.ships.isel(draw=self.central)
-        beyond = float(np.nanmax(extrapolation(self.vessel, ship, motion)["distance"]))
-        sizes = error_sizes(middle, self.errors, self.vessel, beyond=beyond, place=np.full(1, 0.5))
-        return np.array([sizes[name][0] for name in names])
+        """Standard deviations of the error of each index, (n_names, SIZES), of a model fitted to this motion."""
+        if not names:
+            return np.empty((0, SIZES))
+        middle = run.indices[list(names)].median("draw", keep_attrs=True).expand_dims(draw=SIZES)
+        beyond = float(np.nanmax(extrapolation(self.vessel, self._sailed(run), motion)["distance"]))
+        place = (np.arange(SIZES) + 0.5) / SIZES
+        sizes = error_sizes(middle, self.errors, self.vessel, beyond=beyond, place=place)
+        return np.array([sizes[name] for name in names])
+
+    def _sailed(self, run: _Run) -> xr.Dataset:
+        """Motion of the central ship until the run ends."""
+        return run.ships.isel(draw=self.central, time=slice(None, int(run.end[self.central]) + 1))
+
+    def _measured(self, run: _Run) -> list[str]:
+        """Indices that a run tells: those whose error is known."""
+        table, known = run.manoeuvre.traits.indices, {*self.errors, *(("diameter",) if "rate" in self.errors else ())}
+        return run.reached([name for name, index in table.items() if index.quantity in known - {"roll"}])
 
     def after(self, known: _Known, run: _Run) -> _Known:
         """What is known once a run was sailed, too."""
-        names = run.reached([name for name, index in run.manoeuvre.traits.indices.items() if index.quantity != "roll"])
-        ship = run.ships.isel(draw=self.central, time=slice(None, int(run.end[self.central]) + 1))
+        names, ship = self._measured(run), self._sailed(run)
         prime, _, _ = prime_record(self.vessel, {name: ship[name].values for name in (*STATE[:5], "delta")})
         rows = xr.DataArray(np.column_stack([prime[symbol] for symbol in SYMBOLS]), dims=("row", "symbol"))
         rows = rows.assign_coords(symbol=list(SYMBOLS)).dropna("row")
+        noise = [equivalent_sd(sd) for sd in self._error(run, names, known.motion)]
         seen = np.concatenate([known.seen, run.columns(names)], axis=1)
-        noise = np.append(known.noise, self._error(run, names, known.motion))
-        return _Known(seen, noise, xr.concat([known.motion, rows], "row"))
+        return _Known(seen, np.append(known.noise, noise), xr.concat([known.motion, rows], "row"))
 
     def half_widths(self, known: _Known) -> np.ndarray:
         """Half widths of the intervals of the targets, (n_targets,)."""
         error = np.concatenate([self._error(run, names, known.motion) for run, names in self.targets])
-        variance = left_after(self.asked, known.seen, known.noise)
-        return ndtri(0.5 + 0.5 * _INSIDE) * np.sqrt(variance + error**2)
+        lower, upper = np.nanquantile(self.asked, [0.5 - 0.5 * _INSIDE, 0.5 + 0.5 * _INSIDE], axis=0)
+        variance = (0.5 * (upper - lower) / _QUANTILE) ** 2 * share_left(self.asked, known.seen, known.noise)
+        sd = np.sqrt(variance[:, None] + error**2)
+        return _QUANTILE * np.array([equivalent_sd(row) for row in sd])
 
 
 def _design(ship: Ensemble, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
@@ -265,8 +292,8 @@ def _design(ship: Ensemble, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
         targets += [(run, names)] if names else []
     if not targets:
         raise TrialDesignError(
-            "Nine tenths of the draws reach no index of a manoeuvre of interest; give others, or identify her from "
-            "more runs."
+            "What is to be known are indices that nine tenths of the draws reach, found none of "
+            f"{[run.manoeuvre.label for run in sailed]}; give other manoeuvres, or identify her from more runs."
         )
     asked = np.concatenate([run.columns(names) for run, names in targets], axis=1)
     sd = np.nanstd(asked, axis=0)
@@ -276,37 +303,48 @@ def _design(ship: Ensemble, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
         errors=ship.model_error | steady_error(ship.motion_error),
         targets=targets,
         asked=asked,
-        central=int(np.argmin(np.sum(np.nan_to_num(away, nan=np.inf) ** 2, axis=1))),
+        central=int(np.argmin(np.sum(np.nan_to_num(away, nan=_FAR) ** 2, axis=1))),
         known=_Known(np.empty((len(asked), 0)), np.empty(0), ship.motion),
     )
 
 
-def left_after(asked: np.ndarray, seen: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Variance that the linear Bayes estimate leaves of some columns of an ensemble when others were measured.
+def share_left(asked: np.ndarray, seen: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Share of the variance of some columns of an ensemble that is left when others were measured.
+
+    That of the linear Bayes estimate among the draws that reach all columns, corrected for the directions in which any
+    ensemble is explained by chance: as many as the measurements determine, trace(S (S + N)^-1) with S the covariance of
+    the columns that are seen and N that of their noise. Columns are clipped to the central :data:`_INSIDE` of their
+    draws, as a few that run away would make all others depend on theirs.
 
     Parameters
     ----------
     asked : ndarray, shape (n_draws, m)
     seen : ndarray, shape (n_draws, k)
     noise : ndarray, shape (k,)
-        Standard deviation of the measurement of each column; the draws that reach all columns count.
+        Standard deviation of the measurement of each column.
 
     Returns
     -------
     ndarray, shape (m,)
-        Corrected for the k directions in which any ensemble is explained by chance.
+        From 0 to 1; 1 where too few draws reach all columns.
     """
     whole = np.isfinite(asked).all(axis=1) & np.isfinite(seen).all(axis=1)
-    a, s = (values[whole] - values[whole].mean(axis=0) for values in (asked, seen))
-    count = len(a)
-    prior = np.sum(a**2, axis=0) / (count - 1)
-    unit = np.sqrt(np.sum(s**2, axis=0) / (count - 1) + noise**2)
-    told, s = unit > 0.0, s / np.where(unit > 0.0, unit, 1.0)
-    s, noise = s[:, told], (noise / np.where(unit > 0.0, unit, 1.0))[told]
-    shared, across = s.T @ s / (count - 1) + np.diag(noise**2), s.T @ a / (count - 1)
-    gain = np.linalg.pinv(shared, hermitian=True) @ across
-    chance = (count - 1) / max(count - 1 - told.sum(), 1)
-    return np.minimum(np.maximum(prior - np.sum(gain * across, axis=0), 0.0) * chance, prior)
+    count = int(whole.sum())
+    if not seen.shape[1] or count < 3:
+        return np.ones(asked.shape[1])
+    tail = 0.5 - 0.5 * _INSIDE
+    both = [np.clip(values[whole], *np.quantile(values[whole], [tail, 1.0 - tail], axis=0)) for values in (asked, seen)]
+    a, s = (values - values.mean(axis=0) for values in both)
+    unit = np.sqrt(np.mean(s**2, axis=0) + noise**2)
+    unit[unit == 0.0] = 1.0
+    own, across = s.T @ s / np.outer(unit, unit) / count, s.T @ a / unit[:, None] / count
+    inverse = np.linalg.pinv(own + np.diag((noise / unit) ** 2), hermitian=True)
+    determined, variance = float(np.trace(own @ inverse)), np.mean(a**2, axis=0)
+    if determined >= count - 2:
+        return np.ones(asked.shape[1])
+    explained = np.sum(across * (inverse @ across), axis=0) / np.where(variance > 0.0, variance, 1.0)
+    chance = (count - 1) / (count - 1 - determined)
+    return np.clip((1.0 - explained) * chance, 0.0, 1.0)
 
 
 def _chosen(design: _Design, offered: Mapping[str, _Run], n: int, sea_room: float) -> xr.Dataset:
@@ -319,13 +357,13 @@ def _chosen(design: _Design, offered: Mapping[str, _Run], n: int, sea_room: floa
             f"No candidate has enough sea room in {sea_room:g} m: the {least} takes {room[least]:.0f} m; give more "
             "room or shorter runs."
         )
-    known, chosen, widths = design.known, [], [design.half_widths(design.known)]
+    known, chosen, widths = design.known, [], [np.maximum(design.half_widths(design.known), _TINY)]
     ratio = np.full((n, len(offered)), np.nan)
     for step in range(n):
         ahead = {label: design.after(known, run) for label, run in fitting.items()}
         found = {label: design.half_widths(one) for label, one in ahead.items()}
         for label, width in found.items():
-            ratio[step, list(offered).index(label)] = np.exp(np.mean(np.log(width / widths[0])))
+            ratio[step, list(offered).index(label)] = np.exp(np.mean(np.log(np.maximum(width, _TINY) / widths[0])))
         chosen.append(min(found, key=lambda label: ratio[step, list(offered).index(label)]))
         known = ahead[chosen[-1]]
         widths.append(found[chosen[-1]])
@@ -345,36 +383,3 @@ def _chosen(design: _Design, offered: Mapping[str, _Run], n: int, sea_room: floa
         },
         {"vessel": design.vessel.name},
     )
-
-
-def outlook(ship: Ensemble, rng: np.random.Generator) -> tuple[str, ...]:
-    """Sentences on the turning circle of an identified ship, and on the standard manoeuvre that would tell most next.
-
-    Empty where hardly any draw reaches an index.
-    """
-    vessel, drawn = ship.models[0][0], thinned_draws(ship.models, _DRAWS)
-    settings = simulation_settings(vessel) | {"ci_prob": _INSIDE, "rng": rng, "motion": ship.motion}
-    settings["errors"] = ship.model_error | steady_error(ship.motion_error)
-    turns = []
-    for manoeuvre in (one for one in STANDARD if one.traits.circles):
-        duration = manoeuvre.traits.reach * vessel.particulars.ship_time
-        bands = pooled_forecast(drawn, manoeuvre, duration=duration, **settings)["index_bands"]["tactical_diameter"]
-        lower, median, upper = (bands / vessel.particulars.L).values.tolist()
-        turns += [f"{median:.2f} L ({lower:.2f} to {upper:.2f}) to {manoeuvre.side}"] if np.isfinite(median) else []
-    said = [f"Tactical diameter of the turning circle of 35 deg: {', '.join(turns)}."] if turns else []
-    try:
-        plan = next_runs(ship, STANDARD, draws=_DRAWS)
-    except TrialDesignError:
-        return tuple(said)
-    best = plan.sel(candidate=plan["chosen"].item(), step=1)
-    now, then = plan["half_width"].values
-    most = int(np.argmin(then / now))
-    target, unit = (str(plan[name].values[most]) for name in ("target", "units"))
-    width = np.array([then[most], now[most]]) / (vessel.particulars.L if unit == "m" else 1.0)
-    said.append(
-        f"As the next run the {best['candidate'].item()} would tell most: the intervals of the standard manoeuvres "
-        f"would be {float(best['width_ratio']):.2f} times as wide, that of the {target} ± {width[0]:.2g} in place of "
-        f"± {width[1]:.2g} {unit if unit != 'm' else 'L'}. It takes "
-        f"{float(best['sea_room']) / vessel.particulars.L:.1f} L of sea room."
-    )
-    return tuple(said)

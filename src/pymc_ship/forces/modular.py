@@ -15,7 +15,7 @@ from pymc_ship.forces.part import INPUTS, STATES, Force, Motion, Parameter, Part
 from pymc_ship.forces.programs import Program
 from pymc_ship.forces.rudder import RUDDER
 from pymc_ship.forces.screw import PROPELLER
-from pymc_ship.forces.surroundings import CONSTANT, CURRENT, WIND
+from pymc_ship.forces.surroundings import ADRIFT, CONSTANT, CURRENT, WIND
 
 _SOURCE = "vessel file or Motora's charts"
 _SPREAD = {"m_x": 0.3, "m_y": 0.15, "J_zz": 0.25}  # of added masses, over their values
@@ -118,7 +118,7 @@ def program_of(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = N
         return north * cosine + east * sine, east * cosine - north * sine
 
     drift = p.get("k_drift", 0.0)
-    current = [p.get(name, 0.0) + drift * at[wind] for name, wind in (("c_north", "wind_x"), ("c_east", "wind_y"))]
+    current = [p.get(name, 0.0) + drift * at[wind] for name, wind in zip(ADRIFT, ("wind_x", "wind_y"), strict=True)]
     u_c, v_c = to_ship(*current)
     u_w, v_w = to_ship(at["wind_x"], at["wind_y"])
     water = {"u": at["u"] - u_c, "v": at["v"] - v_c}

@@ -16,6 +16,9 @@ from pymc_ship.forces.part import Force, Motion, Parameter, Part, Ship, speed
 AIR_OVER_WATER = 1.225 / 1025.0
 """Density of air over that of sea water."""
 
+ADRIFT = ("c_north", "c_east")
+"""Constants of a run that are the components of its current, over the nominal speed."""
+
 _FOSSEN = "Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, section 8.1"
 
 
@@ -39,10 +42,8 @@ def _wind(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[
 def _of_current(ship: Ship) -> tuple[Parameter, ...]:
     usual = "currents of half a knot or so, by judgement"
     sd = 0.5 / ship.nominal_speed
-    return (
-        Parameter("c_north", 0.0, sd, usual, "U_nom, current to the north", of_run=True),
-        Parameter("c_east", 0.0, sd, usual, "U_nom, current to the east", of_run=True),
-    )
+    ways = zip(ADRIFT, ("north", "east"), strict=True)
+    return tuple(Parameter(name, 0.0, sd, usual, f"U_nom, current to the {way}", of_run=True) for name, way in ways)
 
 
 def _of_rest(ship: Ship) -> tuple[Parameter, ...]:

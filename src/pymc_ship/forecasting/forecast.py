@@ -116,7 +116,7 @@ def pooled_forecast(
     rng: np.random.Generator,
     noise: Mapping[str, float] | None = None,
     motion: xr.DataArray | None = None,
-    errors: Mapping[str, float] | None = None,
+    errors: Mapping[str, np.ndarray | float] | None = None,
     **settings,
 ) -> xr.DataTree:
     """Forecast a manoeuvre with ships of several models at once: vessels that share all but their terms and parts.
@@ -134,7 +134,7 @@ def pooled_forecast(
         Standard deviation of the sensors by channel [SI].
     motion : DataArray, dims (row, symbol), optional
         Prime motion the models were fitted to.
-    errors : mapping of str to float, optional
+    errors : mapping of str to ndarray or float, optional
         Model error of the indices by kind, see :func:`pymc_ship.forecasting.index_error.model_error`: ``indices`` are
         then those that a trial would show, and hold the error of a model that leaves the motion of its runs.
 

@@ -162,7 +162,17 @@ def index_sd(row: Mapping, errors: Mapping[str, np.ndarray]) -> float:
     The row is one of :func:`index_rows`; the forecast holds draws, models and model error together.
     """
     sizes = errors.get(row["kind"], np.zeros(1))
-    sd = np.sqrt(row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + (sizes * row["scale"]) ** 2)
+    return equivalent_sd(np.sqrt(row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + (sizes * row["scale"]) ** 2))
+
+
+def equivalent_sd(sd: np.ndarray) -> float:
+    """Standard deviation of the normal law with the same interval of 95 % as a mixture of normal laws about one mean.
+
+    Parameters
+    ----------
+    sd : ndarray, shape (n_laws,)
+        Of equally probable laws.
+    """
     quantile = ndtri(0.5 + 0.5 * _COVERED)
     if sd.min() == sd.max():
         return float(sd[0])
@@ -216,10 +226,10 @@ def error_sizes(
             law = np.atleast_1d(errors.get(quantity, 0.0))
             error = np.hypot(law[(place * law.size).astype(int)], _GROWN[quantity] * beyond)
             sizes[name] = error * np.asarray(index_scale(quantity, found[name], heading_deg, vessel))
-    turn = [sizes[name] / found[name].values for name in sizes if table[name].quantity in ("speed", "rate")]
+    relative = {table[name].quantity: sizes[name] / found[name].values for name in sizes}
     for name in map(str, found):
         if table[name].quantity == "diameter":
-            sizes[name] = np.hypot(*turn) * found[name].values
+            sizes[name] = np.hypot(relative["speed"], relative["rate"]) * found[name].values
     return sizes
 
 

@@ -10,12 +10,12 @@ approach speed, and their indices compared.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.surroundings import WIND
+from pymc_ship.forces.surroundings import ADRIFT, CURRENT, WIND
 from pymc_ship.forecasting.index_error import index_scale, robust_sd
 from pymc_ship.manoeuvre.helm import base_course, execution
 from pymc_ship.manoeuvre.indices import indices
@@ -25,10 +25,11 @@ from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.inputs import revolutions_measured, takes_revolutions
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.motion.stepping import simulation_settings
+from pymc_ship.trajectory.carried import carried_draws
 from pymc_ship.trajectory.windows import Window, WindowFit, restarted, with_constants
 from pymc_ship.trial.channels import sensors, without_roll
 from pymc_ship.trial.record import moving
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.vessel.vessel import Vessel, coefficient_names
 
 JUDGED = sensors(rolling=False)
 """Channels of the score, the same for a model that rolls and one that does not."""
@@ -56,6 +57,10 @@ class HeldOut:
     coefficients: tuple[np.ndarray, ...]
     log_density: np.ndarray
     rms: dict[str, float]
+
+    def drawn(self, k: int, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draws of the fit without run k, with the constants that the run calls for, (count, n_coefficients)."""
+        return carried_draws(self.fits[k], count, rng) + self.coefficients[k] - self.fits[k].coefficients
 
 
 def held_out(
@@ -130,12 +135,32 @@ def sailed_in(trial: xr.Dataset, vessel: Vessel) -> dict[str, float | tuple[floa
     return found
 
 
+def _through_water(
+    trial: xr.Dataset, manoeuvre: Manoeuvre, vessel: Vessel, coefficients: np.ndarray
+) -> tuple[Manoeuvre, np.ndarray, dict]:
+    """A recorded manoeuvre as it was sailed through the water: manoeuvre, coefficients and settings of a simulation.
+
+    Where speeds were measured over ground, the constants of the run hold its current. The approach speed is then less
+    what the current adds along the base course, and the track drifts with the current.
+    """
+    settings = sailed_in(trial, vessel)
+    if CURRENT.name not in vessel.parts:
+        return manoeuvre, coefficients, settings
+    names, still = coefficient_names(vessel), coefficients.copy()
+    places = [names.index(name) for name in ADRIFT]
+    drift = vessel.particulars.nominal_speed * complex(*coefficients[0, places])
+    drift *= np.exp(-1j * base_course(trial))
+    still[:, places] = 0.0
+    settings["current"] = abs(drift), float(np.rad2deg(np.angle(drift)))
+    return replace(manoeuvre, approach_speed=manoeuvre.approach_speed - drift.real), still, settings
+
+
 def forecast_indices(
     vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float, **around
 ) -> dict[str, np.ndarray]:
     """Scored indices of a manoeuvre that the vessel models, for each row of coefficients, each of shape (n_draws,).
 
-    ``around`` are the revolutions and the wind, as of :func:`sailed_in`.
+    ``around`` are revolutions, wind and current, as of :func:`pymc_ship.simulate`.
     """
     settings = simulation_settings(vessel) | around
     found = indices(simulate(vessel, manoeuvre, duration=duration, coefficients=coefficients, **settings))
@@ -179,7 +204,7 @@ def index_rows(
     trial : Dataset, dims (time,)
     manoeuvre : Manoeuvre
     models : sequence of (Vessel, ndarray of shape (1 + n_draws, n_coefficients))
-        Fits made without the run: the estimate, then draws.
+        Fits made without the run, with the constants that the run calls for: the estimate, then draws.
     weight : ndarray, shape (n_models,)
 
     Returns
@@ -190,10 +215,10 @@ def index_rows(
         say nothing of its angle.
     """
     duration = float(np.ptp(trial["time"].values))
-    found = [
-        forecast_indices(vessel, coefficients, manoeuvre, duration, **sailed_in(trial, vessel))
-        for vessel, coefficients in models
-    ]
+    found = []
+    for vessel, coefficients in models:
+        approached, still, around = _through_water(trial, manoeuvre, vessel, coefficients)
+        found.append(forecast_indices(vessel, still, approached, duration, **around))
     rows = []
     delay = models[0][0].particulars.rudder_delay
     for name, measured in scored_indices(trial, manoeuvre, delay).items():

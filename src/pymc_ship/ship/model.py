@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.captive.comparison import compared
-from pymc_ship.design.next_run import outlook
+from pymc_ship.design.outlook import outlook
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.forecasting.motion_error import LEADS, Replayed, motion_error
@@ -255,6 +255,7 @@ def identify_ship(
     if before.said:
         remarks.append(beside_earlier(found[0], training))
     moved = motion_error(_held_out_motion(found, training, rng), vessel)
+    moved = moved if moved.sizes["lead"] or not before.said else before.motion_error
     motion = _motion(training, fullest_vessel, before)
     models = [(c.vessel, c.draws) for c in found if len(c.draws)]
     progress("outlook on standard manoeuvres")
@@ -267,7 +268,7 @@ def identify_ship(
         candidates=tuple(found),
         index_rows=rows,
         model_error=errors,
-        motion_error=moved if moved.sizes["lead"] or not before.said else before.motion_error,
+        motion_error=moved,
         motion=motion,
         remarks=tuple(remarks),
         outlook=outlook(IdentifiedShip(models, motion, errors, moved, ()), rng),
@@ -341,11 +342,12 @@ def _held_out_indices(
     rows = []
     for k, (trial, manoeuvre) in enumerate(zip(training.trials, training.manoeuvres, strict=True)):
         if manoeuvre is not None:
-            fits, gear = [candidate.held_out.fits[k] for candidate in counted], training.facilities[facility_of(trial)]
-            models = [
-                (with_steering(fit.vessel, gear), np.vstack([fit.coefficients, carried_draws(fit, _FORECASTS, rng)]))
-                for fit in fits
-            ]
+            gear, models = training.facilities[facility_of(trial)], []
+            for candidate in counted:
+                coefficients = np.vstack(
+                    [candidate.held_out.coefficients[k], candidate.held_out.drawn(k, _FORECASTS, rng)]
+                )
+                models.append((with_steering(candidate.vessel, gear), coefficients))
             rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum())
     return rows
 
@@ -356,11 +358,7 @@ def _held_out_motion(found: Sequence[Candidate], training: Training, rng: np.ran
         return
     unit = training.vessel.particulars.ship_time
     for k, trial in enumerate(training.trials):
-        drawn = []
-        for candidate in found:
-            fit, own = candidate.held_out.fits[k], candidate.held_out.coefficients[k]
-            draws = carried_draws(fit, round(_REPLAYS * candidate.weight), rng)
-            drawn.append((candidate.vessel, draws + own - fit.coefficients))
+        drawn = [(c.vessel, c.held_out.drawn(k, round(_REPLAYS * c.weight), rng)) for c in found]
         time, noise = trial["time"].values, reading_noise(trial)
         for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
             place = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
