@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.forces.surroundings import ADRIFT
+from pymc_ship.manoeuvre.helm import approach_speed
 from pymc_ship.ship.held_out import index_rows, left_out, scored_indices
+from pymc_ship.trial.record import OVER_GROUND
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
+from tests.forces.test_parts import AHEAD
+from tests.forces.test_parts import tanker as parts
 from tests.manoeuvre.cases import steered_by_hand
 from tests.ship.cases import ROLL, RUNS, scored_upright, tanker, trial, with_delay
 from tests.ship.test_roll import tender
 
 UNIT = {"time": 320.0 / 7.974, "distance": 320.0}
 RNG = np.random.default_rng
+
+
+def over_ground(run, current, course):
+    """Record in other axes, in which she begins on a course [rad], of a ship that drifts with a current [m/s]."""
+    heading = np.exp(1j * run["psi"].values)
+    speed = run["u"].values + 1j * run["v"].values + current / heading
+    track = (run["x"].values + 1j * run["y"].values) * np.exp(1j * course)
+    turned = {"u": speed.real, "v": speed.imag, "psi": run["psi"].values + course, "x": track.real, "y": track.imag}
+    return run.assign({name: ("time", values) for name, values in turned.items()}).assign_attrs(speeds=OVER_GROUND)
 
 
 class TestIndexRows:
@@ -50,6 +66,29 @@ class TestIndexRows:
             assert c["model_sd"] == pytest.approx(0.4 * abs(a["forecast"] - b["forecast"]), rel=1e-9)
             within = 0.8 * a["parameter_sd"] ** 2 + 0.2 * b["parameter_sd"] ** 2
             assert c["parameter_sd"] == pytest.approx(np.sqrt(within), rel=1e-12)
+
+    @pytest.mark.parametrize(("manoeuvre", "course"), [(ps.zigzag(10, 10), 0.0), (ps.turning_circle(35), 2.0)])
+    def test_a_run_over_ground_is_forecast_in_its_own_current(self, manoeuvre, course):
+        """Her speeds and track are over ground; the model knows her exactly, and the current of the run.
+
+        Broken twin: without the current she approaches at the speed over ground.
+        """
+        vessel = parts((*AHEAD, "current"))
+        values, places = reference_coefficients(vessel), [coefficient_names(vessel).index(name) for name in ADRIFT]
+        run = ps.simulate(vessel, manoeuvre, duration=700, step=0.25, method="rk4", current=(0.9, 50.0))
+        record = over_ground(run, 0.9 * np.exp(1j * np.deg2rad(50.0)), course)
+        approached = replace(manoeuvre, approach_speed=approach_speed(record))
+        assert approached.approach_speed > 1.05 * vessel.particulars.nominal_speed
+        own = np.tile(values, (4, 1))
+        drift = 0.9 / vessel.particulars.nominal_speed * np.exp(1j * (np.deg2rad(50.0) + course))
+        own[:, places] = drift.real, drift.imag
+        known, blind = (
+            index_rows("1", record, approached, [(vessel, rows)], np.ones(1)) for rows in (own, np.tile(values, (4, 1)))
+        )
+        errors = [[abs(row["forecast"] - row["measured"]) / row["scale"] for row in rows] for rows in (known, blind)]
+        assert [row["index"] for row in known] == scored_upright(manoeuvre)
+        assert max(errors[0]) < 0.03
+        assert max(errors[1]) > 0.1
 
     def test_roll_is_that_of_the_models_that_have_it(self):
         """Half the weight on a tanker without roll; the run is that of one with roll, or of one that never heels."""
