@@ -161,7 +161,7 @@ def next_runs(
     >>> sides = ("port", "starboard")
     >>> runs = [ps.simulate(vessel, ps.zigzag(10, 10, side=side), duration=600, step=0.5) for side in sides]
     >>> runs = [ps.pollute(run, level=0.01, rng=rng) for run in runs]
-    >>> ship = ps.identify_ship(runs, vessel, terms=["modular"], draws=100, rng=rng)
+    >>> ship = ps.identify_ship(runs, vessel, terms=["hull and loading, cubic"], draws=100, rng=rng)
     >>> plan = ps.next_runs(ship, [ps.zigzag(10, 10), ps.turning_circle(35)])
     >>> plan["chosen"].item()
     'turning circle 35 port'
@@ -280,7 +280,7 @@ class _Design:
         lower, upper = np.nanquantile(self.asked, [0.5 - 0.5 * _INSIDE, 0.5 + 0.5 * _INSIDE], axis=0)
         variance = (0.5 * (upper - lower) / _QUANTILE) ** 2 * share_left(self.asked, known.seen, known.noise)
         sd = np.sqrt(variance[:, None] + error**2)
-        return _QUANTILE * np.array([equivalent_sd(row) for row in sd])
+        return np.maximum(_QUANTILE * np.array([equivalent_sd(row) for row in sd]), _TINY)
 
 
 def _design(ship: Ensemble, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
@@ -357,19 +357,18 @@ def _chosen(design: _Design, offered: Mapping[str, _Run], n: int, sea_room: floa
             f"No candidate has enough sea room in {sea_room:g} m: the {least} takes {room[least]:.0f} m; give more "
             "room or shorter runs."
         )
-    known, chosen, widths = design.known, [], [np.maximum(design.half_widths(design.known), _TINY)]
-    ratio = np.full((n, len(offered)), np.nan)
-    for step in range(n):
+    known, chosen, widths, ratios = design.known, [], [design.half_widths(design.known)], []
+    for _ in range(n):
         ahead = {label: design.after(known, run) for label, run in fitting.items()}
         found = {label: design.half_widths(one) for label, one in ahead.items()}
-        for label, width in found.items():
-            ratio[step, list(offered).index(label)] = np.exp(np.mean(np.log(np.maximum(width, _TINY) / widths[0])))
-        chosen.append(min(found, key=lambda label: ratio[step, list(offered).index(label)]))
+        ratio = {label: float(np.exp(np.mean(np.log(width / widths[0])))) for label, width in found.items()}
+        chosen.append(min(ratio, key=ratio.get))
         known = ahead[chosen[-1]]
         widths.append(found[chosen[-1]])
+        ratios.append([ratio.get(label, np.nan) for label in offered])
     return xr.Dataset(
         {
-            "width_ratio": (("step", "candidate"), ratio),
+            "width_ratio": (("step", "candidate"), ratios),
             "sea_room": ("candidate", list(room.values()), {"units": "m"}),
             "chosen": ("step", chosen),
             "half_width": (("stage", "target"), np.array(widths)),
