@@ -300,7 +300,7 @@ def test_the_outlook_says_what_the_circle_is_and_which_run_tells_most(ship, plan
     ratio, room = (float(plan[name].sel(candidate=best).values.flat[0]) for name in ("width_ratio", "sea_room"))
     assert f"As the next run the {best} would tell most" in advice
     assert f"would be {ratio:.2f} times as wide as now" in advice
-    assert re.search(r"That of the .*, .* would shrink from ± \S+ to ± \S+ (L|deg)\.", advice)
+    assert re.search(r", that of the .* of the .* ± \S+ in place of ± \S+ (L|deg)\.", advice)
     assert f"The run takes {room / tanker().particulars.L:.1f} L of sea room." in advice
 
 

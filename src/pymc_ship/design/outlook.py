@@ -39,11 +39,12 @@ def outlook(ship: Ensemble, rng: np.random.Generator) -> tuple[str, ...]:
     now, then = plan["half_width"].values
     most = int(np.argmin(then / now))
     target, unit = (str(plan[name].values[most]) for name in ("target", "units"))
+    sailed, index = target.split(", ")
     width = np.array([then[most], now[most]]) / (vessel.particulars.L if unit == "m" else 1.0)
     said.append(
         f"As the next run the {best['candidate'].item()} would tell most: the intervals of the standard manoeuvres "
-        f"would be {float(best['width_ratio']):.2f} times as wide as now. That of the {target} would shrink from "
-        f"± {width[1]:.2g} to ± {width[0]:.2g} {unit if unit != 'm' else 'L'}. The run takes "
+        f"would be {float(best['width_ratio']):.2f} times as wide as now, that of the {index} of the {sailed} "
+        f"± {width[0]:.2g} in place of ± {width[1]:.2g} {unit if unit != 'm' else 'L'}. The run takes "
         f"{float(best['sea_room']) / vessel.particulars.L:.1f} L of sea room."
     )
     return tuple(said)
