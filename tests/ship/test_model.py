@@ -124,9 +124,11 @@ class TestHeldOutWeights:
         training = Training([trial(RUNS[0])], [RUNS[0]], gear, tanker(), "order_damped")
 
         def rows(*sets):
+            known = (np.zeros(1), {})
+            held = [HeldOut((fit,), (fit.coefficients,), *known) for _, fit in sets]
             found = [
-                replace(TestWeights.candidate([0.0]), weight=weight, held_out=HeldOut((fit,), (), np.zeros(1), {}))
-                for weight, fit in sets
+                replace(TestWeights.candidate([0.0]), weight=weight, fit=fit, held_out=out)
+                for (weight, fit), out in zip(sets, held, strict=True)
             ]
             return ship_model._held_out_indices(found, training, ("1",), np.random.default_rng(2))
 
