@@ -31,7 +31,7 @@ def main() -> None:
         row = []
         for third in THIRD:
             after = identified(drawn, [*runs, drawn.record(third, len(runs))])
-            widths = [ps.next_runs(ship, [third])["half_width"][0] for ship in (before, after)]
+            widths = plan["half_width"][0], ps.next_runs(after, [third])["half_width"][0]
             promised = float(plan["width_ratio"].sel(step=1, candidate=third.label))
             row.append((promised, float(np.exp(np.log(widths[1] / widths[0]).mean()))))
         ratios.append(row)

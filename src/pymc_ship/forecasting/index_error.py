@@ -45,8 +45,8 @@ SIZES = 200
 
 HELD, MADE = 4772, 4824
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
-and how many there were, on the seventy ships of ``reports/ships``, on none of which a number of this module was chosen
-but this one."""
+and how many there were, on the seventy ships of ``reports/ships``, on which no other number of this module was chosen.
+"""
 
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
 _GROWN = dict.fromkeys(ERRING, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
