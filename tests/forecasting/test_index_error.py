@@ -39,13 +39,14 @@ UNIT = {"time": 320.0 / 7.974, "distance": 320.0}
 RNG = np.random.default_rng
 
 
-def row(kind, error, parameter_sd=0.0, model_sd=0.0, scale=1.0):
+def row(kind, error, parameter_sd=0.0, model_sd=0.0, scale=1.0, measured_sd=0.0):
     return {
         "kind": kind,
         "measured": 5.0 + error,
         "forecast": 5.0,
         "parameter_sd": parameter_sd,
         "model_sd": model_sd,
+        "measured_sd": measured_sd,
         "scale": scale,
     }
 
@@ -96,6 +97,18 @@ class TestModelError:
         rows = [row("time", rng.standard_normal(), parameter_sd=1.0, scale=100.0) for _ in range(200)]
         upper = np.quantile(model_error(rows)["time"], 0.95)
         assert upper < 0.01 < np.quantile(model_error([])["time"], 0.95)
+
+    def test_what_the_readings_leave_open_is_no_model_error(self):
+        """Measured indices that scatter by the noise of their readings say that the ship errs little.
+
+        The broken twin knows nothing of the noise, and believes in an error of its size.
+        """
+        rng = RNG(5)
+        rows = [row("angle", rng.standard_normal(), scale=100.0, measured_sd=1.0) for _ in range(200)]
+        upper, typical = (np.quantile(model_error(seen)["angle"], 0.95) for seen in (rows, []))
+        assert upper < 0.01 < typical
+        twin = model_error([one | {"measured_sd": 0.0} for one in rows])["angle"]
+        assert np.median(twin) == pytest.approx(0.01, rel=0.25)
 
     def test_a_ship_has_one_size_in_all_kinds(self):
         """Overshoots that err by ten times what is typical say as much of distances."""

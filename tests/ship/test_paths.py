@@ -131,7 +131,7 @@ def test_a_single_run_cannot_be_left_out():
 def index_row(run, index, measured, forecast, sd=0.5, kind="angle"):
     """Row as of a model, without spread of the draws."""
     row = {"run": run, "index": index, "kind": kind, "measured": measured, "forecast": forecast}
-    return row | {"parameter_sd": 0.0, "model_sd": 0.0, "scale": measured, "sd": sd}
+    return row | {"parameter_sd": 0.0, "model_sd": 0.0, "measured_sd": 0.0, "scale": measured, "sd": sd}
 
 
 def test_errors_of_overshoots():

@@ -58,7 +58,7 @@ heading and track, its sum over time (``far`` [ranges L/U])."""
 
 HELD_INDEX = {"kind": "str", "error": "float", "known": "float"}
 """Columns of an index of a run that was held out in the identification: kind, error of the forecast and variance that
-draws and term sets explain of it, in the units of :data:`INDEX`."""
+draws, term sets and the noise of readings explain of it, in the units of :data:`INDEX`."""
 
 STOP = {"index": "str"} | _TOLD
 """Columns of an index of a stopping test, as those of :data:`INDEX`; changes of heading are in rad."""

@@ -29,7 +29,7 @@ from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.vessel.vessel import Vessel
 
-BEYOND = 0.011
+BEYOND = 0.003
 """Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L, roll].
 """
 
@@ -39,6 +39,9 @@ TYPICAL = {"angle": 0.0007, "time": 0.0021, "distance": 0.0017, "roll": 0.010}
 
 TOGETHER = 0.25
 """Weight of each held-out index in the law; the indices of one run err together."""
+
+SETTLED = 10.0
+"""Time from the start of a replay by which a turn is steady [L/U]."""
 
 SIZES = 200
 """Equally probable sizes that stand for the law of a model error."""
@@ -80,7 +83,8 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
     Parameters
     ----------
     rows : sequence of mapping
-        From :func:`index_rows`, of any number of runs; without any, the law is that of foreign ships.
+        ``index_rows`` of a :class:`pymc_ship.ship.model.ShipModel`, of any number of runs; without any, the law is that
+        of foreign ships.
 
     Returns
     -------
@@ -98,8 +102,8 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
 
 
 def scaled(row: Mapping) -> tuple[float, float]:
-    """Error of a row of :func:`index_rows`, and the variance that draws and term sets explain of it, over its scale."""
-    known = row["parameter_sd"] ** 2 + row["model_sd"] ** 2
+    """Error of a row of ``index_rows``, and the variance that draws, term sets and readings explain, over its scale."""
+    known = row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + row["measured_sd"] ** 2
     return (row["forecast"] - row["measured"]) / row["scale"], known / row["scale"] ** 2
 
 
@@ -140,7 +144,9 @@ def error_rows(errors: Mapping[str, np.ndarray], vessel: Vessel) -> list[dict]:
 
 
 def steady_error(motion_error: xr.Dataset) -> dict[str, float]:
-    """Standard deviation of steady speeds, rates and drift angles by quantity: of the motion at the longest lead.
+    """Standard deviation of steady speeds, rates and drift angles by quantity: that of the motion once it has settled.
+
+    It is taken :data:`SETTLED` after the start of a replay, or at the longest lead: later ones are seen few times.
 
     Parameters
     ----------
@@ -154,7 +160,8 @@ def steady_error(motion_error: xr.Dataset) -> dict[str, float]:
     """
     if not motion_error.sizes["lead"]:
         return {}
-    return {quantity: float(motion_error[name][-1]) for quantity, name in _OF_MOTION.items()}
+    settled = motion_error.sel(lead=slice(None, SETTLED)).isel(lead=-1)
+    return {quantity: float(settled[name]) for quantity, name in _OF_MOTION.items()}
 
 
 def index_sd(row: Mapping, errors: Mapping[str, np.ndarray]) -> float:

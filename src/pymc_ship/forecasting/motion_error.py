@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from scipy.optimize import isotonic_regression
 from scipy.special import ndtri
 
 from pymc_ship.motion.equations import STATE
@@ -36,6 +37,7 @@ GROWTH = {"u": 0.007, "v": 0.0025, "r": 0.001, "psi": 0.001, "x": 0.003, "y": 0.
 
 _ROWS = [STATE.index(name) for name in ERRING]
 _STEPS = np.arange(1, len(ERRING) + 1)
+_NONE = 1e-9  # replays at a lead that none reaches
 _GOLDEN = 1.112775684278706  # x^7 = x + 1: the additive sequence that is most even in six dimensions
 
 
@@ -65,8 +67,9 @@ def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> xr.Dataset:
     Returns
     -------
     Dataset, dims (lead,)
-        Prime at the nominal speed. It does not fall with the lead; leads [L/U] end with the longest replay, and there
-        are none without replays.
+        Prime at the nominal speed. Its square is the mean excess at each lead, each replay counted once, and where that
+        falls with the lead the mean over the leads between which it does (least squares); leads [L/U] end with the
+        longest replay, and there are none without replays.
     """
     unit, scale = vessel.particulars.ship_time, np.array(list(prime_units(vessel).values()))
     replays = list(replays)
@@ -81,10 +84,14 @@ def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> xr.Dataset:
             error = one.measured[_ROWS, place] / scale - np.nanmedian(drawn, axis=1)
             excess[k] = error**2 - np.nanvar(drawn, axis=1) - (one.noise_sd[_ROWS] / scale) ** 2
         known = np.isfinite(excess)
-        mean = np.where(known, excess, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-        found.append(np.sqrt(np.maximum(mean, 0.0)))
-    values = np.maximum.accumulate(np.reshape(found, (-1, len(ERRING))), axis=0)
-    return xr.Dataset({name: ("lead", values[:, k]) for k, name in enumerate(ERRING)}, {"lead": leads})
+        count = np.maximum(known.sum(axis=0), _NONE)
+        found.append((np.where(known, excess, 0.0).sum(axis=0) / count, count))
+    rising = {}
+    for k, name in enumerate(ERRING):
+        mean, count = (np.array([one[what][k] for one in found]) for what in (0, 1))
+        square = isotonic_regression(mean, weights=count).x if found else mean
+        rising[name] = ("lead", np.sqrt(np.maximum(square, 0.0)))
+    return xr.Dataset(rising, {"lead": leads})
 
 
 def with_motion_error(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.denoising.denoise import MIN_LENGTH, denoise
+from pymc_ship.denoising.draws import denoise_draws
 from pymc_ship.manoeuvre.helm import base_course, execution, rudder_reversals, steered
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.registry import kind_named
@@ -137,3 +138,42 @@ def smoothed(measured: xr.Dataset) -> xr.Dataset:
     """Trial whose heading runs through and whose motion is denoised where it can be, see :func:`denoisable`."""
     names = denoisable(measured)
     return denoise(through(measured), channels=names) if names else measured
+
+
+def drawn_indices(
+    measured: xr.Dataset,
+    attrs: Mapping,
+    *,
+    draws: int,
+    rng: np.random.Generator,
+    corrected: Callable[[xr.Dataset], xr.Dataset] = lambda smooth: smooth,
+) -> dict[str, np.ndarray]:
+    """Indices of a measured trial over draws of its denoised motion: what the noise of the readings leaves open.
+
+    Parameters
+    ----------
+    measured, attrs
+        As for :func:`measured_indices`.
+    draws : int
+    rng : Generator
+    corrected : callable, optional
+        Takes a trial whose motion is smooth and returns it with what is known to be wrong in it taken off.
+
+    Returns
+    -------
+    dict of str to ndarray
+        By name those of the draws that reach the event; empty for a record that cannot be denoised.
+    """
+    names = denoisable(measured)
+    if not names:
+        return {}
+    drawn = denoise_draws(through(measured), draws=draws, rng=rng, channels=names)
+    return finite_indices(smooth_indices(corrected(drawn.isel(draw=k)), attrs) for k in range(draws))
+
+
+def finite_indices(found: Iterable[Mapping[str, float]]) -> dict[str, np.ndarray]:
+    """Finite values of each index over several sets of indices; names without one are left out."""
+    rows = list(found)
+    values = {name: np.array([row.get(name, np.nan) for row in rows]) for name in rows[0]}
+    finite = {name: column[np.isfinite(column)] for name, column in values.items()}
+    return {name: column for name, column in finite.items() if column.size}

@@ -7,19 +7,18 @@ calm, F, over what the same model says of the trial's loading and wind, B.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
 
-from pymc_ship.denoising.draws import denoise_draws
 from pymc_ship.forecasting.draws import thinned_draws
 from pymc_ship.manoeuvre.criteria import imo_limits
 from pymc_ship.manoeuvre.helm import base_course
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.kinds import TRACKED
-from pymc_ship.manoeuvre.measured import denoisable, smooth_indices, smoothed, through
+from pymc_ship.manoeuvre.measured import drawn_indices, finite_indices, smooth_indices, smoothed
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.simulation import simulate
 from pymc_ship.motion.stepping import simulation_settings
@@ -184,11 +183,9 @@ def _from_bow(wind: tuple[float, float], course: float) -> tuple[float, float]:
 
 def _by_record(trial: xr.Dataset, flow: np.ndarray, attrs: Mapping, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Deviation of each index over draws of the denoised record; empty for one that cannot be denoised."""
-    names = denoisable(trial)
-    if not names:
-        return {}
-    drawn = denoise_draws(through(trial), draws=DRAWS, rng=rng, channels=names)
-    return _deviations(smooth_indices(without_current(drawn.isel(draw=k), flow), attrs) for k in range(DRAWS))
+    return _deviations(
+        drawn_indices(trial, attrs, draws=DRAWS, rng=rng, corrected=lambda smooth: without_current(smooth, flow))
+    )
 
 
 def _by_current(
@@ -198,15 +195,12 @@ def _by_current(
     if current is None:
         return {}
     drawn = current.velocity + current.sd * rng.standard_normal((DRAWS, 2))
-    return _deviations(smooth_indices(without_current(smooth, velocity), attrs) for velocity in drawn)
+    return _deviations(finite_indices(smooth_indices(without_current(smooth, velocity), attrs) for velocity in drawn))
 
 
-def _deviations(found: Iterable[Mapping[str, float]]) -> dict[str, np.ndarray]:
-    """Finite values of each index about their mean."""
-    rows = list(found)
-    values = {name: np.array([row.get(name, np.nan) for row in rows]) for name in rows[0]}
-    finite = {name: column[np.isfinite(column)] for name, column in values.items()}
-    return {name: column - column.mean() for name, column in finite.items() if column.size}
+def _deviations(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Values of each index about their mean."""
+    return {name: column - column.mean() for name, column in values.items()}
 
 
 def _ratios(

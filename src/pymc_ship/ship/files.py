@@ -229,7 +229,8 @@ def load_ship(out: str | Path) -> IdentifiedShip:
             "`pymc-ship identify` again."
         )
     gear = {one.name for one in fields(Steering)}
-    if not set(_KEYS) <= set(index) or any(set(one) != gear for one in index["facilities"].values()):
+    read = set(_KEYS) <= set(index) and all(set(one) == gear for one in index["facilities"].values())
+    if not read or any("measured_sd" not in row for row in index["index_rows"]):
         raise _of_another_version(folder, _INDEX, _KEYS)
     models, said, motion = [], {}, None
     for entry in index["terms"]:

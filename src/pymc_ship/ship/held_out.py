@@ -19,7 +19,7 @@ from pymc_ship.forces.surroundings import ADRIFT, CURRENT, WIND
 from pymc_ship.forecasting.index_error import index_scale, robust_sd
 from pymc_ship.manoeuvre.helm import base_course, execution
 from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.measured import measured_indices
+from pymc_ship.manoeuvre.measured import drawn_indices, measured_indices
 from pymc_ship.manoeuvre.recognition import unrecognised
 from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.inputs import revolutions_measured, takes_revolutions
@@ -35,6 +35,7 @@ JUDGED = sensors(rolling=False)
 """Channels of the score, the same for a model that rolls and one that does not."""
 
 _LOG_2PI = np.log(2.0 * np.pi)
+_READINGS = 40  # draws of the denoised motion of a recorded manoeuvre
 
 
 @dataclass(frozen=True)
@@ -174,6 +175,16 @@ def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre, rudder_delay: float 
     """
     found = measured_indices(trial, manoeuvre.attrs | {"rudder_delay": rudder_delay})
     return {name: found.get(name, np.nan) for name in manoeuvre.traits.scored}
+
+
+def readings_sd(trial: xr.Dataset, manoeuvre: Manoeuvre, delay: float, rng: np.random.Generator) -> dict[str, float]:
+    """Standard deviation of each index of a recorded manoeuvre over draws of its denoised motion.
+
+    Indices that no draw reaches have none, nor has a record that cannot be denoised; ``delay`` [s] is that of the
+    steering gear.
+    """
+    drawn = drawn_indices(trial, manoeuvre.attrs | {"rudder_delay": delay}, draws=_READINGS, rng=rng)
+    return {name: float(np.std(values)) for name, values in drawn.items()}
 
 
 def left_out(trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | None], vessel: Vessel) -> list[str]:
