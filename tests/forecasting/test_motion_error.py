@@ -53,6 +53,26 @@ def test_the_error_beyond_the_draws_is_found_by_lead(tanker):
             assert float(found[name].sel(lead=lead)) == pytest.approx(GROWTH[name] * lead / 10.0, rel=error), name
 
 
+def test_chance_does_not_make_the_error_larger(tanker):
+    """Eight replays that err as much at all leads: at 3 L/U the square is right on average, within four errors.
+
+    The broken twin takes the largest that the leads up to there have shown.
+    """
+    rng, row, unit = np.random.default_rng(4), STATE.index("u"), units(tanker)["u"]
+    shares, states, time = [], np.zeros((8, DRAWS, TIMES)), time_of(tanker)
+    for _ in range(100):
+        measured = np.zeros((8, 8, TIMES))
+        measured[:, row] = 0.05 * unit * rng.standard_normal((8, TIMES))
+        found = motion_error([Replayed(time, states, seen, np.zeros(8)) for seen in measured], tanker)["u"]
+        places = np.searchsorted(time, found["lead"].values[:5] * tanker.particulars.ship_time - 1e-9)
+        largest = np.mean((measured[:, row, places] / unit) ** 2, axis=0).max()
+        shares.append(np.array([float(found.sel(lead=3.0)) ** 2, largest]) / 0.05**2)
+        assert np.all(np.diff(found) >= 0.0)
+    (mean, twin), error = np.mean(shares, axis=0), 4.0 * np.std(shares, axis=0) / np.sqrt(len(shares))
+    assert mean == pytest.approx(1.0, abs=error[0])
+    assert twin > 1.0 + 3.0 * error[1]
+
+
 def test_bands_with_the_error_hold_new_runs_and_draws_alone_do_not(tanker):
     """Of 300 new runs 95 % lie inside the 95 % bands of heading, within four standard errors."""
     found = motion_error(replays(tanker, np.random.default_rng(1)), tanker)

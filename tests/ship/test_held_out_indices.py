@@ -10,7 +10,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.forces.surroundings import ADRIFT
 from pymc_ship.manoeuvre.helm import approach_speed
-from pymc_ship.ship.held_out import index_rows, left_out, scored_indices
+from pymc_ship.ship.held_out import index_rows, left_out, readings_sd, scored_indices
 from pymc_ship.trial.record import OVER_GROUND
 from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.forces.test_parts import AHEAD
@@ -133,6 +133,27 @@ class TestIndexRows:
         assert not {"second_overshoot_angle", "period"} & {entry["index"] for entry in rows}
         blind = index_rows("1", trial(RUNS[0]).drop_vars(["x", "y"]), RUNS[0], [self.model()], np.ones(1))
         assert {entry["kind"] for entry in blind} == {"angle", "time"}
+
+
+class TestReadings:
+    @pytest.mark.parametrize("manoeuvre", [RUNS[0], ps.turning_circle(35.0)])
+    def test_the_sd_is_as_large_as_indices_of_one_run_scatter_from_noise_to_noise(self, manoeuvre):
+        """Of thirty records of a run, whose sd is known to an eighth: no smaller, and up to twice as large.
+
+        Draws of a spike and slab in single bases scatter more than the mean over bases that is the estimate.
+        """
+        records = [trial(manoeuvre, seed=seed, level=0.01) for seed in range(30)]
+        rows = [scored_indices(record, manoeuvre) for record in records]
+        scatter = {name: np.std([row[name] for row in rows]) for name in rows[0]}
+        found = readings_sd(records[0], manoeuvre, 0.0, RNG(1))
+        for name in scored_upright(manoeuvre):
+            assert 0.6 * scatter[name] < found[name] < 2.0 * scatter[name], name
+        clean = readings_sd(trial(manoeuvre), manoeuvre, 0.0, RNG(1))
+        assert all(clean[name] < 0.1 * scatter[name] for name in scored_upright(manoeuvre))
+
+    def test_a_record_that_cannot_be_denoised_has_none(self):
+        uneven = trial(RUNS[0], seed=1).isel(time=np.r_[0:300, 301:660])
+        assert readings_sd(uneven, RUNS[0], 0.0, RNG(1)) == {}
 
 
 class TestLeftOut:

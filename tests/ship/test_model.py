@@ -112,6 +112,7 @@ class TestHeldOut:
         for row in ship.index_rows:
             assert row["sd"] == pytest.approx(index_sd(row, ship.model_error), rel=1e-12)
             assert row["sd"] > np.hypot(row["parameter_sd"], row["model_sd"])
+            assert 0.0 < row["measured_sd"] < row["scale"]
 
 
 class TestHeldOutWeights:

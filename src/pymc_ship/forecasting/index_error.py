@@ -165,12 +165,12 @@ def steady_error(motion_error: xr.Dataset) -> dict[str, float]:
 
 
 def index_sd(row: Mapping, errors: Mapping[str, np.ndarray]) -> float:
-    """Standard deviation of the normal law with the same interval of 95 % as the forecast of a row.
+    """Standard deviation of the normal law with the same interval of 95 % as the error of a row of ``index_rows``.
 
-    The row is one of :func:`index_rows`; the forecast holds draws, models and model error together.
+    It holds draws, models, model error and the noise of the readings together.
     """
-    sizes = errors.get(row["kind"], np.zeros(1))
-    return equivalent_sd(np.sqrt(row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + (sizes * row["scale"]) ** 2))
+    _, known = scaled(row)
+    return row["scale"] * equivalent_sd(np.sqrt(known + errors.get(row["kind"], np.zeros(1)) ** 2))
 
 
 def equivalent_sd(sd: np.ndarray) -> float:

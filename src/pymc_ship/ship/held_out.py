@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import xarray as xr
@@ -205,6 +206,7 @@ def index_rows(
     manoeuvre: Manoeuvre,
     models: Sequence[tuple[Vessel, np.ndarray]],
     weight: np.ndarray,
+    noise: Mapping[str, float] = MappingProxyType({}),
 ) -> list[dict]:
     """Indices of a held-out run beside their forecast.
 
@@ -217,13 +219,15 @@ def index_rows(
     models : sequence of (Vessel, ndarray of shape (1 + n_draws, n_coefficients))
         Fits made without the run, with the constants that the run calls for: the estimate, then draws.
     weight : ndarray, shape (n_models,)
+    noise : mapping of str to float, optional
+        Standard deviation of the measured indices, from :func:`readings_sd`; exact ones by default.
 
     Returns
     -------
     list of dict
         ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between
-        the models) and ``scale``, for every index that the run and all models reach that have it: models without roll
-        say nothing of its angle.
+        the models), ``measured_sd`` and ``scale``, for every index that the run and all models reach that have it:
+        models without roll say nothing of its angle.
     """
     duration = float(np.ptp(trial["time"].values))
     found = []
@@ -246,5 +250,5 @@ def index_rows(
             between = float(np.sqrt(share @ (mean - forecast) ** 2))
             row = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": kind}
             row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(share @ sd**2))}
-            rows.append(row | {"model_sd": between, "scale": scale})
+            rows.append(row | {"model_sd": between, "measured_sd": noise.get(name, 0.0), "scale": scale})
     return rows

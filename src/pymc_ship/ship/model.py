@@ -73,8 +73,8 @@ class ShipModel:
     candidates : tuple of Candidate
         By falling weight; those of weight 0 have no draws.
     index_rows : list of dict
-        Indices of held-out manoeuvres, see :func:`pymc_ship.ship.held_out.index_rows`, with the ``sd`` of each forecast
-        and ``measured_sd``, what the noise of the readings leaves of the measured one.
+        Indices of held-out manoeuvres, see :func:`pymc_ship.ship.held_out.index_rows`, and the ``sd`` of each error,
+        model error and all.
     model_error : dict of str to ndarray
         Equally probable sizes of the error of indices beyond the draws by kind, see
         :func:`pymc_ship.forecasting.index_error.model_error`.
@@ -349,8 +349,7 @@ def _held_out_indices(
                 )
                 models.append((with_steering(candidate.vessel, gear), coefficients))
             noise = readings_sd(trial, manoeuvre, models[0][0].particulars.rudder_delay, rng)
-            found_rows = index_rows(names[k], trial, manoeuvre, models, weight / weight.sum())
-            rows += [row | {"measured_sd": noise.get(row["index"], 0.0)} for row in found_rows]
+            rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum(), noise)
     return rows
 
 

@@ -13,10 +13,11 @@ from pymc_ship.forecasting.extrapolation import extrapolation
 from pymc_ship.forecasting.forecast import BANDS, quantile_bands
 from pymc_ship.forecasting.index_error import index_sd
 from pymc_ship.forecasting.motion_error import with_motion_error
+from pymc_ship.machine.seeds import random_generator
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, with_steering
 from pymc_ship.motion.equations import STATE
 from pymc_ship.ship.along import reading_noise, sailed_along
-from pymc_ship.ship.held_out import index_rows
+from pymc_ship.ship.held_out import index_rows, readings_sd
 from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.ship.paths import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
@@ -198,6 +199,7 @@ def score_indices(
     *,
     names: Sequence[str] | None = None,
     draws: int = 200,
+    seed: int = 2020,
 ) -> list[dict]:
     """Indices of recorded standard manoeuvres beside the forecasts of a ship.
 
@@ -207,14 +209,17 @@ def score_indices(
         As for :func:`score`.
     draws : int, optional
         At most; term sets keep their share of them.
+    seed : int, optional
+        Of the draws of the denoised records, by which ``measured_sd`` is found.
 
     Returns
     -------
     list of dict
         ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast`` [deg, s or m], ``parameter_sd``,
-        ``model_sd`` (between the term sets), ``scale``, and ``sd``, which holds these and the model error of an
-        identified ship; it is 0 for a vessel, which is one ship. A record that is no standard manoeuvre has no row; one
-        of a facility that the ship was identified at is steered as there.
+        ``model_sd`` (between the term sets), ``measured_sd`` (what the noise of the readings leaves open), ``scale``,
+        and ``sd`` of the error, which holds these and the model error of an identified ship; all are 0 for a vessel,
+        which is one ship. A record that is no standard manoeuvre has no row; one of a facility that the ship was
+        identified at is steered as there.
 
     Raises
     ------
@@ -232,11 +237,11 @@ def score_indices(
     """
     trials = trial_list(trials)
     names = names or [str(k + 1) for k in range(len(trials))]
-    found = _models(ship, draws)
+    found, rng = _models(ship, draws), random_generator(seed)
     weight = np.array([len(rows) for _, rows in found], dtype=float)
-    errors = ship.model_error if isinstance(ship, ShipModel | IdentifiedShip) else {}
+    identified = isinstance(ship, ShipModel | IdentifiedShip)
+    errors, known = (ship.model_error, ship.facilities) if identified else ({}, {})
     manoeuvres, _ = recognise_by_facility(trials, _first_vessel(ship))
-    known = ship.facilities if isinstance(ship, ShipModel | IdentifiedShip) else {}
     rows = []
     for name, trial, manoeuvre in zip(names, trials, manoeuvres, strict=True):
         if manoeuvre is not None:
@@ -245,7 +250,9 @@ def score_indices(
                 (with_steering(vessel, gear) if gear else vessel, np.vstack([drawn.mean(axis=0), drawn]))
                 for vessel, drawn in found
             ]
-            rows += index_rows(name, trial, manoeuvre, models, weight / weight.sum())
+            delay = models[0][0].particulars.rudder_delay
+            noise = readings_sd(trial, manoeuvre, delay, rng) if identified else {}
+            rows += index_rows(name, trial, manoeuvre, models, weight / weight.sum(), noise)
     return [row | {"sd": index_sd(row, errors)} for row in rows]
 
 
