@@ -40,14 +40,14 @@ bench: $(BENCH)  ## ratios against named peers, measured in this run -> reports/
 
 # A peer that cannot be installed is a row skipped with a note. shipmmg asks for Pillow < 11, which it does not need.
 $(BENCH): $(STAMP)
-	-$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test,bench]"
-	-$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-deps shipmmg
+	-$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable ".[test,bench]"
+	-$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --no-deps shipmmg
 	@touch $(BENCH)
 
 $(STAMP): pyproject.toml constraints.txt
 	@python3 -c 'import sys; v = sys.version_info; v >= (3, 12) or sys.exit(f"pymc_ship needs Python 3.12 or newer; python3 is {v[0]}.{v[1]}: install a newer one or put it first on PATH.")'
 	python3 -m venv --clear $(VENV)
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test]"
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable ".[test]"
 	@touch $(STAMP)
 
 clean:  ## the environment, caches and compiled kernels: those that inline a changed kernel would stay old
