@@ -31,7 +31,9 @@ def motion_of(manoeuvres):
 
 
 def ship_of(rows, motion, errors=None):
-    return SimpleNamespace(models=[(tanker(), rows)], motion=motion, model_error=errors or {}, motion_error=NO_LEADS)
+    return SimpleNamespace(
+        models=[(tanker(), rows)], motion=motion, model_error=errors or {}, motion_error=NO_LEADS, known_rows=[]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -193,11 +195,22 @@ def test_the_noise_of_a_run_leaves_more(ship):
     assert (loud.sel(stage=1) > 1.1 * quiet.sel(stage=1)).all()
 
 
+def test_sensors_as_noisy_as_those_of_held_out_runs_leave_more(ship):
+    """They are no error of the ship: what is asked about is as sure as before until a run was sailed."""
+    asked = [ps.turning_circle(35, side="port")]
+    noisy = SimpleNamespace(**vars(ship))
+    sides = [("distance", 320.0), ("time", 320.0 / 7.974)]
+    noisy.known_rows = [{"kind": kind, "measured_sd": 0.1 * scale, "scale": scale} for kind, scale in sides]
+    quiet, loud = (next_runs(one, [CIRCLE], interest=asked)["half_width"] for one in (ship, noisy))
+    np.testing.assert_allclose(quiet.sel(stage=0), loud.sel(stage=0), rtol=1e-9)
+    assert (loud.sel(stage=1) > 1.1 * quiet.sel(stage=1)).all()
+
+
 def test_steady_values_tell_nothing_while_nobody_knows_their_error(ship):
     """The error of a steady yaw rate is that of held-out motion: without any its index is left out."""
     leads = {name: ("lead", [1e-6]) for name in ("u", "v", "r")}
     sure = SimpleNamespace(**vars(ship))
-    sure.motion_error = xr.Dataset(leads, {"lead": [20.0]})
+    sure.motion_error = xr.Dataset(leads, {"lead": [0.0]})
     unknown, known = (next_runs(one, [ps.pull_out(20, 90)], interest=[CIRCLE]) for one in (ship, sure))
     assert float(known["width_ratio"][0, 0]) < 0.98 * float(unknown["width_ratio"][0, 0])
 
@@ -281,7 +294,7 @@ def test_wind_drifts_the_candidates_and_not_what_is_asked(zigzags):
     values, k = reference_coefficients(vessel), coefficient_names(vessel).index("Nv")
     rows = np.tile(values, (20, 1))
     rows[:, k] *= np.linspace(0.95, 1.05, 20)
-    one = SimpleNamespace(models=[(vessel, rows)], motion=zigzags, model_error={}, motion_error=NO_LEADS)
+    one = SimpleNamespace(models=[(vessel, rows)], motion=zigzags, model_error={}, motion_error=NO_LEADS, known_rows=[])
     calm, windy = (next_runs(one, [CIRCLE], interest=[CIRCLE], wind=wind) for wind in (None, (15.0, 0.0)))
     np.testing.assert_array_equal(windy["half_width"].values[0], calm["half_width"].values[0])
     assert abs(float(windy["sea_room"][0]) / float(calm["sea_room"][0]) - 1.0) > 0.02

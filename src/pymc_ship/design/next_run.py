@@ -3,8 +3,8 @@
 An identified ship is an ensemble, draws of several models. Every draw is sailed through the candidates and through the
 manoeuvres that are to be known. What the indices of a candidate would tell of the others is the linear Bayes estimate
 over the ensemble (Goldstein & Wooff 2007, doi:10.1002/9780470065662, section 3.1). Its noise is the error of an index
-that held-out runs and other ships show: waves, gusts, sensors, and forces that no model of the ensemble has. A run also
-moves the edge of the motion that is known, beyond which these errors grow.
+that held-out runs and other ships show (waves, gusts, and forces that no model of the ensemble has), and the noise of
+the readings in held-out runs. A run also moves the edge of the motion that is known, beyond which errors grow.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pymc_ship.design.trial_design import TrialDesignError
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.draws import knowing_models, thinned_draws
 from pymc_ship.forecasting.extrapolation import extrapolation
-from pymc_ship.forecasting.index_error import SIZES, equivalent_sd, error_sizes, steady_error
+from pymc_ship.forecasting.index_error import SIZES, equivalent_sd, error_sizes, readings_noise, steady_error
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import STANDARD, Manoeuvre, pull_out, turning_circle, zigzag
 from pymc_ship.motion.equations import STATE
@@ -73,6 +73,10 @@ class Ensemble(Protocol):
     @property
     def motion_error(self) -> xr.Dataset:
         """Error of the motion by lead."""
+
+    @property
+    def known_rows(self) -> list[dict]:
+        """Indices of held-out runs."""
 
 
 class _Run(NamedTuple):
@@ -224,12 +228,13 @@ def _room(run: _Run) -> float:
 class _Design:
     """Targets of an ensemble: each run with the names of those of its indices, and the indices (n_draws, n_targets).
 
-    ``errors`` are the sizes of the model error by kind, ``central`` is the draw nearest to the middle of all targets,
-    ``known`` what is known before any run is added.
+    ``errors`` are the sizes of the model error by kind, ``rows`` the held-out indices, ``central`` is the draw that is
+    nearest to the middle of all targets, ``known`` what is known before any run is added.
     """
 
     vessel: Vessel
     errors: Mapping[str, np.ndarray]
+    rows: Sequence[Mapping]
     targets: Sequence[tuple[_Run, list[str]]]
     asked: np.ndarray
     central: int
@@ -270,7 +275,9 @@ class _Design:
         prime, _, _ = prime_record(self.vessel, {name: ship[name].values for name in (*STATE[:5], "delta")})
         rows = xr.DataArray(np.column_stack([prime[symbol] for symbol in SYMBOLS]), dims=("row", "symbol"))
         rows = rows.assign_coords(symbol=list(SYMBOLS)).dropna("row")
-        noise = [equivalent_sd(sd) for sd in self._error(run, names, known.motion)]
+        readings = readings_noise(run.indices[names], self.rows, self.vessel)
+        errors = zip(names, self._error(run, names, known.motion), strict=True)
+        noise = [equivalent_sd(np.hypot(sd, readings[name])) for name, sd in errors]
         seen = np.concatenate([known.seen, run.columns(names)], axis=1)
         return _Known(seen, np.append(known.noise, noise), xr.concat([known.motion, rows], "row"))
 
@@ -301,6 +308,7 @@ def _design(ship: Ensemble, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
     return _Design(
         vessel=vessel,
         errors=ship.model_error | steady_error(ship.motion_error),
+        rows=ship.known_rows,
         targets=targets,
         asked=asked,
         central=int(np.argmin(np.sum(np.nan_to_num(away, nan=_FAR) ** 2, axis=1))),

@@ -46,9 +46,9 @@ SETTLED = 10.0
 SIZES = 200
 """Equally probable sizes that stand for the law of a model error."""
 
-HELD, MADE = 4772, 4824
+HELD, MADE = 4604, 4692
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
-and how many there were, on the seventy ships of ``reports/ships``, on which no other number of this module was chosen.
+and how many there were, on the ships of ``reports/ships``, on which no other number of this module was chosen.
 """
 
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
@@ -128,6 +128,34 @@ def size_law(
     told = -0.5 * together * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
     log_weight = told + np.log(_SIZE) - np.log1p(_SIZE**2)
     return _SIZE, log_weight - logsumexp(log_weight)
+
+
+def readings_noise(found: xr.Dataset, rows: Sequence[Mapping], vessel: Vessel) -> dict[str, float]:
+    """Standard deviation that the noise of the readings would leave the indices of a run, were it measured.
+
+    Parameters
+    ----------
+    found : Dataset, dims (draw,)
+        From :func:`pymc_ship.indices`.
+    rows : sequence of mapping
+        As for :func:`model_error`, with what it left of other runs: the root mean square of a kind, in the units of the
+        model error.
+    vessel : Vessel
+        Gives L and U.
+
+    Returns
+    -------
+    dict of str to float
+        By name, in the units of the indices; 0 for those of a kind without a row.
+    """
+    table, heading_deg = kind_named(found.attrs["manoeuvre"]).indices, found.attrs.get("heading_deg", 0.0)
+    noise = dict.fromkeys(map(str, found), 0.0)
+    for name in noise:
+        of_kind = [row["measured_sd"] / row["scale"] for row in rows if row["kind"] == table[name].quantity]
+        if of_kind:
+            scale = index_scale(table[name].quantity, float(found[name].median()), heading_deg, vessel)
+            noise[name] = float(np.sqrt(np.mean(np.square(of_kind))) * scale)
+    return noise
 
 
 def error_rows(errors: Mapping[str, np.ndarray], vessel: Vessel) -> list[dict]:

@@ -271,7 +271,7 @@ def identify_ship(
         motion_error=moved,
         motion=motion,
         remarks=tuple(remarks),
-        outlook=outlook(IdentifiedShip(models, motion, errors, moved, ()), rng),
+        outlook=outlook(IdentifiedShip(models, motion, errors, moved, (), known_rows=known_rows), rng),
         judgement=judgement(trials, names),
         said={c.name: c.told(training.earlier) for c in found},
         known_rows=known_rows,
