@@ -34,7 +34,7 @@ WINGS = {
     "design": "machine forces vessel trial manoeuvre motion trajectory forecasting",
     "ship": "machine pages forces vessel trial manoeuvre motion checks rows regression trajectory captive "
     "forecasting design",
-    "sea_trials": "machine pages forces vessel trial denoising manoeuvre motion forecasting ship",
+    "sea_trials": "machine pages forces vessel trial manoeuvre motion forecasting ship",
     "diagnostics": "machine pages vessel trial rows regression trajectory sampling forecasting design",
     "frontier": "machine pages vessel trial denoising manoeuvre motion regression trajectory forecasting design",
     "replication": "machine pages vessel trial denoising manoeuvre motion rows regression trajectory sampling "

@@ -61,7 +61,7 @@ def write_ship(vessel, out):
             )
             for c in candidates
         },
-        "known_rows": [{"kind": "angle", "measured": 1.0}],
+        "known_rows": [{"kind": "angle", "measured": 1.0, "measured_sd": 0.1}],
         "held_tests": False,
     }
     save_ship(SimpleNamespace(candidates=candidates, motion=motion, names=("a",), remarks=("b",), **settings), out)

@@ -134,7 +134,7 @@ def test_mutated_trials_with_mutated_formats_are_checked_or_refused(made, tmp_pa
     assert counts[2] > 20
 
 
-@pytest.mark.parametrize("change", ["facilities", "gear", "prior"])
+@pytest.mark.parametrize("change", ["facilities", "gear", "prior", "readings"])
 def test_a_ship_of_another_version_is_refused_with_status_2(whole, tmp_path, capsys, change):
     at = Path(shutil.copytree(whole["ship"][0], tmp_path / "at"))
     index = json.loads((at / "model" / "ship.json").read_text(encoding="utf-8"))
@@ -147,6 +147,8 @@ def test_a_ship_of_another_version_is_refused_with_status_2(whole, tmp_path, cap
             tree = file.load()
         tree["constant_data"] = tree["constant_data"].to_dataset().drop_vars("prior_mean")
         tree.to_netcdf(path)
+    elif change == "readings":
+        index["index_rows"] = [{"kind": "angle", "measured": 10.0, "forecast": 9.0}]
     else:
         del index["facilities"]
     (at / "model" / "ship.json").write_text(json.dumps(index), encoding="utf-8")
