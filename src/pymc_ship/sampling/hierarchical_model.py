@@ -234,7 +234,8 @@ def reduced_groups(data: RegressionData, prior: SemiConjugatePrior, group: np.nd
 def marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: float) -> pm.Model:
     """PyMC model of tau and sigma2 with the density of the rows of all groups, coefficients integrated out."""
     import pymc as pm
-    import pytensor.tensor as pt
+
+    from pymc_ship.sampling.pooled_op import PooledDensity
 
     p = reduced[0].projection.size
     with pm.Model() as model:
@@ -243,20 +244,9 @@ def marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: flo
         # as data, so that a compiled model serves other responses of the same rows
         projections = pm.Data("projection", np.array([one.projection for one in reduced]))
         residuals = pm.Data("residual_square", np.array([one.residual_square for one in reduced]))
-        precision, shift, density = pt.as_tensor(np.diag(1.0 / prior.kappas(p))), pt.zeros(p), 0.0
-        for g, one in enumerate(reduced):
-            own = one.triangle * tau
-            root = pt.linalg.cholesky(variance[g] * pt.eye(p) + pt.dot(own, own.T))
-            rows = pt.linalg.solve_triangular(root, one.triangle, lower=True)
-            target = pt.linalg.solve_triangular(root, projections[g], lower=True)
-            precision += pt.dot(rows.T, rows)
-            shift += pt.dot(rows.T, target)
-            # a group of fewer rows than terms has rows of zeros; their density is taken off again here
-            rest = (one.n_rows - p) * pt.log(variance[g]) + residuals[g] / variance[g]
-            density -= pt.log(pt.diag(root)).sum() + 0.5 * (target**2).sum() + 0.5 * rest
-        root = pt.linalg.cholesky(precision)
-        center = pt.linalg.solve_triangular(root, shift, lower=True)
-        pm.Potential("rows", density + 0.5 * (center**2).sum() - pt.log(pt.diag(root)).sum())
+        spare = np.array([one.n_rows - p for one in reduced], dtype=float)
+        rows = np.array([one.triangle for one in reduced]), projections, residuals, spare
+        pm.Potential("rows", PooledDensity()(tau, variance, *rows, 1.0 / prior.kappas(p)))
     return model
 
 
