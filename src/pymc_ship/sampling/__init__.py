@@ -11,5 +11,5 @@
 - `regression_model`: the PyMC models of a regression, and their NUTS draws.
 - `hierarchical_model`: coefficients partially pooled over groups of runs.
 - `trajectory_model`: the PyMC model of whole trajectories.
-- `trajectory_op`: the simulated motion as a PyTensor operation.
+- `operations`: the simulated motion, and the density of pooled groups, as PyTensor operations.
 """

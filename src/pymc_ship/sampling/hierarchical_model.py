@@ -235,7 +235,7 @@ def marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: flo
     """PyMC model of tau and sigma2 with the density of the rows of all groups, coefficients integrated out."""
     import pymc as pm
 
-    from pymc_ship.sampling.pooled_op import PooledDensity
+    from pymc_ship.sampling.operations import PooledDensity
 
     p = reduced[0].projection.size
     with pm.Model() as model:

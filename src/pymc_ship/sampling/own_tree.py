@@ -142,11 +142,14 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
             "model in the tree and leave the model out."
         )
     draws, silent = xr.DataTree.from_dict({"posterior": groups["posterior"]}), {"progressbar": False}
+    as_it_stands = {"compile_kwargs": {"mode": "FAST_COMPILE"}}  # a minute's compiling would save seconds
     with model, _quiet():
-        likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **silent)
-        prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **silent)
-        predictive = pm.sample_posterior_predictive(draws, var_names=observed, random_seed=seed, **silent)
-        from_prior = pm.sample_prior_predictive(PREDICTIVE_DRAWS, random_seed=seed + 1)
+        likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **silent, **as_it_stands)
+        prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **silent, **as_it_stands)
+        predictive = pm.sample_posterior_predictive(
+            draws, var_names=observed, random_seed=seed, **silent, **as_it_stands
+        )
+        from_prior = pm.sample_prior_predictive(PREDICTIVE_DRAWS, random_seed=seed + 1, **as_it_stands)
     return {
         "log_likelihood": _dataset(likelihood, "log_likelihood"),
         "log_prior": _dataset(prior, "log_prior"),

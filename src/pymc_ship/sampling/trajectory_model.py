@@ -153,7 +153,7 @@ def _response(problem: Problem, k: int, coefficients, nuisances) -> None:
     import pymc as pm
     import pytensor.tensor as pt
 
-    from pymc_ship.sampling.trajectory_op import SimulatedMotion
+    from pymc_ship.sampling.operations import SimulatedMotion
 
     run, noise, suffix = problem.runs[k], problem.noise[k], _suffix(problem, k)
     motion = SimulatedMotion(run, problem.vessel)(coefficients, nuisances[: run.n_states])

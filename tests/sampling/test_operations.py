@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import approx_fprime
 
 from pymc_ship.sampling.hierarchical_model import reduced_groups
-from pymc_ship.sampling.pooled_op import PooledDensity, pooled_density
+from pymc_ship.sampling.operations import PooledDensity, pooled_density
 from tests.sampling.test_hierarchical_model import GROUPS, PRIOR, columns, data_of, truth
 
 P = 2
