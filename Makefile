@@ -3,8 +3,8 @@ VENV   := .venv
 PYTHON := $(VENV)/bin/python
 STAMP  := $(VENV)/.installed
 BENCH  := $(VENV)/.bench
-# Three files at a time, as some tests wait; linear algebra on a second thread would take the core of another test.
-SIDE_BY_SIDE := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -n 3 --dist loadfile
+# One file at a time on each core; linear algebra on a second thread would take the core of another test.
+SIDE_BY_SIDE := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -n auto --dist loadfile
 
 .PHONY: study frontier foreign test test-fast consistency lint bench docs clean
 
@@ -17,7 +17,7 @@ frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> re
 foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour and more -> reports/foreign/foreign.md
 	$(PYTHON) -m tests.foreign.run
 
-test: $(STAMP) lint  ## every test, three files at a time
+test: $(STAMP) lint  ## every test, a file at a time on each core
 	$(SIDE_BY_SIDE)
 
 test-fast: $(STAMP)  ## without the slow tests, under seven minutes on two cores

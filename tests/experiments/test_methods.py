@@ -84,7 +84,7 @@ def test_a_function_and_an_import_path_reach_other_processes(study, tmp_path, mo
 
 def test_a_function_reaches_the_workers_of_a_cluster(study, tmp_path):
     distributed = pytest.importorskip("distributed")
-    settings = {"n_workers": 1, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    settings = {"n_workers": 1, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
     with distributed.LocalCluster(**settings) as cluster:
         address = cluster.scheduler_address
         ps.montecarlo(only(study), tmp_path / "dask", methods={"mine": shifted(0.5)}, scheduler=address)

@@ -221,8 +221,9 @@ def cluster(tmp_path_factory):
     environment = os.environ | {"PYTHONPATH": PATH, "PYTHONWARNINGS": "ignore"}
     contact, quiet = folder / "scheduler.json", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     program = [str(Path(sys.executable).with_name("dask"))]
-    scheduler = [*program, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
-    worker = [*program, "worker", "--nworkers", "1", "--nthreads", "1", "--no-dashboard", "--local-directory"]
+    no_page = ["--no-dashboard", "--dashboard-address", ":0"]  # the default port may be another test's
+    scheduler = [*program, "scheduler", "--host", "127.0.0.1", "--port", "0", *no_page]
+    worker = [*program, "worker", "--nworkers", "1", "--nthreads", "1", *no_page, "--local-directory"]
     ending = ["--scheduler-file", str(contact)]
     started = [subprocess.Popen([*scheduler, *ending], env=environment, cwd=folder, **quiet)]
     try:
@@ -234,10 +235,9 @@ def cluster(tmp_path_factory):
             started.append(subprocess.Popen(words, env=environment, cwd=folder, **quiet))
         yield json.loads(contact.read_text())["address"]
     finally:
-        for process in reversed(started):
+        for process in reversed(started):  # a worker takes its leave of the scheduler
             process.terminate()
-        for process in started:
-            process.wait(20.0)
+            process.wait(60.0)
 
 
 @pytest.mark.slow

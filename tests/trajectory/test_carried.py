@@ -160,7 +160,7 @@ class TestDrawsDoNotDependOn:
     def test_which_eigenvectors_do(self, hardly_known):
         """Broken twin."""
         one, other = (drawn_by(by_eigenvectors, fit) for fit in (hardly_known, self.rounded(hardly_known)))
-        assert self.far(one, other, hardly_known) > 0.1
+        assert self.far(one, other, hardly_known) > 1e-3
 
     def test_the_order_of_the_coefficients(self, hardly_known):
         order, fit = np.random.default_rng(8).permutation(12), hardly_known
