@@ -20,7 +20,6 @@ from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.ship.cases import RUNS, tanker, trial
 
 CIRCLE = ps.turning_circle(35)
-NO_LEADS = xr.Dataset(coords={"lead": []})
 
 
 def motion_of(manoeuvres):
@@ -32,7 +31,7 @@ def motion_of(manoeuvres):
 
 def ship_of(rows, motion, errors=None):
     return SimpleNamespace(
-        models=[(tanker(), rows)], motion=motion, model_error=errors or {}, motion_error=NO_LEADS, known_rows=[]
+        models=[(tanker(), rows)], motion=motion, model_error=errors or {}, motion_error={}, known_rows=[]
     )
 
 
@@ -150,7 +149,7 @@ def test_each_run_that_is_added_leaves_less(plan):
 
 def test_the_first_half_width_is_that_of_the_forecast(ship, plan):
     """1.96 sd of draws and model error beside half the interval of 95 % of a forecast; 60 draws."""
-    tree = ps.forecast_ship(ps.IdentifiedShip(ship.models, ship.motion, ship.model_error, NO_LEADS, ()), CIRCLE, rng=1)
+    tree = ps.forecast_ship(ps.IdentifiedShip(ship.models, ship.motion, ship.model_error, {}, ()), CIRCLE, rng=1)
     lower, _, upper = tree["index_bands"]["advance"].values
     found = plan["half_width"].sel(stage=0, target=f"{CIRCLE.label}, advance")
     assert float(found) == pytest.approx(0.5 * (upper - lower), rel=0.35)
@@ -208,9 +207,8 @@ def test_sensors_as_noisy_as_those_of_held_out_runs_leave_more(ship):
 
 def test_steady_values_tell_nothing_while_nobody_knows_their_error(ship):
     """The error of a steady yaw rate is that of held-out motion: without any its index is left out."""
-    leads = {name: ("lead", [1e-6]) for name in ("u", "v", "r")}
     sure = SimpleNamespace(**vars(ship))
-    sure.motion_error = xr.Dataset(leads, {"lead": [0.0]})
+    sure.motion_error = dict.fromkeys(("u", "v", "r"), np.array([1e-6]))
     unknown, known = (next_runs(one, [ps.pull_out(20, 90)], interest=[CIRCLE]) for one in (ship, sure))
     assert float(known["width_ratio"][0, 0]) < 0.98 * float(unknown["width_ratio"][0, 0])
 
@@ -294,7 +292,7 @@ def test_wind_drifts_the_candidates_and_not_what_is_asked(zigzags):
     values, k = reference_coefficients(vessel), coefficient_names(vessel).index("Nv")
     rows = np.tile(values, (20, 1))
     rows[:, k] *= np.linspace(0.95, 1.05, 20)
-    one = SimpleNamespace(models=[(vessel, rows)], motion=zigzags, model_error={}, motion_error=NO_LEADS, known_rows=[])
+    one = SimpleNamespace(models=[(vessel, rows)], motion=zigzags, model_error={}, motion_error={}, known_rows=[])
     calm, windy = (next_runs(one, [CIRCLE], interest=[CIRCLE], wind=wind) for wind in (None, (15.0, 0.0)))
     np.testing.assert_array_equal(windy["half_width"].values[0], calm["half_width"].values[0])
     assert abs(float(windy["sea_room"][0]) / float(calm["sea_room"][0]) - 1.0) > 0.02

@@ -96,7 +96,7 @@ def made_up(task, share=1.0):
         for lead in (1.0, 5.0):
             error = float(0.01 * rng.standard_normal())
             row = {"state": name, "lead": lead, "error": error, "sd": 0.01, "pit": float(norm.cdf(-error / 0.01))}
-            instants.append(row | {"beyond": float(lead > 2.0), "far": lead})
+            instants.append(row | {"draws_sd": 0.005, "beyond": float(lead > 2.0), "far": lead})
     ended = {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""}
     held = [{"kind": "distance", "error": float(0.1 * rng.standard_normal()), "known": 0.01}]
     error = float(2.0 * rng.standard_normal())

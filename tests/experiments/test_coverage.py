@@ -10,6 +10,7 @@ import pytest
 from pymc_ship.experiments import coverage
 from pymc_ship.experiments.figures import coverage_by_index, motion_by_lead, reliability
 from pymc_ship.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
+from pymc_ship.forecasting.motion_error import TYPICAL as OF_MOTION
 from tests.experiments.ships import columns
 
 
@@ -113,10 +114,12 @@ class TestLaw:
         forecasts, held = self.ships()
         late = ~forecasts["first"]
         forecasts["error"] = np.where(late, 20.0 * forecasts["error"], forecasts["error"])
-        rows = {row["of"]: row for row in coverage.law_rows(forecasts, held)}
+        rows = {row["of"]: row for row in coverage.law_rows(forecasts, held, moving())}
         assert rows["typical error, angle"]["used"] == TYPICAL["angle"]
         assert rows["weight of an index"]["used"] == TOGETHER
         assert rows["typical error, distance"]["second"] > 3.0 * rows["typical error, distance"]["first"]
+        assert rows["typical error of the motion, u"]["used"] == OF_MOTION["u"]
+        assert np.isnan(rows["typical error of the motion, r"]["first"])
 
     def test_no_ship_says_nothing(self):
         none = [{name: values[:0] for name, values in columns.items()} for columns in self.ships(count=1)]
@@ -191,6 +194,25 @@ class TestAlternatives:
 
     def test_one_half_says_nothing(self):
         assert coverage.alternative_rows(columns() | {"first": np.ones(4000, dtype=bool)}) == []
+
+
+def moving(ships=400, typical=0.002):
+    """Columns of instants of u of ships whose sizes have the half-Cauchy law."""
+    rng = np.random.default_rng(5)
+    ship, lead = np.repeat(np.arange(ships), 4), np.tile([1.0, 5.0, 10.0, 15.0], ships)
+    size = np.abs(rng.standard_cauchy(ships))[ship] * typical * np.sqrt(lead / 10.0)
+    known = np.full(ship.size, 0.001)
+    error = np.hypot(size, known) * rng.standard_normal(ship.size)
+    columns = {"ship": ship, "lead": lead, "error": error, "draws_sd": known, "far": np.zeros(ship.size)}
+    return columns | {"state": np.full(ship.size, "u"), "first": ship < ships // 2}
+
+
+def test_the_typical_error_of_the_motion_is_found_again():
+    """Within four standard errors of the mean logarithm of 400 half-Cauchy sizes; a ship without an error has none."""
+    found = coverage.fitted_motion(moving(), "u")
+    assert np.log(found / 0.002) == pytest.approx(0.0, abs=4.0 * 0.5 * np.pi / np.sqrt(400))
+    assert coverage.fitted_motion(moving(typical=1e-9), "u") < 1e-4
+    assert np.isnan(coverage.fitted_motion(moving(), "psi"))
 
 
 def instants(share=1.0, n=3000):

@@ -10,24 +10,21 @@ import pytest
 import xarray as xr
 from scipy import stats
 
+from pymc_ship.forecasting.draws import robust_sd
 from pymc_ship.forecasting.index_error import (
     BEYOND,
     HELD,
     MADE,
-    SETTLED,
-    SIZES,
     TOGETHER,
     TYPICAL,
     index_sd,
     model_error,
     reliability,
-    robust_sd,
     scaled,
-    size_law,
     steady_error,
     with_model_error,
 )
-from pymc_ship.forecasting.motion_error import GROWTH
+from pymc_ship.forecasting.motion_error import GROWTH, SIZES, size_law
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.turning_circles import TURNING_CIRCLE
 from pymc_ship.manoeuvre.zigzags import ZIGZAG
@@ -62,7 +59,9 @@ def test_the_spread_of_normal_draws_is_their_sd_whatever_a_few_of_them_do():
 def root_mean_square(rows, **law):
     """Of the size, in typical errors, from :func:`size_law`."""
     error, known = np.array([scaled(one) for one in rows]).T
-    size, log_weight = size_law(error, known, np.array([TYPICAL[one["kind"]] for one in rows]), **law)
+    size, log_weight = size_law(
+        error, known, np.array([TYPICAL[one["kind"]] for one in rows]), **{"together": TOGETHER} | law
+    )
     return float(np.sqrt(np.exp(log_weight) @ size**2))
 
 
@@ -236,13 +235,9 @@ class TestWithModelError:
         )
 
     def test_steady_values_err_as_the_motion_of_held_out_runs_does_once_it_has_settled(self):
-        """Prime errors of u, r and v, 10 L/U after a start, in place of those at the first lead or at the last."""
-        sizes = {"u": 0.02, "v": 0.03, "r": 0.04}
-        leads = {name: ("lead", [0.1 * size, size, 3.0 * size]) for name, size in sizes.items()}
-        found = xr.Dataset(leads, {"lead": [0.0, SETTLED, 20.0]})
-        errors = steady_error(found)
-        short = found.isel(lead=[0, 1]).assign_coords(lead=[0.0, 0.5 * SETTLED])
-        assert steady_error(short) == errors
+        """Prime errors of u, r and v."""
+        errors = steady_error({"u": np.array([0.02]), "v": np.array([0.03]), "r": np.array([0.04]), "x": np.ones(1)})
+        assert set(errors) == {"speed", "drift", "rate"}
         before = ships(TURNING_CIRCLE)
         after = with_model_error(before, errors, tanker(), RNG(2))
         unit = 320.0 / 7.974
@@ -254,7 +249,7 @@ class TestWithModelError:
         assert float(diameter.std()) == pytest.approx(relative, rel=MONTE_CARLO)
         assert float(diameter.mean()) == pytest.approx(0.0, abs=4.0 * relative / np.sqrt(N))
         assert after["advance"].identical(before["advance"])
-        assert steady_error(xr.Dataset(coords={"lead": []})) == {}
+        assert steady_error({}) == {}
 
     def test_a_ship_that_did_not_reach_the_event_stays_nan(self):
         before = ships(TURNING_CIRCLE)

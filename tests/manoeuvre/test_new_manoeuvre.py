@@ -21,7 +21,6 @@ from pymc_ship.cli.parser import parser
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities
 from pymc_ship.experiments.run import read_study
 from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.forecasting.motion_error import motion_error
 from pymc_ship.forecasting.page import index_rows, write_forecast_page
 from pymc_ship.manoeuvre.kinds import SIDES, Index, ManoeuvreKind
 from pymc_ship.manoeuvre.registry import KINDS, register
@@ -197,7 +196,7 @@ class TestForecast:
         motion = xr.DataArray(
             np.random.default_rng(1).normal(size=(50, len(SYMBOLS))), {"symbol": list(SYMBOLS)}, ("row", "symbol")
         )
-        ship = IdentifiedShip([(container, rows)], motion, {"time": 0.01}, motion_error([], container), ())
+        ship = IdentifiedShip([(container, rows)], motion, {"time": 0.01}, {}, ())
         found = ps.forecast_ship(ship, rudder_kick, rng=np.random.default_rng(1))
         unit = container.particulars.ship_time
         assert float(found["trajectories"]["time"][-1]) == pytest.approx(30.0 * unit, rel=0.01)

@@ -37,7 +37,7 @@ def ship():
         models=[(tanker(), draws())],
         motion=xr.DataArray(np.zeros((2, 1)), {"symbol": ["u"]}, ("row", "symbol")),
         model_error={},
-        motion_error=xr.Dataset(),
+        motion_error={},
         remarks=(),
     )
 

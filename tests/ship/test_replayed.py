@@ -8,7 +8,6 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.forecasting.motion_error import motion_error
 from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.ship.along import reading_noise
@@ -138,7 +137,7 @@ def identified_from(tanker, manoeuvre):
     motion = xr.DataArray(
         np.column_stack([prime[name] for name in SYMBOLS]), {"symbol": list(SYMBOLS)}, ("row", "symbol")
     )
-    return ps.IdentifiedShip([(tanker, rows)], motion, {}, motion_error([], tanker), ())
+    return ps.IdentifiedShip([(tanker, rows)], motion, {}, {}, ())
 
 
 def test_bands_grow_beyond_the_motion_of_the_runs(tanker):

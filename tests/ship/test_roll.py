@@ -11,7 +11,6 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.forecasting.motion_error import motion_error
 from pymc_ship.ship.candidates import default_sets
 from pymc_ship.ship.model import _prepared
 from pymc_ship.vessel.inertia import with_stability
@@ -77,7 +76,7 @@ def test_roll_is_that_of_the_sets_that_have_it():
         for vessel, count in zip(vessels, (3, 40), strict=True)
     ]
     motion = xr.DataArray(np.zeros((2, 6)), {"symbol": list(SYMBOLS)}, ("row", "symbol"))
-    mixed = ps.IdentifiedShip(models, motion, {}, motion_error([], KNOWN), ())
+    mixed = ps.IdentifiedShip(models, motion, {}, {}, ())
     assert mixed.vessel is vessels[1]
     tree = ps.forecast_ship(mixed, TURN, rng=1)
     rolls = np.isfinite(tree["trajectories"]["phi"].isel(time=10).values)

@@ -22,7 +22,8 @@ from pymc_ship.design.trial_design import TrialDesignError
 from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.draws import knowing_models, thinned_draws
 from pymc_ship.forecasting.extrapolation import extrapolation
-from pymc_ship.forecasting.index_error import SIZES, equivalent_sd, error_sizes, readings_noise, steady_error
+from pymc_ship.forecasting.index_error import equivalent_sd, error_sizes, readings_noise, steady_error
+from pymc_ship.forecasting.motion_error import SIZES
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.standard import STANDARD, Manoeuvre, pull_out, turning_circle, zigzag
 from pymc_ship.motion.equations import STATE
@@ -71,8 +72,8 @@ class Ensemble(Protocol):
         """Sizes of the error of indices by kind."""
 
     @property
-    def motion_error(self) -> xr.Dataset:
-        """Error of the motion by lead."""
+    def motion_error(self) -> dict[str, np.ndarray]:
+        """Sizes of the error of the motion by state."""
 
     @property
     def known_rows(self) -> list[dict]:

@@ -15,8 +15,9 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import norm, t
 
-from pymc_ship.forecasting.index_error import BEYOND, TOGETHER, TYPICAL, size_law
-from pymc_ship.forecasting.motion_error import GROWTH
+from pymc_ship.forecasting import motion_error
+from pymc_ship.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
+from pymc_ship.forecasting.motion_error import GROWTH, risen, size_law
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.registry import kind_named
 
@@ -31,6 +32,7 @@ DISTANCES = {"within one range of the runs": (0.0, 1.0), "1 to 3 ranges beyond":
 """How far the median ship leaves the motion of her runs [ranges of it]."""
 
 _MOST_GROWTH, _ROUNDING = 0.1, 1e-9
+_LOG_TYPICAL = (-12.0, -3.0)
 _STRIDE, _CHOSEN_TO = 0.5, 1e-3  # of the law of a model error, in logarithms
 
 
@@ -162,14 +164,37 @@ def _grows(columns: Columns) -> np.ndarray:
     return np.isin(_quantities(columns), ERRING)
 
 
-def law_rows(indices: Columns, held: Columns) -> list[dict]:
-    """The law of the model error that the ships of each half would choose, beside the one that is used."""
+def law_rows(indices: Columns, held: Columns, instants: Columns) -> list[dict]:
+    """The laws of the model error that the ships of each half would choose, beside those that are used."""
     halves = []
     for first in (True, False):
-        halves.append(fitted_law(*(where(columns, columns["first"] == first) for columns in (indices, held))))
+        mine = [where(columns, columns["first"] == first) for columns in (indices, held, instants)]
+        halves.append([*fitted_law(*mine[:2]), *(fitted_motion(mine[2], name) for name in GROWTH)])
     used = {f"typical error, {kind}": value for kind, value in TYPICAL.items()} | {"weight of an index": TOGETHER}
+    used |= {f"typical error of the motion, {name}": value for name, value in motion_error.TYPICAL.items()}
     first, second = halves
     return [{"of": of, "used": used[of], "first": first[k], "second": second[k]} for k, of in enumerate(used)]
+
+
+def fitted_motion(instants: Columns, name: str) -> float:
+    """Typical error of a state under which its errors are most probable, were nothing held out; NaN without an instant.
+
+    Each ship counts as one.
+    """
+    mine = where(instants, (instants["state"] == name) & np.isfinite(instants["error"] + instants["draws_sd"]))
+    known = mine["draws_sd"] ** 2 + (GROWTH[name] * mine["far"]) ** 2
+    none = np.empty(0)
+    size, log_weight = size_law(none, none, none, 1.0)
+
+    def surprise(log_typical: float) -> float:
+        typical = math.exp(log_typical) * risen(name, mine["lead"])
+        variance = known[:, None] + (typical[:, None] * size) ** 2
+        log_density = -0.5 * (np.log(variance) + mine["error"][:, None] ** 2 / variance)
+        return -over_ships(logsumexp(log_weight + log_density, axis=1), mine["ship"])[0]
+
+    if not mine["ship"].size:
+        return math.nan
+    return math.exp(minimize_scalar(surprise, bounds=_LOG_TYPICAL, method="bounded").x)
 
 
 def fitted_law(indices: Columns, held: Columns) -> np.ndarray:

@@ -19,7 +19,8 @@ import xarray as xr
 
 from pymc_ship.checks.trial_checks import judged_trial
 from pymc_ship.experiments.task import MonteCarloError, timed
-from pymc_ship.forecasting.index_error import index_scale, robust_sd, scaled
+from pymc_ship.forecasting.draws import robust_sd
+from pymc_ship.forecasting.index_error import index_scale, scaled
 from pymc_ship.forecasting.motion_error import ERRING, prime_units, time_beyond
 from pymc_ship.forecasting.stopping import LONGEST, StoppingTest, stopped, stopping
 from pymc_ship.machine.seeds import generator
@@ -51,10 +52,11 @@ CRPS are in swings of the heading, L/U, L, U/L, U, rad of drift or the angle of 
 below the truth; ``draws_sd`` is the sd without the model error; ``beyond`` is how far the median ship leaves the motion
 of her runs [ranges]."""
 
-INSTANT = {"state": "str"} | dict.fromkeys(("lead", "error", "sd", "pit", "beyond", "far"), "float")
+INSTANT = {"state": "str"} | dict.fromkeys(("lead", "error", "sd", "pit", "draws_sd", "beyond", "far"), "float")
 """Columns of a state some time (``lead`` [L/U]) after a restart in a run that she was not given: prime error of the
-median, prime sd, share of the draws below the truth, distance from the motion of the runs at that instant, and, of
-heading and track, its sum over time (``far`` [ranges L/U])."""
+median, prime sd (half the width of the central 68 %), share of the draws below the truth, sd without the model error,
+distance from the motion of the runs at that instant, and, of heading and track, its sum over time (``far``
+[ranges L/U])."""
 
 HELD_INDEX = {"kind": "str", "error": "float", "known": "float"}
 """Columns of an index of a run that was held out in the identification: kind, error of the forecast and variance that
@@ -312,8 +314,11 @@ def instant_rows(ship: ShipModel, run: xr.Dataset, start: float) -> Iterator[dic
     for lead in LEADS:
         k = min(int(np.searchsorted(since, lead - 1e-9)), since.size - 1)
         for name in ERRING:
-            drawn = (tree["predictive"][name].values[:, k] - measured[name].values[k]) / units[name]
-            drawn = drawn[np.isfinite(drawn)]
-            told_by = (np.median(drawn), drawn.std(), np.mean(drawn < 0.0)) if drawn.size else 3 * (math.nan,)
-            numbers = map(float, (lead, *told_by, beyond[k], far[name][k]))
+            seen, alone = (
+                (tree[group][name].values[:, k] - measured[name].values[k]) / units[name]
+                for group in ("predictive", "trajectories")
+            )
+            drawn = seen[np.isfinite(seen)]
+            told_by = (np.median(drawn), robust_sd(drawn), np.mean(drawn < 0.0)) if drawn.size else 3 * (math.nan,)
+            numbers = map(float, (lead, *told_by, robust_sd(alone), beyond[k], far[name][k]))
             yield dict(zip(INSTANT, (name, *numbers), strict=True))

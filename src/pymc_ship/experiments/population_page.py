@@ -105,7 +105,7 @@ def population_rows(indices: Columns, instants: Columns, held: Columns, stops: C
         "stops": coverage.by(stops, np.array([name.replace("_", " ") for name in stops["index"]])),
         "stops_by_trials": _all_and_by_trials(stops) if stops["ship"].size else [],
         "growth": coverage.growth_rows(indices, instants),
-        "model_error": coverage.law_rows(indices, held),
+        "model_error": coverage.law_rows(indices, held, instants),
         "alternatives": coverage.alternative_rows(indices),
     }
 

@@ -1,4 +1,4 @@
-"""Draws of coefficients from posteriors, with the motion and the sensor noise of the fitted records."""
+"""Draws of coefficients from posteriors, with the motion and the sensor noise of the fitted records; their spread."""
 
 from __future__ import annotations
 
@@ -129,3 +129,14 @@ def _trees(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> list[xr.DataT
 
 def _constant(tree: xr.DataTree, name: str) -> xr.DataArray | None:
     return tree["constant_data"].data_vars.get(name) if "constant_data" in tree.children else None
+
+
+def robust_sd(values: np.ndarray) -> float:
+    """Half the width of the central 68 % of the draws that reach the event.
+
+    A few draws that run away do not change it.
+    """
+    if not np.isfinite(values).any():
+        return np.nan
+    low, high = np.nanquantile(values, [0.16, 0.84])
+    return float(0.5 * (high - low))

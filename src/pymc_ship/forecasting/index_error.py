@@ -22,9 +22,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
-from scipy.special import logsumexp, ndtr, ndtri
+from scipy.special import ndtr, ndtri
 
-from pymc_ship.forecasting.motion_error import GROWTH
+from pymc_ship.forecasting.motion_error import GROWTH, equal_sizes, size_law
 from pymc_ship.manoeuvre.kinds import ERRING
 from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.vessel.vessel import Vessel
@@ -40,12 +40,6 @@ TYPICAL = {"angle": 0.0007, "time": 0.0021, "distance": 0.0017, "roll": 0.010}
 TOGETHER = 0.25
 """Weight of each held-out index in the law; the indices of one run err together."""
 
-SETTLED = 10.0
-"""Time from the start of a replay by which a turn is steady [L/U]."""
-
-SIZES = 200
-"""Equally probable sizes that stand for the law of a model error."""
-
 HELD, MADE = 4604, 4692
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
 and how many there were, on the ships of ``reports/ships``, on which no other number of this module was chosen.
@@ -54,19 +48,7 @@ and how many there were, on the ships of ``reports/ships``, on which no other nu
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
 _GROWN = dict.fromkeys(ERRING, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
 _SHARE_OF = {"angle": "swing of heading", "time": "L/U", "distance": "L", "roll": "angle of roll"}
-_SIZE = np.exp(np.linspace(-7.0, 9.0, 321))
 _COVERED = 0.95
-
-
-def robust_sd(values: np.ndarray) -> float:
-    """Half the width of the central 68 % of the draws that reach the event.
-
-    A few draws that run away do not change it.
-    """
-    if not np.isfinite(values).any():
-        return np.nan
-    low, high = np.nanquantile(values, [0.16, 0.84])
-    return float(0.5 * (high - low))
 
 
 def index_scale(quantity: str, value, heading_deg: float, vessel: Vessel):
@@ -94,10 +76,7 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
     """
     error, known = np.reshape([scaled(row) for row in rows], (-1, 2)).T
     typical = np.array([TYPICAL[row["kind"]] for row in rows])
-    size, log_weight = size_law(error, known, typical)
-    weight = np.exp(log_weight)
-    middle = np.cumsum(weight) - 0.5 * weight
-    found = np.interp((np.arange(SIZES) + 0.5) / SIZES, middle, size)
+    found = equal_sizes(*size_law(error, known, typical, TOGETHER))
     return {kind: TYPICAL[kind] * found for kind in ERRING}
 
 
@@ -105,29 +84,6 @@ def scaled(row: Mapping) -> tuple[float, float]:
     """Error of a row of ``index_rows``, and the variance that draws, term sets and readings explain, over its scale."""
     known = row["parameter_sd"] ** 2 + row["model_sd"] ** 2 + row["measured_sd"] ** 2
     return (row["forecast"] - row["measured"]) / row["scale"], known / row["scale"] ** 2
-
-
-def size_law(
-    error: np.ndarray, known: np.ndarray, typical: np.ndarray, together: float = TOGETHER
-) -> tuple[np.ndarray, np.ndarray]:
-    """Law of how many times the typical error a ship has.
-
-    Parameters
-    ----------
-    error, known, typical : ndarray, shape (n_rows,)
-        Errors of held-out indices, variances that are known of them, and typical errors beyond these.
-    together : float, optional
-        Weight of each row.
-
-    Returns
-    -------
-    size, log_weight : ndarray, shape (n_sizes,)
-        Sizes, evenly spaced in their logarithm, and the logarithms of their probabilities.
-    """
-    variance = known[:, None] + (typical[:, None] * _SIZE) ** 2
-    told = -0.5 * together * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
-    log_weight = told + np.log(_SIZE) - np.log1p(_SIZE**2)
-    return _SIZE, log_weight - logsumexp(log_weight)
 
 
 def readings_noise(found: xr.Dataset, rows: Sequence[Mapping], vessel: Vessel) -> dict[str, float]:
@@ -171,25 +127,20 @@ def error_rows(errors: Mapping[str, np.ndarray], vessel: Vessel) -> list[dict]:
     return rows
 
 
-def steady_error(motion_error: xr.Dataset) -> dict[str, float]:
-    """Standard deviation of steady speeds, rates and drift angles by quantity: that of the motion once it has settled.
-
-    It is taken :data:`SETTLED` after the start of a replay, or at the longest lead: later ones are seen few times.
+def steady_error(motion_error: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Sizes of the error of steady speeds, rates and drift angles by quantity: those of the motion once it has settled.
 
     Parameters
     ----------
-    motion_error : Dataset, dims (lead,)
+    motion_error : mapping of str to ndarray
         From :func:`pymc_ship.forecasting.motion_error.motion_error`.
 
     Returns
     -------
-    dict of str to float
-        Prime; empty without leads.
+    dict of str to ndarray, shape (SIZES,)
+        Prime.
     """
-    if not motion_error.sizes["lead"]:
-        return {}
-    settled = motion_error.sel(lead=slice(None, SETTLED)).isel(lead=-1)
-    return {quantity: float(settled[name]) for quantity, name in _OF_MOTION.items()}
+    return {quantity: motion_error[name] for quantity, name in _OF_MOTION.items() if name in motion_error}
 
 
 def index_sd(row: Mapping, errors: Mapping[str, np.ndarray]) -> float:

@@ -190,7 +190,7 @@ def save_ship(model: ShipModel, out: str | Path, *, made_by: str = "") -> Path:
             "terms": [_entry(c, model) for c in counted],
             "prior": model.prior,
             "model_error": {kind: sizes.tolist() for kind, sizes in model.model_error.items()},
-            "motion_error": model.motion_error.to_dict(),
+            "motion_error": {name: sizes.tolist() for name, sizes in model.motion_error.items()},
             "facilities": {name: asdict(gear) for name, gear in model.facilities.items()},
             "runs": list(model.names),
             "index_rows": model.known_rows,
@@ -230,7 +230,7 @@ def load_ship(out: str | Path) -> IdentifiedShip:
         )
     gear = {one.name for one in fields(Steering)}
     read = set(_KEYS) <= set(index) and all(set(one) == gear for one in index["facilities"].values())
-    if not read or any("measured_sd" not in row for row in index["index_rows"]):
+    if not read or any("measured_sd" not in row for row in index["index_rows"]) or "coords" in index["motion_error"]:
         raise _of_another_version(folder, _INDEX, _KEYS)
     models, said, motion = [], {}, None
     for entry in index["terms"]:
@@ -247,12 +247,14 @@ def load_ship(out: str | Path) -> IdentifiedShip:
         names = tuple(map(str, told["coefficient"].values))
         prior = (told["prior_mean"].values, told["prior_scale"].values)
         said[entry["name"]] = Earlier(names, statement, np.array(entry["log_density"], dtype=float), *prior)
-    error = xr.Dataset.from_dict(index["motion_error"])
     facilities = {name: Steering(**gear) for name, gear in index["facilities"].items()}
     known = {"prior": index["prior"], "said": said, "known_rows": index["index_rows"]}
     known["held_tests"] = index["held_tests"]
-    sizes = {kind: np.atleast_1d(values) for kind, values in index["model_error"].items()}
-    return IdentifiedShip(models, motion, sizes, error, tuple(index["remarks"]), facilities, **known)
+    sizes, moved = (
+        {name: np.atleast_1d(values) for name, values in index[error].items()}
+        for error in ("model_error", "motion_error")
+    )
+    return IdentifiedShip(models, motion, sizes, moved, tuple(index["remarks"]), facilities, **known)
 
 
 def _of_another_version(folder: Path, file: str, lacking: Sequence[str]) -> VesselError:

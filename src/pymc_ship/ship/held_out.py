@@ -17,7 +17,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forces.surroundings import ADRIFT, CURRENT, WIND
-from pymc_ship.forecasting.index_error import index_scale, robust_sd
+from pymc_ship.forecasting.draws import robust_sd
+from pymc_ship.forecasting.index_error import index_scale
 from pymc_ship.manoeuvre.helm import base_course, execution
 from pymc_ship.manoeuvre.indices import indices
 from pymc_ship.manoeuvre.measured import drawn_indices, measured_indices

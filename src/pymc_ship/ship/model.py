@@ -78,9 +78,9 @@ class ShipModel:
     model_error : dict of str to ndarray
         Equally probable sizes of the error of indices beyond the draws by kind, see
         :func:`pymc_ship.forecasting.index_error.model_error`.
-    motion_error : Dataset, dims (lead,)
-        Model error of the motion, see :func:`pymc_ship.forecasting.motion_error.motion_error`; without leads where no
-        run was held out.
+    motion_error : dict of str to ndarray
+        Equally probable sizes of the error of the motion beyond the draws by state, see
+        :func:`pymc_ship.forecasting.motion_error.motion_error`.
     motion : DataArray, dims (row, symbol)
         Prime motion of all runs.
     remarks : tuple of str
@@ -107,7 +107,7 @@ class ShipModel:
     candidates: tuple[Candidate, ...]
     index_rows: list[dict]
     model_error: dict[str, np.ndarray]
-    motion_error: xr.Dataset
+    motion_error: dict[str, np.ndarray]
     motion: xr.DataArray
     remarks: tuple[str, ...]
     outlook: tuple[str, ...]
@@ -128,7 +128,7 @@ class IdentifiedShip:
     """What forecasts and later runs need of an identified ship; part of a :class:`ShipModel`, whose names it has.
 
     ``models`` holds vessel and coefficient draws of each term set, ``motion`` the prime motion of the runs,
-    ``model_error`` the sizes of the error of indices by kind, ``motion_error`` that of the motion by lead, ``remarks``
+    ``model_error`` the sizes of the error of indices by kind, ``motion_error`` that of the motion by state, ``remarks``
     how the intervals came about and ``facilities`` how the rudder was steered at each facility, the first being that
     of the models' vessels. ``prior``, ``said``, ``known_rows`` and ``held_tests`` are for runs to come.
     """
@@ -136,7 +136,7 @@ class IdentifiedShip:
     models: list[tuple[Vessel, np.ndarray]]
     motion: xr.DataArray
     model_error: dict[str, np.ndarray]
-    motion_error: xr.Dataset
+    motion_error: dict[str, np.ndarray]
     remarks: tuple[str, ...]
     facilities: dict[str, Steering] = field(default_factory=dict)
     prior: str = ""
@@ -255,7 +255,7 @@ def identify_ship(
     if before.said:
         remarks.append(beside_earlier(found[0], training))
     moved = motion_error(_held_out_motion(found, training, rng), vessel)
-    moved = moved if moved.sizes["lead"] or not before.said else before.motion_error
+    moved = moved if len(trials) > 1 or not before.said else before.motion_error
     motion = _motion(training, fullest_vessel, before)
     models = [(c.vessel, c.draws) for c in found if len(c.draws)]
     progress("outlook on standard manoeuvres")
@@ -307,7 +307,7 @@ def _after(before: IdentifiedShip | ShipModel, training: Training) -> Training:
 def _nothing_known(prior: str) -> IdentifiedShip:
     """A ship of whom no run has said anything."""
     motion = xr.DataArray(np.empty((0, len(SYMBOLS))), {"symbol": list(SYMBOLS)}, ("row", "symbol"))
-    return IdentifiedShip([], motion, {}, xr.Dataset(coords={"lead": []}), (), prior=prior)
+    return IdentifiedShip([], motion, {}, {}, (), prior=prior)
 
 
 def _check_goes_with(before: IdentifiedShip | ShipModel, wanted: Sequence[str], captive: xr.Dataset | None) -> None:
