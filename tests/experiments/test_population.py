@@ -94,6 +94,8 @@ def plain(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
+@pytest.mark.consistency
 def test_two_workers_give_the_bytes_of_one(plain, tmp_path):
     run(STUDY, tmp_path, made_up, workers=2)
     assert tables(tmp_path) == tables(plain)

@@ -32,6 +32,8 @@ from pymc_ship.vessel.reading import load_vessel
 from tests.experiments.cases import always_deadly, always_full, deadly, deadly_on_cluster, out_of_memory_once, trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
 
+TWO = pytest.param(2, marks=pytest.mark.consistency)  # processes
+
 
 @pytest.fixture(scope="module")
 def measured(study, tmp_path_factory):
@@ -162,7 +164,7 @@ def test_workers_that_die_again_and_again_end_the_study_in_a_sentence(study, pla
     assert tables(tmp_path) == tables(plain)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, TWO])
 def test_a_task_that_the_machine_fails_is_done_again(study, plain, tmp_path, monkeypatch, workers):
     mark = tmp_path / "mark"
     monkeypatch.setenv("MC_MARK", str(mark))
@@ -171,7 +173,7 @@ def test_a_task_that_the_machine_fails_is_done_again(study, plain, tmp_path, mon
     assert tables(tmp_path / "out") == tables(plain)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, TWO])
 def test_a_machine_that_fails_every_task_ends_the_study_in_a_sentence(study, plain, tmp_path, workers):
     message = r"died 6 times without a result in between, of OSError: \[Errno 28\] No space left on device; what was"
     with pytest.raises(MonteCarloError, match=message):
@@ -251,6 +253,7 @@ def test_a_dask_cluster_gives_the_same_bytes(cluster, study, measured, tmp_path,
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_a_study_is_begun_here_and_ended_on_a_cluster(cluster, study, plain, tmp_path):
     before = killed_parent(study, tmp_path, 3)
     run(study, tmp_path, workers=None, scheduler=cluster)

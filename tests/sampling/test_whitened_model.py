@@ -196,6 +196,7 @@ def test_chains_find_an_autocorrelation_near_one():
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_ar1_under_another_prior_is_caught():
     wrong = ConjugatePrior(**hyperparameters(scale=30.0))
     z, limit = z_scores(ar1_case(), exact_ar1(made("ar1", 0.8, 3), wrong), NAMES)
@@ -283,6 +284,7 @@ def test_layout_draws_and_round_trip(errors, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_the_sampler_of_pymc_agrees():
     tree = ar1_case(sampler="pymc")
     z, limit = z_scores(tree, exact_ar1(made("ar1", 0.8, 3), ConjugatePrior(**hyperparameters())), NAMES)
