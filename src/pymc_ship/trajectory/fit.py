@@ -23,7 +23,7 @@ TAU_RANGE = (0.05, 20.0)
 """Bounds of the factors of the prior scales."""
 
 _LOG_2PI = np.log(2.0 * np.pi)
-_MOST_STEPS = 100
+_MOST_STEPS = 400
 _MOST_REFITS = 6
 _MOST_TAU_UPDATES = 100
 _LEAST_SINGULAR_VALUE = 1e-12
