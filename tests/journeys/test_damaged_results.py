@@ -134,7 +134,7 @@ def test_mutated_trials_with_mutated_formats_are_checked_or_refused(made, tmp_pa
     assert counts[2] > 20
 
 
-@pytest.mark.parametrize("change", ["facilities", "gear", "prior", "readings"])
+@pytest.mark.parametrize("change", ["facilities", "gear", "prior", "readings", "motion"])
 def test_a_ship_of_another_version_is_refused_with_status_2(whole, tmp_path, capsys, change):
     at = Path(shutil.copytree(whole["ship"][0], tmp_path / "at"))
     index = json.loads((at / "model" / "ship.json").read_text(encoding="utf-8"))
@@ -149,6 +149,8 @@ def test_a_ship_of_another_version_is_refused_with_status_2(whole, tmp_path, cap
         tree.to_netcdf(path)
     elif change == "readings":
         index["index_rows"] = [{"kind": "angle", "measured": 10.0, "forecast": 9.0}]
+    elif change == "motion":  # by lead
+        index["motion_error"] = xr.Dataset({"u": ("lead", [0.1])}, {"lead": [0.5]}).to_dict()
     else:
         del index["facilities"]
     (at / "model" / "ship.json").write_text(json.dumps(index), encoding="utf-8")

@@ -13,6 +13,7 @@ import xarray as xr
 from pymc_ship.forecasting.draws import knowing_models
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.forecasting.index_error import steady_error
+from pymc_ship.forecasting.motion_error import ERRING
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.files import settle, staged
@@ -230,7 +231,8 @@ def load_ship(out: str | Path) -> IdentifiedShip:
         )
     gear = {one.name for one in fields(Steering)}
     read = set(_KEYS) <= set(index) and all(set(one) == gear for one in index["facilities"].values())
-    if not read or any("measured_sd" not in row for row in index["index_rows"]) or "coords" in index["motion_error"]:
+    read = read and all("measured_sd" in row for row in index["index_rows"])
+    if not read or set(index["motion_error"]) != set(ERRING):
         raise _of_another_version(folder, _INDEX, _KEYS)
     models, said, motion = [], {}, None
     for entry in index["terms"]:
