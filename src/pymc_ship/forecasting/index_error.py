@@ -3,8 +3,8 @@
 Two zigzags of the same ship on the same day differ by some tenths of a degree, and no set of terms is the true force.
 The error of a held-out index beyond the spread of the draws is measured in units of what the ship did: overshoot angles
 in the swing of her heading, times in L/U and distances in L, as an error of short ones is as large as one of long ones,
-an angle of roll in itself. Steady speeds, rates of turn and drift angles are widened by the error of the motion in the
-runs that were held out, a steady turning diameter, 2 U / r, by the relative errors of both.
+an angle of roll in itself. Steady speeds, rates of turn and drift angles are widened by the error of the motion, a
+steady turning diameter, 2 U / r, by the relative errors of both.
 
 A few held-out manoeuvres tell little of how large the errors of a ship are. Their size is therefore a number with a
 law: a half-Cauchy law over ships (Gelman 2006, doi:10.1214/06-BA117A), whose median is that of a population of foreign
