@@ -237,6 +237,7 @@ def test_draws_depend_on_the_seed_alone():
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_a_user_of_pymc_samples_the_model_as_any_other():
     """Compiled by numba, without a warning."""
     with mode_model(mode("correlated")):

@@ -228,6 +228,7 @@ def test_student_t_on_normal_errors_is_the_normal_fit():
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_student_t_recovers_heavy_tails_and_beats_the_normal_fit():
     error, normal_error, scores = 0.0, 0.0, []
     for seed in range(8):
@@ -242,6 +243,7 @@ def test_student_t_recovers_heavy_tails_and_beats_the_normal_fit():
 
 
 @pytest.mark.slow
+@pytest.mark.consistency
 def test_ar1_is_calibrated_where_the_normal_fit_is_overconfident():
     """Squared z-scores of the coefficients over seeds; the normal fit is the broken twin."""
     square, normal_square, wider, scores = 0.0, 0.0, [], []
