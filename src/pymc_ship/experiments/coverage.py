@@ -184,13 +184,11 @@ def fitted_motion(instants: Columns, name: str) -> float:
     mine = where(instants, (instants["state"] == name) & np.isfinite(instants["error"] + instants["draws_sd"]))
     known = mine["draws_sd"] ** 2 + (GROWTH[name] * mine["far"]) ** 2
     none = np.empty(0)
-    size, log_weight = size_law(none, none, none, 1.0)
+    law = size_law(none, none, none, 1.0)
 
     def surprise(log_typical: float) -> float:
         typical = math.exp(log_typical) * risen(name, mine["lead"])
-        variance = known[:, None] + (typical[:, None] * size) ** 2
-        log_density = -0.5 * (np.log(variance) + mine["error"][:, None] ** 2 / variance)
-        return -over_ships(logsumexp(log_weight + log_density, axis=1), mine["ship"])[0]
+        return -over_ships(_log_densities(mine["error"], known, typical, law), mine["ship"])[0]
 
     if not mine["ship"].size:
         return math.nan
@@ -213,10 +211,8 @@ def fitted_law(indices: Columns, held: Columns) -> np.ndarray:
     def surprise(unknowns: np.ndarray) -> float:
         typical, together, total = np.exp(unknowns[:-1]), expit(unknowns[-1]), 0.0
         for seen, ahead in ships:
-            size, log_weight = size_law(seen["error"], seen["known"], typical[seen["kind"]], together)
-            variance = ahead["known"][:, None] + (typical[ahead["kind"]][:, None] * size) ** 2
-            log_density = -0.5 * (np.log(variance) + ahead["error"][:, None] ** 2 / variance)
-            total -= np.mean(logsumexp(log_weight + log_density, axis=1))
+            law = size_law(seen["error"], seen["known"], typical[seen["kind"]], together)
+            total -= np.mean(_log_densities(ahead["error"], ahead["known"], typical[ahead["kind"]], law))
         return total
 
     begin = np.append(np.log(list(TYPICAL.values())), logit(TOGETHER))
@@ -225,6 +221,15 @@ def fitted_law(indices: Columns, held: Columns) -> np.ndarray:
     found = minimize(surprise, begin, method="Nelder-Mead", options=settings).x
     shown = np.isin(np.arange(len(TYPICAL)), kind)
     return np.where(np.append(shown, shown.any()), np.append(np.exp(found[:-1]), expit(found[-1])), math.nan)
+
+
+def _log_densities(
+    error: np.ndarray, known: np.ndarray, typical: np.ndarray, law: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Log density of each error but for a constant, with the variance known of it and that of each size of a law."""
+    size, log_weight = law
+    variance = known[:, None] + (typical[:, None] * size) ** 2
+    return logsumexp(log_weight - 0.5 * (np.log(variance) + error[:, None] ** 2 / variance), axis=1)
 
 
 def _places(kinds: np.ndarray) -> np.ndarray:

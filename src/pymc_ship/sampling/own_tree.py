@@ -142,7 +142,7 @@ def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> di
             "model in the tree and leave the model out."
         )
     draws, silent = xr.DataTree.from_dict({"posterior": groups["posterior"]}), {"progressbar": False}
-    as_it_stands = {"compile_kwargs": {"mode": "FAST_COMPILE"}}  # a minute's compiling would save seconds
+    as_it_stands = {"compile_kwargs": {"mode": "FAST_COMPILE"}}  # compiling takes a minute and saves seconds
     with model, _quiet():
         likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **silent, **as_it_stands)
         prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **silent, **as_it_stands)
