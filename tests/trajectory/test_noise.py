@@ -22,7 +22,7 @@ from pymc_ship.trajectory.noise import (
     sample_residuals,
     serial_test,
 )
-from pymc_ship.trial.noise import second_difference_sd
+from pymc_ship.trial.record import second_difference_sd
 from pymc_ship.vessel.vessel import reference_coefficients
 from tests.trajectory.cases import SD, correlated, heavy_tailed, problem_of, rough, truth, white
 

@@ -6,7 +6,8 @@ import xarray as xr
 from scipy.stats import chi2, kstest
 
 import pymc_ship as ps
-from pymc_ship.trial.noise import NOISES, noise_factors, noisy_trial, second_difference_sd
+from pymc_ship.trial.noise import NOISES, noise_factors, noisy_trial
+from pymc_ship.trial.record import second_difference_sd
 
 FACTORS = {"u": 0.3, "v": 1.0, "r": 0.3, "p": 0.3, "phi": 0.3, "psi": 0.3}
 LEVEL = 0.05

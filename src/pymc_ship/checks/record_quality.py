@@ -9,8 +9,7 @@ from pymc_ship.checks.rudder import measured_rate
 from pymc_ship.checks.verdicts import Check, ShipScale, not_checked
 from pymc_ship.motion.equations import STATE
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
-from pymc_ship.trial.noise import second_difference_sd
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 SAMPLES_DOUBTFUL, SAMPLES_BAD = 10.0, 4.0
 """Samples in L/U: a ship answers within a fraction of it, and accelerations need several samples to an answer."""

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from pymc_ship.trial.noise import second_difference_sd
+from pymc_ship.trial.record import second_difference_sd
 
 _SKEWED = np.deg2rad(2.0)  # from the course before the execution; a zigzag that swings about another is not corrected
 _ORDERED = 1.0  # deg, within which an angle is a multiple of 5

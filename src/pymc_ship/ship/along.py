@@ -10,8 +10,7 @@ from pymc_ship.motion.inputs import recorded_inputs
 from pymc_ship.motion.replay import replay
 from pymc_ship.trajectory.windows import smoothed_channel, substeps_of
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.noise import second_difference_sd
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import sampling_interval, second_difference_sd
 from pymc_ship.vessel.vessel import Vessel
 
 

@@ -18,8 +18,7 @@ from pymc_ship.motion.equations import STATE
 from pymc_ship.motion.inputs import recorded_inputs
 from pymc_ship.motion.stepping import METHODS
 from pymc_ship.trial.channels import CHANNELS, channel_names, sensors
-from pymc_ship.trial.noise import second_difference_sd
-from pymc_ship.trial.record import TrialError, check_trial, one_trial, sampling_interval
+from pymc_ship.trial.record import TrialError, check_trial, one_trial, sampling_interval, second_difference_sd
 from pymc_ship.vessel.vessel import Vessel
 
 BLOCK = 0.2

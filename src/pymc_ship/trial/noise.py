@@ -18,8 +18,6 @@ LITERAL_LEVEL = 0.2**0.5
 RECORD_STEP = 0.02
 """Sampling interval [s] of the simulated records that the time constants of correlated noise are made for."""
 
-_SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
-
 
 def _white(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
     return values + sd * rng.standard_normal(values.size)
@@ -162,12 +160,3 @@ def _add_noise(trial: xr.Dataset, name: str, kind: str, sd: float, peak: float, 
     noisy = NOISES[kind](trial[name].values, sd, peak, rng)
     trial[name] = ("time", noisy, trial[name].attrs)
     trial.attrs[f"noise_sd_{name}"] = float(sd)
-
-
-def second_difference_sd(values: np.ndarray) -> np.ndarray:
-    """Standard deviation of white noise on smooth channels, shape (n_channels,) from (n_channels, n_time).
-
-    The median magnitude of y_{k+1} - 2 y_k + y_{k-1} over 0.6745 sqrt(6): blind to a smooth signal and to outliers, too
-    small for noise that is correlated in time.
-    """
-    return np.median(np.abs(np.diff(values, 2, axis=-1)), axis=-1) / _SECOND_DIFFERENCE

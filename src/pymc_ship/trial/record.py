@@ -20,6 +20,9 @@ class TrialError(ValueError):
 OVER_GROUND = "over ground"
 """Value of the attribute ``speeds`` of a trial whose u and v are over ground; without it they are through the water."""
 
+_SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
+"""Median magnitude of the second difference of white noise of sd 1: the normal quartile times the root of 6."""
+
 
 def one_trial(trial: object) -> xr.Dataset:
     """Trial as it is; TrialError for a list of trials, or anything else that is no Dataset."""
@@ -160,3 +163,12 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
         file.write(",".join(["time", *names]) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
     return path
+
+
+def second_difference_sd(values: np.ndarray) -> np.ndarray:
+    """Standard deviation of white noise on smooth channels, shape (n_channels,) from (n_channels, n_time).
+
+    The median magnitude of y_{k+1} - 2 y_k + y_{k-1} over 0.6745 sqrt(6): blind to a smooth signal and to outliers, too
+    small for noise that is correlated in time.
+    """
+    return np.median(np.abs(np.diff(values, 2, axis=-1)), axis=-1) / _SECOND_DIFFERENCE
