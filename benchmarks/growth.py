@@ -102,7 +102,7 @@ def draws(data, prior) -> Curve:
 
 def runs(vessel) -> Curve:
     """Joint fit of ten coefficients to short runs against their number."""
-    from tests.vessel.cases import small_vessel
+    from tests.physics.vessel.cases import small_vessel
 
     small = small_vessel(vessel)
     rng = np.random.default_rng(0)

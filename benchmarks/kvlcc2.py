@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 
 import pymc_ship as ps
-from pymc_ship.vessel.vessel import ADDED_MASS, LETTER, Coefficient, Particulars
+from pymc_ship.physics.vessel.vessel import ADDED_MASS, LETTER, Coefficient, Particulars
 
 DENSITY, LENGTH, BREADTH, DRAUGHT = 1025.0, 7.0, 1.27, 0.46
 SPEED, REVOLUTIONS, DIAMETER = 1.179, 10.4, 0.216

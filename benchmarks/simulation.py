@@ -11,10 +11,10 @@ from scipy.integrate import solve_ivp
 import pymc_ship as ps
 from benchmarks import kvlcc2
 from benchmarks.table import Row, imported, median_seconds
-from pymc_ship.motion.replay import replay
-from pymc_ship.vessel.term_sets import with_terms
-from pymc_ship.vessel.vessel import reference_coefficients
-from tests.motion import plain_hull
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.term_sets import with_terms
+from pymc_ship.physics.vessel.vessel import reference_coefficients
+from tests.physics.motion import plain_hull
 
 
 def plain_zigzag(n_steps: int, step: float) -> np.ndarray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import pymc_ship as ps
+from tests.physics.vessel.cases import small_vessel
 from tests.trajectory.cases import record, without_roll
-from tests.vessel.cases import small_vessel
 
 
 @pytest.fixture(scope="session")

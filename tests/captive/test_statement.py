@@ -8,10 +8,10 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.captive.statement import CaptiveFit, fit_captive, held_motion, known_tests, shared_with_trials
-from pymc_ship.motion.held import held_forces, held_slopes
+from pymc_ship.physics.motion.held import held_forces, held_slopes
+from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
-from pymc_ship.vessel.parts import HELD
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 
 NOISE = {"X": 2e-5, "Y": 1e-4, "N": 4e-5}
 PARTS = "modular"

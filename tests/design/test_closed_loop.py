@@ -9,8 +9,8 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities, straight_course
-from pymc_ship.motion.sensitivities import sensitivities
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.physics.motion.sensitivities import sensitivities
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 
 PSI = 5
 

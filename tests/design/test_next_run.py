@@ -12,11 +12,11 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.design.next_run import CANDIDATES, _Run, next_runs, share_left
 from pymc_ship.design.outlook import outlook
-from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import model_error
-from pymc_ship.manoeuvre.standard import STANDARD
-from pymc_ship.motion.prime_record import motion_record, prime_record
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.manoeuvre.standard import STANDARD
+from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from tests.ship.cases import RUNS, tanker, trial
 
 CIRCLE = ps.turning_circle(35)

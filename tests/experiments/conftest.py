@@ -6,7 +6,7 @@ import pytest
 
 from tests.experiments.cases import TOML
 from tests.experiments.folders import run
-from tests.vessel.cases import toml
+from tests.physics.vessel.cases import toml
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ from scipy.stats import norm
 
 import pymc_ship as ps
 from pymc_ship.experiments.judged_ship import PARTS
-from pymc_ship.motion.equations import STATE
-from pymc_ship.vessel.term_sets import ANY_SPEED_SET
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 
 STUDY = {
     "population": "tests.experiments.ships:tanker",

@@ -12,7 +12,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.experiments.run import read_study
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from tests.experiments.folders import changed, tables
 
 MODULE = """

@@ -27,8 +27,8 @@ from pymc_ship.experiments import task as task_module
 from pymc_ship.experiments.grid import MonteCarloError
 from pymc_ship.experiments.task import METHODS, Task
 from pymc_ship.machine import workers as workers_module
-from pymc_ship.vessel.plausibility import remarks
-from pymc_ship.vessel.reading import load_vessel
+from pymc_ship.physics.vessel.plausibility import remarks
+from pymc_ship.physics.vessel.reading import load_vessel
 from tests.experiments.cases import always_deadly, always_full, deadly, deadly_on_cluster, out_of_memory_once, trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
 

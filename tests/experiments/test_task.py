@@ -8,7 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.experiments import task as task_module
 from pymc_ship.experiments.task import METHODS, Task, measure, turn_error
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 
 
 def test_methods_have_the_same_noise_and_everything_else_its_own(small):

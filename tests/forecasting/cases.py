@@ -9,7 +9,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.forecasting.figures import manoeuvre_figures
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 
 MANOEUVRES = {
     "zigzag": (ps.zigzag(20.0, 20.0, side="starboard"), 320.0),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.motion.prime_record import prime_record
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.motion.prime_record import prime_record
 
 
 def posterior(names, values, chains=1):

@@ -6,9 +6,9 @@ import xarray as xr
 from scipy.optimize import linprog
 
 import pymc_ship as ps
-from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.extrapolation import extrapolation, sentence
-from pymc_ship.motion.prime_record import prime_record
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.motion.prime_record import prime_record
 
 CHANNELS = ("u", "v", "r", "p", "phi", "delta")
 CENTRE = np.array([-0.4, 0.02, -0.1, 0.05, 0.01, 0.03])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymc_ship.forces.propeller import Propeller
-from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.force_curves import force_curves, force_draws
+from pymc_ship.physics.forces.propeller import Propeller
+from pymc_ship.physics.forces.terms import SYMBOLS
 from tests.forecasting.cases import legend, scattered
 from tests.trajectory.cases import without_roll
 

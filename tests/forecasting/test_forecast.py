@@ -6,8 +6,8 @@ import pymc_ship as ps
 from pymc_ship.forecasting.draws import fitted_motion, sensor_noise
 from pymc_ship.forecasting.extrapolation import extrapolation
 from pymc_ship.forecasting.forecast import _quantiles, forecast, pooled_forecast, rolls, stated_shares
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.trial.channels import SIMULATED
-from pymc_ship.vessel.vessel import reference_coefficients
 from tests.forecasting.posteriors import joint, posterior, scattered
 from tests.trajectory.cases import without_roll
 

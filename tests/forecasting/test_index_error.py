@@ -25,9 +25,9 @@ from pymc_ship.forecasting.index_error import (
     with_model_error,
 )
 from pymc_ship.forecasting.motion_error import GROWTH, SIZES, size_law
-from pymc_ship.manoeuvre.kinds import ERRING
-from pymc_ship.manoeuvre.turning_circles import TURNING_CIRCLE
-from pymc_ship.manoeuvre.zigzags import ZIGZAG
+from pymc_ship.physics.manoeuvre.kinds import ERRING
+from pymc_ship.physics.manoeuvre.turning_circles import TURNING_CIRCLE
+from pymc_ship.physics.manoeuvre.zigzags import ZIGZAG
 from tests.ship.cases import tanker
 
 N = 20_000

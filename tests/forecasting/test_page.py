@@ -14,10 +14,10 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import pymc_ship as ps
-from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting import page as forecast_report
 from pymc_ship.forecasting.page import index_rows, index_table, verdict_rows, verdict_table, write_forecast_page
 from pymc_ship.machine.files import OutputError
+from pymc_ship.physics.forces.terms import SYMBOLS
 from tests.forecasting.cases import MANOEUVRES, forecast, scattered, trial
 from tests.trajectory.cases import without_roll
 

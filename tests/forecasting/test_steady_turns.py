@@ -14,8 +14,8 @@ from pymc_ship.forecasting.steady_turns import (
     spiral_sentence,
     steady_turns,
 )
-from pymc_ship.motion.stability import growth_rates
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.physics.motion.stability import growth_rates
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 
 
 def turns_of(vessel, draws=None):

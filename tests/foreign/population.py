@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from tests.foreign import mariner, mmg, s175, sailing
 from tests.foreign.sailing import CALM, SENSORS, Trial, Weather
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.motion.equations import scheme, set_parts, state_derivative, workspace
-from pymc_ship.vessel.parts import with_parts
-from pymc_ship.vessel.vessel import Rudder, Vessel, coefficient_names
+from pymc_ship.physics.motion.equations import scheme, set_parts, state_derivative, workspace
+from pymc_ship.physics.vessel.parts import with_parts
+from pymc_ship.physics.vessel.vessel import Rudder, Vessel, coefficient_names
 from tests.foreign.mmg import kvlcc2
 
 BODY = ("added mass", "hull", "propeller", "rudder")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from tests.vessel.cases import small_vessel
+from tests.physics.vessel.cases import small_vessel
 
 
 @pytest.fixture(scope="module")

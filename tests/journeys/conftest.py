@@ -9,7 +9,7 @@ import pymc_ship as ps
 from pymc_ship.regression import identify as identification
 from pymc_ship.regression.families import FAMILIES
 from tests.journeys.cases import run
-from tests.vessel.cases import toml
+from tests.physics.vessel.cases import toml
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from pymc_ship.cli import commands
 from pymc_ship.cli.main import main
 from pymc_ship.trial.channels import SIMULATED
 from tests.journeys.cases import files, program, run
-from tests.vessel.cases import toml
+from tests.physics.vessel.cases import toml
 
 
 def spaced(text):

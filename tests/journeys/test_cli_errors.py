@@ -9,7 +9,7 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.regression import identify as identification
 from tests.journeys.cases import ALL_COMMANDS, LONG_WORK, files, program
-from tests.vessel.cases import TERMS, toml
+from tests.physics.vessel.cases import TERMS, toml
 
 
 def refused(capsys, *words, status=2):

@@ -9,7 +9,7 @@ from pymc_ship.regression import identify as identification
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.identify import identify
 from tests.journeys.cases import column, files, rows, run
-from tests.vessel.cases import TERMS
+from tests.physics.vessel.cases import TERMS
 
 # regress
 

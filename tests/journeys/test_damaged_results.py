@@ -15,12 +15,12 @@ import xarray as xr
 
 from pymc_ship.cli.main import main
 from pymc_ship.experiments.grid import MonteCarloError
-from pymc_ship.vessel.vessel import VesselError
+from pymc_ship.physics.vessel.vessel import VesselError
 from tests.experiments.cases import TOML
 from tests.journeys.damaged import damage
 from tests.journeys.results import AGAIN, kinds
+from tests.physics.vessel.cases import toml
 from tests.trial.mutated import mutated
-from tests.vessel.cases import toml
 
 FORMAT = """[columns]
 u = { column = "U", unit = "kn" }

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.forces.propeller import Propeller
+from pymc_ship.physics.forces.propeller import Propeller
+from pymc_ship.physics.vessel.ranges import INERTIA, PARTICULARS, PROPELLER, ROLL_COUPLINGS
+from pymc_ship.physics.vessel.vessel import ADDED_MASS, Particulars
 from pymc_ship.trial.channels import readable
 from pymc_ship.trial.format import load_format
-from pymc_ship.vessel.ranges import INERTIA, PARTICULARS, PROPELLER, ROLL_COUPLINGS
-from pymc_ship.vessel.vessel import ADDED_MASS, Particulars
 from tests.journeys.markdown import ROOT, Page
 from tests.test_structure import WINGS
 

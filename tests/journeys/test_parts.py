@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
-from tests.forces.test_parts import AHEAD, tanker
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from tests.physics.forces.test_parts import AHEAD, tanker
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning"),  # of ArviZ in the tail of a Pareto law

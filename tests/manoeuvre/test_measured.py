@@ -9,8 +9,8 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.manoeuvre.measured import aligned, measured_indices
 from tests.forecasting.cases import MANOEUVRES, case, trial
-from tests.manoeuvre.cases import measured as noisy_record
-from tests.manoeuvre.cases import scaled, simulated, steered_by_hand
+from tests.physics.manoeuvre.cases import measured as noisy_record
+from tests.physics.manoeuvre.cases import scaled, simulated, steered_by_hand
 
 
 class TestAligned:

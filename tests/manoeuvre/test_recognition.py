@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.manoeuvre.helm import Swings, approach_speed, execution, rudder_reversals
 from pymc_ship.manoeuvre.measured import aligned
 from pymc_ship.manoeuvre.recognition import Steering, recognise, with_steering
+from pymc_ship.physics.manoeuvre.helm import Swings, approach_speed, execution, rudder_reversals
 from pymc_ship.ship.held_out import scored_indices
 from pymc_ship.trial.record import TrialError
-from tests.manoeuvre.cases import measured, scaled, simulated
+from tests.physics.manoeuvre.cases import measured, scaled, simulated
 from tests.ship.cases import tanker, trial, with_delay
 
 ZIGZAGS = (

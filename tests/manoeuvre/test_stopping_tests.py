@@ -6,7 +6,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.manoeuvre.stopping_tests import INDICES, measured_stopping, stopping_order
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.forces.terms import evaluate, order
 from pymc_ship.motion import weak_form as module
 from pymc_ship.motion.weak_form import METHODS, RADIUS, bump, weak_form
-from pymc_ship.vessel.vessel import reference_coefficients
+from pymc_ship.physics.forces.terms import evaluate, order
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 
 DOFS = ("surge", "sway", "yaw", "roll")
 

@@ -10,7 +10,7 @@ from pymc_ship.regression import identify as identification
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.identify import SELECTIONS, identify
 from pymc_ship.regression.priors import PriorError
-from tests.vessel.cases import TERMS
+from tests.physics.vessel.cases import TERMS
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.vessel.parts import HELD
-from pymc_ship.vessel.vessel import Windage, reference_coefficients
+from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.vessel import Windage, reference_coefficients
 
 WIND, CURRENT = (9.0, 200.0), (0.4, 90.0)
 STEP = 0.5

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 import pymc_ship as ps
+from pymc_ship.physics.vessel.parts import HELD
 from pymc_ship.sea_trials.loading import at_loading
-from pymc_ship.vessel.parts import HELD
 from tests.sea_trials.cases import tanker
 
 

@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.sea_trials.spiral_test import measured_spiral, spiral_rows
-from pymc_ship.vessel.vessel import reference_coefficients
 from tests.sea_trials.cases import ship
 
 LIMIT = 10.0

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.forces.surroundings import ADRIFT
-from pymc_ship.manoeuvre.helm import approach_speed
+from pymc_ship.physics.forces.surroundings import ADRIFT
+from pymc_ship.physics.manoeuvre.helm import approach_speed
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.ship.held_out import index_rows, left_out, readings_sd, scored_indices
 from pymc_ship.trial.record import OVER_GROUND
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
-from tests.forces.test_parts import AHEAD
-from tests.forces.test_parts import tanker as parts
-from tests.manoeuvre.cases import steered_by_hand
+from tests.physics.forces.test_parts import AHEAD
+from tests.physics.forces.test_parts import tanker as parts
+from tests.physics.manoeuvre.cases import steered_by_hand
 from tests.ship.cases import ROLL, RUNS, scored_upright, tanker, trial, with_delay
 from tests.ship.test_roll import tender
 

@@ -7,14 +7,14 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ship.along import reading_noise
 from pymc_ship.ship.replayed import SCORED
-from pymc_ship.vessel.vessel import reference_coefficients
-from tests.forces.test_parts import AHEAD
-from tests.forces.test_parts import tanker as parts_of_tanker
+from tests.physics.forces.test_parts import AHEAD
+from tests.physics.forces.test_parts import tanker as parts_of_tanker
 
 DURATION = 600.0
 

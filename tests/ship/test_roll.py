@@ -10,13 +10,13 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.vessel.inertia import with_stability
+from pymc_ship.physics.vessel.term_sets import ROLL_SET
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ship.candidates import default_sets
 from pymc_ship.ship.model import _prepared
-from pymc_ship.vessel.inertia import with_stability
-from pymc_ship.vessel.term_sets import ROLL_SET
-from pymc_ship.vessel.vessel import reference_coefficients
-from tests.forces.test_parts import ROLLING, tanker
+from tests.physics.forces.test_parts import ROLLING, tanker
 
 SETTINGS = {"duration": 450, "step": 0.5, "method": "rk4"}
 WITHOUT, WITH = "modular", "modular with roll"

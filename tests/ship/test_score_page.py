@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ship.replayed import channel_rows, index_errors
 from pymc_ship.ship.score_page import errors_by_channel, windows_of, write_score_page
-from pymc_ship.vessel.vessel import reference_coefficients
 from tests.replication.cases import Page
 
 SETTINGS = {"duration": 600, "step": 0.5, "method": "rk4"}

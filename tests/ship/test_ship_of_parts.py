@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.manoeuvre.recognition import Steering
+from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
+from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.term_sets import AHEAD_SET, ANY_SPEED_SET, with_terms
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.ship.candidates import (
     _shared,
     as_recorded,
@@ -25,10 +28,7 @@ from pymc_ship.ship.model import _prepared
 from pymc_ship.ship.page import write_ship_report
 from pymc_ship.trajectory.windows import prepared_windows
 from pymc_ship.trial.record import OVER_GROUND
-from pymc_ship.vessel.parts import HELD
-from pymc_ship.vessel.term_sets import AHEAD_SET, ANY_SPEED_SET, with_terms
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
-from tests.forces.test_parts import AHEAD, tanker
+from tests.physics.forces.test_parts import AHEAD, tanker
 
 SETTINGS = {"duration": 450, "step": 0.5, "method": "rk4"}
 SET = "modular"

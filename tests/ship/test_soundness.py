@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.ship import soundness
 from pymc_ship.ship.soundness import first_failure, sound
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.ship.cases import tanker
 
 UNSOUND = {

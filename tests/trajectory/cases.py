@@ -9,10 +9,10 @@ import xarray as xr
 from scipy.signal import lfilter
 
 import pymc_ship as ps
-from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.replay import replay
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.trajectory.fit import Problem, initial_problem
-from pymc_ship.vessel.vessel import reference_coefficients
 
 SD = {"u": 0.04, "v": 0.015, "r": 3e-5, "p": 4e-5, "phi": 5e-4, "psi": 1e-3, "x": 0.5, "y": 0.5}
 """Noise of single samples."""

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.physics.vessel.term_sets import with_terms
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.trajectory import carried
 from pymc_ship.trajectory.carried import carried_draws
 from pymc_ship.trajectory.prior import coefficient_prior
 from pymc_ship.trajectory.windows import WindowFit, fit_windows, normal_draws, prepared_windows, restarted
-from pymc_ship.vessel.term_sets import with_terms
-from pymc_ship.vessel.vessel import reference_coefficients
 from tests.ship.cases import RUNS, tanker, trial
 
 N = 60

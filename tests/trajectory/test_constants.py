@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.physics.vessel.parts import HELD, with_parts
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.trajectory.posterior import log_likelihood_rows
 from pymc_ship.trajectory.prior import coefficient_prior
 from pymc_ship.trajectory.windows import HEADING, fit_windows, prepared_windows, thinned, with_constants
 from pymc_ship.trial.record import OVER_GROUND
-from pymc_ship.vessel.parts import HELD, with_parts
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
-from tests.forces.test_parts import AHEAD, tanker
+from tests.physics.forces.test_parts import AHEAD, tanker
 
 CURRENTS = ((0.5, 60.0), (0.5, 200.0))
 FREE = ("Nr", "gamma_R", "c_north", "c_east")

@@ -9,10 +9,10 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.motion.replay import replay
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, linearise, whiten
 from pymc_ship.trajectory.prior import CoefficientPrior
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.trajectory.cases import SD, problem_of, record, rough, truth
 
 SD_GIVEN = {"u": SD["u"], "r": SD["r"]}

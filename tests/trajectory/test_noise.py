@@ -11,6 +11,7 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import pymc_ship as ps
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.trajectory import noise as trajectory_noise
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, white_noise, whiten
 from pymc_ship.trajectory.noise import (
@@ -23,7 +24,6 @@ from pymc_ship.trajectory.noise import (
     serial_test,
 )
 from pymc_ship.trial.record import second_difference_sd
-from pymc_ship.vessel.vessel import reference_coefficients
 from tests.trajectory.cases import SD, correlated, heavy_tailed, problem_of, rough, truth, white
 
 HEADING = ("u", "v", "r", "psi")

@@ -13,7 +13,8 @@ import pytest
 from scipy.special import logsumexp
 
 import pymc_ship as ps
-from pymc_ship.forces.terms import SYMBOLS
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory
 from pymc_ship.trajectory.posterior import (
     log_likelihood_rows,
@@ -22,7 +23,6 @@ from pymc_ship.trajectory.posterior import (
     trajectory_mode,
     trajectory_posterior,
 )
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.trajectory.cases import SD, problem_of, record, rough, truth
 
 

@@ -8,9 +8,9 @@ import xarray as xr
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.forces.terms import order
+from pymc_ship.physics.forces.terms import order
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.trajectory.prior import FREEDOM, CoefficientPrior, coefficient_dofs
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
 from tests.trajectory.cases import record
 
 

@@ -10,7 +10,9 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.motion.replay import replay
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.term_sets import with_terms
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.trajectory import prior as priors
 from pymc_ship.trajectory import windows as window_fit
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
@@ -32,11 +34,9 @@ from pymc_ship.trajectory.windows import (
     window_records,
 )
 from pymc_ship.trial.record import TrialError
-from pymc_ship.vessel.term_sets import with_terms
-from pymc_ship.vessel.vessel import coefficient_names, reference_coefficients
+from tests.physics.vessel.cases import small_vessel
 from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, wide_prior, with_values
 from tests.trajectory.cases import correlated
-from tests.vessel.cases import small_vessel
 
 UNIT = 320.0 / 7.974  # s
 FEW = {"surge": ("Xuu",), "sway": ("Yv", "Yr", "Ydelta"), "yaw": ("Nv", "Nr", "Ndelta")}

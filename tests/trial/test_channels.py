@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.motion.equations import STATE, VELOCITIES
+from pymc_ship.physics.motion.equations import STATE, VELOCITIES
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, channel_names, readable, sensors
 
 

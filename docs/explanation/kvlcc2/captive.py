@@ -9,7 +9,7 @@ import numpy as np
 
 import pymc_ship as ps
 from pymc_ship.captive.comparison import compared, comparison_rows
-from pymc_ship.vessel.parts import HELD
+from pymc_ship.physics.vessel.parts import HELD
 
 FORMAT = {"scale": {"froude": 46.4}}
 ship = ps.load_ship(sys.argv[2])

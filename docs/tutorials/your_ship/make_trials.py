@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.vessel.vessel import Coefficient
+from pymc_ship.physics.vessel.vessel import Coefficient
 
 RUNS = {
     "zigzag_10_10_starboard": (ps.zigzag(10, 10, side="starboard"), 900, 247.0, None),

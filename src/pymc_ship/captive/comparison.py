@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 
 from pymc_ship.captive.statement import held_motion, known_tests
 from pymc_ship.captive.table import FORCES
-from pymc_ship.motion.held import held_forces
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import fixed
-from pymc_ship.vessel.vessel import DOFS, Vessel
+from pymc_ship.physics.motion.held import held_forces
+from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 
 BANDS = ("lower", "median", "upper")
 _TAILS = (0.025, 0.5, 0.975)

@@ -20,15 +20,15 @@ import xarray as xr
 from scipy.optimize import least_squares
 
 from pymc_ship.captive.table import FORCES
-from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
-from pymc_ship.motion.held import held_slopes
+from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
+from pymc_ship.physics.motion.held import held_slopes
+from pymc_ship.physics.vessel.parts import ship_of
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import DOFS, Vessel, coefficient_names
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement
 from pymc_ship.trajectory.statements import loosened
 from pymc_ship.trial.record import TrialError
-from pymc_ship.vessel.parts import ship_of
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import DOFS, Vessel, coefficient_names
 
 _ROWS = [DOFS.index(dof) for dof in ("surge", "sway", "yaw")]
 _NOMINAL = 0.05  # share by which revolutions may be off the nominal ones for terms, which know no others
@@ -69,7 +69,7 @@ class CaptiveFit:
 
 
 def held_motion(tests: xr.Dataset, vessel: Vessel, revolutions: float = 1.0) -> dict[str, np.ndarray]:
-    """Motion of captive tests as :func:`pymc_ship.motion.held.held_forces` takes it.
+    """Motion of captive tests as :func:`pymc_ship.physics.motion.held.held_forces` takes it.
 
     ``revolutions`` are the nominal ones on the carriage over those of the vessel.
     """

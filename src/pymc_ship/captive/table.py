@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.columns import Column
 from pymc_ship.trial.format import TrialFormat, load_format
 from pymc_ship.trial.reading import TextTable, table_cells, text_table
 from pymc_ship.trial.record import TrialError
 from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, RADIAN_PER_SECOND, REVOLUTION_PER_SECOND, Unit
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel
 
 FORCES = ("X", "Y", "N")
 """Measured forces; a file has one of them or more."""

@@ -15,10 +15,10 @@ from pymc_ship.checks.verdicts import (
     regressed,
     straight_approach,
 )
-from pymc_ship.forces.terms import evaluate
-from pymc_ship.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.forces.terms import evaluate
+from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.vessel.vessel import LETTER, Vessel
 from pymc_ship.trial.record import TrialError, sampling_interval
-from pymc_ship.vessel.vessel import LETTER, Vessel
 
 STRAIGHT = 0.1
 """Mean of r, v or phi on the approach over the channel's largest magnitude; IMO asks for a steady course."""

@@ -25,9 +25,9 @@ from pymc_ship.checks.verdicts import (
     regressed,
     ship_blocks,
 )
-from pymc_ship.forces.prime_system import GRAVITY
+from pymc_ship.physics.forces.prime_system import GRAVITY
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import sampling_interval
-from pymc_ship.vessel.vessel import Vessel
 
 DRIFT = 0.6
 """Largest v/U of a ship that sails ahead: a drift angle of 37 deg, beyond that of the tightest turns."""

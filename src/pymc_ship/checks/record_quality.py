@@ -7,7 +7,7 @@ import xarray as xr
 
 from pymc_ship.checks.rudder import measured_rate
 from pymc_ship.checks.verdicts import Check, ShipScale, not_checked
-from pymc_ship.motion.equations import STATE
+from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 

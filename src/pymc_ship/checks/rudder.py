@@ -15,8 +15,8 @@ from pymc_ship.checks.verdicts import (
     ship_blocks,
     straight_approach,
 )
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import sampling_interval
-from pymc_ship.vessel.vessel import Vessel
 
 LARGEST_RUDDER = 1.3
 """Rudder angle [rad] that no rudder reaches: a record beyond 75 deg is one in degrees."""

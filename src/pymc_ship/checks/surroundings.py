@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.checks.verdicts import SLOW, Check, ShipScale, needed, not_checked, ship_blocks
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.format import true_air
-from pymc_ship.vessel.vessel import Vessel
 
 ADVANCE = (0.1, 1.6)
 """Advance numbers J = U / (n D) of ships that sail ahead, from a tug that tows to a fast craft."""

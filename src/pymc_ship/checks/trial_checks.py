@@ -38,11 +38,11 @@ from pymc_ship.checks.surroundings import revolutions_check, wind_check
 from pymc_ship.checks.track import axes_checks, body_velocity, drift_check, lever_check
 from pymc_ship.checks.verdicts import Check, not_checked, ship_scale
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import SIMULATED
 from pymc_ship.trial.judgement import judged, worst
 from pymc_ship.trial.record import TrialError, check_trial, one_trial
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel
 
 _LARGEST = 1e12
 

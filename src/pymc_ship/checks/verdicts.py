@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import sampling_interval
-from pymc_ship.vessel.vessel import Vessel
 
 SIGNIFICANT = 5.0
 """Standard errors from which a finding counts; a few dozen tests a trial then give a false alarm in 1e5 trials."""

@@ -52,12 +52,12 @@ from pymc_ship.cli.texts import (
 from pymc_ship.forecasting.forecast import BANDS, stated_shares
 from pymc_ship.machine.files import staged, staged_files, writable_folder
 from pymc_ship.machine.text import utf8
-from pymc_ship.manoeuvre.kinds import ManoeuvreError
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.trial.channels import CHANNELS, without_roll
 from pymc_ship.trial.record import TrialError, moving
-from pymc_ship.vessel.vessel import Vessel
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 OFFSETS = {"auto": None, "yes": True, "no": False}

@@ -11,7 +11,7 @@ from pymc_ship import __version__
 from pymc_ship.cli import examples
 from pymc_ship.cli.sentences import sentence
 from pymc_ship.cli.words import INSTRUMENTS, angles, draws, flow, interval, names, noise, seed
-from pymc_ship.manoeuvre.registry import KINDS
+from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.trial.channels import sensors
 
 FAMILIES = ("conjugate", "semiconjugate")

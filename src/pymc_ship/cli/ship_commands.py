@@ -34,15 +34,15 @@ from pymc_ship.cli.texts import (
 )
 from pymc_ship.forecasting.index_error import BEYOND, error_rows
 from pymc_ship.machine.files import staged_files, writable_folder
-from pymc_ship.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.vessel.term_sets import holds_any_speed, takes_part_sets
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ship.files import FOLDER, forecast_ship, load_ship, save_ship
 from pymc_ship.ship.model import IdentifiedShip
 from pymc_ship.trial.format import load_format
 from pymc_ship.trial.record import facility_of
-from pymc_ship.vessel.term_sets import holds_any_speed, takes_part_sets
-from pymc_ship.vessel.vessel import Vessel
 
 SIDES = ("port", "starboard")
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.forecast import BANDS, NO_ROLL, rolls, stated_shares
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from pymc_ship.checks.verdicts import Check

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from pymc_ship.manoeuvre.kinds import ManoeuvreKind
+from pymc_ship.physics.manoeuvre.kinds import ManoeuvreKind
 
 INSTRUMENTS = ("gnss", "mems_gyro", "mru", "fluxgate_compass")
 """Names of instruments, a copy of the API's, which a test holds beside them."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from pymc_ship.forecasting.stopping import StoppingTest, knows_astern
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.standard import (
+from pymc_ship.physics.manoeuvre.standard import (
     Manoeuvre,
     direct_spiral,
     held_angles,
@@ -14,8 +14,8 @@ from pymc_ship.manoeuvre.standard import (
     turning_circle,
     zigzag,
 )
-from pymc_ship.vessel.parts import ship_of
-from pymc_ship.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.parts import ship_of
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 
 NextRun = Manoeuvre | StoppingTest
 """What may be sailed next."""

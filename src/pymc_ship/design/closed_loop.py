@@ -1,8 +1,8 @@
 """Sensitivities of a whole manoeuvre: a zigzag's rudder is reversed when the ship turns, so it, too, depends on her.
 
-Along a fixed rudder record the derivatives are those of :mod:`pymc_ship.motion.sensitivities`. A zigzag reverses its
-rudder at the times t_k at which the heading reaches a limit; other coefficients shift them by dt_k = -dpsi(t_k) /
-psi_dot(t_k) and with them the travel of the rudder that follows.
+Along a fixed rudder record the derivatives are those of :mod:`pymc_ship.physics.motion.sensitivities`. A zigzag
+reverses its rudder at the times t_k at which the heading reaches a limit; other coefficients shift them by dt_k =
+-dpsi(t_k) / psi_dot(t_k) and with them the travel of the rudder that follows.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.design.candidates import NextRun
-from pymc_ship.manoeuvre.kinds import SIDES
-from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.replay import replay
-from pymc_ship.motion.sensitivities import sensitivities
-from pymc_ship.motion.simulation import simulate
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.manoeuvre.kinds import SIDES
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.motion.sensitivities import sensitivities
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.vessel.vessel import Vessel
 
 STEP = 0.1
 """Step of the simulation [s], Runge-Kutta."""

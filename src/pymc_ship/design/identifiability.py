@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.trajectory.fit import Noise, TrajectoryError, TrajectoryFit, run_rows, white_noise
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.trajectory.runs import Run, trajectory_run
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 UNKNOWN = 0.5
 """A direction stays unknown when the runs leave it more than this share of its prior variance."""

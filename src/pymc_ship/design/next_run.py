@@ -19,18 +19,18 @@ from scipy.special import ndtri
 
 from pymc_ship.design.candidates import labelled_trials
 from pymc_ship.design.trial_design import TrialDesignError
-from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.draws import knowing_models, thinned_draws
 from pymc_ship.forecasting.extrapolation import extrapolation
 from pymc_ship.forecasting.index_error import equivalent_sd, error_sizes, readings_noise, steady_error
 from pymc_ship.forecasting.motion_error import SIZES
-from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.standard import STANDARD, Manoeuvre, pull_out, turning_circle, zigzag
-from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.prime_record import prime_record
-from pymc_ship.motion.simulation import simulate
-from pymc_ship.motion.stepping import simulation_settings
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.standard import STANDARD, Manoeuvre, pull_out, turning_circle, zigzag
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.prime_record import prime_record
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.motion.stepping import simulation_settings
+from pymc_ship.physics.vessel.vessel import Vessel
 
 CANDIDATES = tuple(
     make(*angles, side=side)

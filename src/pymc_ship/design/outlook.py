@@ -9,8 +9,8 @@ from pymc_ship.design.trial_design import TrialDesignError
 from pymc_ship.forecasting.draws import thinned_draws
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.forecasting.index_error import steady_error
-from pymc_ship.manoeuvre.standard import STANDARD
-from pymc_ship.motion.stepping import simulation_settings
+from pymc_ship.physics.manoeuvre.standard import STANDARD
+from pymc_ship.physics.motion.stepping import simulation_settings
 
 _DRAWS = 200  # at most
 _INSIDE = 0.95  # probability of intervals

@@ -20,16 +20,16 @@ from pymc_ship.design.identifiability import information_root
 from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.forecasting.stopping import StoppingTest
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
-from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.simulation import simulate
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.trajectory.fit import Noise, TrajectoryFit
 from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.channels import channel_names, sensors
 from pymc_ship.trial.noise import noise_factors
 from pymc_ship.trial.noise import noise_sd as noise_size
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 CRITERIA = ("information", "forecast")
 """Greatest log determinant of the posterior precision (D-optimal), or least variance of forecast manoeuvres."""

@@ -22,8 +22,8 @@ from pymc_ship.forecasting.prior_ships import (
     simulated_ships,
 )
 from pymc_ship.pages.tables import Table, fixed, number, percent, table
+from pymc_ship.physics.vessel.vessel import Vessel, VesselError
 from pymc_ship.trajectory.prior import CoefficientPrior
-from pymc_ship.vessel.vessel import Vessel, VesselError
 
 SHIPS = 200
 """Ships of the prior, and of the posterior, in each manoeuvre of a section: a share of a half is known to 3.5 %."""

@@ -13,10 +13,10 @@ import xarray as xr
 from pymc_ship.design.identifiability import UNKNOWN
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT, check_draws
+from pymc_ship.physics.vessel.vessel import LETTER
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import whiten
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.vessel.vessel import LETTER
 
 PARTS = "parts"
 """Where the parameters of a ship of parts stand, which act in several degrees of freedom."""

@@ -29,10 +29,10 @@ from pymc_ship.diagnostics.parts import (
 from pymc_ship.diagnostics.tables import prior_posterior_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
 from pymc_ship.pages.tables import fixed, number, percent, table
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.trajectory.posterior import verdict as khat_verdict
-from pymc_ship.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 _DEFAULTS = (
     f"Posteriors of whole trajectories: Pareto k-hat ≤ {KHAT_LIMIT:g} for draws of the normal approximation, the gates "

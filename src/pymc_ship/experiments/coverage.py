@@ -18,8 +18,8 @@ from scipy.stats import norm, t
 from pymc_ship.forecasting import motion_error
 from pymc_ship.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
 from pymc_ship.forecasting.motion_error import GROWTH, risen, size_law
-from pymc_ship.manoeuvre.kinds import ERRING
-from pymc_ship.manoeuvre.registry import kind_named
+from pymc_ship.physics.manoeuvre.kinds import ERRING
+from pymc_ship.physics.manoeuvre.registry import kind_named
 
 Columns = Mapping[str, np.ndarray]
 """Rows of :data:`pymc_ship.experiments.judged_ship.INDEX` or `INSTANT` of all ships by column, with ``ship``, a number,

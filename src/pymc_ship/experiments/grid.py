@@ -16,12 +16,12 @@ from pymc_ship.experiments.methods import import_path, own_methods, recorded
 from pymc_ship.experiments.task import METHODS, PARTS, SCORES, Method, MonteCarloError, Task, measure, nothing
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.toml import Entry
-from pymc_ship.manoeuvre.kinds import ManoeuvreError
-from pymc_ship.manoeuvre.registry import KINDS
-from pymc_ship.manoeuvre.standard import Manoeuvre, written_manoeuvre
+from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
+from pymc_ship.physics.manoeuvre.registry import KINDS
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, written_manoeuvre
+from pymc_ship.physics.vessel.reading import load_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, VesselError
 from pymc_ship.trial.noise import NOISES, RECORD_STEP
-from pymc_ship.vessel.reading import load_vessel
-from pymc_ship.vessel.vessel import Vessel, VesselError
 
 PART_SEEDS = 1000
 """Seeds of a cell whose results share a file."""

@@ -26,16 +26,16 @@ from pymc_ship.forecasting.stopping import LONGEST, StoppingTest, stopped, stopp
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told
-from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.manoeuvre.stopping_tests import INDICES
+from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET, takes_part_sets, with_terms
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ship.files import forecast_ship
 from pymc_ship.ship.model import ShipModel, identify_ship
 from pymc_ship.ship.replayed import beyond_runs, crps, replay
 from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.term_sets import ANY_SPEED_SET, takes_part_sets, with_terms
-from pymc_ship.vessel.vessel import Vessel
 
 PARTS = ("draw", "identify", "forecast", "replay", "stop")
 """Parts of a task that are timed [s]; the motion that is forecast is sailed as part of ``forecast`` and of ``stop``."""

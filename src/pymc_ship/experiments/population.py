@@ -15,7 +15,7 @@ from pymc_ship.experiments.methods import check_handed_on, digest, import_path, 
 from pymc_ship.forecasting.stopping import MOST_ASTERN
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.toml import Entry
-from pymc_ship.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 
 _KEYS = ("title", "population", "trials", "forecasts", "astern", "ships", "root_seed")
 _OPTIONAL = ("title", "astern")

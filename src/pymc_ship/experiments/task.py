@@ -27,12 +27,12 @@ from pymc_ship.frontier.estimates import (
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told
-from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle
-from pymc_ship.motion.simulation import simulate
+from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.trajectory.mode import trajectory_mode
 from pymc_ship.trial.noise import noisy_trial
-from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 SCORES = ("median_error", "coverage", "tactical_diameter_error")
 """What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.surroundings import WIND
 from pymc_ship.machine.arguments import shown
-from pymc_ship.motion.stepping import SimulationError
-from pymc_ship.vessel.vessel import Vessel, VesselError, coefficient_names
+from pymc_ship.physics.forces.surroundings import WIND
+from pymc_ship.physics.motion.stepping import SimulationError
+from pymc_ship.physics.vessel.vessel import Vessel, VesselError, coefficient_names
 
 
 def coefficient_draws(

@@ -19,13 +19,13 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.motion.equations import KERNEL, STATE
-from pymc_ship.motion.prime_record import prime_record
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.motion.equations import KERNEL, STATE
+from pymc_ship.physics.motion.prime_record import prime_record
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import TrialError
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel
 
 UNKNOWN = "Extrapolation is unknown: the posterior does not hold the motion it was fitted to."
 """Sentence for a forecast whose posterior does not hold the motion it was fitted to."""
@@ -67,8 +67,8 @@ def extrapolation(vessel: VesselLike, ships: xr.Dataset, motion: xr.DataArray) -
         u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; NaN where a ship does not
         run any more.
     motion : DataArray, dims (row, symbol)
-        Prime motion of the record, ``symbol`` being :data:`pymc_ship.forces.terms.SYMBOLS`. It is taken as it is: a
-        record to one side says nothing of the other.
+        Prime motion of the record, ``symbol`` being :data:`pymc_ship.physics.forces.terms.SYMBOLS`. It is taken as it
+        is: a record to one side says nothing of the other.
 
     Returns
     -------

@@ -8,13 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymc_ship.forecasting.track import median_ship, track
-from pymc_ship.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.manoeuvre.measured import aligned
-from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
+from pymc_ship.physics.manoeuvre.kinds import OVERSHOOTS, SIDES
+from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import CHANNELS, sensors
-from pymc_ship.vessel.vessel import Vessel
 
 _FALLEN = 0.5
 """Heading change [deg] after which an overshoot has had its peak."""

@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.forces.terms import SYMBOLS
-from pymc_ship.motion.held import held_forces
 from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
 from pymc_ship.pages.tables import percent
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.motion.held import held_forces
+from pymc_ship.physics.vessel.vessel import DOFS, LETTER, Vessel
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.vessel.vessel import DOFS, LETTER, Vessel
 
 _FORCES = ("surge", "sway", "yaw")
 _HALF_RANGE = {"v": 0.4, "r": 0.8, "delta": np.deg2rad(40.0)}
@@ -33,8 +33,8 @@ def force_curves(
         Vessels, which may differ in their terms, with coefficient draws, DOFs one after the other in the vessel's
         order; the curves of all of them are pooled, so that a structure weighs as much as its draws.
     ranges : DataArray, dims (row, symbol), optional
-        Prime motion of the training record, ``symbol`` being :data:`pymc_ship.forces.terms.SYMBOLS`; the range of each
-        quantity is shaded.
+        Prime motion of the training record, ``symbol`` being :data:`pymc_ship.physics.forces.terms.SYMBOLS`; the range
+        of each quantity is shaded.
     ci_prob : float, optional
         Probability inside the equal-tailed bands.
 
@@ -91,7 +91,7 @@ def force_draws(vessel: Vessel, draws: np.ndarray, dof: str, symbol: str, values
     draws : ndarray, shape (n_draws, n_coefficients)
         DOFs one after the other in the vessel's order.
     dof, symbol : str
-        ``surge``, ``sway``, ``yaw`` or ``roll``; one of :data:`pymc_ship.forces.terms.SYMBOLS`.
+        ``surge``, ``sway``, ``yaw`` or ``roll``; one of :data:`pymc_ship.physics.forces.terms.SYMBOLS`.
     values : ndarray, shape (n_values,)
         Prime values of the quantity.
 

@@ -11,12 +11,12 @@ from pymc_ship.forecasting.draws import coefficient_draws, fitted_motion, sensor
 from pymc_ship.forecasting.extrapolation import UNKNOWN, extrapolation, sentence, share_outside
 from pymc_ship.forecasting.index_error import reliability, with_model_error
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.indices import indices, of_roll
-from pymc_ship.manoeuvre.standard import Manoeuvre, one_manoeuvre
-from pymc_ship.motion.simulation import simulate
+from pymc_ship.physics.manoeuvre.indices import indices, of_roll
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, fullest
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel, fullest
 
 BANDS = ("lower", "median", "upper")
 """Coordinate ``band`` of what a forecast summarises."""

@@ -25,9 +25,9 @@ from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri
 
 from pymc_ship.forecasting.motion_error import GROWTH, equal_sizes, size_law
-from pymc_ship.manoeuvre.kinds import ERRING
-from pymc_ship.manoeuvre.registry import kind_named
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.manoeuvre.kinds import ERRING
+from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.vessel.vessel import Vessel
 
 BEYOND = 0.003
 """Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L, roll];

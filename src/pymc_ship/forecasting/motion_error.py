@@ -21,8 +21,8 @@ import numpy as np
 from scipy.special import logsumexp, ndtr, ndtri
 
 from pymc_ship.forecasting.draws import robust_sd
-from pymc_ship.motion.equations import STATE
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.vessel.vessel import Vessel
 
 LEADS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 """Times from the start of a replay [L/U] at which its error is taken."""

@@ -15,11 +15,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pymc_ship.manoeuvre.criteria import shown_probability
-from pymc_ship.motion.equations import STATE, scheme, set_parts, state_derivative, workspace
-from pymc_ship.motion.inputs import steady_inputs
 from pymc_ship.pages.drawing import BLUE, REFERENCE, styled, subplots
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.manoeuvre.criteria import shown_probability
+from pymc_ship.physics.motion.equations import STATE, scheme, set_parts, state_derivative, workspace
+from pymc_ship.physics.motion.inputs import steady_inputs
+from pymc_ship.physics.vessel.vessel import Vessel
 
 RATES = np.linspace(-0.8, 0.8, 65)
 """Prime rates of turn r' = r L / U of the curve."""
@@ -51,7 +51,7 @@ def steady_turns(models: Sequence[tuple[Vessel, np.ndarray]]) -> xr.Dataset:
     A tanker that is course-unstable: the rudder of slow turns lies on the wrong side.
 
     >>> import pymc_ship as ps
-    >>> from pymc_ship.vessel.vessel import reference_coefficients
+    >>> from pymc_ship.physics.vessel.vessel import reference_coefficients
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> turns = ps.steady_turns([(vessel, reference_coefficients(vessel))])
     >>> print(turns["delta"].isel(draw=0).sel(rate=[0.1, 0.5], method="nearest").values.round(1))

@@ -14,17 +14,17 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.manoeuvre.criteria import shown_probability
 from pymc_ship.manoeuvre.stopping_tests import INDICES, LARGE, LIMIT
-from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.inputs import takes_revolutions
-from pymc_ship.motion.replay import replay
-from pymc_ship.motion.stepping import SimulationError
 from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
 from pymc_ship.pages.tables import fixed
-from pymc_ship.vessel.parts import ship_of
-from pymc_ship.vessel.term_sets import holds_any_speed
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.manoeuvre.criteria import shown_probability
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.inputs import takes_revolutions
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.motion.stepping import SimulationError
+from pymc_ship.physics.vessel.parts import ship_of
+from pymc_ship.physics.vessel.term_sets import holds_any_speed
+from pymc_ship.physics.vessel.vessel import Vessel
 
 COLUMNS = {"index": ("index", str), "units": ("", str)} | {
     name: (name, fixed(1)) for name in ("median", "lower", "upper")
@@ -137,7 +137,7 @@ def stopping(
     A tanker of parts that hold at any speed, with what is typical of her propeller astern:
 
     >>> import pymc_ship as ps
-    >>> from pymc_ship.vessel.vessel import reference_coefficients
+    >>> from pymc_ship.physics.vessel.vessel import reference_coefficients
     >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed")
     >>> stop = ps.stopping([(vessel, reference_coefficients(vessel)[None])], astern=1.0)
     >>> print(f"track reach {stop['track_reach'].item() / 320.0:.1f} L in {stop['stopping_time'].item():.0f} s")

@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.kinds import SIDES
 from pymc_ship.manoeuvre.measured import aligned, measured_indices
-from pymc_ship.manoeuvre.registry import kind_named
 from pymc_ship.pages.drawing import BLUE, REFERENCE, styled, subplots
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.kinds import SIDES
+from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.vessel.vessel import Vessel
 
 BEAM = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0.14)])
 """Half an outline of a ship seen from above: forward in ship lengths, abeam in beams; it closes in a pointed bow."""

@@ -11,9 +11,9 @@ from scipy.special import erf
 
 from pymc_ship.design.identifiability import identifiability
 from pymc_ship.frontier.scores import SHARES
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trajectory.runs import trajectory_run
 from pymc_ship.trial.record import trial_list
-from pymc_ship.vessel.vessel import Vessel
 
 
 def cramer_rao_bound(

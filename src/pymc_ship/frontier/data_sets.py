@@ -10,11 +10,11 @@ import xarray as xr
 from pymc_ship.design.trial_design import candidate_trials
 from pymc_ship.frontier.bound import cramer_rao_bound
 from pymc_ship.machine.seeds import generator
-from pymc_ship.manoeuvre.standard import Manoeuvre, zigzag
-from pymc_ship.motion.simulation import simulate
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, zigzag
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.trial.channels import sensors
 from pymc_ship.trial.noise import RECORD_STEP, noisy_trial
-from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 LEVELS = (0.001, 0.01, 0.05)
 """Noise levels, as :func:`pymc_ship.pollute` takes them."""

@@ -19,15 +19,15 @@ from pymc_ship.frontier.estimates import DIFFERENCES
 from pymc_ship.frontier.scores import forecast_row, relative_error
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import LocalCores, WorkersLostError, bar, completed
-from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.standard import turning_circle, zigzag
-from pymc_ship.motion.simulation import simulate
+from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.standard import turning_circle, zigzag
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.regression.identify import identify
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.trajectory.noise import fit_with_noise
 from pymc_ship.trajectory.posterior import laplace_posterior
-from pymc_ship.vessel.vessel import Vessel
 
 FORECASTS = {
     "10/10 zigzag": (zigzag(10, 10), 400.0),

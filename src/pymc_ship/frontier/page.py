@@ -13,8 +13,8 @@ from pymc_ship.frontier.tables import aim_rows, bound_down_rows, coefficient_row
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, percent, table
-from pymc_ship.vessel.reading import load_vessel
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.vessel.reading import load_vessel
+from pymc_ship.physics.vessel.vessel import Vessel
 
 PAGE = Page("index.html", Path(__file__).with_name("page.html.j2"), own=("figures/*.png", "tables/*.csv"), digits=6)
 """The page of the frontier, alone in its folder."""

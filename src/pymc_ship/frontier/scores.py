@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.forecast import BANDS
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import channel_names
-from pymc_ship.vessel.vessel import Vessel
 
 SHARES = (5.0, 20.0, 50.0)
 """Error limits [%] under which shares of the coefficients are counted."""

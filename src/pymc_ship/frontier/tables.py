@@ -14,7 +14,7 @@ from pymc_ship.frontier.data_sets import LEVELS
 from pymc_ship.frontier.estimates import DIFFERENCES
 from pymc_ship.frontier.measure import Measurement
 from pymc_ship.frontier.scores import with_error
-from pymc_ship.vessel.vessel import Vessel, coefficient_names
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
 
 METHODS = {
     "bound": "Cramér-Rao bound",

@@ -9,10 +9,10 @@ import xarray as xr
 
 from pymc_ship.denoising.denoise import MIN_LENGTH, denoise
 from pymc_ship.denoising.draws import denoise_draws
-from pymc_ship.manoeuvre.helm import base_course, execution, rudder_reversals, steered
-from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.registry import kind_named
-from pymc_ship.manoeuvre.zigzags import BY_HAND
+from pymc_ship.physics.manoeuvre.helm import base_course, execution, rudder_reversals, steered
+from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.manoeuvre.zigzags import BY_HAND
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, channel_names
 from pymc_ship.trial.record import is_uniform
 
@@ -30,8 +30,8 @@ def aligned(measured: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     Dataset, dims (time,)
-        The channels it has, those at time 0 interpolated, from :func:`pymc_ship.manoeuvre.helm.execution` on, or from
-        the first instant of a record without a rudder. A track without a heading is left out.
+        The channels it has, those at time 0 interpolated, from :func:`pymc_ship.physics.manoeuvre.helm.execution` on,
+        or from the first instant of a record without a rudder. A track without a heading is left out.
     """
     time = measured["time"].values.astype(float)
     channels = {name: measured[name].values.astype(float) for name in SIMULATED if name in measured}

@@ -12,12 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.manoeuvre.helm import Helm, Swings, approach_speed, rudder_reversals, swings, unsteered, whole_heading
-from pymc_ship.manoeuvre.registry import KINDS, either
-from pymc_ship.manoeuvre.standard import Manoeuvre, standard_manoeuvre
+from pymc_ship.physics.manoeuvre.helm import (
+    Helm,
+    Swings,
+    approach_speed,
+    rudder_reversals,
+    swings,
+    unsteered,
+    whole_heading,
+)
+from pymc_ship.physics.manoeuvre.registry import KINDS, either
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import check_trial, facility_of, trial_list
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel
 
 STEERED = ("u", "r", "psi", "delta")
 """Channels that tell how a ship was steered."""
@@ -58,8 +66,8 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     Returns
     -------
     manoeuvres : list of Manoeuvre or None
-        Of the first of :data:`pymc_ship.manoeuvre.registry.KINDS` that recognises the record, such as a zigzag or a
-        turning circle, at the speed and side of the record; None for any other rudder record.
+        Of the first of :data:`pymc_ship.physics.manoeuvre.registry.KINDS` that recognises the record, such as a zigzag
+        or a turning circle, at the speed and side of the record; None for any other rudder record.
     steering : Steering
         Medians over all reversals, and over all approaches.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from pymc_ship.manoeuvre.events import Record
 from pymc_ship.manoeuvre.measured import smoothed
+from pymc_ship.physics.manoeuvre.events import Record
 
 LABEL = "stopping test"
 """What a run is called in which a ship is stopped."""

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.priors import ExactPosterior, Prior
 from pymc_ship.regression.tree import independent_posterior
@@ -17,7 +18,6 @@ from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.trial.record import one_trial
-from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 SELECTIONS = ("evidence", "bayesian_optimisation")
 """Ways to choose the hyperparameters."""

@@ -16,12 +16,12 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.terms import UnknownTerm, order
 from pymc_ship.machine.arguments import finite_number
+from pymc_ship.physics.forces.terms import UnknownTerm, order
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.regression.priors import Prior, PriorError, check_prior
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
-from pymc_ship.vessel.reading import VesselLike, as_vessel
 
 
 def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple[float, float]]) -> Prior:

@@ -8,11 +8,11 @@ import xarray as xr
 from pymc_ship.denoising.denoise import METHODS, denoise
 from pymc_ship.frontier.estimates import regression_estimate
 from pymc_ship.frontier.scores import error_summary, relative_error
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.regression.identify import CI_PROB, pooled_coefficients, regression_draws
 from pymc_ship.regression.tune import maximise_evidence
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.trial.channels import sensors
-from pymc_ship.vessel.vessel import Vessel
 
 N_DRAWS = 20
 """Draws of the denoised record that are carried into the regression: Rubin's rule then adds 1/20 for their number."""

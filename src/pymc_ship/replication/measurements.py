@@ -17,6 +17,7 @@ from pymc_ship.frontier.estimates import (
     weak_form_estimate,
 )
 from pymc_ship.frontier.scores import relative_error, summary_rows
+from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.regression.cross_validation import cross_validation
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.identify import Identification, identify
@@ -24,7 +25,6 @@ from pymc_ship.regression.priors import Prior
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.trajectory.posterior import TrajectoryMode
 from pymc_ship.trial.noise import LITERAL_LEVEL, pollute
-from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 PUBLISHED_PRIORS = {
     "conjugate": {

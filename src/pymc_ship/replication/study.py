@@ -17,9 +17,11 @@ from pymc_ship.frontier.bound import cramer_rao_bound
 from pymc_ship.frontier.estimates import trajectory_modes
 from pymc_ship.frontier.scores import forecast_row, published_rows, summary_rows
 from pymc_ship.machine.seeds import generator
-from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
-from pymc_ship.motion.simulation import simulate
+from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.regression.identify import Identification, identify
 from pymc_ship.replication import denoisers
 from pymc_ship.replication import measurements as replication
@@ -30,8 +32,6 @@ from pymc_ship.sampling.regression_model import nuts_posterior
 from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior
 from pymc_ship.trial.channels import sensors
 from pymc_ship.trial.noise import LITERAL_LEVEL, noise_factors, noise_sd, pollute
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
 """Noise levels of the study; the last is the paper's literal one."""

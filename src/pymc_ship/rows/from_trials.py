@@ -7,18 +7,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.prime_system import to_prime
-from pymc_ship.forces.terms import evaluate
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.motion.equations import VELOCITIES
-from pymc_ship.motion.prime_record import motion_record, prime_record
 from pymc_ship.motion.weak_form import INDEPENDENT, weak_form
+from pymc_ship.physics.forces.prime_system import to_prime
+from pymc_ship.physics.forces.terms import evaluate
+from pymc_ship.physics.motion.equations import VELOCITIES
+from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import one_trial, sampling_interval, trial_list
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import DOFS, Vessel
 
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
 """Samples at the begin and end of a record that lack a neighbour their difference needs."""

@@ -17,9 +17,9 @@ from pytensor.link.numba.dispatch.basic import (
     register_funcify_default_op_cache_key,
 )
 
-from pymc_ship.motion.sensitivities import sensitivities
+from pymc_ship.physics.motion.sensitivities import sensitivities
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trajectory.runs import Run
-from pymc_ship.vessel.vessel import Vessel
 
 _jit = njit(cache=True, nogil=True, error_model="numpy")
 

@@ -16,7 +16,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.motion.equations import STATE
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.regression.tree import rng_state
 from pymc_ship.sampling.regression_model import check_settings, nuts_sample_stats
 from pymc_ship.trajectory.fit import Problem, TrajectoryError, TrajectoryFit
@@ -28,8 +30,6 @@ from pymc_ship.trajectory.posterior import (
     trajectory_tree,
 )
 from pymc_ship.trajectory.prior import CoefficientPrior
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import coefficient_names
 
 if TYPE_CHECKING:
     import pymc as pm

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pymc_ship.machine.toml import Entry, toml_table
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.vessel.vessel import Vessel
 
 SHALLOWEST = 4.0
 """Water depth over mean draught from which a trial is in deep water (2.2.1.2.1 of the circular)."""

@@ -14,19 +14,19 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.draws import thinned_draws
-from pymc_ship.manoeuvre.criteria import imo_limits
-from pymc_ship.manoeuvre.helm import base_course
-from pymc_ship.manoeuvre.indices import indices
-from pymc_ship.manoeuvre.kinds import TRACKED
 from pymc_ship.manoeuvre.measured import drawn_indices, finite_indices, smooth_indices, smoothed
-from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.simulation import simulate
-from pymc_ship.motion.stepping import simulation_settings
+from pymc_ship.physics.manoeuvre.criteria import imo_limits
+from pymc_ship.physics.manoeuvre.helm import base_course
+from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.kinds import TRACKED
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.motion.stepping import simulation_settings
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.sea_trials.conditions import Conditions, SeaTrialError
 from pymc_ship.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.sea_trials.loading import at_loading
 from pymc_ship.trial.record import OVER_GROUND
-from pymc_ship.vessel.vessel import Vessel
 
 DRAWS = 100
 """Draws of the record, of the current and of the model, each."""

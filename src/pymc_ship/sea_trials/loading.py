@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pymc_ship.physics.vessel.parts import HELD, with_parts
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.sea_trials.conditions import SeaTrialError
-from pymc_ship.vessel.parts import HELD, with_parts
-from pymc_ship.vessel.vessel import Vessel
 
 _SAME = 0.05  # by which the length between perpendiculars may differ from one draught to another
 

@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.surroundings import WIND
 from pymc_ship.forecasting.steady_turns import largest_loop, steady_turns
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
-from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.manoeuvre.stopping_tests import INDICES as STOPPING
 from pymc_ship.manoeuvre.stopping_tests import LABEL, LIMIT, measured_stopping
+from pymc_ship.physics.forces.surroundings import WIND
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.sea_trials.conditions import SeaTrialError, condition_rows, load_conditions
 from pymc_ship.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
 from pymc_ship.sea_trials.current import DriftCurrent, drift_current
@@ -24,8 +26,6 @@ from pymc_ship.sea_trials.spiral_test import measured_spiral, spiral_rows
 from pymc_ship.sea_trials.uncertainty import PARTS, stated
 from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.trial.record import TrialError, facility_of, trial_list
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel
 
 
 @dataclass(frozen=True)

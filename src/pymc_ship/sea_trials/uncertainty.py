@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pymc_ship.manoeuvre.criteria import SURE
+from pymc_ship.physics.manoeuvre.criteria import SURE
 
 PARTS = ("u_record", "u_current", "u_model")
 """Parts of the standard uncertainty that are deviations by draws."""

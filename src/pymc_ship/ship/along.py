@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.inputs import recorded_inputs
-from pymc_ship.motion.replay import replay
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.inputs import recorded_inputs
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trajectory.windows import smoothed_channel, substeps_of
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
-from pymc_ship.vessel.vessel import Vessel
 
 
 def sailed_along(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, place: slice) -> np.ndarray:
@@ -22,7 +22,7 @@ def sailed_along(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, pl
     vessel : Vessel
     coefficients : ndarray, shape (n_draws, n_coefficients)
     trial : Dataset, dims (time,)
-        The whole record; its inputs are those of :func:`pymc_ship.motion.inputs.recorded_inputs`.
+        The whole record; its inputs are those of :func:`pymc_ship.physics.motion.inputs.recorded_inputs`.
     place : slice
         Samples of the piece; its first, smoothed, is where the ships begin.
 

@@ -12,14 +12,25 @@ from threadpoolctl import threadpool_limits
 from pymc_ship.captive.statement import CaptiveFit, fit_captive, shared_with_trials
 from pymc_ship.checks.plausibility import DRIFT, SHORTEST_PIECE, SLOW, piece_check, pieces_ahead
 from pymc_ship.checks.verdicts import ship_scale
-from pymc_ship.forces.screw import NOMINAL_REVOLUTIONS
-from pymc_ship.forces.surroundings import CURRENT
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.manoeuvre.recognition import Steering
-from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.inputs import revolutions_measured
 from pymc_ship.motion.weak_form import weak_form_start
+from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
+from pymc_ship.physics.forces.surroundings import CURRENT
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.motion.inputs import revolutions_measured
+from pymc_ship.physics.vessel.hull_database import with_hull_database, with_typical_rudder
+from pymc_ship.physics.vessel.parts import with_parts
+from pymc_ship.physics.vessel.term_sets import (
+    ANY_SPEED_SET,
+    ROLL_SET,
+    holds_any_speed,
+    takes_part_sets,
+    term_sets,
+    with_terms,
+)
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, places_of_facility
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.held_out import HeldOut, held_out
 from pymc_ship.ship.soundness import Failure, first_failure, sound
@@ -29,17 +40,6 @@ from pymc_ship.trajectory.prior import CoefficientPrior, Statement, coefficient_
 from pymc_ship.trajectory.statements import Earlier, joined, loosened, said_by_windows
 from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, prepared_windows, widened
 from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
-from pymc_ship.vessel.hull_database import with_hull_database, with_typical_rudder
-from pymc_ship.vessel.parts import with_parts
-from pymc_ship.vessel.term_sets import (
-    ANY_SPEED_SET,
-    ROLL_SET,
-    holds_any_speed,
-    takes_part_sets,
-    term_sets,
-    with_terms,
-)
-from pymc_ship.vessel.vessel import Vessel, coefficient_names, places_of_facility
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """What is known of the coefficients beforehand, beside those the vessel file states with an sd."""

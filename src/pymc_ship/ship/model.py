@@ -16,13 +16,16 @@ import xarray as xr
 
 from pymc_ship.captive.comparison import compared
 from pymc_ship.design.outlook import outlook
-from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.forecasting.motion_error import LEADS, Replayed, motion_error
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.manoeuvre.recognition import Steering, recognise_by_facility, with_steering
-from pymc_ship.manoeuvre.standard import Manoeuvre
-from pymc_ship.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, fullest
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.along import measured_states, reading_noise, sailed_along
 from pymc_ship.ship.candidates import (
@@ -42,9 +45,6 @@ from pymc_ship.trajectory.statements import Earlier
 from pymc_ship.trajectory.windows import LENGTH, thinned
 from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
-from pymc_ship.vessel.plausibility import remarks as vessel_remarks
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel, fullest
 
 _REPLAYS = 40  # draws of a held-out run from each window on
 _FORECASTS = 100  # draws of a held-out forecast
@@ -173,13 +173,13 @@ def identify_ship(
     names : sequence of str, optional
         Of the trials; numbers by default.
     terms : sequence of str, optional
-        Of :func:`pymc_ship.vessel.term_sets.term_sets` or "own terms"; by default all sets the vessel can have.
+        Of :func:`pymc_ship.physics.vessel.term_sets.term_sets` or "own terms"; by default all sets the vessel can have.
     prior : {"hull_database", "order_damped", "sister_ship"}, IdentifiedShip or ShipModel, optional
         Of the coefficients without an ``sd``: what captive tests of other ships say of the hull, see
-        :func:`pymc_ship.vessel.hull_database.hull_coefficients`, and wide about 0 for the rest; wide about 0 for all;
-        or about the values of the vessel file. By default the first where the vessel states her draught, the second
-        else. Or the ship as earlier runs identified her: their term sets, with what they said beside their prior. Her
-        coefficients may have changed since, each by a share of its prior sd, the most probable one.
+        :func:`pymc_ship.physics.vessel.hull_database.hull_coefficients`, and wide about 0 for the rest; wide about 0
+        for all; or about the values of the vessel file. By default the first where the vessel states her draught, the
+        second else. Or the ship as earlier runs identified her: their term sets, with what they said beside their
+        prior. Her coefficients may have changed since, each by a share of its prior sd, the most probable one.
     captive : Dataset, dims (test,), optional
         Captive tests of her model, from :func:`pymc_ship.read_captive`: they stand beside the prior of every term set
         with a noise of their own, that of the term set on them.

@@ -16,10 +16,13 @@ from pymc_ship.forecasting.force_curves import force_curves
 from pymc_ship.forecasting.index_error import error_rows
 from pymc_ship.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
 from pymc_ship.machine.files import writable_folder
-from pymc_ship.manoeuvre.helm import approach_speed
-from pymc_ship.manoeuvre.kinds import UNITS
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.physics.manoeuvre.helm import approach_speed
+from pymc_ship.physics.manoeuvre.kinds import UNITS
+from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.term_sets import PART_SETS, TERM_SETS
+from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, fullest
 from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.figures import (
     held_out_overshoots,
@@ -33,9 +36,6 @@ from pymc_ship.ship.paths import coverage, held_out_rows, overshoot_errors
 from pymc_ship.trajectory.windows import LENGTH, thinned
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval
-from pymc_ship.vessel.parts import HELD
-from pymc_ship.vessel.term_sets import PART_SETS, TERM_SETS
-from pymc_ship.vessel.vessel import LETTER, Vessel, coefficient_names, fullest
 
 CORRELATED = 0.95
 """Correlation of two coefficients from which the page warns of it."""

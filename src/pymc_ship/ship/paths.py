@@ -14,10 +14,11 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.index_error import index_sd, model_error
-from pymc_ship.manoeuvre.indices import of_roll
 from pymc_ship.manoeuvre.recognition import recognise_by_facility, with_steering
-from pymc_ship.manoeuvre.standard import Manoeuvre
 from pymc_ship.motion.weak_form import evidence_posterior_mean, weak_form_start
+from pymc_ship.physics.manoeuvre.indices import of_roll
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.ship.candidates import chosen_prior, held_piece, informed, stated_prior
@@ -26,7 +27,6 @@ from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.windows import Window, fit_windows, prepared_windows, thinned
 from pymc_ship.trial.record import TrialError
-from pymc_ship.vessel.vessel import Vessel
 
 PATHS = ("regression", "regression, rows divided by U^2", "weak form", "trajectory")
 """Names of the paths, from the least to the most work; the second shows what the weights of the first are for."""

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import fixed, number, table
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ship.model import IdentifiedShip
 from pymc_ship.ship.replayed import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.vessel.vessel import Vessel
 
 PAGE = Page(
     "score.html",

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.manoeuvre.standard import STANDARD, Manoeuvre
-from pymc_ship.motion.simulation import simulate
-from pymc_ship.vessel.term_sets import holds_any_speed
-from pymc_ship.vessel.vessel import Vessel
+from pymc_ship.physics.manoeuvre.standard import STANDARD, Manoeuvre
+from pymc_ship.physics.motion.simulation import simulate
+from pymc_ship.physics.vessel.term_sets import holds_any_speed
+from pymc_ship.physics.vessel.vessel import Vessel
 
 FASTEST = 1.15
 """A ship that exceeds so many times her approach speed in a zigzag or turn has run away."""

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pymc_ship.motion.sensitivities import sensitivities
+from pymc_ship.physics.motion.sensitivities import sensitivities
+from pymc_ship.physics.vessel.vessel import Vessel, places_of_run
 from pymc_ship.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.trajectory.runs import Run, whiten
-from pymc_ship.vessel.vessel import Vessel, places_of_run
 
 CHANGE = 1e-4
 """The fit has converged when the next step promises to lower the negative log posterior by less."""

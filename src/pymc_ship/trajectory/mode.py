@@ -9,9 +9,10 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import shown
-from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.replay import replay
 from pymc_ship.motion.weak_form import weak_form_start
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory
 from pymc_ship.trajectory.noise import NoiseChoice, fit_with_noise
@@ -19,7 +20,6 @@ from pymc_ship.trajectory.prior import KINDS, CoefficientPrior, coefficient_prio
 from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import trial_list
-from pymc_ship.vessel.vessel import Vessel, reference_coefficients
 
 _SAME_MODE = 0.5  # posterior standard deviations
 

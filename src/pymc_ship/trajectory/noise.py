@@ -15,7 +15,8 @@ import numpy as np
 from scipy import stats
 
 from pymc_ship.machine.arguments import check_choice
-from pymc_ship.motion.replay import replay
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trajectory.fit import (
     Noise,
     Problem,
@@ -28,7 +29,6 @@ from pymc_ship.trajectory.fit import (
 )
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import Run, whiten
-from pymc_ship.vessel.vessel import Vessel
 
 NOISE_MODELS = ("auto", "white", "ar1", "student_t")
 """Noise models to ask for; ``auto`` tests the residuals and chooses."""

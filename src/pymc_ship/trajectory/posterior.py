@@ -8,19 +8,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.terms import SYMBOLS
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.prime_record import prime_record
-from pymc_ship.motion.replay import replay
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.prime_record import prime_record
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.regression.tree import CITATIONS, provenance, rng_state
 from pymc_ship.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit
 from pymc_ship.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.trajectory.noise import sample_residuals, white_misfits
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import Run
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import coefficient_names
 
 KHAT_LIMIT = 0.7
 """Pareto k-hat above which the normal approximation is not to be trusted (Vehtari et al. 2024)."""

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forces.terms import order
 from pymc_ship.motion.weak_form import coefficient_scales
+from pymc_ship.physics.forces.terms import order
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.regression.priors import PriorError
-from pymc_ship.vessel.reading import VesselLike, as_vessel
-from pymc_ship.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 KINDS = ("flat", "order_damped", "sister_ship")
 """Priors that need no numbers of the user's own."""

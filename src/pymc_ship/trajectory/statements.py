@@ -12,10 +12,10 @@ from itertools import product
 
 import numpy as np
 
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, places_of_run
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.trajectory.prior import CoefficientPrior, Statement
 from pymc_ship.trajectory.windows import WindowFit
-from pymc_ship.vessel.vessel import Vessel, coefficient_names, places_of_run
 
 _SHARES = {1: 101, 2: 31}  # of the prior sd that are tried, by the number of groups
 _TOLD = 1e-9  # of the largest eigenvalue, from which windows tell of a direction

@@ -20,9 +20,11 @@ import numpy as np
 import xarray as xr
 from scipy.signal import savgol_filter
 
-from pymc_ship.motion.equations import STATE
-from pymc_ship.motion.inputs import recorded_inputs
-from pymc_ship.motion.replay import replay
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.inputs import recorded_inputs
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.vessel import Vessel, places_of_run
 from pymc_ship.trajectory.fit import (
     Noise,
     Problem,
@@ -38,8 +40,6 @@ from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.channels import CHANNELS, sensors
 from pymc_ship.trial.record import TrialError, sampling_interval
-from pymc_ship.vessel.parts import HELD
-from pymc_ship.vessel.vessel import Vessel, places_of_run
 
 LENGTH = 5.0
 """Length of a window in L/U_nom, which is about the ship lengths it covers."""

@@ -1,0 +1,160 @@
+"""What a part of a ship's force is: its parameters and a formula that gives forces from motion, inputs and parameters.
+
+Quantities are primes at the nominal speed: lengths over L, speeds over U_nom, rates times L / U_nom, forces over
+1/2 rho U_nom^2 L^2 and moments over 1/2 rho U_nom^2 L^3, so that a ship at rest or astern has forces, too. Axes point
+forward, to starboard and down; a positive rudder angle turns to port.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pymc_ship.physics.forces.expressions import Expression, root
+
+STATES = ("u", "v", "r", "p", "phi", "psi")
+"""States on which forces depend, in the order of the rows of a state array."""
+
+INPUTS = ("delta", "n", "wind_x", "wind_y")
+"""What a crew and the weather do: rudder [rad], revolutions over the nominal ones, velocity of the air to north and
+east over U_nom."""
+
+
+class AddedMass(NamedTuple):
+    """Acceleration derivatives, prime values."""
+
+    Xudot: float
+    Yvdot: float
+    Yrdot: float
+    Ypdot: float
+    Nvdot: float
+    Nrdot: float
+    Npdot: float
+    Kvdot: float
+    Krdot: float
+    Kpdot: float
+
+
+class Ship(NamedTuple):
+    """Dimensions of a ship that forces depend on and that nobody estimates.
+
+    Lengths ``L``, ``B``, ``d`` and propeller diameter ``D`` [m], ``volume`` [m3], ``nominal_speed`` [m/s], ``n``
+    nominal revolutions [1/s]; ``block`` coefficient; open-water polynomial ``k_0``, ``k_1``, ``k_2``, ``wake``
+    fraction; ``eta`` diameter over the height of the rudder; ``rudder_area`` over L^2 and its ``aspect_ratio``;
+    ``frontal`` and ``lateral`` areas above the water over L^2; ``m``, ``x_G``, ``z_G``, ``I_zz``, ``I_xx`` and
+    ``added_mass`` prime; ``GM`` and ``BM`` [m]. What is not ``known`` is that of a usual ship.
+    """
+
+    L: float
+    B: float
+    d: float
+    volume: float
+    nominal_speed: float
+    D: float
+    n: float
+    k_0: float
+    k_1: float
+    k_2: float
+    wake: float
+    eta: float
+    kappa: float
+    propeller_known: bool
+    rudder_area: float
+    rudder_known: bool
+    aspect_ratio: float
+    frontal: float
+    lateral: float
+    m: float
+    x_G: float
+    z_G: float
+    I_zz: float
+    I_xx: float
+    added_mass: AddedMass
+    GM: float
+    BM: float
+    GM_known: bool
+    rolls: bool
+
+    @property
+    def block(self) -> float:
+        """Block coefficient."""
+        return self.volume / (self.L * self.B * self.d)
+
+    @property
+    def J(self) -> float:
+        """Advance of the nominal revolutions without wake, U_nom / (n D)."""
+        return self.nominal_speed / (self.n * self.D)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a part: what is known of it before a trial.
+
+    ``unit`` is "prime" or what the number stands for; ``of_run`` says that every run has its own, ``of_facility`` that
+    it may be another one where the same ship is tried elsewhere: revolutions, wake, asymmetry of propeller and rudder.
+    """
+
+    name: str
+    value: float
+    sd: float
+    source: str
+    unit: str = "prime"
+    of_run: bool = False
+    of_facility: bool = False
+
+
+class Motion(NamedTuple):
+    """Motion through the water and inputs, as expressions; ``u_air``, ``v_air`` are relative to the air."""
+
+    u: Expression
+    v: Expression
+    r: Expression
+    p: Expression
+    phi: Expression
+    delta: Expression
+    n: Expression
+    u_air: Expression
+    v_air: Expression
+
+
+class Force(NamedTuple):
+    """Forces and moments of a part, primes at the nominal speed."""
+
+    X: Expression | float = 0.0
+    Y: Expression | float = 0.0
+    N: Expression | float = 0.0
+    K: Expression | float = 0.0
+
+
+Formula = Callable[[Ship, Motion, Mapping[str, Expression], dict[str, Expression]], Force]
+"""Force of a part from ship, motion, parameters, and what the parts before it made known, which it may add to."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a ship's force.
+
+    Attributes
+    ----------
+    name : str
+    about : str
+        What it is, in words.
+    parameters : callable
+        ``parameters(ship)`` gives the parameters with what is typical of such a ship.
+    force : callable
+        A :data:`Formula`.
+    place : str
+        What it stands for; a ship has at most one part of each place.
+    """
+
+    name: str
+    about: str
+    parameters: Callable[[Ship], tuple[Parameter, ...]]
+    force: Formula
+    place: str
+
+
+def speed(u: Expression, v: Expression) -> Expression:
+    """Speed sqrt(u^2 + v^2); a millionth at rest, so that it can be divided by."""
+    return root(u * u + v * v + 1e-12)

@@ -1,0 +1,66 @@
+"""Rudder behind a propeller as a part: normal force in the race, flow straightened by the hull, interaction with it.
+
+Yasukawa & Yoshimura (2015), Eq. 17 to 24: inflow by epsilon, kappa and eta, v_R = U gamma_R beta_R with beta_R = beta -
+l_R r', normal force F_N with its share on the hull (t_R, a_H, x_H). gamma_R may differ by side, and the force may grow
+faster than sin(alpha): F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pymc_ship.physics.forces.expressions import Expression, cos, root, sin
+from pymc_ship.physics.forces.hull import MMG
+from pymc_ship.physics.forces.hull_database import CONVEXITY
+from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, speed
+
+SLOWEST = 1e-12
+"""Fourth power of a speed [U_nom] below which the inflow dies away, so that it turns without a jump."""
+
+X_R = -0.5
+"""Place of the rudder [L]."""
+
+
+def _parameters(ship: Ship) -> tuple[Parameter, ...]:
+    slope = 6.13 * ship.aspect_ratio / (2.25 + ship.aspect_ratio)
+    how = "Fujii's 6.13 A / (2.25 + A)"
+    sd = 0.1 * slope
+    if not ship.rudder_known:
+        how, sd = f"{how} of an area by the rule of Det Norske Veritas", 0.25 * slope
+    kijima = "Kijima et al. (1990)"
+    return (
+        Parameter("f_alpha", slope, sd, how, "slope of the normal force"),
+        Parameter("f2", *CONVEXITY, "stall delayed in the race, by judgement", "convexity"),
+        Parameter("epsilon", 1.05, 0.15, MMG, "wake of the rudder"),
+        Parameter("kappa", ship.kappa, 0.08 if ship.propeller_known else 0.12, MMG, "growth of the race"),
+        Parameter("gamma_R", 0.44, 0.13, f"{MMG}, 0.40 and 0.64", "flow straightening"),
+        Parameter(
+            "dgamma_R", 0.0, 0.1, "half the difference between the sides", "flow straightening", of_facility=True
+        ),
+        Parameter("l_R", -0.9, 0.2, f"{MMG}, -0.71; twice the place of the rudder, {kijima}", "L"),
+        Parameter("t_R", 0.45 - 0.28 * ship.block, 0.12, kijima, "steering resistance"),
+        Parameter("a_H", 0.4, 0.2, f"{MMG}, 0.31; {kijima}", "rudder force on the hull"),
+        Parameter("x_H", -0.44, 0.06, f"{MMG}, -0.464; {kijima}", "L"),
+    )
+
+
+def _rudder(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+    u_P, angle = shared["u_P"], -motion.delta
+    race = u_P + p["kappa"] * (shared["u_jet"] - abs(u_P))
+    inflow = ship.eta * race * abs(race) + (1.0 - ship.eta) * u_P * abs(u_P)
+    u_R = p["epsilon"] * inflow / root(root(inflow * inflow + SLOWEST))
+    drift = -1.0 * motion.v - p["l_R"] * motion.r
+    v_R = p["gamma_R"] * drift + p["dgamma_R"] * abs(drift)
+    sine, cosine = sin(angle), cos(angle)
+    across = u_R * sine - v_R * cosine
+    U_R = speed(u_R, v_R)
+    F_N = ship.rudder_area * p["f_alpha"] * across * (U_R + p["f2"] * abs(across))
+    Y = -(1.0 + p["a_H"]) * F_N * cosine
+    shared["Y_rudder"] = Y
+    N = -(X_R + p["a_H"] * p["x_H"]) * F_N * cosine
+    return Force(-(1.0 - p["t_R"]) * F_N * sine, Y, N)
+
+
+RUDDER = Part(
+    "rudder", "normal force in the race, flow straightening, hull interaction", _parameters, _rudder, "rudder"
+)

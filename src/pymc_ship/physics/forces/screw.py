@@ -1,0 +1,80 @@
+"""Propeller as a part: thrust by revolutions and inflow, wake by drift, the race on the rudder, side force and moment.
+
+Yasukawa & Yoshimura (2015), Eq. 10 to 16, with the wake by side, w_P = 1 - (1 - w_0) [1 + (1 - exp(-2 |beta_P|))
+(C_2 - 1)]. Thrust is measured in that of the straight course, which holds the resistance R_0 in balance. Astern,
+thrust goes as n^2 and n u with coefficients of its own, which are those of propellers that were tested in all four
+quadrants; the rudder meets no race and the stern is pushed aside: to port by a screw that turns to the right ahead, as
+that of nearly every ship with one does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from pymc_ship.physics.forces.expressions import Expression, arctan2, exp, ramp, root, step
+from pymc_ship.physics.forces.hull import MMG
+from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship
+
+X_P = -0.48
+"""Place of the propeller [L]."""
+
+NOMINAL_REVOLUTIONS = "n_0"
+"""Parameter that sets right the revolutions a vessel file states for the nominal speed."""
+
+_TURNING = "right-handed screw, by judgement"
+_B_SERIES = "ten propellers of the Wageningen B-series (Roddy, Hess & Faller 2006, NSWCCD-50-TR-2006/004)"
+
+
+def _parameters(ship: Ship) -> tuple[Parameter, ...]:
+    side = ship.d / ship.L
+    stated = "vessel file" if ship.propeller_known else "Taylor, w = 0.5 C_B - 0.05"
+    stated_n = "vessel file" if ship.propeller_known else "thrust of a typical propeller"
+    astern = f"thrust astern at rest over that ahead, {_B_SERIES}"
+    return (
+        Parameter(
+            NOMINAL_REVOLUTIONS,
+            1.0,
+            0.1 if ship.propeller_known else 0.3,
+            stated_n,
+            "over the nominal revolutions stated",
+            of_facility=True,
+        ),
+        Parameter("w0", ship.wake, 0.04 if ship.propeller_known else 0.08, stated, "wake fraction", of_facility=True),
+        Parameter("C2", 1.4, 0.25, f"{MMG}, 1.6 and 1.1", "wake by drift"),
+        Parameter("dC2", 0.0, 0.15, "half the difference between the sides", "wake by drift", of_facility=True),
+        Parameter("Y_P", 0.0, 1e-3 * side, "none on average", "at nominal thrust", of_facility=True),
+        Parameter("N_P", 0.0, 5e-4 * side, "none on average", "at nominal thrust", of_facility=True),
+        Parameter("T_nn", 0.6, 0.2, astern, "over k_0"),
+        Parameter("T_nu", 0.6, 0.4, f"how way ahead adds to thrust astern, {_B_SERIES}", "over k_0 / J"),
+        Parameter("Y_nn", 0.15, 0.15, f"side force astern, {_TURNING}", "over thrust astern"),
+        Parameter("N_nn", -0.06, 0.06, f"moment astern, {_TURNING}", "over thrust astern"),
+    )
+
+
+def _propeller(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+    J, n = ship.J / p[NOMINAL_REVOLUTIONS], motion.n / p[NOMINAL_REVOLUTIONS]
+    drift = arctan2(-1.0 * motion.v - X_P * motion.r, root(motion.u * motion.u + 1e-6))
+    by_side = p["C2"] + p["dC2"] * (2.0 * step(drift) - 1.0)
+    u_P = (1.0 - p["w0"]) * (1.0 + (1.0 - exp(-2.0 * abs(drift))) * (by_side - 1.0)) * motion.u
+    u_0 = (1.0 - p["w0"]) * J
+
+    def curve(n: Expression | float, advance: Expression) -> Expression:
+        """K_T times (n / n_0)^2 of an advance u_P / (n_0 D)."""
+        return ship.k_0 * n * n + ship.k_1 * n * advance + ship.k_2 * advance * advance
+
+    nominal = curve(1.0, u_0)
+    advance = u_P * J
+    ahead = step(n)
+    thrust_ahead = curve(n, advance)
+    back = ship.k_0 * p["T_nn"] * n * n - p["T_nu"] * n * advance * ship.k_0
+    thrust = (ahead * thrust_ahead - (1.0 - ahead) * back) / nominal
+    u_jet = root(ramp(u_P * u_P + (8.0 / math.pi) / (J * J) * ahead * thrust_ahead) + 1e-12)
+    shared["u_P"], shared["u_jet"] = u_P, u_jet
+    X = p["R0"] * thrust
+    sideways = ahead * thrust * p["Y_P"] + (1.0 - ahead) * X * p["Y_nn"]
+    turning = ahead * thrust * p["N_P"] + (1.0 - ahead) * X * p["N_nn"]
+    return Force(X, sideways, turning)
+
+
+PROPELLER = Part("propeller", "thrust by revolutions and wake, race, side force", _parameters, _propeller, "propeller")

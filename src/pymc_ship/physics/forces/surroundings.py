@@ -1,0 +1,67 @@
+"""What wind, current and the unmeasured rest do to a ship, as parts.
+
+The wind follows the law of Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, section 8.1: X
+goes with the cosine, Y with the sine of the relative direction, N with the sine of twice it, with his ranges of the
+three coefficients. The water at the surface drifts with a small share of the wind. A current is uniform: two constants
+of a run. A constant force stands for what nobody measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pymc_ship.physics.forces.expressions import Expression
+from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, speed
+
+AIR_OVER_WATER = 1.225 / 1025.0
+"""Density of air over that of sea water."""
+
+ADRIFT = ("c_north", "c_east")
+"""Constants of a run that are the components of its current, over the nominal speed."""
+
+_FOSSEN = "Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, section 8.1"
+
+
+def _of_wind(ship: Ship) -> tuple[Parameter, ...]:
+    return (
+        Parameter("C_X", 0.7, 0.25, _FOSSEN, "wind coefficient"),
+        Parameter("C_Y", 0.8, 0.25, _FOSSEN, "wind coefficient"),
+        Parameter("C_N", 0.12, 0.1, _FOSSEN, "wind coefficient"),
+        Parameter("k_drift", 0.005, 0.008, "surface drift, by judgement", "over the wind speed"),
+    )
+
+
+def _wind(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+    u, v = motion.u_air, motion.v_air
+    V = speed(u, v)
+    X = -AIR_OVER_WATER * ship.frontal * p["C_X"] * u * V
+    Y = -AIR_OVER_WATER * ship.lateral * p["C_Y"] * v * V
+    return Force(X, Y, -2.0 * AIR_OVER_WATER * ship.lateral * p["C_N"] * u * v)
+
+
+def _of_current(ship: Ship) -> tuple[Parameter, ...]:
+    usual = "currents of half a knot or so, by judgement"
+    sd = 0.5 / ship.nominal_speed
+    ways = zip(ADRIFT, ("north", "east"), strict=True)
+    return tuple(Parameter(name, 0.0, sd, usual, f"U_nom, current to the {way}", of_run=True) for name, way in ways)
+
+
+def _of_rest(ship: Ship) -> tuple[Parameter, ...]:
+    size = "a degree of rudder or so, by judgement"
+    return (
+        Parameter("Y_run", 0.0, 2e-5, size, of_run=True),
+        Parameter("N_run", 0.0, 1e-5, size, of_run=True),
+    )
+
+
+def _nothing(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+    return Force()
+
+
+def _rest(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[str, Expression]) -> Force:
+    return Force(0.0, p["Y_run"], p["N_run"])
+
+
+WIND = Part("wind", "wind by frontal and lateral area, and the drift of the surface", _of_wind, _wind, "wind")
+CURRENT = Part("current", "a uniform current, two constants a run", _of_current, _nothing, "current")
+CONSTANT = Part("constant force", "a constant force and moment a run", _of_rest, _rest, "constant force")

@@ -1,0 +1,214 @@
+"""Polynomial terms of the hydrodynamic forces: names, factors and THE one evaluator.
+
+A term is a product of prime quantities written without operators: ``v|v|`` is v |v|, ``deltadeltau`` is delta^2 u_a,
+``pu|pu|`` is p u_a |p u_a|, ``0`` is the constant 1 and ``0u`` is u_a alone; ``sincos`` is sin(delta) cos(delta), the
+force across the ship of a rudder whose normal force goes as the sine of its angle; ``gsincos`` is that of a rudder in
+the propeller's slipstream and ``T`` the excess thrust of a ship that slows down. The simulator, the design matrix and
+the forecast all evaluate terms through :func:`fill_products`, from one multiplication plan.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+
+from pymc_ship.physics.forces.programs import sin_cos
+
+SYMBOLS = ("u", "v", "r", "p", "phi", "delta")
+"""Quantities a term may contain; ``u`` is the relative surge speed u_a = (U - U_nom) / U."""
+
+RUDDER = ("sin", "cos")
+"""Functions of the rudder angle a term may contain."""
+
+LOADING = ("g", "T")
+"""Functions of u_a a term may contain where the vessel states its propeller; see
+:mod:`pymc_ship.physics.forces.propeller`."""
+
+ROW_ONE = 0
+ROW_SYMBOL = 1
+ROW_DELTA = ROW_SYMBOL + SYMBOLS.index("delta")
+ROW_ABSOLUTE = ROW_SYMBOL + len(SYMBOLS)
+ROW_RUDDER = ROW_ABSOLUTE + len(SYMBOLS)
+ROW_LOADING = ROW_RUDDER + len(RUDDER)
+N_BASE = ROW_LOADING + len(LOADING)
+
+_SYMBOL = "|".join(sorted(SYMBOLS, key=len, reverse=True))
+_FUNCTIONS = {name: ROW_RUDDER + k for k, name in enumerate(RUDDER + LOADING)}
+_TOKEN = re.compile(rf"(?P<symbol>{_SYMBOL})|(?P<function>{'|'.join(_FUNCTIONS)})|\|(?P<absolute>(?:{_SYMBOL})+)\|")
+
+
+class UnknownTerm(ValueError):
+    """A term name that is no product of the known symbols."""
+
+
+def factors(term: str) -> tuple[int, ...]:
+    """Split a term's name into the workspace rows that are multiplied.
+
+    Parameters
+    ----------
+    term : str
+        Name such as ``"v|v|"``, ``"deltadeltau"`` or ``"0u"``.
+
+    Returns
+    -------
+    tuple of int
+        Rows of the workspace: symbols from ``ROW_SYMBOL``, absolute values from ``ROW_ABSOLUTE``, sine and cosine of
+        the rudder angle from ``ROW_RUDDER``, propeller loading from ``ROW_LOADING``; empty for ``"0"``.
+
+    Raises
+    ------
+    UnknownTerm
+        When the name cannot be read.
+    """
+    rows: list[int] = []
+    position = 1 if term.startswith("0") else 0
+    if not term:
+        raise UnknownTerm("A term needs a name, found an empty string; write the constant as '0'.")
+    while position < len(term):
+        token = _TOKEN.match(term, position)
+        if token is None:
+            raise UnknownTerm(
+                f"A term is a product of {', '.join((*SYMBOLS, *_FUNCTIONS))} and absolute values such as |v| (the "
+                f"constant is '0'), found {term!r}; correct {term[position:]!r}."
+            )
+        if token["symbol"]:
+            rows.append(ROW_SYMBOL + SYMBOLS.index(token["symbol"]))
+        elif token["function"]:
+            rows.append(_FUNCTIONS[token["function"]])
+        else:
+            inner = re.findall(_SYMBOL, token["absolute"])
+            rows.extend(ROW_ABSOLUTE + SYMBOLS.index(symbol) for symbol in inner)
+        position = token.end()
+    return tuple(rows)
+
+
+def order(term: str) -> int:
+    """Number of motion factors of a term: 0 for the constant, 3 for ``"v|v|r"``, 1 for ``"gsincos"`` and ``"T"``."""
+    rows = factors(term)
+    moving = sum(row <= ROW_RUDDER for row in rows)
+    return max(moving, 1) if rows else 0
+
+
+def loaded(term: str) -> bool:
+    """Whether a term needs the vessel's propeller."""
+    return any(row >= ROW_LOADING for row in factors(term))
+
+
+@dataclass(frozen=True)
+class TermPlan:
+    """How to build a set of terms with one multiplication for each new product.
+
+    Attributes
+    ----------
+    terms : tuple of str
+        The terms, in the order asked for.
+    left, right : ndarray of int64, shape (n_products,)
+        Workspace row ``N_BASE + k`` is row ``left[k]`` times row ``right[k]``.
+    rows : ndarray of int64, shape (n_terms,)
+        Workspace row that holds each term.
+    """
+
+    terms: tuple[str, ...]
+    left: np.ndarray
+    right: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def n_rows(self) -> int:
+        """Rows of the workspace."""
+        return N_BASE + len(self.left)
+
+
+@lru_cache(maxsize=256)
+def plan(terms: tuple[str, ...]) -> TermPlan:
+    """Multiplication plan of a tuple of terms; products shared by several terms are formed once."""
+    row_of: dict[tuple[int, ...], int] = {(): ROW_ONE} | {(row,): row for row in range(N_BASE)}
+    left: list[int] = []
+    right: list[int] = []
+    rows = []
+    for term in terms:
+        sequence = tuple(sorted(factors(term)))
+        for length in range(2, len(sequence) + 1):
+            head = sequence[:length]
+            if head not in row_of:
+                row_of[head] = N_BASE + len(left)
+                left.append(row_of[head[:-1]])
+                right.append(head[-1])
+        rows.append(row_of[sequence])
+    return TermPlan(terms, *(np.array(values, dtype=np.int64) for values in (left, right, rows)))
+
+
+@njit(cache=True, nogil=True, forceinline=True, _nrt=False)
+def fill_products(work, left, right):
+    """Fill absolute values, functions of the rudder angle and products; symbol and loading rows are set.
+
+    ``work`` has shape (n_rows, n_lanes): one lane is one instant of one ship.
+    """
+    n_lanes = work.shape[1]
+    for lane in range(n_lanes):
+        work[ROW_ONE, lane] = 1.0
+    for symbol in range(ROW_SYMBOL, ROW_ABSOLUTE):
+        for lane in range(n_lanes):
+            work[symbol + ROW_ABSOLUTE - ROW_SYMBOL, lane] = abs(work[symbol, lane])
+    for lane in range(n_lanes):
+        work[ROW_RUDDER, lane], work[ROW_RUDDER + 1, lane] = sin_cos(work[ROW_DELTA, lane])
+    for k in range(left.size):
+        a, b, target = left[k], right[k], N_BASE + k
+        for lane in range(n_lanes):
+            work[target, lane] = work[a, lane] * work[b, lane]
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def fill_product_tangents(work, left, right, tangent):
+    """Fill the tangents of what :func:`fill_products` fills, those of symbols and loading being set."""
+    n_lanes = work.shape[1]
+    for lane in range(n_lanes):
+        tangent[ROW_ONE, lane] = 0.0
+    for symbol in range(ROW_SYMBOL, ROW_ABSOLUTE):
+        for lane in range(n_lanes):
+            value, change = work[symbol, lane], tangent[symbol, lane]
+            tangent[symbol + ROW_ABSOLUTE - ROW_SYMBOL, lane] = (
+                change if value > 0.0 else (-change if value < 0.0 else 0.0)
+            )
+    for lane in range(n_lanes):
+        turned = tangent[ROW_DELTA, lane]
+        tangent[ROW_RUDDER, lane] = work[ROW_RUDDER + 1, lane] * turned
+        tangent[ROW_RUDDER + 1, lane] = -work[ROW_RUDDER, lane] * turned
+    for k in range(left.size):
+        a, b, target = left[k], right[k], N_BASE + k
+        for lane in range(n_lanes):
+            tangent[target, lane] = work[a, lane] * tangent[b, lane] + work[b, lane] * tangent[a, lane]
+
+
+def evaluate(terms: tuple[str, ...], motion: dict[str, np.ndarray]) -> np.ndarray:
+    """Evaluate terms on prime quantities.
+
+    Parameters
+    ----------
+    terms : tuple of str
+        Term names, length n_terms.
+    motion : dict of str to ndarray, shape (n_time,)
+        Prime values of ``u`` (the relative surge speed u_a), ``v``, ``r``, ``p``, ``phi``, ``delta``, and of ``g`` and
+        ``T`` where a term has them.
+
+    Returns
+    -------
+    ndarray, shape (n_time, n_terms)
+
+    Raises
+    ------
+    UnknownTerm
+        When a name cannot be read.
+    """
+    scheme = plan(tuple(terms))
+    work = np.empty((scheme.n_rows, np.size(motion["u"])))
+    for row, symbol in enumerate(SYMBOLS, start=ROW_SYMBOL):
+        work[row] = motion[symbol]
+    for row, symbol in enumerate(LOADING, start=ROW_LOADING):
+        work[row] = motion.get(symbol, 0.0)
+    fill_products(work, scheme.left, scheme.right)
+    return np.ascontiguousarray(work[scheme.rows].T)

@@ -1,0 +1,161 @@
+"""The verdict of a forecast: with what probability the ship passes each criterion of IMO MSC.137(76)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel
+
+SURE = 0.95
+"""Probability from which a forecast says that a ship passes, and below 1 minus which that she fails."""
+
+
+def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict]:
+    """Probability that each criterion of IMO MSC.137(76) which applies to a forecast manoeuvre is passed.
+
+    Parameters
+    ----------
+    tree : DataTree
+        From :func:`pymc_ship.forecast`: groups ``trajectories`` (``diverged`` by draw), ``indices`` (dims draw) and
+        ``index_bands`` (dims band). Its attr ``surest``, which a forecast beyond the runs of a ship has, bounds the
+        probabilities: no more is known of statements made there.
+    vessel : Vessel, str or Path
+        Gives L; the speed is the approach speed of the manoeuvre.
+
+    Returns
+    -------
+    list of dict
+        ``criterion``, ``limit``, ``units`` (deg or L), ``median``, ``lower`` and ``upper`` of the forecast's interval,
+        ``probability``, ``standard_error`` (binomial: what the finite number of draws leaves open), ``not_reached``
+        (share of draws that diverged or did not reach the event), ``judgement`` (passes, open or fails) and
+        ``verdict``, one sentence. The probability is the share of all draws that run to the end, reach the event and
+        keep the limit: a draw that diverged or does not reach the event counts as not passing. Empty where no
+        criterion applies.
+
+    References
+    ----------
+    IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76).
+
+    Examples
+    --------
+    A turning circle, forecast from a zigzag:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> trial = ps.pollute(ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5), level=0.01, rng=rng)
+    >>> found = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
+    >>> posteriors = found.posteriors("conjugate", draws=40, rng=rng)
+    >>> turn = ps.forecast(vessel, posteriors, ps.turning_circle(35), draws=40, duration=900, step=0.5, rng=rng)
+    >>> for row in ps.imo_probabilities(turn, vessel):
+    ...     print(row["criterion"], row["judgement"], row["probability"])
+    advance passes 1.0
+    tactical diameter passes 1.0
+    """
+    vessel = as_vessel(vessel)
+    if "indices" not in tree.children:
+        return []
+    found, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
+    running = ~tree["trajectories"]["diverged"].values
+    surest = tree.attrs.get("surest", 1.0)
+    rows = []
+    for name, limit, unit, units in imo_limits(found.attrs, vessel):
+        values = found[name].values / unit
+        reached = running & np.isfinite(values)
+        probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - surest, surest))
+        row = {"criterion": name.replace("_", " "), "limit": limit, "units": units}
+        row |= {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}
+        row |= {
+            "probability": probability,
+            "standard_error": float(np.sqrt(probability * (1.0 - probability) / values.size)),
+            "not_reached": float(np.mean(~reached)),
+            "judgement": "passes" if probability >= SURE else "fails" if probability <= 1.0 - SURE else "open",
+        }
+        rows.append(row | {"verdict": _sentence(row)})
+    return rows
+
+
+def shown_probability(probability: float) -> str:
+    """Probability with two decimals, which 0 and 1 have only where no draw or every draw passes."""
+    if 0.0 < probability < 0.005:
+        return "below 0.01"
+    return "above 0.99" if 0.995 < probability < 1.0 else f"{probability:.2f}"
+
+
+def _sentence(row: dict) -> str:
+    """Verdict in words, with one decimal for angles and two for ship lengths."""
+    decimals = 1 if row["units"] == "deg" else 2
+    median, lower, upper, limit = (f"{row[key]:.{decimals}f}" for key in ("median", "lower", "upper", "limit"))
+    if not np.isfinite(row["median"]):
+        return f"{row['criterion']}: no ship of the forecast reaches it, which does not count as passing."
+    share = f"{100.0 * row['not_reached']:.2g} %"
+    lacking = f" ({share} of the ships diverge or do not reach it, which does not count as passing)"
+    return (
+        f"{row['criterion']} {median} {row['units']} ({lower} to {upper}): passes the limit of {limit} {row['units']} "
+        f"with probability {shown_probability(row['probability'])}{lacking if row['not_reached'] else ''}."
+    )
+
+
+def imo_limits(attrs: Mapping, vessel: Vessel) -> list[tuple[str, float, float, str]]:
+    """Limits of IMO MSC.137(76) that apply to a manoeuvre.
+
+    Parameters
+    ----------
+    attrs : mapping
+        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``approach_speed`` [m/s] as :func:`pymc_ship.simulate` and
+        :func:`indices` write them; without a rudder angle a turning circle is taken to be at hard-over rudder, without
+        a speed the nominal one holds.
+    vessel : Vessel
+        Gives L.
+
+    Returns
+    -------
+    list of tuple
+        Name of the index, its limit, the size of the unit of that limit in the unit of the index, and the unit's name;
+        empty where no limit applies.
+    """
+    L = vessel.particulars.L
+    ratio = L / attrs.get("approach_speed", vessel.particulars.nominal_speed)
+    limits = kind_named(attrs["manoeuvre"]).limits(attrs, ratio)
+    return [(name, limit, L if units == "L" else 1.0, units) for name, limit, units in limits]
+
+
+def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict]:
+    """Compare indices with the limits of IMO MSC.137(76) that apply to the manoeuvre.
+
+    Parameters
+    ----------
+    found : Dataset, dims ()
+        From :func:`indices` of a 10/10 or 20/20 zigzag or of a turning circle at 35 deg or more.
+    vessel : Vessel, str or Path
+        Gives L; the speed is the approach speed of the trial.
+
+    Returns
+    -------
+    list of dict
+        ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None where the record does not reach the event);
+        empty where no limit applies.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.turning_circle(35), duration=900, step=0.5)
+    >>> for row in ps.imo_criteria(ps.indices(trial), vessel):
+    ...     print(f"{row['criterion']}: {row['value']:.2f} {row['units']}, limit {row['limit']}: {row['passed']}")
+    advance: 3.14 L, limit 4.5: True
+    tactical diameter: 3.61 L, limit 5.0: True
+    """
+    vessel = as_vessel(vessel)
+    rows = []
+    for name, limit, unit, units in imo_limits(found.attrs, vessel):
+        value = float(found[name]) / unit
+        passed = bool(value <= limit) if np.isfinite(value) else None
+        criterion = name.replace("_", " ")
+        rows.append({"criterion": criterion, "value": value, "limit": limit, "units": units, "passed": passed})
+    return rows

@@ -1,0 +1,94 @@
+"""Manoeuvring indices of a record, as its kind of manoeuvre measures them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.manoeuvre.events import Record
+from pymc_ship.physics.manoeuvre.kinds import SIDES, Index
+from pymc_ship.physics.manoeuvre.registry import KINDS, either
+from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.record import TrialError, check_trial, one_trial
+
+
+def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
+    """Manoeuvring indices of a trial or of a batch of simulated ships.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,) or (draw, time)
+        With u, v [m/s], r [rad/s], phi, psi [rad] and x, y [m]; psi of a zigzag counts from its base course, a turning
+        circle may start on any. ``attrs`` hold ``manoeuvre``, ``heading_deg`` and ``side``, as
+        :func:`pymc_ship.simulate` writes them. A noisy record is denoised first, see :func:`pymc_ship.denoise`: peaks
+        of noisy channels are too high by about the noise.
+    manoeuvre : str, optional
+        Name of the kind, which overrides ``attrs["manoeuvre"]``: ``zigzag``, ``turning_circle``.
+
+    Returns
+    -------
+    Dataset, dims () or (draw,)
+        Indices of the kind [deg, s, m, m/s, deg/s]; NaN where the record does not reach the event or diverged.
+        Overshoots count beyond the switching heading. Where ``attrs["dofs"]`` lacks roll, its indices are left out.
+
+    Raises
+    ------
+    TrialError
+        For another manoeuvre, missing channels or missing attrs.
+
+    References
+    ----------
+    IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76).
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(10, 10), duration=600, step=0.5)
+    >>> overshoot = ps.indices(trial)["first_overshoot_angle"]
+    >>> print(f"{overshoot:.1f} {overshoot.attrs['units']}")
+    10.2 deg
+    """
+    name = manoeuvre or one_trial(trial).attrs.get("manoeuvre", "")
+    known = [kind.name for kind in KINDS.values() if kind.indices]
+    if name not in known:
+        raise TrialError(f"Indices exist for {either(known)}, found {name!r}; name the manoeuvre.")
+    kind = KINDS[name]
+    wanted = {*kind.angles, "side"} - {"rudder_deg"}
+    if wanted - trial.attrs.keys() or trial.attrs["side"] not in SIDES:
+        raise TrialError(
+            f"The attrs of a {name} need {', '.join(sorted(wanted))}, the side is 'starboard' or 'port'; mend them."
+        )
+    channels = ("u", "v", "r", "phi", "psi", "x", "y")
+    check_trial(_before_divergence(trial.isel(draw=0, missing_dims="ignore")), channels, uniform=False)
+    runs = trial if "draw" in trial.dims else trial.expand_dims("draw")
+    records = {name: runs[name].transpose("draw", "time").values for name in channels}
+    time = runs["time"].values
+    ships = [
+        Record(time, {name: record[draw] for name, record in records.items()}) for draw in range(runs.sizes["draw"])
+    ]
+    modelled = {name: index for name, index in kind.indices.items() if _modelled(index, trial.attrs)}
+    rows = [kind.measure(ship, trial.attrs) if ship.time.size > 1 else {} for ship in ships]
+    values = np.array([[row.get(name, np.nan) for name in modelled] for row in rows])
+    found = xr.Dataset(
+        {name: ("draw", values[:, k], {"units": index.units}) for k, (name, index) in enumerate(modelled.items())},
+        attrs={**trial.attrs, "manoeuvre": kind.name},
+    )
+    return found.assign_coords(draw=runs["draw"]) if "draw" in trial.dims else found.isel(draw=0)
+
+
+def _modelled(index: Index, attrs: Mapping) -> bool:
+    """Whether the model that a record was simulated with has what an index needs; true of a measured record."""
+    return "roll" in attrs.get("dofs", "roll").split() or not of_roll(index)
+
+
+def of_roll(index: Index) -> bool:
+    """Whether an index is of the roll."""
+    return any(CHANNELS[name].rolling for name in index.needs)
+
+
+def _before_divergence(trial: xr.Dataset) -> xr.Dataset:
+    """Return the samples up to the last finite heading."""
+    good = np.flatnonzero(np.isfinite(trial["psi"].values)) if "psi" in trial else np.arange(trial.sizes["time"])
+    return trial.isel(time=slice(0, good[-1] + 1 if good.size else 0))

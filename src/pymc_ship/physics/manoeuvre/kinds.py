@@ -1,0 +1,173 @@
+"""What the manoeuvres of one kind have in common, as one value.
+
+This room and the entries of the standard kinds import no numerics, because the command line reads its options here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pymc_ship.physics.manoeuvre.events import Record
+    from pymc_ship.physics.manoeuvre.helm import Helm
+
+SIDES = {"starboard": 1.0, "port": -1.0}
+"""Sign of the heading change towards each side."""
+
+UNITS = {
+    "angle": "deg",
+    "drift": "deg",
+    "roll": "deg",
+    "time": "s",
+    "distance": "m",
+    "diameter": "m",
+    "speed": "m/s",
+    "rate": "deg/s",
+}
+"""Unit of each quantity that an index can be; `angle` is a change of heading, `diameter` that of a steady turn."""
+
+TRACKED = ("angle", "time", "distance", "diameter")
+"""Quantities of heading and track, of which every manoeuvre has some."""
+
+ERRING = ("angle", "time", "distance", "roll")
+"""Quantities of which a model error is measured on held-out manoeuvres."""
+
+OVERSHOOTS = ("first_overshoot_angle", "second_overshoot_angle", "third_overshoot_angle")
+"""Indices that are marked in the figures of a manoeuvre that swings."""
+
+DIMENSIONS = ("advance", "transfer", "tactical_diameter")
+"""Indices that are drawn as dimension lines on the track of a manoeuvre that circles."""
+
+TRACK = ("psi", "x", "y")
+"""Channels that an index of the track needs."""
+
+Limit = tuple[str, float, str]
+"""Index, largest value that IMO MSC.137(76) allows, and its unit: ``deg`` or ``L``."""
+
+
+class ManoeuvreError(ValueError):
+    """A manoeuvre that no ship can run, or a kind that cannot be registered."""
+
+
+@dataclass(frozen=True)
+class Index:
+    """One index of a kind of manoeuvre.
+
+    Attributes
+    ----------
+    quantity : str
+        Key of :data:`UNITS`.
+    needs : tuple of str
+        Channels without which a measured record does not have the index.
+    scored : bool
+        Whether the index is compared on held-out runs; one of :data:`ERRING` only.
+    signed : bool
+        Whether the index can be negative.
+    """
+
+    quantity: str
+    needs: tuple[str, ...] = ("psi",)
+    scored: bool = False
+    signed: bool = False
+
+    def __post_init__(self):
+        known = ERRING if self.scored else tuple(UNITS)
+        if self.quantity not in known:
+            what = "A scored index" if self.scored else "An index"
+            raise ManoeuvreError(f"{what} is of {', '.join(known)}; found {self.quantity!r}; choose one of them.")
+
+    @property
+    def units(self) -> str:
+        """Unit of the values."""
+        return UNITS[self.quantity]
+
+
+def _nothing_measured(record: Record, attrs: Mapping) -> dict[str, float]:
+    return {}
+
+
+def _no_limits(attrs: Mapping, ratio: float) -> Sequence[Limit]:
+    return ()
+
+
+@dataclass(frozen=True)
+class ManoeuvreKind:
+    """Everything that the package must know of a kind of manoeuvre.
+
+    Attributes
+    ----------
+    name : str
+        As in ``attrs["manoeuvre"]`` of a record: ``turning_circle``.
+    angles : tuple of str
+        Attributes of a :class:`pymc_ship.Manoeuvre` that are written with it, in order: ``rudder_deg``, ``heading_deg``
+        or both. A kind without angles cannot be written as words.
+    example : str
+        Angles as they are written, ``20/20``, for help and errors.
+    option : str
+        Option of the command line, ``turn`` for ``--turn``; empty for none.
+    title : str
+        Name in the help of ``pymc-ship simulate``; needed with an option.
+    reversal : float or None
+        Factor on the rudder angle when the heading has changed by ``heading_deg`` towards the side turned to: -1 puts
+        the rudder over to the other side, 0 amidships. None: the heading does not matter.
+    indices : mapping of str to Index
+    measure : callable
+        Indices that a :class:`pymc_ship.physics.manoeuvre.events.Record` reaches, by name, from the record and its
+        attrs (``rudder_deg``, ``heading_deg``, ``side``) [units of the indices].
+    limits : callable
+        Limits of IMO MSC.137(76) that apply, from the attrs and L over the approach speed [s].
+    recognise : callable or None
+        Angles and side of a manoeuvre of this kind from the :class:`pymc_ship.physics.manoeuvre.helm.Helm` of a record,
+        or None for another manoeuvre. A kind without this function is not recognised in records.
+    reach : float
+        How long a forecast simulates the manoeuvre by default [L/U].
+    swings : bool
+        Whether figures show heading and rudder on one axis with switching headings and :data:`OVERSHOOTS`.
+    circles : bool
+        Whether figures show the first round of the track with :data:`DIMENSIONS`, on axes of equal scale.
+    """
+
+    name: str
+    angles: tuple[str, ...] = ()
+    example: str = ""
+    option: str = ""
+    title: str = ""
+    reversal: float | None = None
+    indices: Mapping[str, Index] = field(default_factory=dict)
+    measure: Callable[[Record, Mapping], dict[str, float]] = _nothing_measured
+    limits: Callable[[Mapping, float], Sequence[Limit]] = _no_limits
+    recognise: Callable[[Helm], tuple[tuple[float, ...], str] | None] | None = None
+    reach: float = 40.0
+    swings: bool = False
+    circles: bool = False
+
+    def __post_init__(self):
+        lacking = [name for name in self._drawn() if name not in self.indices]
+        if lacking:
+            raise ManoeuvreError(f"The figures of a {self.words} show its {lacking[0]}; add this index.")
+        if self.option and not (self.angles and self.example and self.title):
+            raise ManoeuvreError(f"The option --{self.option} needs angles, an example and a title; give all of them.")
+        if self.recognise and not self.indices:
+            raise ManoeuvreError(f"A {self.words} that is recognised is compared by its indices, found none; add one.")
+        if self.reversal is not None and "heading_deg" not in self.angles:
+            raise ManoeuvreError(f"The rudder of a {self.words} is moved at a heading; add heading_deg to its angles.")
+
+    def _drawn(self) -> tuple[str, ...]:
+        return (OVERSHOOTS if self.swings else ()) + (DIMENSIONS if self.circles else ())
+
+    @property
+    def words(self) -> str:
+        """Name in words: ``turning circle``."""
+        return self.name.replace("_", " ")
+
+    @property
+    def metavar(self) -> str:
+        """What the angles are called in help: ``RUDDER/HEADING``."""
+        return "/".join(angle.removesuffix("_deg").upper() for angle in self.angles)
+
+    @property
+    def scored(self) -> tuple[str, ...]:
+        """Names of the indices that are compared on held-out runs."""
+        return tuple(name for name, index in self.indices.items() if index.scored)

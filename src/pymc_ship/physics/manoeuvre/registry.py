@@ -1,0 +1,50 @@
+"""The kinds of manoeuvres that the package knows, by name; a new one is registered here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError, ManoeuvreKind
+from pymc_ship.physics.manoeuvre.turning_circles import PULL_OUT, TURNING_CIRCLE
+from pymc_ship.physics.manoeuvre.zigzags import ZIGZAG
+
+RUDDER_PROGRAMME = ManoeuvreKind("rudder_programme")
+"""Rudder angles at breakpoints of time; a manoeuvre without indices."""
+
+KINDS = {kind.name: kind for kind in (ZIGZAG, TURNING_CIRCLE, PULL_OUT, RUDDER_PROGRAMME)}
+"""Kinds by name, in the order of the options of the command line and in which records are recognised."""
+
+
+def register(kind: ManoeuvreKind) -> None:
+    """Make a kind of manoeuvre known to the simulator, the indices, forecasts, grids and the command line.
+
+    Parameters
+    ----------
+    kind : ManoeuvreKind
+        ``del KINDS[kind.name]`` makes the package forget it again.
+
+    Raises
+    ------
+    ManoeuvreError
+        When another kind has its name or its option.
+    """
+    for known in KINDS.values():
+        if kind.name == known.name or (kind.option and kind.option == known.option):
+            raise ManoeuvreError(
+                f"Each kind of manoeuvre has its own name and option, found {kind.name!r} with {kind.option!r} beside "
+                f"{known.name!r} with {known.option!r}; rename one."
+            )
+    KINDS[kind.name] = kind
+
+
+def kind_named(name: str) -> ManoeuvreKind:
+    """The kind of this name; ManoeuvreError where it is not registered."""
+    if name not in KINDS:
+        raise ManoeuvreError(f"A manoeuvre is {either(KINDS)}; found {name!r}; register this kind.")
+    return KINDS[name]
+
+
+def either(names: Iterable[str]) -> str:
+    """Names as alternatives: ``a zigzag, a turning circle or a pull out``."""
+    *others, last = (f"{'an' if name[0] in 'aeiou' else 'a'} {name}" for name in names)
+    return f"{', '.join(others)} or {last}" if others else last

@@ -1,0 +1,331 @@
+"""Standard manoeuvres as values (IMO MSC.137(76)): zigzag, turning circle and free rudder programmes.
+
+A positive rudder angle turns the ship to port; the constructors take magnitudes and the side turned to first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pymc_ship.machine.arguments import check_choice, shown
+from pymc_ship.physics.manoeuvre.kinds import SIDES, ManoeuvreError, ManoeuvreKind
+from pymc_ship.physics.manoeuvre.registry import KINDS, kind_named
+
+_TWO_ROUNDS = 720.0  # deg of heading
+_STEP = 0.1  # s, in which the order goes from one angle to the next; the rudder follows at its own rate
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """A manoeuvre to run, started on a straight course at time 0.
+
+    Attributes
+    ----------
+    kind : str
+        Name of a kind that is registered: ``zigzag``, ``turning_circle``, ``rudder_programme``.
+    rudder_deg, heading_deg : float
+        Rudder angle and switching heading [deg], magnitudes.
+    side : {"starboard", "port"}
+        Side turned to first.
+    approach_speed : float or None
+        Speed at time 0 [m/s]; None for the vessel's nominal speed.
+    time, delta : tuple of float
+        Breakpoints of a rudder programme [s, rad], linear in between; empty otherwise.
+    rate_limited : bool
+        Whether the rudder follows its commands at the vessel's rudder rate or exactly.
+    """
+
+    kind: str
+    rudder_deg: float = 0.0
+    heading_deg: float = 0.0
+    side: str = "port"
+    approach_speed: float | None = None
+    time: tuple[float, ...] = ()
+    delta: tuple[float, ...] = ()
+    rate_limited: bool = True
+
+    def __post_init__(self):
+        kind_named(self.kind)
+
+    def __repr__(self) -> str:
+        details = [f"from {self.approach_speed:g} m/s"] if self.approach_speed is not None else []
+        if self.time:
+            low, high = np.rad2deg([min(self.delta), max(self.delta)])
+            details.append(f"{len(self.time)} angles of {low:.3g} to {high:.3g} deg up to {self.time[-1]:g} s")
+        details += [] if self.rate_limited else ["which the rudder follows exactly"]
+        return f"<Manoeuvre: {', '.join([self.label, *details])}>"
+
+    @property
+    def traits(self) -> ManoeuvreKind:
+        """What all manoeuvres of this kind have in common: indices, limits, figures, reach."""
+        return kind_named(self.kind)
+
+    @property
+    def label(self) -> str:
+        """Short name: ``zigzag 20/20 starboard``, ``turning circle 35 port``."""
+        angles = "/".join(f"{getattr(self, name):g}" for name in self.traits.angles)
+        return f"{self.traits.words} {angles} {self.side}" if angles else self.traits.words
+
+    @property
+    def attrs(self) -> dict[str, object]:
+        """What a record of the manoeuvre says of it: kind, angles [deg] and side, as indices need them."""
+        return {
+            "manoeuvre": self.kind,
+            "rudder_deg": self.rudder_deg,
+            "heading_deg": self.heading_deg,
+            "side": self.side,
+        }
+
+    @property
+    def switch(self) -> tuple[float, float]:
+        """Change of heading [rad] at which the rudder angle is multiplied, infinite for never, and the factor."""
+        factor = self.traits.reversal
+        return (np.inf, 1.0) if factor is None else (np.deg2rad(self.heading_deg), float(factor))
+
+    def command(self, time: np.ndarray) -> np.ndarray:
+        """Rudder angle [rad] that is ordered at the given times [s], as far as no heading has been reached."""
+        if self.time:
+            return np.interp(time, self.time, self.delta)
+        return np.full(np.shape(time), -SIDES[self.side] * np.deg2rad(self.rudder_deg))
+
+
+def one_manoeuvre(manoeuvre: object) -> Manoeuvre:
+    """Manoeuvre as it is; ManoeuvreError for a list of manoeuvres, a text, or anything else."""
+    if not isinstance(manoeuvre, Manoeuvre):
+        raise ManoeuvreError(
+            f"One manoeuvre is meant, made by zigzag, turning_circle or rudder_programme, found {shown(manoeuvre)}; "
+            "give one of these."
+        )
+    return manoeuvre
+
+
+def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_speed: float | None = None) -> Manoeuvre:
+    """Manoeuvre of any kind that is written with angles.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the kind.
+    *angles : float
+        Magnitudes [deg], those of :attr:`pymc_ship.physics.manoeuvre.kinds.ManoeuvreKind.angles` in order.
+    side : {"port", "starboard"}, optional
+        Side turned to first; port is the side of the positive rudder angle.
+    approach_speed : float, optional
+        [m/s]; the vessel's nominal speed by default.
+
+    Returns
+    -------
+    Manoeuvre
+
+    Raises
+    ------
+    ManoeuvreError
+        For an unknown kind, another number of angles, angles that are not positive, an unknown side or a speed that is
+        not positive.
+    """
+    traits = kind_named(kind)
+    names = traits.angles
+    if not names or len(angles) != len(names):
+        wanted = " and ".join(names) or "its own constructor"
+        raise ManoeuvreError(f"A {kind} is made with {wanted}, found {len(angles)} angles; correct it.")
+    given = dict(zip(names, angles, strict=True))
+    _check(side, approach_speed, widest=_TWO_ROUNDS if traits.reversal == 0.0 else 90.0, **given)
+    return Manoeuvre(kind, side=side, approach_speed=approach_speed, **{k: float(angle) for k, angle in given.items()})
+
+
+def written_manoeuvre(text: str) -> Manoeuvre | None:
+    """Manoeuvre of a label such as ``zigzag 20/20 port``, whose side may be left out; None for other words."""
+    words = text.split()
+    side = words.pop() if words and words[-1] in SIDES else "port"
+    *name, angles = words or [""]
+    kind = KINDS.get("_".join(name))
+    try:
+        numbers = [float(angle) for angle in angles.split("/")]
+    except ValueError:
+        return None
+    if kind is None or len(numbers) != len(kind.angles):
+        return None
+    return standard_manoeuvre(kind.name, *numbers, side=side)
+
+
+def zigzag(
+    rudder_deg: float, heading_deg: float, *, side: str = "port", approach_speed: float | None = None
+) -> Manoeuvre:
+    """Zigzag test rudder_deg/heading_deg: the rudder is reversed each time the heading has changed by heading_deg.
+
+    Parameters
+    ----------
+    rudder_deg, heading_deg : float
+        Magnitudes [deg].
+    side : {"port", "starboard"}, optional
+        Side turned to first; port is the side of the positive rudder angle.
+    approach_speed : float, optional
+        [m/s]; the vessel's nominal speed by default.
+
+    Returns
+    -------
+    Manoeuvre
+
+    Raises
+    ------
+    ManoeuvreError
+        For angles that are not positive, an unknown side or a speed that is not positive.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> manoeuvre = ps.zigzag(10, 20, side="starboard")
+    >>> manoeuvre.rudder_deg, manoeuvre.heading_deg, manoeuvre.side
+    (10.0, 20.0, 'starboard')
+    """
+    return standard_manoeuvre("zigzag", rudder_deg, heading_deg, side=side, approach_speed=approach_speed)
+
+
+def turning_circle(rudder_deg: float = 35.0, *, side: str = "port", approach_speed: float | None = None) -> Manoeuvre:
+    """Turning circle with constant rudder from time 0; parameters and errors as :func:`zigzag`.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> ps.turning_circle(35, side="starboard").side
+    'starboard'
+    """
+    return standard_manoeuvre("turning_circle", rudder_deg, side=side, approach_speed=approach_speed)
+
+
+def pull_out(
+    rudder_deg: float = 20.0, heading_deg: float = 90.0, *, side: str = "port", approach_speed: float | None = None
+) -> Manoeuvre:
+    """Pull-out: a turn with constant rudder, which is put amidships at a change of heading of heading_deg.
+
+    Parameters and errors as :func:`zigzag`; heading_deg up to 720 deg.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> ps.pull_out(20, 90).label
+    'pull out 20/90 port'
+    """
+    return standard_manoeuvre("pull_out", rudder_deg, heading_deg, side=side, approach_speed=approach_speed)
+
+
+def direct_spiral(
+    rudder_deg: float = 15.0, step_deg: float = 5.0, *, hold: float, approach_speed: float | None = None
+) -> Manoeuvre:
+    """Direct spiral: rudder angles from rudder_deg on one side to the other and back, each held until a turn is steady.
+
+    Parameters
+    ----------
+    rudder_deg, step_deg : float
+        Largest angle and the step to the next one [deg].
+    hold : float
+        Time at each angle [s]; 10 L/U lets most ships turn steadily.
+    approach_speed : float, optional
+        [m/s]; the vessel's nominal speed by default.
+
+    Returns
+    -------
+    Manoeuvre
+        A rudder programme, whose last time is its duration.
+
+    Raises
+    ------
+    ManoeuvreError
+        For an angle or a time that is not positive, or a step that does not divide the largest angle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> spiral = ps.direct_spiral(15, 5, hold=400)
+    >>> print(np.rad2deg(spiral.delta[::2]).round(), spiral.time[-1])
+    [ 15.  10.   5.   0.  -5. -10. -15. -10.  -5.   0.   5.  10.  15.] 5200.0
+    """
+    _check("port", approach_speed, rudder_deg=rudder_deg, step_deg=step_deg)
+    steps = round(rudder_deg / step_deg)
+    if not (_STEP < hold < np.inf and abs(steps * step_deg - rudder_deg) < 1e-9 * rudder_deg):
+        raise ManoeuvreError(
+            "A direct spiral holds each angle for some time and goes on in steps that divide the largest, found "
+            f"{rudder_deg:g} deg in steps of {step_deg:g} deg held for {hold:g} s; correct it."
+        )
+    there = np.linspace(rudder_deg, -rudder_deg, 2 * steps + 1)
+    angles = np.append(there, there[-2::-1])
+    return held_angles(angles, np.full(angles.size, hold), approach_speed=approach_speed)
+
+
+def held_angles(angles_deg: np.ndarray, holds: np.ndarray, *, approach_speed: float | None = None) -> Manoeuvre:
+    """Rudder programme of angles [deg], each held for its time [s], shape (n,) both."""
+    ends = np.cumsum(holds, dtype=float)
+    begins = np.append(0.0, ends[:-1] + _STEP)
+    time, delta = np.column_stack([begins, ends]).ravel(), np.repeat(np.deg2rad(angles_deg), 2)
+    return rudder_programme(time, delta, approach_speed=approach_speed)
+
+
+def rudder_programme(
+    time: np.ndarray, delta: np.ndarray, *, rate_limited: bool = True, approach_speed: float | None = None
+) -> Manoeuvre:
+    """Rudder angle as a function of time, linear between breakpoints and held after the last.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        [s], increasing, from 0.
+    delta : array_like, shape (n,)
+        [rad], positive turns to port.
+    rate_limited : bool, optional
+        True for commands that the rudder follows at the vessel's rate, False for a record of what the rudder did.
+    approach_speed : float, optional
+        [m/s]; the vessel's nominal speed by default.
+
+    Returns
+    -------
+    Manoeuvre
+
+    Raises
+    ------
+    ManoeuvreError
+        For arrays of different length, values that are not finite or times that do not increase.
+
+    Examples
+    --------
+    A step to 10 deg at 50 s; the ship's steering gear is slower than the programme:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> programme = ps.rudder_programme([0, 50, 51], np.deg2rad([0, 0, 10]))
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), programme, duration=100, step=0.5)
+    >>> print(np.rad2deg(trial["delta"].sel(time=[50, 52, 90]).values).round(1))
+    [ 0.   3.5 10. ]
+    """
+    time, delta = np.array(time, dtype=float), np.array(delta, dtype=float)
+    _check("port", approach_speed)
+    if time.ndim != 1 or time.shape != delta.shape or not time.size:
+        raise ManoeuvreError(
+            f"A rudder programme has one angle for each time, found shapes {time.shape} and {delta.shape}."
+        )
+    if not (np.isfinite(time).all() and np.isfinite(delta).all()) or (np.diff(time) <= 0).any():
+        raise ManoeuvreError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
+    programme = {"time": tuple(time.tolist()), "delta": tuple(delta.tolist()), "rate_limited": rate_limited}
+    return Manoeuvre("rudder_programme", approach_speed=approach_speed, **programme)
+
+
+def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angles: float) -> None:
+    check_choice("The side", side, SIDES, ManoeuvreError)
+    if approach_speed is not None and not 0.0 < approach_speed < np.inf:
+        raise ManoeuvreError(f"The approach speed must be positive and finite, found {approach_speed} m/s; correct it.")
+    for name, angle in angles.items():
+        most = widest if name == "heading_deg" else 90.0
+        if not 0.0 < angle < most:
+            raise ManoeuvreError(
+                f"{name} is a magnitude between 0 and {most:g} deg, found {angle}; use `side` for the sign."
+            )
+
+
+STANDARD = tuple(
+    make(*angles, side=side)
+    for make, angles in ((zigzag, (10, 10)), (zigzag, (20, 20)), (turning_circle, (35,)))
+    for side in ("port", "starboard")
+)
+"""Manoeuvres that every ship must be able to run (IMO MSC.137(76))."""

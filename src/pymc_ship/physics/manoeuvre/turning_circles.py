@@ -1,0 +1,138 @@
+"""The turning circle as a kind of manoeuvre, the rudder is put over and held, and the pull-out, which ends a turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from pymc_ship.physics.manoeuvre.kinds import SIDES, TRACK, Index, Limit, ManoeuvreKind
+
+if TYPE_CHECKING:
+    from pymc_ship.physics.manoeuvre.events import Record
+    from pymc_ship.physics.manoeuvre.helm import Helm
+
+_FULL_TURN = 120.0  # deg of heading that a turning circle changes at least
+_LEAST_RUDDER = 3.0  # deg
+_HARD_OVER = 35.0  # deg, from which on the limits hold
+_WATER = ("psi", "u", "v")
+_LAST = 0.1  # of the time with the rudder amidships, over which the rate that is left is measured
+_LEFT = 0.5  # of the rate of the turn, until which the time is measured
+_AMIDSHIPS = 0.2  # of the angle held: a rudder within it is amidships, whatever its zero and the helm
+_AFTER = 0.5  # of the time of the turn for which the rudder of a pull-out stays amidships at least
+
+
+def _indices(record: Record, attrs: Mapping) -> dict[str, float]:
+    """Indices that the record reaches; headings and distances count from those at its begin."""
+    side, course = SIDES[attrs["side"]], record.motion["psi"][0]
+    found: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
+    for angle in (90, 180):
+        when = record.crossing(math.radians(angle) + side * course, side)
+        found[f"time_to_{angle}"] = when - record.time[0]
+        if math.isfinite(when):
+            ahead, abeam = record.displacement(when)
+            across = side * abeam
+            found |= {"advance": ahead, "transfer": across} if angle == 90 else {"tactical_diameter": across}
+    if (turn := record.steady()) is not None:
+        found["steady_turning_diameter"] = 2.0 * turn.track_speed / turn.yaw_rate
+        found["steady_yaw_rate"] = math.degrees(turn.yaw_rate)
+        found["steady_speed"] = turn.speed
+        found["steady_drift_angle"] = math.degrees(turn.drift)
+    return found
+
+
+def _limits(attrs: Mapping, ratio: float) -> Sequence[Limit]:
+    """Limits of the turning circle with hard-over rudder."""
+    if attrs.get("rudder_deg", _HARD_OVER) < _HARD_OVER:
+        return ()
+    return ("advance", 4.5, "L"), ("tactical_diameter", 5.0, "L")
+
+
+def _recognise(helm: Helm) -> tuple[tuple[float, ...], str] | None:
+    """Rudder angle and side of a record that turns far with a rudder that is held."""
+    if abs(helm.held_angle) <= _LEAST_RUDDER or abs(helm.turned) <= _FULL_TURN:
+        return None
+    return (helm.ordered(abs(helm.held_angle)),), "starboard" if helm.turned > 0.0 else "port"
+
+
+TURNING_CIRCLE = ManoeuvreKind(
+    name="turning_circle",
+    angles=("rudder_deg",),
+    example="35",
+    option="turn",
+    title="turning circle",
+    indices={
+        "advance": Index("distance", TRACK, scored=True),
+        "transfer": Index("distance", TRACK, scored=True, signed=True),
+        "tactical_diameter": Index("distance", TRACK, scored=True),
+        "time_to_90": Index("time"),
+        "time_to_180": Index("time"),
+        "steady_turning_diameter": Index("diameter", _WATER),
+        "steady_yaw_rate": Index("rate"),
+        "steady_speed": Index("speed", _WATER),
+        "steady_drift_angle": Index("drift", _WATER),
+        "maximum_roll_angle": Index("roll", ("phi",), scored=True),
+    },
+    measure=_indices,
+    limits=_limits,
+    recognise=_recognise,
+    circles=True,
+)
+
+
+def _pull_out_indices(record: Record, attrs: Mapping) -> dict[str, float]:
+    """Indices of the rate of turn from the heading on at which the rudder is ordered amidships."""
+    import numpy as np
+
+    side = SIDES[attrs["side"]]
+    begin = record.crossing(math.radians(attrs["heading_deg"]), side)
+    after = record.time >= begin
+    if not math.isfinite(begin) or after.sum() < 2:
+        return {}
+    rate, time = side * record.psi_dot, record.time
+    before = float(np.interp(begin, time, rate))
+    last = time >= time[-1] - _LAST * (time[-1] - begin)
+    found = {"rate_before": math.degrees(before), "residual_yaw_rate": math.degrees(rate[last].mean())}
+    slow = np.flatnonzero(after & (rate <= _LEFT * before))
+    if slow.size:
+        k = max(int(slow[0]), 1)
+        found["time_to_half_rate"] = (
+            float(np.interp(-_LEFT * before, -rate[k - 1 : k + 1], time[k - 1 : k + 1])) - begin
+        )
+    return found
+
+
+def _recognise_pull_out(helm: Helm) -> tuple[tuple[float, ...], str] | None:
+    """Rudder angle, heading and side of a turn that ends with the rudder amidships before it is a turning circle."""
+    import numpy as np
+
+    from pymc_ship.physics.manoeuvre.helm import execution, steered
+
+    angle, turned = helm.held_angle, helm.turned
+    if abs(angle) <= _LEAST_RUDDER or not 0.5 * _FULL_TURN <= abs(turned) <= _FULL_TURN:
+        return None
+    time, delta = helm.trial["time"].values, np.rad2deg(helm.trial["delta"].values)
+    end = time[steered(helm.trial)][-1]
+    after = delta[time > end + _AMIDSHIPS * (end - execution(helm.trial))]
+    lasts = time[-1] - end >= _AFTER * (end - execution(helm.trial))
+    if not lasts or not after.size or np.quantile(np.abs(after), 0.9) > _AMIDSHIPS * abs(angle):
+        return None
+    return (helm.ordered(abs(angle)), 5 * max(round(abs(turned) / 5.0), 1)), "starboard" if turned > 0.0 else "port"
+
+
+PULL_OUT = ManoeuvreKind(
+    name="pull_out",
+    angles=("rudder_deg", "heading_deg"),
+    example="20/90",
+    option="pull-out",
+    title="pull-out, rudder amidships after a change of heading",
+    reversal=0.0,
+    indices={
+        "rate_before": Index("rate", ("psi", "r"), signed=True),
+        "time_to_half_rate": Index("time", ("psi", "r"), scored=True),
+        "residual_yaw_rate": Index("rate", ("psi", "r"), signed=True),
+    },
+    measure=_pull_out_indices,
+    recognise=_recognise_pull_out,
+    reach=60.0,
+)

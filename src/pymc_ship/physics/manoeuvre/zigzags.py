@@ -1,0 +1,92 @@
+"""The zigzag test as a kind of manoeuvre: the rudder goes to the other side at each switching heading."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from pymc_ship.physics.manoeuvre.kinds import SIDES, TRACK, Index, Limit, ManoeuvreKind
+
+if TYPE_CHECKING:
+    from pymc_ship.physics.manoeuvre.events import Record
+    from pymc_ship.physics.manoeuvre.helm import Helm
+
+BY_HAND = math.radians(1.0)
+"""Heading beside the mean of a zigzag's reversals from which one counts as steered by hand, not by an autopilot."""
+
+
+def _indices(record: Record, attrs: Mapping) -> dict[str, float]:
+    """Indices that the record reaches; overshoots count from the heading at which the rudder was reversed.
+
+    This is the switching heading or, in a record that was steered by hand, where ``attrs["reversals"]`` [s] say.
+    """
+    heading, side = math.radians(attrs["heading_deg"]), SIDES[attrs["side"]]
+    by_hand: Sequence[float] = attrs.get("reversals", ())
+    found: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
+    switch = record.crossing(heading, side)
+    if not by_hand or side * record.at("psi", by_hand[0]) > heading - BY_HAND:
+        found["initial_turning_time"] = switch - record.time[0]
+        if math.isfinite(switch):
+            found["initial_turning_distance"] = record.distance(switch)
+    switches = list(by_hand[:1]) or [switch]
+    for count, name in enumerate(("first", "second", "third")):
+        switch = switches[-1]
+        peak = record.peak(switch) if math.isfinite(switch) else math.nan
+        if not math.isfinite(peak):
+            break
+        found[f"{name}_overshoot_angle"] = math.degrees(side * (record.at("psi", peak) - record.at("psi", switch)))
+        if count < 2:
+            found[f"{name}_overshoot_time"] = peak - switch
+        side = -side
+        if by_hand and count + 1 == len(by_hand):
+            break
+        switches.append(by_hand[count + 1] if by_hand else record.crossing(heading, side, after=peak))
+    if len(switches) > 2:
+        found["period"] = switches[2] - switches[0]
+    return found
+
+
+def _limits(attrs: Mapping, ratio: float) -> Sequence[Limit]:
+    """Limits of the 10/10 and the 20/20 test."""
+    angles = (attrs.get("rudder_deg"), attrs.get("heading_deg"))
+    if angles == (10.0, 10.0):
+        return (
+            ("first_overshoot_angle", min(max(5.0 + 0.5 * ratio, 10.0), 20.0), "deg"),
+            ("second_overshoot_angle", min(max(17.5 + 0.75 * ratio, 25.0), 40.0), "deg"),
+            ("initial_turning_distance", 2.5, "L"),
+        )
+    return (("first_overshoot_angle", 25.0, "deg"),) if angles == (20.0, 20.0) else ()
+
+
+def _recognise(helm: Helm) -> tuple[tuple[float, ...], str] | None:
+    """Rudder angle, switching heading and first side of a record whose rudder is reversed at one heading."""
+    if not helm.reversals:
+        return None
+    first = "starboard" if helm.reversals[0].heading > 0.0 else "port"
+    return (helm.reversed_angle, helm.switching_heading), first
+
+
+ZIGZAG = ManoeuvreKind(
+    name="zigzag",
+    angles=("rudder_deg", "heading_deg"),
+    example="20/20",
+    option="zigzag",
+    title="zigzag test",
+    reversal=-1.0,
+    indices={
+        "first_overshoot_angle": Index("angle", scored=True),
+        "second_overshoot_angle": Index("angle", scored=True),
+        "third_overshoot_angle": Index("angle"),
+        "first_overshoot_time": Index("time", scored=True),
+        "second_overshoot_time": Index("time", scored=True),
+        "initial_turning_time": Index("time", scored=True),
+        "initial_turning_distance": Index("distance", TRACK, scored=True),
+        "period": Index("time", scored=True),
+        "maximum_roll_angle": Index("roll", ("phi",), scored=True),
+    },
+    measure=_indices,
+    limits=_limits,
+    recognise=_recognise,
+    swings=True,
+)

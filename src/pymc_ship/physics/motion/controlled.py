@@ -1,0 +1,162 @@
+"""Motion of one ship with controlled error: the reference of the integrators with a fixed step.
+
+The rudder is piecewise linear in time and kinks where an order is reached, a programme bends or a zigzag is switched.
+The integration starts anew at each of these times, and a switching heading is located as an event, so that no step
+crosses a kink.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.motion.equations import KERNEL, Scheme, set_parts, state_derivative
+from pymc_ship.physics.motion.stepping import STATE_ROWS, in_range, lanes_at_rest
+
+
+class Gear(NamedTuple):
+    """Steering gear: its ``rate`` [rad/s], infinite for a rudder that is where the order is, and the ``delay`` [s]."""
+
+    rate: float
+    delay: float
+
+
+class Start(NamedTuple):
+    """State at time 0, (8,), and the inputs besides the rudder, (3,), which are constant."""
+
+    state: np.ndarray
+    others: np.ndarray
+
+
+class Course(NamedTuple):
+    """Motion and rudder at the samples, shape (9, n_time), NaN once the ship has diverged, and when she did [s]."""
+
+    samples: np.ndarray
+    diverged_at: float
+
+
+@njit(**KERNEL)
+def _rate(state, delta, coefficients, scheme, lanes):
+    """Time derivative of the state of one ship, (8,), by the one evaluator of the equations of motion."""
+    for row in range(state.size):
+        lanes.inner[0, row, 0] = state[row]
+    lanes.inputs[0, 0, 0] = delta
+    state_derivative(lanes.inner[0], lanes.inputs[0], coefficients, scheme, lanes.work, lanes.rate)
+    return lanes.rate[:, 0].copy()
+
+
+def course(
+    coefficients: np.ndarray,
+    scheme: Scheme,
+    manoeuvre: Manoeuvre,
+    gear: Gear,
+    time: np.ndarray,
+    *,
+    start: Start,
+    tolerance: float,
+) -> Course:
+    """Run of a manoeuvre by the eighth-order method of Dormand & Prince with steps of controlled error.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (n_coefficients,)
+    scheme : Scheme
+    manoeuvre : Manoeuvre
+    gear : Gear
+    time : ndarray, shape (n_time,)
+        Samples [s], from 0.
+    start : Start
+    tolerance : float
+        Error of a step, relative to the state or to U, U/L, 1 rad and L where the state is smaller.
+
+    Returns
+    -------
+    Course
+
+    References
+    ----------
+    Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, section II.10,
+    doi:10.1007/978-3-540-78862-1.
+    """
+    from scipy.integrate import solve_ivp
+
+    hull, lanes, column = scheme.hull, lanes_at_rest(1, 1, scheme), coefficients[:, None].copy()
+    set_parts(column, scheme, lanes.work)
+    U, turn = hull.nominal_speed, hull.nominal_speed / hull.L
+    smallest = tolerance * np.array([U, U, turn, turn, 1.0, 1.0, hull.L, hull.L])
+    heading, reversal = manoeuvre.switch
+    end, now, factor, switch_at = float(time[-1]), 0.0, 1.0, np.inf
+    state, out = start.state.copy(), np.full((STATE_ROWS + 1, time.size), np.nan)
+    lanes.inputs[0, 1:, 0] = start.others
+    helm = _helm(manoeuvre, gear.rate, factor, (now, _first_angle(manoeuvre, gear.rate)), end)
+
+    def motion(t: float, state: np.ndarray) -> np.ndarray:
+        return _rate(state, np.interp(t, *helm), column, scheme, lanes)
+
+    def leaves_the_range(t: float, state: np.ndarray) -> float:
+        return 1.0 if in_range(state[:, None], hull, 0) else -1.0
+
+    def turned(t: float, state: np.ndarray) -> float:
+        ordered = factor * manoeuvre.command(np.array([t]))[0]
+        return -np.sign(ordered) * state[5] - heading
+
+    leaves_the_range.terminal = turned.terminal = True  # type: ignore[attr-defined]
+    turned.direction = 1.0  # type: ignore[attr-defined]
+    while now < end:
+        knots = helm[0]
+        stop = float(min(end, switch_at, knots[knots > now].min(initial=end)))
+        events = [leaves_the_range, *([turned] if np.isfinite(heading) and switch_at == np.inf else [])]
+        settings = {"rtol": tolerance, "atol": smallest, "dense_output": True, "events": events}
+        found = solve_ivp(motion, (now, stop), state, "DOP853", **settings)
+        reached, state = float(found.t[-1]), found.y[:, -1]
+        inside = (time >= now) & (time < reached)
+        if inside.any():
+            out[:-1, inside], out[-1, inside] = found.sol(time[inside]), np.interp(time[inside], *helm)
+        if found.status < 0 or found.t_events[0].size:
+            return Course(out, reached)
+        if found.status == 1:
+            switch_at = reached + gear.delay
+        now = reached
+        if now >= switch_at:
+            factor, switch_at = factor * reversal, np.inf
+            helm = _helm(manoeuvre, gear.rate, factor, (now, float(np.interp(now, *helm))), end)
+    out[:-1, -1], out[-1, -1] = state, np.interp(end, *helm)
+    return Course(out, np.nan)
+
+
+def _first_angle(manoeuvre: Manoeuvre, rate: float) -> float:
+    """Rudder angle at time 0: amidships for a gear with a rate."""
+    return float(manoeuvre.command(np.zeros(1))[0]) if rate == np.inf else 0.0
+
+
+def _helm(
+    manoeuvre: Manoeuvre, rate: float, factor: float, start: tuple[float, float], end: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and rudder angles [rad], linear in between, from a time and an angle on, while no heading is reached.
+
+    The rudder moves towards its order at the rate, and with the order once it is there and the order is no faster.
+    """
+    begin, angle = start
+    bends = np.array([begin, *(time for time in manoeuvre.time if begin < time < end), end])
+    orders = factor * manoeuvre.command(bends)
+    if rate == np.inf:
+        return bends, orders
+    times, angles = [begin], [angle]
+    for before, after, order, next_order in zip(bends[:-1], bends[1:], orders[:-1], orders[1:], strict=True):
+        slope = (next_order - order) / (after - before)
+        side = np.sign(order - angle)
+        closing = rate - side * slope
+        met = before + abs(order - angle) / closing if closing > 0.0 else np.inf
+        if met < after:
+            if met > before:
+                times.append(met)
+                angles.append(order + slope * (met - before))
+            angle = angles[-1] + np.clip(slope, -rate, rate) * (after - met)
+        else:
+            angle += side * rate * (after - before)
+        times.append(float(after))
+        angles.append(float(angle))
+    return np.array(times), np.array(angles)

@@ -1,0 +1,299 @@
+"""Four-degree-of-freedom equations of motion in the prime system: J nu_dot' = hydrodynamic + known forces.
+
+Xue et al. (2020), Eq. 1 to 5 and 9 (doi:10.1016/j.oceaneng.2019.106612), with axes forward, starboard, down. Arrays
+inside the kernels have shape (rows, n_lanes): one lane is one instant of one ship, so the simulator runs many ships
+side by side and the regression evaluates all instants of a trial at once, with the same code.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pymc_ship.physics.forces.hull import LOW_SPEED
+from pymc_ship.physics.forces.prime_system import (
+    acceleration_scale,
+    angular_acceleration_scale,
+    rate_scale,
+    relative_speed,
+    righting_arm,
+    righting_moment,
+)
+from pymc_ship.physics.forces.programs import Program, run, set_parameters, sin_cos
+from pymc_ship.physics.forces.propeller import PropellerConstants, loading
+from pymc_ship.physics.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_products, plan
+from pymc_ship.physics.vessel.parts import part_program
+from pymc_ship.physics.vessel.vessel import DOFS, Vessel
+from pymc_ship.trial.channels import channel_names
+
+KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
+"""Compiler settings of the kernels; without numpy's error model no loop with a division vectorises."""
+
+PART = KERNEL | {"_nrt": False}
+"""The same for a function that makes no array: counting references to its arguments would double the time of a step."""
+
+INLINED = PART | {"forceinline": True}
+"""The same for a part of a kernel that must know the number of lanes when it is compiled, where the kernel knows it."""
+
+STATE = channel_names(lambda channel: channel.part == "motion")
+"""Rows of a state array, SI units and rad: u, v, r, p, phi, psi, x, y."""
+
+VELOCITIES = STATE[:4]
+"""Those whose rates are accelerations, one a row of the inertia matrix."""
+
+HULL = np.dtype(
+    (
+        np.record,
+        [
+            (name, float)
+            for name in (
+                "L",
+                "nominal_speed",
+                "slowest",
+                "m",
+                "x_G",
+                "z_G",
+                "volume",
+                "GM",
+                "BM",
+                *PropellerConstants._fields,
+            )
+        ],
+    )
+)
+"""Constants of a vessel: L, U_nom, volume, GM and BM in SI units, m, x_G and z_G prime, then those of the propeller.
+
+``slowest`` is the surge speed over U_nom above which her model means something.
+
+GM and BM are 0 without roll, the constants of the propeller without a propeller. The kernels read them from memory: as
+a NamedTuple they would be constants of the loops, and the compiler would multiply by 1/(L L) where it divides by L L,
+which moves the last digit of the motion of a single ship.
+"""
+
+
+class Scheme(NamedTuple):
+    """What :func:`state_derivative` needs of a vessel besides her coefficients.
+
+    ``hull`` is a record of :data:`HULL`; ``left`` and ``right`` (n_products,) are the multiplication plan of the terms,
+    ``rows`` and ``dof`` (n_coefficients,) the workspace row and the DOF of each coefficient, ``n_rows`` the rows of the
+    workspace; ``J_inverse`` (4, 4) is the inverse of the inertia matrix; ``program`` makes the accelerations by parts,
+    with ``n_part_rows`` rows of a workspace of its own.
+    """
+
+    hull: np.record
+    left: np.ndarray
+    right: np.ndarray
+    rows: np.ndarray
+    dof: np.ndarray
+    n_rows: int
+    J_inverse: np.ndarray
+    program: Program
+    n_part_rows: int
+
+
+class Work(NamedTuple):
+    """Arrays that the equations of motion fill.
+
+    ``terms`` (n_rows, n_lanes) is the workspace of :func:`pymc_ship.physics.forces.terms.fill_products`, ``speed``
+    (n_lanes,) is U [m/s], ``force`` (4, n_lanes) are the prime forces and moments of surge, sway, yaw and roll,
+    ``parts`` (n_part_rows, n_lanes) is the workspace of :func:`pymc_ship.physics.forces.programs.run`.
+    """
+
+    terms: np.ndarray
+    speed: np.ndarray
+    force: np.ndarray
+    parts: np.ndarray
+
+
+@njit(**INLINED)
+def prime_motion(state, delta, scheme, work):
+    """Fill the speed and the symbol and loading rows of the terms."""
+    hull, terms, speed = scheme.hull, work.terms, work.speed
+    L, nominal_speed, propeller = hull.L, hull.nominal_speed, propeller_constants(hull)
+    for lane in range(state.shape[1]):
+        u, v = state[0, lane], state[1, lane]
+        U = math.sqrt(u * u + v * v)
+        speed[lane] = U
+        terms[ROW_SYMBOL, lane] = relative_speed(U, nominal_speed)
+        terms[ROW_SYMBOL + 1, lane] = v / U
+        terms[ROW_SYMBOL + 2, lane] = state[2, lane] / rate_scale(U, L)
+        terms[ROW_SYMBOL + 3, lane] = state[3, lane] / rate_scale(U, L)
+    for lane in range(state.shape[1]):
+        terms[ROW_SYMBOL + 4, lane] = state[4, lane]
+        terms[ROW_SYMBOL + 5, lane] = delta[lane]
+    propelled = propeller.J > 0.0
+    for lane in range(state.shape[1]):
+        g, T, _, _ = loading(terms[ROW_SYMBOL, lane], propeller) if propelled else (0.0, 0.0, 0.0, 0.0)
+        terms[ROW_LOADING, lane], terms[ROW_LOADING + 1, lane] = g, T
+
+
+@njit(**INLINED)
+def propeller_constants(hull):
+    """Constants of the propeller among those of the vessel."""
+    return PropellerConstants(hull.J, hull.k_0, hull.k_1, hull.k_2, hull.eta, hull.kappa)
+
+
+@njit(**INLINED)
+def known_forces(state, scheme, work):
+    """Write the prime forces that hold no hydrodynamic coefficient, F1, F2, M1, M2, to the force."""
+    hull, terms, speed, force = scheme.hull, work.terms, work.speed, work.force
+    m, x_G, z_G = hull.m, hull.x_G, hull.z_G
+    L, volume, GM, BM = hull.L, hull.volume, hull.GM, hull.BM
+    for lane in range(state.shape[1]):
+        v, r, p = terms[ROW_SYMBOL + 1, lane], terms[ROW_SYMBOL + 2, lane], terms[ROW_SYMBOL + 3, lane]
+        force[0, lane] = m * (v * r + x_G * r * r - z_G * r * p)
+    for lane in range(state.shape[1]):
+        centripetal = m * (state[0, lane] / speed[lane]) * terms[ROW_SYMBOL + 2, lane]
+        force[1, lane] = -centripetal
+        force[2, lane] = -x_G * centripetal
+        force[3, lane] = z_G * centripetal
+    for lane in range(state.shape[1]):
+        sin_phi, cos_phi = sin_cos(state[4, lane])
+        GZ = righting_arm(sin_phi, sin_phi / cos_phi, GM, BM)
+        force[3, lane] -= righting_moment(GZ, speed[lane], L, volume)
+
+
+@njit(**INLINED)
+def add_hydrodynamic_forces(coefficients, scheme, work):
+    """Add coefficient times term to the force, four terms of one DOF at a time where there are four."""
+    rows, dof, terms, force = scheme.rows, scheme.dof, work.terms, work.force
+    n_lanes = force.shape[1]
+    k = 0
+    while k < rows.size:
+        target = dof[k]
+        if k + 3 < rows.size and dof[k + 3] == target:
+            a, b, c, d = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
+            for lane in range(n_lanes):
+                force[target, lane] += (
+                    coefficients[k, lane] * terms[a, lane]
+                    + coefficients[k + 1, lane] * terms[b, lane]
+                    + coefficients[k + 2, lane] * terms[c, lane]
+                    + coefficients[k + 3, lane] * terms[d, lane]
+                )
+            k += 4
+        else:
+            row = rows[k]
+            for lane in range(n_lanes):
+                force[target, lane] += coefficients[k, lane] * terms[row, lane]
+            k += 1
+
+
+@njit(**INLINED)
+def _rates_of_terms(state, inputs, coefficients, scheme, work, rate):
+    """Write the accelerations by terms and by the known forces beside them."""
+    hull, J_inverse, speed, force = scheme.hull, scheme.J_inverse, work.speed, work.force
+    prime_motion(state, inputs[0], scheme, work)
+    known_forces(state, scheme, work)
+    fill_products(work.terms, scheme.left, scheme.right)
+    add_hydrodynamic_forces(coefficients, scheme, work)
+    for row in range(4):
+        a, b, c, d = J_inverse[row, 0], J_inverse[row, 1], J_inverse[row, 2], J_inverse[row, 3]
+        for lane in range(state.shape[1]):
+            acceleration = a * force[0, lane] + b * force[1, lane] + c * force[2, lane] + d * force[3, lane]
+            linear, angular = acceleration_scale(speed[lane], hull.L), angular_acceleration_scale(speed[lane], hull.L)
+            rate[row, lane] = acceleration * (linear if row < 2 else angular)
+
+
+@njit(**INLINED)
+def run_parts(state, inputs, scheme, work):
+    """Carry out the program of the parts at states and inputs; its parameters are set."""
+    U, turn = scheme.hull.nominal_speed, rate_scale(scheme.hull.nominal_speed, scheme.hull.L)
+    for lane in range(state.shape[1]):
+        work.parts[0, lane], work.parts[1, lane] = state[0, lane] / U, state[1, lane] / U
+        work.parts[2, lane], work.parts[3, lane] = state[2, lane] / turn, state[3, lane] / turn
+        work.parts[4, lane], work.parts[5, lane] = state[4, lane], state[5, lane]
+    for row in range(inputs.shape[0]):
+        for lane in range(state.shape[1]):
+            work.parts[6 + row, lane] = inputs[row, lane]
+    run(scheme.program, work.parts)
+
+
+@njit(**INLINED)
+def part_scale(scheme, row):
+    """Unit of the acceleration of a row of the states that a result of the program is measured in."""
+    U, L = scheme.hull.nominal_speed, scheme.hull.L
+    return acceleration_scale(U, L) if row < 2 else angular_acceleration_scale(U, L)
+
+
+@njit(**INLINED)
+def state_derivative(state, inputs, coefficients, scheme, work, rate):
+    """Time derivative of the states, written to ``rate`` (8, n_lanes).
+
+    ``state`` is (8, n_lanes), ``inputs`` (4, n_lanes) those of :data:`pymc_ship.physics.forces.part.INPUTS`,
+    ``coefficients`` (n_coefficients, n_lanes). The parameters of parts are those of :func:`set_parts`.
+    """
+    speed = work.speed
+    if scheme.program.results.size == 0 or scheme.rows.size > 0:
+        _rates_of_terms(state, inputs, coefficients, scheme, work, rate)
+    else:
+        for row in range(4):
+            for lane in range(state.shape[1]):
+                rate[row, lane] = 0.0
+    if scheme.program.results.size > 0:
+        run_parts(state, inputs, scheme, work)
+        for row in range(4):
+            result, scale = scheme.program.results[row], part_scale(scheme, row)
+            for lane in range(state.shape[1]):
+                rate[row, lane] += scale * work.parts[result, lane]
+    for lane in range(state.shape[1]):
+        _, cos_phi = sin_cos(state[4, lane])
+        rate[4, lane] = state[3, lane]
+        rate[5, lane] = state[2, lane] * cos_phi
+        speed[lane] = state[1, lane] * cos_phi
+    for lane in range(state.shape[1]):
+        sin_psi, cos_psi = sin_cos(state[5, lane])
+        rate[6, lane] = state[0, lane] * cos_psi - speed[lane] * sin_psi
+        rate[7, lane] = state[0, lane] * sin_psi + speed[lane] * cos_psi
+
+
+@njit(**PART)
+def set_parts(coefficients, scheme, work):
+    """Write the parameters of the parts, which follow those of the terms, to the workspace."""
+    if scheme.program.results.size > 0:
+        set_parameters(scheme.program, coefficients[scheme.rows.size :], work.parts)
+
+
+@njit(**KERNEL, forceinline=True)
+def workspace(n_lanes, scheme):
+    """Workspace of the equations of motion of so many ships; the kernel that inlines it knows their number."""
+    return Work(
+        np.zeros((scheme.n_rows, n_lanes)),
+        np.empty(n_lanes),
+        np.empty((4, n_lanes)),
+        np.zeros((scheme.n_part_rows, n_lanes)),
+    )
+
+
+def scheme(vessel: Vessel) -> Scheme:
+    """Scheme of a vessel for :func:`state_derivative`; a force without terms is none."""
+    terms = tuple(c.term for force in vessel.forces.values() for c in force)
+    dof = np.concatenate([np.full(len(force), DOFS.index(name)) for name, force in vessel.forces.items()])
+    products = plan(terms)
+    J_inverse = np.linalg.inv(vessel.inertia_matrix)
+    if "roll" not in vessel.dofs:
+        J_inverse[3] = 0.0
+    program = part_program(vessel)
+    return Scheme(
+        hull=hull(vessel),
+        left=products.left,
+        right=products.right,
+        rows=products.rows,
+        dof=dof.astype(np.int64),
+        n_rows=products.n_rows,
+        J_inverse=np.ascontiguousarray(J_inverse),
+        program=program,
+        n_part_rows=program.n_rows,
+    )
+
+
+def hull(vessel: Vessel) -> np.record:
+    """Record of :data:`HULL` of a vessel."""
+    s = vessel.particulars
+    GM, BM = (s.GM, s.BM) if "roll" in vessel.dofs else (0.0, 0.0)
+    propeller = PropellerConstants() if vessel.propeller is None else vessel.propeller.constants(s.nominal_speed)
+    slowest = -5.0 if LOW_SPEED.name in vessel.parts else 0.01
+    values = (s.L, s.nominal_speed, slowest, vessel.m, vessel.x_G, vessel.z_G, s.volume, GM, BM, *propeller)
+    return np.rec.array(values, dtype=HULL)[()]

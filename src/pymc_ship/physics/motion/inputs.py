@@ -1,0 +1,152 @@
+"""Inputs of a motion: rudder, revolutions and wind as the parts of a ship's force take them."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.forces.part import INPUTS
+from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
+from pymc_ship.physics.forces.surroundings import WIND
+from pymc_ship.physics.motion.stepping import SimulationError
+from pymc_ship.physics.vessel.parts import HELD, ship_of
+from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.trial.record import OVER_GROUND
+
+_MOST_REVOLUTIONS = 5.0  # over the nominal ones
+
+
+def all_inputs(inputs: np.ndarray) -> np.ndarray:
+    """Inputs of shape (4, n_time) from themselves or from a rudder alone, at nominal revolutions and without wind."""
+    given = np.ascontiguousarray(inputs, dtype=float)
+    if given.ndim != 1:
+        return given
+    found = np.zeros((len(INPUTS), given.size))
+    found[0], found[1] = given, 1.0
+    return found
+
+
+def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
+    """Inputs of a record as the equations of motion of a vessel take them.
+
+    Revolutions are over the nominal ones; where the record is silent, or nominal revolutions are neither stated nor
+    free, they hold the speed with which it begins, or are the nominal ones where that is over ground. Wind counts where
+    it was measured and the vessel has the part "wind".
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        ``delta`` [rad]; ``n`` [1/s], ``wind_speed`` [m/s] and ``wind_direction`` [rad], where the true wind comes from,
+        as far as they were measured.
+    vessel : Vessel
+
+    Returns
+    -------
+    ndarray, shape (4, n_time)
+        Rows of :data:`pymc_ship.physics.forces.part.INPUTS`.
+    """
+    found = all_inputs(trial["delta"].values)
+    if not vessel.parts:
+        return found
+    U = vessel.particulars.nominal_speed
+    measured = revolutions_measured(trial)
+    if measured and (takes_revolutions(vessel) or _finds_revolutions(vessel)):
+        found[1] = trial["n"].values / ship_of(vessel).n
+    else:
+        found[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else begin_speed(trial) / U
+        if measured and trial["n"].values[0] > 0.0:
+            found[1] *= trial["n"].values / trial["n"].values[0]
+    if WIND.name in vessel.parts and "wind_speed" in trial and "wind_direction" in trial:
+        speed, direction = trial["wind_speed"].values / U, trial["wind_direction"].values
+        found[2], found[3] = -speed * np.cos(direction), -speed * np.sin(direction)
+    return found
+
+
+def revolutions_measured(trial: xr.Dataset) -> bool:
+    """Whether a record holds the revolutions of every sample."""
+    return "n" in trial and bool(np.isfinite(trial["n"].values).all())
+
+
+def _finds_revolutions(vessel: Vessel) -> bool:
+    """Whether the nominal revolutions of a vessel of parts are a free parameter."""
+    return vessel.modular and any(c.name == NOMINAL_REVOLUTIONS and c.sd > HELD for c in vessel.parameters)
+
+
+def takes_revolutions(vessel: Vessel) -> bool:
+    """Whether revolutions in 1/s mean something to a vessel: parts make her thrust and her propeller is stated."""
+    return vessel.modular and vessel.propeller is not None
+
+
+def begin_speed(trial: xr.Dataset) -> float:
+    """Speed with which a record begins [m/s]."""
+    return float(np.median(np.hypot(trial["u"].values[:10], trial["v"].values[:10] if "v" in trial else 0.0)))
+
+
+def velocity(flow: tuple[float, float] | None) -> np.ndarray:
+    """North and east components [m/s] of a flow of a speed [m/s] and a direction it goes to [deg]; 0 without one."""
+    if flow is None:
+        return np.zeros(2)
+    speed, direction = float(flow[0]), np.deg2rad(float(flow[1]))
+    if not 0.0 <= speed < np.inf or not np.isfinite(direction):
+        raise SimulationError(
+            f"Wind and current have a speed from 0 m/s up and a direction in degrees, found {tuple(flow)}."
+        )
+    return speed * np.array([np.cos(direction), np.sin(direction)])
+
+
+def steady_inputs(
+    vessel: Vessel,
+    approach_speed: float,
+    *,
+    n: float | None = None,
+    wind: tuple[float, float] | None = None,
+    current: tuple[float, float] | None = None,
+) -> np.ndarray:
+    """Inputs besides the rudder that do not change: revolutions over the nominal ones, the air's velocity over U_nom.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    approach_speed : float
+        Speed [m/s] that the revolutions hold where they are not given.
+    n : float, optional
+        Revolutions [1/s].
+    wind : (float, float), optional
+        Speed [m/s] and where the wind comes from [deg].
+    current : (float, float), optional
+        Speed [m/s] and where the current goes [deg]: the motion is that through the water, and so is the wind's.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+
+    Raises
+    ------
+    SimulationError
+        For revolutions of a ship whose propeller is not stated or that are far from hers, wind on one without the part
+        "wind", or a current that is faster than the ship.
+    """
+    U = vessel.particulars.nominal_speed
+    if n is not None and not takes_revolutions(vessel):
+        raise SimulationError(
+            f"Revolutions need a ship of parts whose propeller is stated, found {vessel.name!r}; leave out n, or add "
+            "parts and [propeller] to the vessel file."
+        )
+    if wind is not None and WIND.name not in vessel.parts:
+        raise SimulationError(
+            f"Wind acts on a ship with the part wind, found {vessel.name!r} without it; leave out the wind, or add the "
+            "part and [windage] to the vessel file."
+        )
+    if n is not None and not abs(n) <= _MOST_REVOLUTIONS * vessel.propeller.n:
+        raise SimulationError(
+            f"Revolutions are a number [1/s] up to {_MOST_REVOLUTIONS:g} times the nominal {vessel.propeller.n:g}, "
+            f"found {n}; correct them (1/min over 60 are 1/s)."
+        )
+    if current is not None and float(current[0]) > U:
+        raise SimulationError(
+            f"A current is slower than the ship, found {float(current[0]):g} m/s at a nominal speed of {U:g} m/s; "
+            "correct it (knots times 0.514 are m/s)."
+        )
+    revolutions = approach_speed / U if n is None else n / vessel.propeller.n
+    air = -velocity(wind) - velocity(current) if wind is not None else np.zeros(2)
+    return np.array([revolutions, *(air / U)])

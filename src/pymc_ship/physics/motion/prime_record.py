@@ -1,0 +1,60 @@
+"""The motion of a record as the force terms take it: prime quantities at every instant."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.forces.terms import LOADING, N_BASE, ROW_ABSOLUTE, ROW_LOADING, ROW_SYMBOL, SYMBOLS
+from pymc_ship.physics.motion.equations import STATE, Work, known_forces, prime_motion, scheme
+from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.trial.record import check_trial
+
+
+def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict, np.ndarray, np.ndarray]:
+    """Prime motion, speed and known forces at every instant of a record.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    record : dict of str to ndarray, shape (n_time,)
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls.
+
+    Returns
+    -------
+    motion : dict of str to ndarray, shape (n_time,)
+        Prime values of the symbols of the terms, and ``g`` and ``T`` where the vessel states its propeller, for
+        :func:`pymc_ship.physics.forces.terms.evaluate`.
+    speed : ndarray, shape (n_time,)
+        U [m/s].
+    known : ndarray, shape (4, n_time)
+        F1, F2, M1, M2 without their hydrodynamic part.
+    """
+    n_time = record["u"].size
+    state = np.zeros((len(STATE), n_time))
+    for row, name in enumerate(STATE[:5]):
+        if name in record:
+            state[row] = record[name]
+    work, constants = (
+        Work(np.empty((N_BASE, n_time)), np.empty(n_time), np.empty((4, n_time)), np.empty((0, n_time))),
+        scheme(vessel),
+    )
+    prime_motion(state, record["delta"], constants, work)
+    known_forces(state, constants, work)
+    motion = dict(zip(SYMBOLS, work.terms[ROW_SYMBOL:ROW_ABSOLUTE], strict=True))
+    if vessel.propeller is not None:
+        motion |= dict(zip(LOADING, work.terms[ROW_LOADING:N_BASE], strict=True))
+    return motion, work.speed, work.force
+
+
+def motion_record(trial: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:
+    """Channels of a trial that the equations of motion of a vessel need, each of shape (n_time,).
+
+    Raises
+    ------
+    TrialError
+        For missing channels, NaN, or time that is not uniform.
+    """
+    names = (*STATE[:3], "delta", *(STATE[3:5] if "roll" in vessel.dofs else ()))
+    check_trial(trial, names)
+    return {name: np.ascontiguousarray(trial[name].values, dtype=float) for name in names}

@@ -1,0 +1,134 @@
+"""Motion along recorded inputs: one ship, or one for each of many parameter vectors, in parallel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from pymc_ship.machine.threads import thread_pool
+from pymc_ship.physics.motion.equations import KERNEL, scheme, set_parts
+from pymc_ship.physics.motion.inputs import all_inputs
+from pymc_ship.physics.motion.stepping import (
+    LANES,
+    METHODS,
+    N_INPUTS,
+    SimulationError,
+    advance_along,
+    integration,
+    lanes_at_rest,
+    mark_divergence,
+)
+from pymc_ship.physics.vessel.vessel import Vessel
+
+
+@njit(**KERNEL)
+def _replay(coefficients, scheme, initial, record, integration, out):
+    """Integrate the lanes along a record of inputs; write block means to ``out`` (n_states, n_lanes, n_blocks)."""
+    n_states, n_lanes, n_blocks = out.shape
+    block, substeps, n_time = record.shape[1] // n_blocks, integration.substeps, record.shape[1]
+    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme)
+    set_parts(coefficients, scheme, lanes.work)
+    lanes.state[:n_states] = initial
+    inputs, following = np.empty((record.shape[0], n_lanes)), np.empty((record.shape[0], n_lanes))
+    diverged = np.full(n_lanes, -1)
+    for k in range(n_blocks * block):
+        if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
+            break
+        for row in range(n_states):
+            for lane in range(n_lanes):
+                out[row, lane, k // block] += lanes.state[row, lane] / block
+        for part in range(substeps):
+            for row in range(record.shape[0]):
+                change = (record[row, min(k + 1, n_time - 1)] - record[row, k]) / substeps
+                inputs[row] = record[row, k] + part * change
+                following[row] = record[row, k] + (part + 1) * change
+            advance_along(lanes, inputs, following, coefficients, scheme, integration)
+    for lane in range(n_lanes):
+        if diverged[lane] >= 0:
+            out[:, lane] = np.nan
+
+
+def replay(
+    vessel: Vessel,
+    inputs: np.ndarray,
+    initial_state: np.ndarray,
+    coefficients: np.ndarray,
+    *,
+    interval: float,
+    method: str = "rk4",
+    substeps: int = 1,
+    block: int = 1,
+) -> np.ndarray:
+    """Motion of many ships along the same inputs, each with its own coefficients and initial state.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    inputs : array_like, shape (n_time,) or (4, n_time)
+        Rudder angle at the samples [rad], linear between them; or all inputs, see
+        :func:`pymc_ship.physics.motion.inputs.recorded_inputs`.
+    initial_state : array_like, shape (n_draws, n_states)
+        The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m].
+    coefficients : array_like, shape (n_draws, n_coefficients)
+        DOFs one after the other in the vessel's order.
+    interval : float
+        Sampling interval of the inputs [s].
+    method : {"euler", "rk4"}, optional
+    substeps : int, optional
+        Integration steps for each interval.
+    block : int, optional
+        Samples averaged into one; samples beyond the last whole block are left out.
+
+    Returns
+    -------
+    ndarray, shape (n_states, n_draws, n_blocks)
+        Block means, SI units and rad; a ship that left the model's range is NaN throughout.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown method, arrays of the wrong shape, counts below one or a record shorter than a block.
+    """
+    record = all_inputs(inputs)
+    draws = np.atleast_2d(np.asarray(coefficients, dtype=float))
+    initial = np.atleast_2d(np.asarray(initial_state, dtype=float))
+    check_replay(vessel, record, initial[0], draws[0], interval=interval, method=method, substeps=substeps, block=block)
+    if len(initial) != len(draws):
+        raise SimulationError(f"Each draw has its initial state, found {len(draws)} and {len(initial)}; match them.")
+    out = np.zeros((initial.shape[1], len(draws), record.shape[1] // block))
+    equations, steps = scheme(vessel), integration(method, interval * (1.0 / substeps), substeps)
+    blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
+
+    def run(lanes: slice) -> None:
+        coefficients, states = (np.ascontiguousarray(values[lanes].T) for values in (draws, initial))
+        _replay(coefficients, equations, states, record, steps, out[:, lanes])
+
+    with thread_pool(len(blocks)) as pool:
+        list(pool.map(run, blocks))
+    return out
+
+
+def check_replay(
+    vessel: Vessel,
+    inputs: np.ndarray,
+    initial_state: np.ndarray,
+    coefficients: np.ndarray,
+    *,
+    interval: float,
+    method: str,
+    substeps: int,
+    block: int,
+) -> None:
+    """Raise SimulationError for settings that no record can be replayed with; see :func:`replay`."""
+    n_coefficients = sum(map(len, vessel.forces.values())) + len(vessel.parameters)
+    shapes = coefficients.shape, initial_state.shape, inputs.shape
+    if shapes[0] != (n_coefficients,) or shapes[1] not in ((5,), (6,), (8,)) or shapes[2][0] != N_INPUTS:
+        raise SimulationError(
+            f"A replay needs {n_coefficients} coefficients, 5, 6 or 8 initial states and inputs of shape (time,) or "
+            f"(4, time), found shapes {', '.join(map(str, shapes))}; reshape them."
+        )
+    if method not in METHODS or substeps < 1 or not 1 <= block <= inputs.shape[1] or not 0.0 < interval < np.inf:
+        raise SimulationError(
+            f"A replay needs a method of {', '.join(METHODS)}, a positive interval, substeps from 1 and a block from 1 "
+            f"to the record's length, found {method!r}, {interval}, {substeps} and {block}; correct them."
+        )

@@ -1,0 +1,240 @@
+"""Forward sensitivities: how the simulated motion changes with every coefficient and with the initial state.
+
+The states obey x' = f(x, delta; theta) with f linear in theta, so S = dx/d(theta, x_0) obeys S' = f_x S + f_theta. The
+integrator is applied to both together, which makes S the exact derivative of the simulated record. f itself comes from
+:mod:`pymc_ship.physics.motion.equations` and :mod:`pymc_ship.physics.forces.terms`; here are only the derivatives of
+its parts along a change of one state. A stretch of the motion comes first, then f_x and f_theta at all its instants,
+then S along it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pymc_ship.physics.motion.equations import (
+    INLINED,
+    KERNEL,
+    PART,
+    scheme,
+    set_parts,
+    workspace,
+)
+from pymc_ship.physics.motion.inputs import all_inputs
+from pymc_ship.physics.motion.linearisation import INSTANTS, forcing_gain, instants_of, linearise
+from pymc_ship.physics.motion.replay import check_replay
+from pymc_ship.physics.motion.stepping import (
+    Integration,
+    add,
+    advance,
+    copy,
+    in_range,
+    increase,
+    integration,
+    lanes_at_rest,
+)
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import reference_coefficients
+
+
+class Record(NamedTuple):
+    """Inputs (4, n_time) of a record, how it is integrated, and ``block``, the samples averaged into one."""
+
+    inputs: np.ndarray
+    integration: Integration
+    block: int
+
+
+class Tangents(NamedTuple):
+    """Sensitivities ``S`` (n_states, n_columns) and what one step of them needs; ``block`` sums them over a block."""
+
+    S: np.ndarray
+    begin: np.ndarray
+    inner: np.ndarray
+    rate: np.ndarray
+    block: np.ndarray
+
+
+@njit(**INLINED)
+def _march(ship, coefficients, scheme, record, steps, instants):
+    """Integrate some steps, noting state and rudder at each evaluation; False when the ship diverged."""
+    inputs, substeps, stages = record.inputs, record.integration.substeps, record.integration.stages
+    instant = 0
+    for k in range(steps[0], steps[1]):
+        sample, part = k // substeps, k % substeps
+        if part == 0 and not in_range(ship.state, scheme.hull, 0):
+            return False
+        following = min(sample + 1, inputs.shape[1] - 1)
+        for row in range(inputs.shape[0]):
+            change = (inputs[row, following] - inputs[row, sample]) / substeps
+            for stage in range(stages.shape[0]):
+                ship.inputs[stage, row, 0] = inputs[row, sample] + (part + stages[stage, 0]) * change
+        advance(ship, coefficients, scheme, record.integration)
+        for stage in range(stages.shape[0]):
+            for row in range(ship.state.shape[0]):
+                instants.state[row, instant] = ship.inner[stage, row, 0]
+            for row in range(inputs.shape[0]):
+                instants.inputs[row, instant] = ship.inputs[stage, row, 0]
+            instant += 1
+    return True
+
+
+@njit(**PART)
+def _add_samples(instants, record, steps, total):
+    """Add the states at the samples to the sums of their blocks, ``total`` (n_states, n_blocks)."""
+    substeps, n_stages = record.integration.substeps, record.integration.stages.shape[0]
+    for k in range(steps[0], steps[1]):
+        if k % substeps == 0:
+            for row in range(total.shape[0]):
+                total[row, k // substeps // record.block] += instants.state[row, (k - steps[0]) * n_stages]
+
+
+@njit(**PART)
+def _sensitivity_rate(S, instants, instant, rate):
+    """S' = f_x S + f_theta at one instant; f_theta is the gain times a row of the features."""
+    f_x, n_columns = instants.f_x, S.shape[1]
+    for k in range(4):
+        a, b, c = f_x[k, 0, instant], f_x[k, 1, instant], f_x[k, 2, instant]
+        d, e = f_x[k, 3, instant], f_x[k, 4, instant]
+        for j in range(n_columns):
+            f = instants.gain[k, j] * instants.features[instant, j]
+            rate[k, j] = a * S[0, j] + b * S[1, j] + c * S[2, j] + d * S[3, j] + e * S[4, j] + f
+        if instants.by_parts.size > 0:
+            for j in range(n_columns):
+                rate[k, j] += instants.by_parts[k, instant, j]
+            if S.shape[0] > 5:
+                turned = f_x[k, 5, instant]
+                for j in range(n_columns):
+                    rate[k, j] += turned * S[5, j]
+    for j in range(n_columns):
+        rate[4, j] = S[3, j]
+    if S.shape[0] > 5:
+        a, b = f_x[5, 2, instant], f_x[5, 4, instant]
+        for j in range(n_columns):
+            rate[5, j] = a * S[2, j] + b * S[4, j]
+    for k in range(6, S.shape[0]):
+        a, b, c, d = f_x[k, 0, instant], f_x[k, 1, instant], f_x[k, 4, instant], f_x[k, 5, instant]
+        for j in range(n_columns):
+            rate[k, j] = a * S[0, j] + b * S[1, j] + c * S[4, j] + d * S[5, j]
+
+
+@njit(**PART)
+def _follow(tangents, record, steps, instants, total):
+    """Integrate the sensitivities over the same steps; ``total`` (n_states, n_blocks, n_columns) takes their sums."""
+    S, inner, rate = tangents.S, tangents.inner, tangents.rate
+    stages, step, substeps = record.integration.stages, record.integration.step, record.integration.substeps
+    instant = 0
+    for k in range(steps[0], steps[1]):
+        if k % substeps == 0:
+            sample = k // substeps
+            increase(tangents.block, 1.0, S)
+            if (sample + 1) % record.block == 0:
+                copy(total[:, sample // record.block], tangents.block)
+                tangents.block[:] = 0.0
+        _sensitivity_rate(S, instants, instant, rate)
+        if stages.shape[0] > 1:
+            copy(tangents.begin, S)
+        increase(S, stages[0, 1] * step, rate)
+        for stage in range(1, stages.shape[0]):
+            add(inner, tangents.begin, stages[stage, 0] * step, rate)
+            _sensitivity_rate(inner, instants, instant + stage, rate)
+            increase(S, stages[stage, 1] * step, rate)
+        instant += stages.shape[0]
+
+
+@njit(**KERNEL)
+def _integrate(coefficients, scheme, initial, record, motion, jacobian):
+    """Integrate along a rudder record; write block means of states and sensitivities; False when the ship diverged."""
+    n_states, n_blocks, n_columns = jacobian.shape
+    n_coefficients, n_stages = coefficients.shape[0], record.integration.stages.shape[0]
+    gain = forcing_gain(scheme, -(-n_columns // 16) * 16)
+    ship, S = lanes_at_rest(1, n_stages, scheme), np.zeros((n_states, gain.shape[1]))
+    for k in range(n_states):
+        ship.state[k, 0], S[k, n_coefficients + k] = initial[k], 1.0
+    many = np.empty((n_coefficients, INSTANTS))
+    for j in range(n_coefficients):
+        many[j] = coefficients[j, 0]
+    instants = instants_of(n_states, scheme, gain)
+    work, tangent = workspace(INSTANTS, scheme), workspace(INSTANTS, scheme)
+    set_parts(coefficients, scheme, ship.work)
+    set_parts(many, scheme, work)
+    tangents = Tangents(S, np.empty(S.shape), np.empty(S.shape), np.empty(S.shape), np.zeros(S.shape))
+    motion[:] = 0.0
+    n_steps, stride = n_blocks * record.block * record.integration.substeps, INSTANTS // n_stages
+    for begin in range(0, n_steps, stride):
+        steps = (begin, min(begin + stride, n_steps))
+        if not _march(ship, coefficients, scheme, record, steps, instants):
+            return False
+        _add_samples(instants, record, steps, motion)
+        linearise(instants, many, scheme, work, tangent)
+        _follow(tangents, record, steps, instants, jacobian)
+    motion /= record.block
+    jacobian /= record.block
+    return True
+
+
+def sensitivities(
+    vessel: VesselLike,
+    inputs: np.ndarray,
+    initial_state: np.ndarray,
+    coefficients: np.ndarray | None = None,
+    *,
+    interval: float,
+    method: str = "rk4",
+    substeps: int = 1,
+    block: int = 1,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motion along a record of inputs and its exact derivatives by the coefficients and the initial state.
+
+    Parameters
+    ----------
+    vessel : Vessel, str or Path
+    inputs : array_like, shape (n_time,) or (4, n_time)
+        Rudder angle at the samples [rad], linear between them; or all inputs, see
+        :func:`pymc_ship.physics.motion.inputs.recorded_inputs`.
+    initial_state : array_like, shape (n_states,)
+        The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m]; the motion has as many rows.
+    coefficients : array_like, shape (n_coefficients,), optional
+        DOFs one after the other in the vessel's order; the vessel's reference values by default.
+    interval : float
+        Sampling interval of the rudder [s].
+    method : {"euler", "rk4"}, optional
+    substeps : int, optional
+        Integration steps for each interval.
+    block : int, optional
+        Samples averaged into one; samples beyond the last whole block are left out.
+
+    Returns
+    -------
+    motion : ndarray, shape (n_states, n_blocks)
+        Block means of the states, SI units and rad; NaN where the ship left the model's range.
+    jacobian : ndarray, shape (n_states, n_blocks, n_coefficients + n_states)
+        Derivatives of ``motion``, columns first by the coefficients, then by the initial state.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown method, arrays of the wrong shape, counts below one or a record shorter than a block.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=300, step=0.5, method="rk4")
+    >>> start = [vessel.particulars.nominal_speed, 0, 0, 0, 0]
+    >>> motion, jacobian = ps.sensitivities(vessel, trial["delta"].values, start, interval=0.5)
+    >>> motion.shape, jacobian.shape
+    ((5, 600), (5, 600, 34))
+    """
+    vessel, initial = as_vessel(vessel), np.array(initial_state, dtype=float)
+    inputs = all_inputs(inputs)
+    theta = reference_coefficients(vessel) if coefficients is None else np.array(coefficients, dtype=float)
+    check_replay(vessel, inputs, initial, theta, interval=interval, method=method, substeps=substeps, block=block)
+    record = Record(inputs, integration(method, interval / substeps, substeps), int(block))
+    motion = np.empty((initial.size, inputs.shape[1] // block))
+    jacobian = np.empty((*motion.shape, theta.size + initial.size))
+    if not _integrate(theta[:, None].copy(), scheme(vessel), initial, record, motion, jacobian):
+        motion[:], jacobian[:] = np.nan, np.nan
+    return motion, jacobian

@@ -1,0 +1,325 @@
+"""Integration of the equations of motion: one ship, or one for each of many parameter vectors, in parallel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numba import njit
+
+from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.threads import thread_pool
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
+from pymc_ship.physics.motion.controlled import Gear, Start, course
+from pymc_ship.physics.motion.equations import KERNEL, PART, scheme, set_parts
+from pymc_ship.physics.motion.inputs import steady_inputs, velocity
+from pymc_ship.physics.motion.stepping import (
+    LANES,
+    METHODS,
+    N_INPUTS,
+    STATE_ROWS,
+    Integration,
+    SimulationError,
+    advance_along,
+    integration,
+    lanes_at_rest,
+    mark_divergence,
+    rudder_rate,
+)
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.trial.channels import CHANNELS, SIMULATED
+
+INTEGRATORS = (*METHODS, "dop853")
+"""Methods of :func:`simulate`: those with a fixed step, and one whose steps have a controlled error."""
+
+
+class Steering(NamedTuple):
+    """What steers a ship: ``command`` (n_steps,) [rad] at the steps, and how the rudder follows and is switched.
+
+    ``travel`` [rad] is the most that the rudder moves in a step, infinity for a rudder that is where the command is.
+    The command is multiplied by ``factor``, ``delay`` steps after the ship has turned by ``heading`` [rad] to the side
+    of the command; an infinite heading is never reached. The switch comes within a step where ``within`` is 1, at the
+    begin of the next step where it is 0. ``others`` (3,) are the other inputs, which are constant.
+    """
+
+    command: np.ndarray
+    others: np.ndarray
+    travel: float
+    heading: float
+    factor: float
+    delay: float
+    within: float
+
+
+class Helm(NamedTuple):
+    """Rudders of ships side by side, each array of shape (n_lanes,).
+
+    ``delta`` [rad] is the angle at the beginning of a step and ``following`` at its end, ``factor`` is what the command
+    is multiplied by so far; ``waiting`` are the steps until the next switch, infinite before its heading is reached;
+    ``psi`` [rad] is the heading at the begin of the step before.
+    """
+
+    delta: np.ndarray
+    following: np.ndarray
+    factor: np.ndarray
+    waiting: np.ndarray
+    psi: np.ndarray
+
+
+@njit(**PART)
+def _steer(steering, psi, command, helm):
+    """Rudder angle after one step: switch the command after the switching heading, follow it at the rudder rate."""
+    factor, waiting, travel = helm.factor, helm.waiting, steering.travel
+    for lane in range(psi.size):
+        side = -np.sign(factor[lane] * command)
+        beyond = side * psi[lane] - steering.heading
+        if waiting[lane] == np.inf and beyond >= 0.0:
+            passed = beyond / max(side * (psi[lane] - helm.psi[lane]), beyond) if beyond > 0.0 else 0.0
+            waiting[lane] = steering.delay - steering.within * passed
+        helm.psi[lane] = psi[lane]
+        delta, share = helm.delta[lane], 1.0
+        if waiting[lane] < 1.0:
+            before = waiting[lane] * travel if waiting[lane] > 0.0 else 0.0
+            delta += min(max(factor[lane] * command - delta, -before), before)
+            share -= waiting[lane]
+            factor[lane] *= steering.factor
+            waiting[lane] = np.inf
+        else:
+            waiting[lane] -= 1.0
+        after = share * travel
+        helm.following[lane] = delta + min(max(factor[lane] * command - delta, -after), after)
+
+
+@njit(**KERNEL)
+def _integrate(coefficients, scheme, initial, steering, integration, out):
+    """Integrate the lanes; write samples to ``out`` (9, n_lanes, n_saved), return the steps at which they diverged."""
+    n_lanes, command = coefficients.shape[1], steering.command
+    lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme)
+    set_parts(coefficients, scheme, lanes.work)
+    for row in range(initial.size):
+        lanes.state[row] = initial[row]
+    inputs, following = np.zeros((N_INPUTS, n_lanes)), np.zeros((N_INPUTS, n_lanes))
+    inputs[0] = command[0] if steering.travel == np.inf else 0.0
+    for row in range(steering.others.size):
+        inputs[1 + row], following[1 + row] = steering.others[row], steering.others[row]
+    delta = inputs[0]
+    helm = Helm(delta, following[0], np.ones(n_lanes), np.full(n_lanes, np.inf), lanes.state[5].copy())
+    diverged = np.full(n_lanes, -1)
+    for k in range(command.size):
+        if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
+            break
+        if k % integration.substeps == 0:
+            for lane in range(n_lanes):
+                if diverged[lane] < 0:
+                    out[:-1, lane, k // integration.substeps] = lanes.state[:, lane]
+                    out[-1, lane, k // integration.substeps] = delta[lane]
+        ahead = command[min(k + 1, command.size - 1)] if steering.travel == np.inf else command[k]
+        _steer(steering, lanes.state[5], ahead, helm)
+        advance_along(lanes, inputs, following, coefficients, scheme, integration)
+        delta[:] = helm.following
+    return diverged
+
+
+def simulate(
+    vessel: VesselLike,
+    manoeuvre: Manoeuvre,
+    *,
+    duration: float,
+    step: float = 0.02,
+    method: str = "euler",
+    record_interval: float | None = None,
+    coefficients: np.ndarray | None = None,
+    initial_state: Sequence[float] | None = None,
+    n: float | None = None,
+    wind: tuple[float, float] | None = None,
+    current: tuple[float, float] | None = None,
+    tolerance: float = 1e-9,
+) -> xr.Dataset:
+    """Simulate a manoeuvre, from a straight course at the approach speed unless another state is given.
+
+    Parameters
+    ----------
+    vessel : Vessel, str or Path
+    manoeuvre : Manoeuvre
+    duration : float
+        [s].
+    step : float, optional
+        Integration step [s]; of dop853 the interval of the samples.
+    method : {"euler", "rk4", "dop853"}, optional
+        Explicit Euler, as the paper, which switches the rudder at the begin of a step; classical Runge-Kutta, which
+        switches it when the heading is reached, within a step, too; or the reference of both: the eighth-order method
+        of Dormand & Prince with controlled error, which starts anew at every kink of the rudder.
+    record_interval : float, optional
+        Interval of the samples kept [s], a multiple of the step; every step by default.
+    coefficients : array_like, shape (n_draws, n_coefficients), optional
+        Parameter vectors, DOFs one after the other in the vessel's order; the vessel's reference values by default.
+    initial_state : sequence of float, optional
+        u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m] at time 0, in place of a straight course to the north.
+    n : float, optional
+        Revolutions [1/s]; those that hold the approach speed by default.
+    wind : (float, float), optional
+        True wind: its speed [m/s] and where it comes from [deg].
+    current : (float, float), optional
+        A uniform current: its speed [m/s] and where it goes [deg]. u and v are through the water, x and y over ground.
+    tolerance : float, optional
+        Relative error that a step of dop853 may have; the other methods do not use it.
+
+    Returns
+    -------
+    Dataset, dims (time,) or (draw, time)
+        u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m], delta [rad]; ``diverged`` (bool) and ``diverged_at`` [s, NaN
+        where the run held]. A diverged run is NaN from that time on. Units and settings in attrs.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown method, a step, duration or tolerance that is not positive, an interval that is no multiple of
+        the step, coefficients or an initial state of the wrong shape, revolutions of a ship whose thrust no part makes,
+        or wind on a ship without the part "wind".
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 1 to 5, doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> turn = ps.simulate(ps.load_vessel("kvlcc2"), ps.turning_circle(35), duration=600, step=0.5, method="rk4")
+    >>> dict(turn.sizes)
+    {'time': 1200}
+    >>> print(f"{turn['u'][-1]:.2f} m/s, {np.rad2deg(turn['r'][-1]):.2f} deg/s")
+    2.49 m/s, -0.31 deg/s
+    """
+    vessel, manoeuvre = as_vessel(vessel), one_manoeuvre(manoeuvre)
+    n_steps, stride = _grid(duration, step, record_interval, method)
+    reference = reference_coefficients(vessel)
+    draws = reference[None] if coefficients is None else np.asarray(coefficients, dtype=float)
+    if draws.ndim != 2 or draws.shape[1] != reference.size or not draws.size:
+        raise SimulationError(f"Coefficients have shape (draws, {reference.size}), found {draws.shape}; reorder them.")
+    time = np.arange(0, n_steps, stride) * step
+    speed = _approach_speed(vessel, manoeuvre)
+    start = Start(_initial_state(initial_state, speed), steady_inputs(vessel, speed, n=n, wind=wind, current=current))
+    if method == "dop853":
+        out, diverged_at = _controlled(vessel, manoeuvre, draws, time, start, tolerance)
+    else:
+        out, diverged_at = _stepped(vessel, manoeuvre, draws, integration(method, step, stride), n_steps, start)
+    for row, drift in zip(out[-3:-1], velocity(current), strict=True):
+        row += drift * time
+    attrs = _attrs(vessel, manoeuvre, step=step, method=method, **_told(n, wind, current))
+    if method == "dop853":
+        attrs["tolerance"] = tolerance
+    return _dataset(out, time, diverged_at, attrs, coefficients is None)
+
+
+def _stepped(
+    vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, steps: Integration, n_steps: int, start: Start
+) -> tuple[np.ndarray, np.ndarray]:
+    """Samples (9, n_draws, n_saved) of ships side by side by steps of one length, and when each diverged [s]."""
+    out = np.full((len(SIMULATED), len(draws), -(-n_steps // steps.substeps)), np.nan)
+    equations, steering = scheme(vessel), _steering(vessel, manoeuvre, n_steps, steps, start.others)
+    blocks = [slice(start, start + LANES) for start in range(0, len(draws), LANES)]
+
+    def run(lanes: slice) -> np.ndarray:
+        coefficients = np.ascontiguousarray(draws[lanes].T)
+        return _integrate(coefficients, equations, start.state, steering, steps, out[:, lanes])
+
+    with thread_pool(len(blocks)) as pool:
+        diverged = np.concatenate(list(pool.map(run, blocks)))
+    return out, np.where(diverged >= 0, diverged * steps.step, np.nan)
+
+
+def _controlled(
+    vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, time: np.ndarray, start: Start, tolerance: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same by steps of controlled error, one ship after the other."""
+    if not 1e-13 <= tolerance < 1.0:
+        raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {tolerance}; correct it.")
+    gear = Gear(rudder_rate(vessel, manoeuvre), vessel.particulars.rudder_delay)
+    known = {"start": start, "tolerance": tolerance}
+    runs = [course(one, scheme(vessel), manoeuvre, gear, time, **known) for one in draws]
+    return np.stack([run.samples for run in runs], axis=1), np.array([run.diverged_at for run in runs])
+
+
+def _grid(duration: float, step: float, record_interval: float | None, method: str) -> tuple[int, int]:
+    check_choice("The method", method, INTEGRATORS, SimulationError)
+    for name, value in (("duration", duration), ("step", step)):
+        if not 0.0 < value < np.inf:
+            raise SimulationError(f"The {name} must be positive, found {value} s; raise it.")
+    if duration < step:
+        raise SimulationError(f"The duration must hold at least one step, found {duration} s at {step} s; lengthen it.")
+    ratio = 1.0 if record_interval is None else record_interval / step
+    stride = round(ratio) if 0.0 < ratio < np.inf else 0
+    if stride < 1 or abs(ratio - stride) > 1e-9 * ratio:
+        raise SimulationError(
+            f"The record interval is a multiple of the step, found {record_interval} s at {step} s; adjust it."
+        )
+    return round(duration / step), stride
+
+
+def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integration, others: np.ndarray) -> Steering:
+    """What steers a vessel through a manoeuvre; Euler, which holds what a step begins with, switches between steps."""
+    heading, factor = manoeuvre.switch
+    delay, within = vessel.particulars.rudder_delay / steps.step, len(steps.stages) > 1
+    return Steering(
+        command=manoeuvre.command(np.arange(n_steps) * steps.step),
+        others=others,
+        travel=rudder_rate(vessel, manoeuvre) * steps.step,
+        heading=float(heading),
+        factor=float(factor),
+        delay=delay if within else float(round(delay)),
+        within=float(within),
+    )
+
+
+def _approach_speed(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
+    """Speed at time 0 [m/s]."""
+    return float(manoeuvre.approach_speed or vessel.particulars.nominal_speed)
+
+
+def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:
+    """State at time 0, (8,)."""
+    state = np.zeros(STATE_ROWS)
+    state[0] = speed
+    if given is None:
+        return state
+    found = np.asarray(given, dtype=float)
+    if found.shape != state.shape or not np.isfinite(found).all():
+        raise SimulationError(
+            f"An initial state has 8 numbers, u, v, r, p, phi, psi, x and y, found {found.tolist()}; correct it."
+        )
+    return found
+
+
+def _told(n: float | None, wind: tuple[float, float] | None, current: tuple[float, float] | None) -> dict:
+    """Settings of the surroundings that are told with a record."""
+    found = {} if n is None else {"n": float(n)}
+    for name, given in (("wind", wind), ("current", current)):
+        found |= {} if given is None else {f"{name}_speed": float(given[0]), f"{name}_direction": float(given[1])}
+    return found
+
+
+def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, **settings: float | str) -> dict:
+    return {
+        "vessel": vessel.name,
+        **manoeuvre.attrs,
+        "approach_speed": _approach_speed(vessel, manoeuvre),
+        "rudder_delay": vessel.particulars.rudder_delay,
+        "dofs": " ".join(vessel.dofs),
+        **settings,
+    }
+
+
+def _dataset(out: np.ndarray, time: np.ndarray, diverged_at: np.ndarray, attrs: dict, single: bool) -> xr.Dataset:
+    variables = {
+        name: (("draw", "time"), out[row], {"units": CHANNELS[name].unit.name}) for row, name in enumerate(SIMULATED)
+    }
+    seconds = {"units": "s"}
+    variables |= {"diverged": ("draw", np.isfinite(diverged_at)), "diverged_at": ("draw", diverged_at, seconds)}
+    coords = {"time": ("time", time, seconds)}
+    if single:
+        return xr.Dataset(variables, coords, attrs).isel(draw=0)
+    return xr.Dataset(variables, coords | {"draw": np.arange(out.shape[1])}, attrs)

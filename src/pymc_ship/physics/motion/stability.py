@@ -1,0 +1,65 @@
+"""Stability of a straight course: how a small disturbance of sway, yaw and roll grows at zero rudder."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pymc_ship.physics.forces.prime_system import rate_scale
+from pymc_ship.physics.motion.equations import STATE, scheme, set_parts, state_derivative, workspace
+from pymc_ship.physics.motion.inputs import all_inputs
+from pymc_ship.physics.vessel.vessel import Vessel
+
+_SHARE = 1e-6
+"""Half a central difference, in prime values: v|v| and its like change a derivative by as much times a coefficient."""
+
+
+def growth_rates(vessel: Vessel, coefficients: np.ndarray, speed: float) -> np.ndarray:
+    """Largest real part of the eigenvalues of the linear motion about a straight course, for many ships.
+
+    The equations of motion are linearised in v and r (and in p and phi where the vessel rolls) at zero rudder and at a
+    given speed ahead, by central differences of the accelerations that the simulator integrates. A positive value is
+    a ship that leaves a straight course by herself.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    coefficients : ndarray, shape (n_draws, n_coefficients)
+        DOFs one after the other in the vessel's order.
+    speed : float
+        [m/s].
+
+    Returns
+    -------
+    ndarray, shape (n_draws,)
+        Prime value, in units of U/L; infinite where an acceleration is not finite.
+
+    References
+    ----------
+    Abkowitz (1964), Lectures on ship hydrodynamics: steering and manoeuvrability, Hydro- og Aerodynamisk Laboratorium
+    report Hy-5: without roll a ship is stable where Yv' (Nr' - m' x_G') - Nv' (Yr' - m') > 0.
+    """
+    rolls = "roll" in vessel.dofs
+    disturbed = [STATE.index(name) for name in (("v", "r", "p", "phi") if rolls else ("v", "r"))]
+    rate = rate_scale(speed, vessel.particulars.L)
+    unit = np.array([rate if name in ("r", "p") else 1.0 if name == "phi" else speed for name in STATE])
+    jacobian = np.empty((len(coefficients), len(disturbed), len(disturbed)))
+    for column, row in enumerate(disturbed):
+        ahead, back = (_rates(vessel, coefficients, speed, row, sign * _SHARE * unit[row]) for sign in (1.0, -1.0))
+        change = (ahead - back)[disturbed] / (2.0 * _SHARE)
+        jacobian[:, :, column] = (change / (unit[disturbed, None] * rate)).T
+    found = np.full(len(coefficients), np.inf)
+    finite = np.isfinite(jacobian).all(axis=(1, 2))
+    found[finite] = np.linalg.eigvals(jacobian[finite]).real.max(axis=1)
+    return found
+
+
+def _rates(vessel: Vessel, coefficients: np.ndarray, speed: float, row: int, change: float) -> np.ndarray:
+    """Rates of the states of every ship, straight ahead but for a change of one state, shape (n_states, n_draws)."""
+    n_ships, constants = len(coefficients), scheme(vessel)
+    state, rate = np.zeros((len(STATE), n_ships)), np.empty((len(STATE), n_ships))
+    state[STATE.index("u")] = speed
+    state[row] = change
+    columns, work = np.ascontiguousarray(coefficients.T), workspace(n_ships, constants)
+    set_parts(columns, constants, work)
+    state_derivative(state, all_inputs(np.zeros(n_ships)), columns, constants, work, rate)
+    return rate

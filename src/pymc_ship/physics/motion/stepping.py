@@ -1,0 +1,178 @@
+"""Steps of the integrators and the range of motions in which the model means something.
+
+The simulator and the sensitivities take the same steps, many ships side by side: one lane is one ship.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pymc_ship.physics.forces.part import INPUTS
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.motion.equations import INLINED, KERNEL, PART, STATE, Work, state_derivative, workspace
+from pymc_ship.physics.vessel.vessel import Vessel
+
+METHODS = ("euler", "rk4")
+"""Integrators: explicit Euler (as the paper) and the classical fourth-order Runge-Kutta."""
+
+STATE_ROWS = len(STATE)
+
+N_INPUTS = len(INPUTS)
+
+STEPS = 240
+"""Steps in L/U of a manoeuvre that is simulated at the pace of a vessel."""
+
+RECORDED = 4
+"""Steps between the samples of it that are kept."""
+
+LANES = 16
+"""Ships integrated side by side by one kernel call."""
+
+_STAGES = {
+    "euler": np.array([[0.0, 1.0]]),
+    "rk4": np.column_stack([[0.0, 0.5, 0.5, 1.0], np.array([1.0, 2.0, 2.0, 1.0]) / 6.0]),
+}
+
+
+class SimulationError(ValueError):
+    """Settings that no simulation can run with."""
+
+
+class Integration(NamedTuple):
+    """How a motion is integrated.
+
+    ``stages`` (n_stages, 2) are the fraction of the step and the weight of each stage of the method, ``step`` [s] is
+    the integration step, ``substeps`` the number of steps from one sample to the next.
+    """
+
+    stages: np.ndarray
+    step: float
+    substeps: int
+
+
+class Lanes(NamedTuple):
+    """Ships side by side and what one step of them needs.
+
+    ``state`` (8, n_lanes) is where they are, ``inner`` (n_stages, 8, n_lanes) and ``inputs`` (n_stages, 4, n_lanes) are
+    the states and inputs at which the equations of motion are evaluated, ``rate`` (8, n_lanes) is their result.
+    """
+
+    state: np.ndarray
+    inner: np.ndarray
+    inputs: np.ndarray
+    rate: np.ndarray
+    work: Work
+
+
+def integration(method: str, step: float, substeps: int) -> Integration:
+    """Integration by a method of :data:`METHODS`."""
+    return Integration(_STAGES[method], float(step), int(substeps))
+
+
+@njit(**KERNEL, forceinline=True)
+def lanes_at_rest(n_lanes, n_stages, scheme):
+    """Lanes with all states at zero and the workspace that a scheme needs."""
+    return Lanes(
+        np.zeros((STATE_ROWS, n_lanes)),
+        np.empty((n_stages, STATE_ROWS, n_lanes)),
+        np.empty((n_stages, N_INPUTS, n_lanes)),
+        np.empty((STATE_ROWS, n_lanes)),
+        workspace(n_lanes, scheme),
+    )
+
+
+@njit(**INLINED)
+def advance(lanes, coefficients, scheme, integration):
+    """One step of the states, in place, with the inputs of its stages; ``inner`` keeps the states evaluated."""
+    state, inner, rate = lanes.state, lanes.inner, lanes.rate
+    stages, step = integration.stages, integration.step
+    copy(inner[0], state)
+    for stage in range(stages.shape[0]):
+        if stage > 0:
+            add(inner[stage], inner[0], stages[stage, 0] * step, rate)
+        state_derivative(inner[stage], lanes.inputs[stage], coefficients, scheme, lanes.work, rate)
+        increase(state, stages[stage, 1] * step, rate)
+
+
+@njit(**PART)
+def in_range(state, hull, lane):
+    """Whether the model is valid for the ship of a lane.
+
+    Her state is finite, she is upright, no faster than 500 % of the nominal speed and, unless her hull is one for low
+    speed, makes way ahead at 1 % of it or more.
+    """
+    nominal_speed = hull.nominal_speed
+    speed2 = state[0, lane] ** 2 + state[1, lane] ** 2
+    turning = abs(state[2, lane]) + abs(state[3, lane]) + abs(state[5, lane])
+    ahead = (state[0, lane] > hull.slowest * nominal_speed) & (speed2 < 25.0 * nominal_speed**2)
+    return ahead & (turning < np.inf) & (abs(state[4, lane]) < 0.5 * np.pi)
+
+
+@njit(**PART)
+def copy(target, source):
+    """Write as much of the source as the target holds."""
+    for row in range(target.shape[0]):
+        for k in range(target.shape[1]):
+            target[row, k] = source[row, k]
+
+
+@njit(**PART)
+def add(target, base, factor, rate):
+    """Write base + factor * rate into the target."""
+    for row in range(target.shape[0]):
+        for k in range(target.shape[1]):
+            target[row, k] = base[row, k] + factor * rate[row, k]
+
+
+@njit(**PART)
+def increase(target, factor, rate):
+    """Add factor * rate to the target; a base that is the target itself would not vectorise."""
+    for row in range(target.shape[0]):
+        for k in range(target.shape[1]):
+            target[row, k] += factor * rate[row, k]
+
+
+@njit(**PART)
+def mark_divergence(state, hull, step, diverged):
+    """Note the step at which a lane leaves the model's range and park it there; count the lanes still running."""
+    n_lanes = state.shape[1]
+    n_in_range = 0
+    for lane in range(n_lanes):
+        n_in_range += in_range(state, hull, lane)
+    if n_in_range < n_lanes:
+        for lane in range(n_lanes):
+            if not in_range(state, hull, lane):
+                if diverged[lane] < 0:
+                    diverged[lane] = step
+                state[:, lane] = 0.0
+                state[0, lane] = hull.nominal_speed
+    running = 0
+    for lane in range(n_lanes):
+        running += diverged[lane] < 0
+    return running
+
+
+@njit(**INLINED)
+def advance_along(lanes, inputs, following, coefficients, scheme, integration):
+    """One step while the inputs (4, n_lanes) move from one value to another."""
+    for stage in range(integration.stages.shape[0]):
+        fraction = integration.stages[stage, 0]
+        for row in range(inputs.shape[0]):
+            for lane in range(inputs.shape[1]):
+                change = following[row, lane] - inputs[row, lane]
+                lanes.inputs[stage, row, lane] = inputs[row, lane] + fraction * change
+    advance(lanes, coefficients, scheme, integration)
+
+
+def simulation_settings(vessel: Vessel) -> dict:
+    """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
+    step = vessel.particulars.ship_time / STEPS
+    return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
+
+
+def rudder_rate(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
+    """Rate of the rudder [rad/s], infinite for one that is where the command is."""
+    return float(np.deg2rad(vessel.particulars.rudder_rate_deg)) if manoeuvre.rate_limited else np.inf

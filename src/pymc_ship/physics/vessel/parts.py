@@ -1,0 +1,176 @@
+"""Parts of a vessel's force: which she has, and what is typical of their parameters where her file says nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pymc_ship.physics.forces.expressions import Tape
+from pymc_ship.physics.forces.hull import ROLL, balance, thrust_deduction
+from pymc_ship.physics.forces.modular import PARTS, UnknownPart, ordered, parameters_of, program_of
+from pymc_ship.physics.forces.part import AddedMass, Part, Ship
+from pymc_ship.physics.forces.programs import Program
+from pymc_ship.physics.forces.surroundings import WIND
+from pymc_ship.physics.vessel.inertia import with_stability
+from pymc_ship.physics.vessel.vessel import Coefficient, Vessel, VesselError
+
+HELD = 1e-9
+"""Standard deviation of a parameter that is held at its value."""
+
+_DIAMETER = 0.65  # of a propeller, over the draught
+_OPEN_WATER = (0.33, -0.30, -0.13)  # of a four-bladed Wageningen propeller with a pitch of 0.75 diameters
+_RACE = 0.65  # diameter of a propeller over the height of a rudder
+_GROWTH = 0.55  # kappa
+_ASPECT = 1.6  # of a rudder
+
+
+def ship_of(vessel: Vessel) -> Ship:
+    """Dimensions of a vessel for her parts; what her file leaves out is that of a usual ship.
+
+    Raises
+    ------
+    VesselError
+        Without a draught.
+    """
+    s = vessel.particulars
+    _check_draught(vessel)
+    area, aspect = (vessel.rudder.area, vessel.rudder.aspect_ratio) if vessel.rudder else (_rudder_area(s), _ASPECT)
+    windage = vessel.windage
+    known = vessel.propeller
+    block = s.volume / (s.L * s.B * s.d)
+    ship = Ship(
+        L=s.L,
+        B=s.B,
+        d=s.d,
+        volume=s.volume,
+        nominal_speed=s.nominal_speed,
+        D=known.D if known else _DIAMETER * s.d,
+        n=known.n if known else math.nan,
+        k_0=known.k_0 if known else _OPEN_WATER[0],
+        k_1=known.k_1 if known else _OPEN_WATER[1],
+        k_2=known.k_2 if known else _OPEN_WATER[2],
+        wake=known.wake_fraction if known else 0.5 * block - 0.05,
+        eta=known.eta if known else _RACE,
+        kappa=known.kappa if known else _GROWTH,
+        propeller_known=known is not None,
+        rudder_area=area / s.L**2,
+        rudder_known=vessel.rudder is not None,
+        aspect_ratio=aspect,
+        frontal=windage.frontal_area / s.L**2 if windage else 0.0,
+        lateral=windage.lateral_area / s.L**2 if windage else 0.0,
+        m=vessel.m,
+        x_G=vessel.x_G,
+        z_G=vessel.z_G,
+        I_zz=vessel.I_zz,
+        I_xx=vessel.I_xx,
+        added_mass=AddedMass(**vessel.added_mass),
+        GM=s.GM,
+        BM=s.BM,
+        GM_known="particulars.GM" not in vessel.derived,
+        rolls="roll" in vessel.forces,
+    )
+    return ship if known else ship._replace(n=_revolutions(ship))
+
+
+def _check_draught(vessel: Vessel) -> None:
+    if vessel.particulars.d <= 0.0:
+        raise VesselError(f"A ship of parts needs the draught of {vessel.name!r}; add d to [particulars].")
+
+
+def with_parts(
+    vessel: Vessel, names: Sequence[str], stated: Mapping[str, Coefficient] | None = None, held: Sequence[str] = ()
+) -> Vessel:
+    """Vessel whose forces parts make.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    names : sequence of str
+        Of :data:`pymc_ship.physics.forces.modular.PARTS`.
+    stated : mapping of str to Coefficient, optional
+        Parameters that are known; the others are typical of such a ship.
+    held : sequence of str, optional
+        Parameters that stay at their values, those of them that the parts have.
+
+    Returns
+    -------
+    Vessel
+        With the part roll, her stability and her inertia in roll are derived where her file leaves them out.
+
+    Raises
+    ------
+    VesselError
+        For parts that make no ship, wind without areas above the water, unknown parameters, and as :func:`ship_of`.
+    """
+    polynomial = any(vessel.forces.values())
+    try:
+        names = ordered(names, polynomial=polynomial)
+    except UnknownPart as error:
+        raise VesselError(f"{vessel.name!r}: {error}") from None
+    if not polynomial:
+        rolls = {"roll": ()} if ROLL.name in names else {}
+        vessel = replace(vessel, forces={"surge": (), "sway": (), "yaw": (), **rolls})
+        if rolls:
+            _check_draught(vessel)
+            vessel = with_stability(vessel)
+    if WIND.name in names and vessel.windage is None:
+        raise VesselError(
+            f"The part wind needs the areas above the water of {vessel.name!r}; add frontal_area and lateral_area in "
+            "[windage]."
+        )
+    typical = {
+        p.name: Coefficient(
+            p.name, p.value, source=p.source, sd=p.sd, unit=p.unit, of_run=p.of_run, of_facility=p.of_facility
+        )
+        for p in parameters_of(ship_of(vessel), names)
+    }
+    stated = dict(stated or {})
+    unknown = [name for name in stated if name not in typical]
+    if unknown:
+        raise VesselError(
+            f"{vessel.name!r} has no parameter {', '.join(unknown)}; her parts have {', '.join(typical)}."
+        )
+    for name, c in stated.items():
+        sd = c.sd if c.sd > 0.0 else typical[name].sd
+        typical[name] = replace(typical[name], value=c.value, sd=sd, source=c.source or "vessel file", note=c.note)
+    for name in set(held) & set(typical):
+        typical[name] = replace(typical[name], sd=HELD)
+    return replace(vessel, parts=names, parameters=tuple(typical.values()))
+
+
+def part_program(vessel: Vessel) -> Program:
+    """Accelerations by the parts of a vessel as a program; one without results where she has none."""
+    if not vessel.parts:
+        return Tape((), ()).program(())
+    J_inverse = None if vessel.modular else tuple(map(tuple, np.linalg.inv(vessel.inertia_matrix).tolist()))
+    return program_of(ship_of(vessel), _parts(vessel), J_inverse)
+
+
+def _parts(vessel: Vessel) -> tuple[Part, ...]:
+    """Parts of a vessel as the table holds them now."""
+    return tuple(PARTS[name] for name in vessel.parts)
+
+
+def force_program(vessel: Vessel) -> Program:
+    """Forces X, Y, N, K of the parts of a vessel, primes at the nominal speed; one without results without parts."""
+    if not vessel.parts:
+        return Tape((), ()).program(())
+    return program_of(ship_of(vessel), _parts(vessel), tuple(map(tuple, np.eye(4).tolist())))
+
+
+def _rudder_area(s) -> float:
+    """Least area of a rudder [m2] by the rule of Det Norske Veritas, d L / 100 (1 + 25 (B / L)^2)."""
+    return s.d * s.L / 100.0 * (1.0 + 25.0 * (s.B / s.L) ** 2)
+
+
+def _revolutions(ship: Ship) -> float:
+    """Revolutions [1/s] at which a typical propeller holds the resistance in balance at the nominal speed."""
+    resistance, _, _ = balance(ship)
+    thrust = 0.5 * resistance * (ship.L * ship.nominal_speed) ** 2 / (1.0 - thrust_deduction(ship))
+    inflow = (1.0 - ship.wake) * ship.nominal_speed
+    a, b = ship.k_0 * ship.D**4, ship.k_1 * inflow * ship.D**3
+    c = ship.k_2 * inflow**2 * ship.D**2 - thrust
+    return (-b + math.sqrt(b * b - 4.0 * a * c)) / (2.0 * a)

@@ -1,0 +1,318 @@
+"""The ranges of a vessel's numbers, each by itself and beside the others.
+
+A number that no ship can have is impossible and is refused: it breaks a law (Archimedes; positive kinetic energy; a
+waterplane within its box), or it is so far from every ship, model or full scale, that only another unit explains it. A
+number that ships rarely have is doubtful: it is said and accepted. The usual ranges hold for tugs, tankers, container
+ships, naval ships and their models:
+
+- Froude number: displacement ships stay below 0.5 (Faltinsen 2005, Hydrodynamics of High-Speed Marine Vehicles). Beside
+  the block coefficient: Ayre's line C_B = 1.08 - 1.68 Fn (Schneekluth & Bertram 1998, Ship Design for Efficiency and
+  Economy); the limit is where a speed in knots comes nearer to the line than one in m/s, at sqrt(3600/1852).
+- Steering gear: 65 deg in 28 s (SOLAS II-1/29), some 40 to 100 deg in L/U at every scale.
+- Radii of gyration: 0.25 L and 0.35 to 0.40 B (ITTC Recommended Procedure 7.5-02-07-02.1).
+- BM = I/volume, where the waterplane's I is at most L B^3/12, that of its box.
+- Added masses are positive (Newman 1977, Marine Hydrodynamics), near those of Motora's charts; see
+  :mod:`pymc_ship.physics.vessel.inertia`.
+- Propeller: Carlton (2018), Marine Propellers and Propulsion; kappa: Yasukawa & Yoshimura (2015),
+  doi:10.1007/s00773-014-0293-y.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from pymc_ship.physics.forces.prime_system import GRAVITY
+from pymc_ship.physics.forces.terms import order
+from pymc_ship.physics.vessel.inertia import displaced_mass, motora_added_mass
+from pymc_ship.physics.vessel.vessel import Particulars, Vessel, VesselError
+
+Range = tuple[float, float]
+
+
+class Rule(NamedTuple):
+    """Ranges of the number that follows from a key: ``number`` of the ship, or what the key itself holds.
+
+    ``number`` gives None where it cannot be formed; ``what`` says what it is, ``perhaps`` what may explain an odd one.
+    """
+
+    key: str
+    what: str
+    number: Callable[..., float | None] | None
+    possible: Range
+    usual: Range
+    perhaps: str
+
+
+def _over(a: float, b: float) -> float:
+    """Quotient; infinite where ``b`` is 0."""
+    return a / b if b else math.inf
+
+
+def _block(s: Particulars) -> float | None:
+    return s.volume / (s.L * s.B * s.d) if s.d else None
+
+
+def _froude(s: Particulars) -> float:
+    return s.nominal_speed / math.sqrt(GRAVITY * s.L)
+
+
+def _by_fullness(s: Particulars) -> float | None:
+    """Speed over that of Ayre's line, for the fullest hulls at C_B = 0.9; None for fast craft and without a draught."""
+    block, froude = _block(s), _froude(s)
+    return None if block is None or froude > _FASTEST else froude * 1.68 / (1.08 - min(block, 0.9))
+
+
+_FASTEST = 0.5  # Froude number of displacement ships
+_KNOTS = math.sqrt(3600.0 / 1852.0)
+_METRES = "perhaps it is in mm, cm or feet; lengths are in m"
+
+PARTICULARS = (
+    Rule("particulars.L", "", None, (0.1, 1000.0), (0.5, 500.0), "perhaps it is in mm or km; lengths are in m"),
+    Rule("particulars.B", "L/B", lambda s: _over(s.L, s.B), (1.0, 40.0), (2.0, 14.0), _METRES),
+    Rule("particulars.d", "B/d", lambda s: s.B / s.d if s.d else None, (0.3, 50.0), (1.0, 12.0), _METRES),
+    Rule(
+        "particulars.volume",
+        "the block coefficient volume/(L B d)",
+        _block,
+        (0.1, 1.0),
+        (0.35, 0.98),
+        "perhaps d is in cm or feet, or volume in litres; it is in m3",
+    ),
+    Rule(
+        "particulars.volume",
+        "volume/(L B^2)",
+        lambda s: s.volume / (s.L * s.B * s.B),
+        (0.01, 2.0),
+        (0.03, 0.7),
+        "perhaps it is in litres or ft3; it is in m3",
+    ),
+    Rule(
+        "particulars.nominal_speed",
+        "the Froude number U/sqrt(g L)",
+        _froude,
+        (1e-3, 3.0),
+        (0.02, _FASTEST),
+        "perhaps it is in knots, in km/h or of another scale; speeds are in m/s",
+    ),
+    Rule(
+        "particulars.nominal_speed",
+        "the speed over that of ships of this block coefficient",
+        _by_fullness,
+        (0.0, math.inf),
+        (0.0, _KNOTS),
+        "perhaps it is in knots; speeds are in m/s",
+    ),
+    Rule(
+        "particulars.rudder_rate_deg",
+        "the rudder angle moved in L/U [deg]",
+        lambda s: s.rudder_rate_deg * s.ship_time,
+        (0.05, 1e5),
+        (3.0, 1000.0),
+        "perhaps it is in rad/s, in deg/min or of another scale; it is in deg/s",
+    ),
+    Rule(
+        "particulars.rudder_delay",
+        "the delay over L/U",
+        lambda s: s.rudder_delay / s.ship_time,
+        (0.0, 10.0),
+        (0.0, 1.0),
+        "perhaps it is in ms; times are in s",
+    ),
+    Rule(
+        "particulars.x_G",
+        "x_G/L",
+        lambda s: s.x_G / s.L,
+        (-0.5, 0.5),
+        (-0.1, 0.1),
+        "perhaps it is in mm, in % of L or from a perpendicular; it is in m from midship",
+    ),
+    Rule("particulars.z_G", "z_G/B", lambda s: s.z_G / s.B, (-1.0, 1.0), (-0.5, 0.5), _METRES),
+)
+"""Of :class:`Particulars`, in the order in which they build on each other; the others are of a :class:`Vessel`."""
+
+
+def _mass_ratio(v: Vessel) -> float:
+    return v.m / displaced_mass(v.particulars)
+
+
+def _radius(square: float) -> float:
+    """Root of a square that may be negative, with its sign."""
+    return math.copysign(math.sqrt(abs(square)), square)
+
+
+def _yaw_radius(v: Vessel) -> float:
+    return _radius(v.I_zz / v.m - v.x_G**2)
+
+
+def _roll_radius(v: Vessel) -> float | None:
+    s = v.particulars
+    return _radius(v.I_xx / v.m - v.z_G**2) * s.L / s.B if rolls(v) or v.I_xx else None
+
+
+def rolls(v: Vessel) -> bool:
+    """Whether a vessel has the degree of freedom of roll."""
+    return "roll" in v.forces
+
+
+def _metacentre(v: Vessel) -> float | None:
+    s = v.particulars
+    return s.GM / s.B if rolls(v) or s.GM else None
+
+
+def _waterplane(v: Vessel) -> float | None:
+    s = v.particulars
+    return s.BM * s.volume / (s.L * s.B * s.B * s.B) if rolls(v) or s.BM else None
+
+
+def _of_motora(name: str) -> Callable[[Vessel], float | None]:
+    """Added mass over that of Motora's charts, None for a hull that they do not have."""
+
+    def number(v: Vessel) -> float | None:
+        try:
+            return v.added_mass[name] / motora_added_mass(v.particulars, v.m)[name]
+        except VesselError:
+            return None
+
+    return number
+
+
+def _coupling(name: str, rows: tuple[str, str]) -> Rule:
+    """Rule of an added mass that couples two motions: Schwarz's inequality of a positive kinetic energy."""
+
+    def inertia(v: Vessel, row: str) -> float:
+        mass = {"Yvdot": v.m, "Nrdot": v.I_zz, "Kpdot": v.I_xx}[row]
+        return mass - v.added_mass[row]
+
+    def number(v: Vessel) -> float | None:
+        size = abs(v.added_mass[name])
+        return _over(size, math.sqrt(max(inertia(v, rows[0]) * inertia(v, rows[1]), 0.0))) if size else None
+
+    what = "its size over the root of both inertias"
+    return Rule(f"added_mass.{name}", what, number, (0.0, 1.0), (0.0, 0.6), "perhaps it is over L^2 d, or in kg m")
+
+
+_PRIME = "perhaps a factor such as 1e-5 is missing, or it is in N; coefficients are prime values"
+_SIGN = "perhaps it is m_x, m_y or J_z, of the other sign and over L^2 d, or in kg"
+
+INERTIA = (
+    Rule(
+        "inertia.m",
+        "m L^3/(2 volume)",
+        _mass_ratio,
+        (2.0 / 3.0, 1.5),
+        (0.95, 1.05),
+        "perhaps it is in kg or over L^2 d; a prime mass is 2 volume/L^3, and is derived where it is left out",
+    ),
+    Rule(
+        "inertia.I_zz",
+        "the radius of gyration over L",
+        _yaw_radius,
+        (0.1, 0.5),
+        (0.18, 0.33),
+        "perhaps it is in kg m2 or over L^4 d; it is (k_zz/L)^2 m + m x_G'^2, and is derived where it is left out",
+    ),
+    Rule(
+        "inertia.I_xx",
+        "the radius of gyration over B",
+        _roll_radius,
+        (0.1, 1.0),
+        (0.25, 0.55),
+        "perhaps it is in kg m2 or over L^4 d; it is (k_xx/L)^2 m + m z_G'^2",
+    ),
+    Rule(
+        "particulars.GM",
+        "GM/B",
+        _metacentre,
+        (-1.0, 1.0),
+        (1e-4, 0.4),
+        "perhaps it is in mm, or its sign is wrong; it is in m",
+    ),
+    Rule(
+        "particulars.BM",
+        "BM volume/(L B^3)",
+        _waterplane,
+        (0.005, 0.1),
+        (0.03, 1.0 / 12.0),
+        "perhaps it is KM or GM, or in mm; BM is the waterplane's inertia over the volume, in m",
+    ),
+    Rule("added_mass.Xudot", "-Xudot/m", lambda v: -v.added_mass["Xudot"] / v.m, (1e-4, 1.0), (0.01, 0.3), _SIGN),
+    Rule("added_mass.Yvdot", "-Yvdot/m", lambda v: -v.added_mass["Yvdot"] / v.m, (0.01, 8.0), (0.15, 2.5), _SIGN),
+    Rule("added_mass.Nrdot", "-Nrdot/I_zz", lambda v: -v.added_mass["Nrdot"] / v.I_zz, (0.01, 8.0), (0.1, 2.5), _SIGN),
+    Rule("added_mass.Yvdot", "Yvdot over that of Motora's charts", _of_motora("Yvdot"), (0.0, 20.0), (0.5, 2.0), _SIGN),
+    Rule("added_mass.Nrdot", "Nrdot over that of Motora's charts", _of_motora("Nrdot"), (0.0, 20.0), (0.5, 2.0), _SIGN),
+    Rule(
+        "added_mass.Kpdot",
+        "-Kpdot/I_xx",
+        lambda v: -v.added_mass["Kpdot"] / v.I_xx if rolls(v) else None,
+        (0.0, 8.0),
+        (0.02, 1.5),
+        _SIGN,
+    ),
+    *(_coupling(name, ("Yvdot", "Nrdot")) for name in ("Yrdot", "Nvdot")),
+)
+"""Of inertia, stability and added masses."""
+
+ROLL_COUPLINGS = (
+    *(_coupling(name, ("Yvdot", "Kpdot")) for name in ("Ypdot", "Kvdot")),
+    *(_coupling(name, ("Nrdot", "Kpdot")) for name in ("Npdot", "Krdot")),
+)
+"""Of the added masses that only a ship that rolls has."""
+
+
+def _advance(v: Vessel) -> float:
+    p = v.propeller
+    return _over((1.0 - p.wake_fraction) * v.particulars.nominal_speed, p.n * p.D)
+
+
+def _thrust(v: Vessel) -> float:
+    p, J = v.propeller, _advance(v)
+    return p.k_0 + p.k_1 * J + p.k_2 * J * J
+
+
+PROPELLER = (
+    Rule("propeller.D", "D/L", lambda v: v.propeller.D / v.particulars.L, (3e-3, 0.3), (0.01, 0.12), _METRES),
+    Rule(
+        "propeller.D",
+        "D/d",
+        lambda v: v.propeller.D / v.particulars.d if v.particulars.d else None,
+        (0.0, 2.0),
+        (0.0, 1.0),
+        _METRES,
+    ),
+    Rule("propeller.wake_fraction", "", None, (-0.5, 0.95), (-0.1, 0.7), "perhaps it is in %"),
+    Rule(
+        "propeller.n",
+        "the advance ratio (1 - w) U/(n D)",
+        _advance,
+        (0.03, 4.0),
+        (0.15, 1.6),
+        "perhaps it is in revolutions a minute or of another speed; it is in 1/s",
+    ),
+    Rule("propeller.k_0", "", None, (1e-3, 3.0), (0.1, 1.2), "perhaps it is 10 K_Q or in %"),
+    Rule("propeller.k_1", "", None, (-10.0, 10.0), (-1.5, 0.2), "perhaps it has lost its minus"),
+    Rule("propeller.k_2", "", None, (-10.0, 10.0), (-1.0, 0.5), "perhaps it is not that of J^2"),
+    Rule(
+        "propeller.k_0",
+        "K_T at the nominal speed",
+        _thrust,
+        (1e-6, 3.0),
+        (0.02, 1.0),
+        "perhaps k_0, k_1, k_2, n, D and the wake are of another speed",
+    ),
+    Rule("propeller.eta", "", None, (1e-3, 1.0), (0.3, 1.0), "perhaps it is the height over the diameter"),
+    Rule("propeller.kappa", "", None, (0.0, 3.0), (0.0, 1.2), "perhaps it is in %"),
+)
+"""Of a propeller."""
+
+
+def coefficient_rules(vessel: Vessel) -> Iterator[Rule]:
+    """Rules of the coefficients: forces over rho/2 L^2 U^2 are a few hundredths where the motion is of order 1."""
+    for dof, force in vessel.forces.items():
+        for c in force:
+            usual = 1.0 if order(c.term) <= 1 else 100.0
+            key = f"coefficients.{dof}.{c.name}"
+            yield Rule(key, "", None, (-1e6, 1e6), (-usual, usual), _PRIME)
+            if c.sd > 0.0:
+                yield Rule(f"{key}.sd", "", None, (1e-15, 1e6), (1e-15, 100.0), _PRIME)

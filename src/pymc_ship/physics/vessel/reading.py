@@ -1,0 +1,283 @@
+"""A vessel file, read key by key: docs/reference/vessel_toml.md describes it.
+
+Numbers that no ship has are refused; what follows from the particulars is derived where the file leaves it out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+
+from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.toml import Entry, toml_file
+from pymc_ship.physics.forces.propeller import Propeller
+from pymc_ship.physics.forces.terms import UnknownTerm, factors, loaded
+from pymc_ship.physics.vessel.inertia import DIAGONAL, K_ZZ, displaced_mass, motora_added_mass, yaw_inertia
+from pymc_ship.physics.vessel.parts import with_parts
+from pymc_ship.physics.vessel.plausibility import Finding, findings, particulars_findings
+from pymc_ship.physics.vessel.vessel import (
+    ADDED_MASS,
+    DOFS,
+    LETTER,
+    Coefficient,
+    Particulars,
+    Rudder,
+    Vessel,
+    VesselError,
+    Windage,
+)
+
+_TABLES = ("particulars", "inertia", "added_mass", "propeller", "rudder", "windage", "coefficients", "parameters")
+_PARTICULARS = ("L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G")
+_OF_ROLL = ("z_G", "GM", "BM")
+_INERTIA = ("m", "I_zz", "I_xx")
+_PUBLISHED = ("published", "published_error")
+_TEXTS = ("source", "sign_source", "note")
+_LONGEST = 60
+"""Signs of the longest name of a vessel or a coefficient."""
+
+_PACKAGE = Path(__file__).parents[2]
+SHIPPED = _PACKAGE / "models" if (_PACKAGE / "models").is_dir() else _PACKAGE.parents[1] / "models"
+
+VesselLike = Vessel | str | Path
+"""What public functions take as ``vessel``: a vessel, the name of a shipped one, or the path of a vessel file."""
+
+
+def shipped_vessels() -> tuple[str, ...]:
+    """Names of the vessels that come with the package.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> ps.shipped_vessels()
+    ('container', 'kvlcc2')
+    """
+    return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
+
+
+def load_vessel(source: str | Path) -> Vessel:
+    """Read a vessel.
+
+    Parameters
+    ----------
+    source : str or Path
+        Name of a shipped vessel (``"container"``) or the path of a TOML file of the same form.
+
+    Returns
+    -------
+    Vessel
+
+    Raises
+    ------
+    VesselError
+        For an unknown vessel, an unreadable file, unknown or missing keys, unknown terms, non-finite values and values
+        that no ship has. Values that ships rarely have, and what was derived because the file leaves it out, are told
+        by :func:`pymc_ship.physics.vessel.plausibility.remarks`.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> vessel.dofs, vessel.particulars.L
+    (('surge', 'sway', 'yaw'), 320.0)
+    """
+    path = Path(source)
+    if path.suffix != ".toml":
+        if str(source) not in shipped_vessels():
+            raise VesselError(
+                f"A vessel is one of {', '.join(shipped_vessels())} or the path of a .toml file; found {str(source)!r}."
+            )
+        path = SHIPPED / f"{source}.toml"
+    return _vessel(toml_file(path, "The vessel file", VesselError))
+
+
+def as_vessel(vessel: object) -> Vessel:
+    """Vessel of a :data:`VesselLike`; a vessel is returned as it is.
+
+    Raises
+    ------
+    VesselError
+        As :func:`load_vessel`, and for anything that is neither a vessel nor a text or path.
+    """
+    if isinstance(vessel, Vessel):
+        return vessel
+    if not isinstance(vessel, str | Path):
+        raise VesselError(
+            f"A vessel is a Vessel, the name of a shipped one ({', '.join(shipped_vessels())}) or the path of a .toml "
+            f"file, found {shown(vessel)}; give one of these."
+        )
+    return load_vessel(vessel)
+
+
+def _vessel(file: Entry) -> Vessel:
+    file.check_keys(("name", "title", "sources", "parts", *_TABLES), ("name", "particulars"))
+    name, forces = _name(file.at("name")), file.at("coefficients", {})
+    forces.check_keys(DOFS)
+    parts = _texts_of(file.at("parts", []))
+    rolls = "roll" in forces
+    particulars = _particulars(file.at("particulars"), rolls=rolls)
+    inertia = _numbers(file.at("inertia", {}), _INERTIA, _INERTIA[2:] if rolls else ())
+    added_mass = _numbers(file.at("added_mass", {}), ADDED_MASS)
+    derived = _derived(particulars, inertia, added_mass, file)
+    vessel = Vessel(
+        name=name,
+        title=file.at("title", name).text(),
+        sources=_texts_of(file.at("sources", [])),
+        particulars=particulars,
+        m=inertia["m"],
+        I_zz=inertia["I_zz"],
+        I_xx=inertia.get("I_xx", 0.0),
+        added_mass=dict.fromkeys(ADDED_MASS, 0.0) | added_mass,
+        forces={
+            dof: _force(forces.at(dof), dof) if dof in forces else () for dof in DOFS if dof in forces or dof != "roll"
+        },
+        propeller=_propeller(file.at("propeller")) if "propeller" in file else None,
+        rudder=_dimensions(file.at("rudder"), Rudder) if "rudder" in file else None,
+        windage=_dimensions(file.at("windage"), Windage) if "windage" in file else None,
+        derived=derived,
+    )
+    if parts or "parameters" in file:
+        try:
+            vessel = with_parts(vessel, parts, _parameters(file.at("parameters", {})))
+        except VesselError as error:
+            raise VesselError(f"{file.file}: {error}") from None
+    idle = [c.name for force in vessel.forces.values() for c in force if loaded(c.term)] if not vessel.propeller else []
+    if idle:
+        raise VesselError(f"{file.file}: {', '.join(idle)} need the propeller's loading; add the table [propeller].")
+    _refuse(findings(vessel), file)
+    return vessel
+
+
+def _refuse(found: Iterable[Finding], file: Entry) -> None:
+    for finding in found:
+        if finding.impossible:
+            raise VesselError(f"{file.file}: {finding.sentence}")
+
+
+def _name(entry: Entry) -> str:
+    name = entry.text()
+    if not 0 < len(name) <= _LONGEST or not name.isprintable():
+        entry.fail(f"must be a line of 1 to {_LONGEST} signs, found {shown(name)}; correct it.")
+    return name
+
+
+def _derived(s: Particulars, inertia: dict[str, float], added_mass: dict[str, float], file: Entry) -> dict[str, str]:
+    """Fill in inertia and added masses that a file leaves out; return how, by key."""
+    told = {}
+    if "m" not in inertia:
+        inertia["m"] = displaced_mass(s)
+        told["inertia.m"] = f"{inertia['m']:.5g} (2 volume/L^3)"
+    if "I_zz" not in inertia:
+        inertia["I_zz"] = yaw_inertia(s, inertia["m"])
+        told["inertia.I_zz"] = f"{inertia['I_zz']:.5g} (a radius of gyration of {K_ZZ} L)"
+    lacking = [name for name in DIAGONAL if name not in added_mass]
+    if lacking:
+        try:
+            charts = motora_added_mass(s, inertia["m"])
+        except VesselError as error:
+            raise VesselError(f"{file.file}: added_mass lacks {', '.join(lacking)}. {error}") from None
+        added_mass |= {name: charts[name] for name in lacking}
+        told |= {f"added_mass.{name}": f"{charts[name]:.5g} (Motora's charts)" for name in lacking}
+    return told
+
+
+def _texts_of(entry: Entry) -> tuple[str, ...]:
+    if not isinstance(entry.value, list) or not all(isinstance(text, str) for text in entry.value):
+        entry.fail(f"must be a list of texts, found {shown(entry.value)}; correct it.")
+    return tuple(entry.value)
+
+
+def _particulars(table: Entry, *, rolls: bool) -> Particulars:
+    required = (*_PARTICULARS, *(_OF_ROLL if rolls else ()))
+    particulars = Particulars(**_numbers(table, [f.name for f in fields(Particulars)], required))
+    _refuse(particulars_findings(particulars), table)
+    return particulars
+
+
+def _propeller(table: Entry) -> Propeller:
+    names = [field.name for field in fields(Propeller)]
+    return Propeller(**_numbers(table, names, names))
+
+
+def _dimensions(table: Entry, kind: type):
+    """Table of positive numbers, all of them required."""
+    names = [field.name for field in fields(kind)]
+    found = _numbers(table, names, names)
+    for name, value in found.items():
+        if value <= 0.0:
+            table.at(name).fail(f"must be positive, found {value:g}; correct it.")
+    return kind(**found)
+
+
+def _parameters(table: Entry) -> dict[str, Coefficient]:
+    """Parameters of parts that the file states."""
+    table.check_table()
+    found = {}
+    for name in table:
+        entry = table.at(name)
+        value, (sd, texts) = _value(entry, ("sd", "unit")), _details(entry)
+        found[name] = Coefficient(name, value, **texts, sd=sd)
+    return found
+
+
+def _details(entry: Entry) -> tuple[float, dict[str, str]]:
+    """Standard deviation (NaN where none is stated) and texts of a number."""
+    more = entry if isinstance(entry.value, dict) else replace(entry, value={})
+    sd = more.at("sd").number() if "sd" in more else math.nan
+    if sd <= 0.0:
+        more.at("sd").fail(f"must be positive, found {sd:g}; leave out what is not known.")
+    return sd, _texts(more, _TEXTS)
+
+
+def _numbers(table: Entry, known: Sequence[str], required: Sequence[str] = ()) -> dict[str, float]:
+    """Numbers of a table by key, each of which may state its details; the table may state a source."""
+    table.check_keys((*known, "source"), required)
+    _texts(table, ("source",))
+    return {key: _value(table.at(key)) for key in table if key != "source"}
+
+
+def _value(entry: Entry, more: Sequence[str] = ()) -> float:
+    """Number that stands alone or in a table with its details."""
+    if not isinstance(entry.value, dict):
+        return entry.number()
+    entry.check_keys(("value", *_TEXTS, *more), ("value",))
+    _texts(entry, _TEXTS)
+    return entry.at("value").number()
+
+
+def _texts(table: Entry, names: Sequence[str]) -> dict[str, str]:
+    """Texts of a table by key, empty where they are missing."""
+    return {name: table.at(name, "").text() for name in names}
+
+
+def _force(table: Entry, dof: str) -> tuple[Coefficient, ...]:
+    table.check_table()
+    source = table.at("source", "").text()
+    force = tuple(_coefficient(name, table.at(name), dof, source) for name in table if name != "source")
+    if not force:
+        table.fail(f"is empty; add a coefficient such as {LETTER[dof]}v, or leave the table out.")
+    return force
+
+
+def _coefficient(name: str, entry: Entry, dof: str, source: str) -> Coefficient:
+    if not name.startswith(LETTER[dof]):
+        entry.fail(f"must begin with {LETTER[dof]}, the letter of {dof}.")
+    if len(name) > _LONGEST:
+        entry.fail(f"must have a name of at most {_LONGEST} signs; correct it.")
+    try:
+        factors(name[1:])
+    except UnknownTerm as error:
+        entry.fail(f"is no coefficient. {error}")
+    value = _value(entry, ("sd", *_PUBLISHED))
+    sd, texts = _details(entry)
+    more = entry if isinstance(entry.value, dict) else replace(entry, value={})
+    published = {key: _estimates(more.at(key, {})) for key in _PUBLISHED}
+    texts["source"] = texts["source"] or source
+    return Coefficient(name, value, **texts, **published, sd=sd)
+
+
+def _estimates(table: Entry) -> dict[str, float]:
+    table.check_table()
+    return {key: table.at(key).number() for key in table}

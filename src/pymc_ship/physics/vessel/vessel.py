@@ -1,0 +1,268 @@
+"""A vessel as data: particulars, inertia, the terms of each force and their reference coefficients."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.forces.propeller import Propeller
+
+DOFS = ("surge", "sway", "yaw", "roll")
+"""Degrees of freedom, in the order of the equations of motion."""
+
+LETTER = {"surge": "X", "sway": "Y", "yaw": "N", "roll": "K"}
+"""First letter of a coefficient's name: X and Y are forces, N and K are moments."""
+
+ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Ypdot", "Nvdot", "Nrdot", "Npdot", "Kvdot", "Krdot", "Kpdot")
+"""Acceleration derivatives; those a vessel without roll does not have are zero."""
+
+
+class VesselError(ValueError):
+    """A vessel file that cannot be used; the sentence names the key."""
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One hydrodynamic coefficient: name (``Yv|v|``), prime value and where both number and sign come from.
+
+    ``sd`` is the standard deviation of what is known of the value beforehand, NaN where nothing is. A parameter of a
+    part is one, too: ``unit`` says what its number stands for, ``of_run`` that every run has its own, ``of_facility``
+    that every facility may.
+    """
+
+    name: str
+    value: float
+    source: str = ""
+    sign_source: str = ""
+    note: str = ""
+    published: dict[str, float] = field(default_factory=dict)
+    published_error: dict[str, float] = field(default_factory=dict)
+    sd: float = math.nan
+    unit: str = "prime"
+    of_run: bool = False
+    of_facility: bool = False
+
+    @property
+    def term(self) -> str:
+        """The polynomial term the coefficient multiplies: ``v|v|`` for ``Yv|v|``."""
+        return self.name[1:]
+
+
+@dataclass(frozen=True)
+class Particulars:
+    """Main particulars in SI units; ``rudder_rate_deg`` is in deg/s.
+
+    ``rudder_delay`` [s] is the time from the switching heading of a zigzag to the rudder's first movement.
+    ``x_G`` forward and ``z_G`` below the origin [m], ``volume`` the displacement volume [m3], ``GM`` and ``BM`` [m],
+    ``d`` the draught [m], 0 where it is not stated.
+    """
+
+    L: float
+    B: float
+    volume: float
+    nominal_speed: float
+    rudder_rate_deg: float
+    x_G: float = 0.0
+    z_G: float = 0.0
+    GM: float = 0.0
+    BM: float = 0.0
+    rudder_delay: float = 0.0
+    d: float = 0.0
+
+    @property
+    def ship_time(self) -> float:
+        """Time in which the ship covers her length at the nominal speed, L/U [s]."""
+        return self.L / self.nominal_speed
+
+
+@dataclass(frozen=True)
+class Rudder:
+    """Rudder: ``area`` [m2] and ``aspect_ratio``, height over mean chord."""
+
+    area: float
+    aspect_ratio: float
+
+
+@dataclass(frozen=True)
+class Windage:
+    """Areas above the water [m2]: ``frontal_area`` meets a wind from ahead, ``lateral_area`` one from the side."""
+
+    frontal_area: float
+    lateral_area: float
+
+
+@dataclass(frozen=True)
+class Vessel:
+    """A manoeuvring model: particulars, prime inertia, added mass, coefficients of each DOF, perhaps a propeller.
+
+    A degree of freedom without coefficients is one to be identified, unless ``parts`` make the forces: names of
+    :data:`pymc_ship.physics.forces.modular.PARTS`, with their ``parameters``. ``derived`` says of each quantity that
+    the file leaves out, by its key, how it was derived.
+    """
+
+    name: str
+    particulars: Particulars
+    m: float
+    I_zz: float
+    I_xx: float
+    added_mass: dict[str, float]
+    forces: dict[str, tuple[Coefficient, ...]]
+    title: str = ""
+    sources: tuple[str, ...] = ()
+    propeller: Propeller | None = None
+    rudder: Rudder | None = None
+    windage: Windage | None = None
+    parts: tuple[str, ...] = ()
+    parameters: tuple[Coefficient, ...] = ()
+    derived: dict[str, str] = field(default_factory=dict, compare=False)
+
+    def __repr__(self) -> str:
+        s, words = self.particulars, "" if self.title in ("", self.name) else f": {self.title}"
+        draught = f"d = {s.d:.4g} m" if s.d > 0.0 else "draught not stated"
+        size = f"  L = {s.L:.4g} m, B = {s.B:.4g} m, {draught}, nominal speed {s.nominal_speed:.4g} m/s"
+        terms = [f"  {dof}: {len(force)} terms" for dof, force in self.forces.items() if force or not self.modular]
+        terms += [f"  parts: {', '.join(self.parts)}, {len(self.parameters)} parameters"] if self.parts else []
+        propeller = f"  propeller: {'none' if self.propeller is None else 'yes'}>"
+        return "\n".join([f"<Vessel {self.name!r}{words}", size, *terms, propeller])
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """Degrees of freedom; roll may be missing."""
+        return tuple(self.forces)
+
+    @property
+    def modular(self) -> bool:
+        """Whether parts make all her forces, so that she needs no terms."""
+        return bool(self.parts) and not any(self.forces.values())
+
+    def check_model(self) -> None:
+        """Raise VesselError unless every degree of freedom has coefficients, or parts make its force."""
+        for dof in self.forces:
+            self._force(dof)
+
+    def terms(self, dof: str) -> tuple[str, ...]:
+        """Terms of a DOF, in the order of the file."""
+        return tuple(coefficient.term for coefficient in self._force(dof))
+
+    def coefficients(self, dof: str) -> xr.DataArray:
+        """Reference values of a DOF.
+
+        Parameters
+        ----------
+        dof : {"surge", "sway", "yaw", "roll"}
+
+        Returns
+        -------
+        DataArray, dims (coefficient,)
+            Prime values labelled ``Yv``, ``Yv|v|``, ... with coordinates ``term`` and ``sign_source``.
+
+        Raises
+        ------
+        VesselError
+            When the vessel has no such DOF, or no coefficients of it.
+        """
+        force = self._force(dof)
+        return xr.DataArray(
+            np.array([coefficient.value for coefficient in force]),
+            dims="coefficient",
+            coords={
+                "coefficient": [coefficient.name for coefficient in force],
+                "term": ("coefficient", [coefficient.term for coefficient in force]),
+                "sign_source": ("coefficient", [coefficient.sign_source for coefficient in force]),
+            },
+            name=f"{LETTER[dof]}'",
+            attrs={"vessel": self.name, "dof": dof, "units": "prime"},
+        )
+
+    def published(self, dof: str, which: str) -> np.ndarray:
+        """Published estimates of a DOF, shape (n_terms,); NaN where none is printed."""
+        return np.array([coefficient.published.get(which, np.nan) for coefficient in self._force(dof)])
+
+    def published_error(self, dof: str, which: str) -> np.ndarray:
+        """Errors [%] printed beside the published estimates, shape (n_terms,); NaN where none is printed."""
+        return np.array([coefficient.published_error.get(which, np.nan) for coefficient in self._force(dof)])
+
+    def with_coefficients(self, values: dict[str, np.ndarray]) -> Vessel:
+        """Copy with other coefficient values: ``{"sway": array of shape (n_terms,)}``."""
+        forces = dict(self.forces)
+        for dof, row in values.items():
+            force = self._force(dof)
+            if len(row) != len(force):
+                raise VesselError(f"{dof} of {self.name!r} has {len(force)} coefficients, found {len(row)} values.")
+            forces[dof] = tuple(replace(c, value=float(value)) for c, value in zip(force, row, strict=True))
+        return replace(self, forces=forces)
+
+    @cached_property
+    def inertia_matrix(self) -> np.ndarray:
+        """J of the equations of motion (prime), shape (4, 4): rows surge, sway, yaw, roll; columns u, v, r, p."""
+        a = self.added_mass
+        mx, mz = self.m * self.x_G, self.m * self.z_G
+        J = np.array(
+            [
+                [self.m - a["Xudot"], 0.0, 0.0, 0.0],
+                [0.0, self.m - a["Yvdot"], mx - a["Yrdot"], -mz - a["Ypdot"]],
+                [0.0, mx - a["Nvdot"], self.I_zz - a["Nrdot"], -a["Npdot"]],
+                [0.0, -mz - a["Kvdot"], -a["Krdot"], self.I_xx - a["Kpdot"]],
+            ]
+        )
+        if "roll" not in self.forces:
+            J[3, :], J[:, 3], J[3, 3] = 0.0, 0.0, 1.0
+        return J
+
+    @property
+    def x_G(self) -> float:
+        """Prime x coordinate of the centre of gravity."""
+        return self.particulars.x_G / self.particulars.L
+
+    @property
+    def z_G(self) -> float:
+        """Prime z coordinate of the centre of gravity; 0 where the vessel has no roll."""
+        return self.particulars.z_G / self.particulars.L if "roll" in self.forces else 0.0
+
+    def _force(self, dof: str) -> tuple[Coefficient, ...]:
+        if dof not in self.forces:
+            raise VesselError(f"{self.name!r} has the degrees of freedom {', '.join(self.forces)}; found {dof!r}.")
+        if not self.forces[dof] and not self.modular:
+            raise VesselError(
+                f"{self.name!r} states no coefficients of {dof}; find them with `pymc-ship identify`, or add "
+                f"[coefficients.{dof}]."
+            )
+        return self.forces[dof]
+
+
+def reference_coefficients(vessel: Vessel) -> np.ndarray:
+    """All coefficients of a vessel, shape (n_coefficients,): DOF after DOF, then the parameters of her parts."""
+    rows = [vessel.coefficients(dof).values for dof in vessel.dofs]
+    return np.concatenate([*rows, [parameter.value for parameter in vessel.parameters]])
+
+
+def places_of_run(vessel: Vessel) -> list[int]:
+    """Places among the coefficients of the parameters that every run has its own of."""
+    return _places(vessel, [parameter.of_run for parameter in vessel.parameters])
+
+
+def places_of_facility(vessel: Vessel) -> list[int]:
+    """Places among the coefficients of the parameters that a facility may have its own of."""
+    return _places(vessel, [parameter.of_facility for parameter in vessel.parameters])
+
+
+def _places(vessel: Vessel, chosen: Iterable[bool]) -> list[int]:
+    """Places among the coefficients of the chosen parameters."""
+    first = sum(len(force) for force in vessel.forces.values())
+    return [first + k for k, one in enumerate(chosen) if one]
+
+
+def fullest(vessels: Iterable[Vessel]) -> Vessel:
+    """Vessel with the most degrees of freedom, the first of several."""
+    return max(vessels, key=lambda vessel: len(vessel.dofs))
+
+
+def coefficient_names(vessel: Vessel) -> list[str]:
+    """Names of all coefficients, in the order of :func:`reference_coefficients`."""
+    linear = [str(name) for dof in vessel.dofs for name in vessel.coefficients(dof)["coefficient"].values]
+    return linear + [parameter.name for parameter in vessel.parameters]

@@ -1,0 +1,89 @@
+"""What is said of a kind of manoeuvre once, and what cannot be said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.physics.manoeuvre.kinds import UNITS, Index, ManoeuvreKind
+from pymc_ship.physics.manoeuvre.registry import KINDS, RUDDER_PROGRAMME, either, kind_named, register
+from pymc_ship.physics.manoeuvre.turning_circles import PULL_OUT, TURNING_CIRCLE
+from pymc_ship.physics.manoeuvre.zigzags import ZIGZAG
+
+
+def test_the_standard_kinds_are_known_in_this_order():
+    assert list(KINDS.values()) == [ZIGZAG, TURNING_CIRCLE, PULL_OUT, RUDDER_PROGRAMME]
+    assert kind_named("zigzag") is ZIGZAG
+
+
+@pytest.mark.parametrize(
+    ("kind", "words", "metavar", "option"),
+    [(ZIGZAG, "zigzag", "RUDDER/HEADING", "zigzag"), (TURNING_CIRCLE, "turning circle", "RUDDER", "turn")],
+)
+def test_a_kind_says_how_it_is_written(kind, words, metavar, option):
+    assert (kind.words, kind.metavar, kind.option) == (words, metavar, option)
+    assert kind.example.count("/") == metavar.count("/")
+
+
+def test_these_indices_are_compared_on_held_out_runs():
+    zigzag = ("first_overshoot_angle", "second_overshoot_angle", "first_overshoot_time", "second_overshoot_time")
+    assert ZIGZAG.scored == (
+        *zigzag,
+        "initial_turning_time",
+        "initial_turning_distance",
+        "period",
+        "maximum_roll_angle",
+    )
+    assert TURNING_CIRCLE.scored == ("advance", "transfer", "tactical_diameter", "maximum_roll_angle")
+    assert RUDDER_PROGRAMME.scored == ()
+
+
+@pytest.mark.parametrize("kind", [ZIGZAG, TURNING_CIRCLE])
+def test_units_of_the_indices_are_those_of_their_names(kind):
+    ends = {"angle": "deg", "time": "s", "distance": "m", "diameter": "m", "speed": "m/s", "rate": "deg/s"}
+    for name, index in kind.indices.items():
+        assert index.units == ends.get(name.split("_")[-1], index.units)
+    assert set(UNITS.values()) == {*ends.values()}
+
+
+@pytest.mark.parametrize("quantity", ["mass", ""])
+def test_an_index_is_of_a_known_quantity(quantity):
+    with pytest.raises(ps.ManoeuvreError, match=r"An index is of angle, drift.*; found .*; choose one of them"):
+        Index(quantity)
+
+
+def test_an_index_without_a_model_error_is_not_scored():
+    with pytest.raises(ps.ManoeuvreError, match="A scored index is of angle, time, distance, roll; found 'rate'"):
+        Index("rate", scored=True)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"swings": True}, "The figures of a crash stop show its first_overshoot_angle; add this index"),
+        ({"circles": True}, "The figures of a crash stop show its advance; add this index"),
+        ({"option": "crash"}, "The option --crash needs angles, an example and a title; give all of them"),
+        ({"recognise": lambda helm: None}, "is recognised is compared by its indices, found none; add one"),
+        ({"reversal": 0.0}, "The rudder of a crash stop is moved at a heading; add heading_deg to its angles"),
+    ],
+)
+def test_a_kind_has_what_its_uses_need(settings, message):
+    with pytest.raises(ps.ManoeuvreError, match=message):
+        ManoeuvreKind("crash_stop", **settings)
+
+
+@pytest.mark.parametrize("twin", [replace(ZIGZAG, option=""), replace(ZIGZAG, name="other")])
+def test_a_name_and_an_option_belong_to_one_kind(twin):
+    with pytest.raises(ps.ManoeuvreError, match="has its own name and option, found"):
+        register(twin)
+    assert list(KINDS) == ["zigzag", "turning_circle", "pull_out", "rudder_programme"]
+
+
+@pytest.mark.parametrize(
+    ("names", "text"),
+    [(["zigzag"], "a zigzag"), (["zigzag", "circle"], "a zigzag or a circle"), (["a", "b", "c"], "an a, a b or a c")],
+)
+def test_alternatives_are_joined(names, text):
+    assert either(names) == text

@@ -1,0 +1,75 @@
+"""What follows from the particulars, beside what is published of a tanker."""
+
+from __future__ import annotations
+
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.physics.vessel.inertia import displaced_mass, motora_added_mass, yaw_inertia
+from tests.physics.vessel.test_ranges import SHIPS, papers
+
+PUBLISHED = {"Xudot": -0.022, "Yvdot": -0.223, "Nrdot": -0.011}
+"""Of the KVLCC2 over L^2 d and L^4 d (Yasukawa & Yoshimura 2015)."""
+
+
+def test_mass_and_radius_of_gyration_are_those_of_the_tanker():
+    vessel = ps.load_vessel("kvlcc2")
+    m = displaced_mass(vessel.particulars)
+    assert m == pytest.approx(vessel.m, rel=1e-4)
+    assert yaw_inertia(vessel.particulars, m) == pytest.approx(vessel.I_zz, rel=0.04)
+    assert yaw_inertia(vessel.particulars, m) == pytest.approx((0.0625 + (11.136 / 320.0) ** 2) * m, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_added_masses_are_those_of_the_tanker(name):
+    s = ps.load_vessel("kvlcc2").particulars
+    found = motora_added_mass(s, displaced_mass(s))
+    assert found[name] == pytest.approx(PUBLISHED[name] * s.d / s.L, rel=0.06)
+
+
+def test_a_file_of_particulars_is_a_vessel_that_says_what_was_derived(tmp_path):
+    path = tmp_path / "ship.toml"
+    path.write_text(papers(*SHIPS["KVLCC2 tanker"]))
+    vessel, added = ps.load_vessel(path), ("Xudot", "Yvdot", "Nrdot")
+    assert list(vessel.derived) == ["inertia.m", "inertia.I_zz", *(f"added_mass.{name}" for name in added)]
+    assert vessel.derived["inertia.m"] == "0.019081 (2 volume/L^3)"
+    assert vessel.m == displaced_mass(vessel.particulars)
+    assert {name: vessel.added_mass[name] for name in added} == motora_added_mass(vessel.particulars, vessel.m)
+    assert {vessel.added_mass[name] for name in ("Yrdot", "Nvdot", "Kpdot")} == {0.0}
+    assert vessel.dofs == ("surge", "sway", "yaw")
+
+
+def test_what_is_stated_stays_and_the_rest_is_derived_from_it(tmp_path):
+    path = tmp_path / "ship.toml"
+    path.write_text(papers(*SHIPS["KVLCC2 tanker"]) + "[inertia]\nm = 0.0195\n[added_mass]\nYvdot = -0.015\n")
+    vessel = ps.load_vessel(path)
+    assert (vessel.m, vessel.added_mass["Yvdot"], vessel.I_zz) == (0.0195, -0.015, 0.0625 * 0.0195)
+    assert list(vessel.derived) == ["inertia.I_zz", "added_mass.Xudot", "added_mass.Nrdot"]
+
+
+@pytest.mark.parametrize(
+    ("ship", "said"),
+    [
+        ((320.0, 58.0, 0.0, 312622.0, 7.97), "lacks Xudot, Yvdot, Nrdot. .* need the draught; add d to"),
+        (
+            (40.0, 4.0, 1.8, 130.0, 6.0),
+            "no hull with L/B = 10, B/d = 2.22 and a block coefficient of 0.451",
+        ),
+    ],
+)
+def test_added_masses_that_cannot_be_derived_are_asked_for(tmp_path, ship, said):
+    path = tmp_path / "ship.toml"
+    path.write_text(papers(*ship))
+    with pytest.raises(ps.VesselError, match=said) as error:
+        ps.load_vessel(path)
+    assert str(path) in str(error.value)
+    path.write_text(papers(*ship) + "[added_mass]\nXudot = -0.0001\nYvdot = -0.01\nNrdot = -0.0006\n")
+    assert ps.load_vessel(path).added_mass["Yvdot"] == -0.01
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-200, 1e308])
+def test_nothing_is_derived_from_a_length_that_no_ship_has(tmp_path, length):
+    path = tmp_path / "ship.toml"
+    path.write_text(papers(length, *SHIPS["KVLCC2 tanker"][1:]))
+    with pytest.raises(ps.VesselError, match=r"particulars\.L = .*, which must lie from 0\.1 to 1000"):
+        ps.load_vessel(path)
