@@ -45,7 +45,7 @@ def test_what_the_machine_lacks_is_a_sentence(monkeypatch, capsys, error, senten
         raise error
 
     monkeypatch.setattr(ps, "load_vessel", load_vessel)
-    monkeypatch.setitem(sys.modules, "pymc_ship.checks.trial_checks", None)
+    monkeypatch.setitem(sys.modules, "pymc_ship.records.checks.trial_checks", None)
     assert main(["simulate", "container", "--turn", "35", "--out", "unused"]) == 2
     assert sentence in capsys.readouterr().err
 

@@ -11,11 +11,11 @@ import pymc_ship as ps
 from pymc_ship.design.identifiability import UNKNOWN, _without
 from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.records.files.noise import noise_factors
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem, white_noise
 from pymc_ship.trajectory.prior import CoefficientPrior
 from pymc_ship.trajectory.runs import trajectory_run
 from pymc_ship.trial.channels import sensors
-from pymc_ship.trial.noise import noise_factors
 
 STEP = 0.5
 

@@ -17,7 +17,7 @@ from pymc_ship.experiments import run as engine
 from pymc_ship.experiments.judged_ship import INDEX, INSTANT, judge, stop_rows
 from pymc_ship.experiments.population import Population, TrialsCell
 from pymc_ship.experiments.run import read_study
-from pymc_ship.manoeuvre.stopping_tests import INDICES
+from pymc_ship.records.steering.stopping_tests import INDICES
 from tests.experiments import ships
 from tests.experiments.folders import ROOT, run
 from tests.experiments.ships import SD, STUDY, made_up, refused

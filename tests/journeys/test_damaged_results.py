@@ -20,7 +20,7 @@ from tests.experiments.cases import TOML
 from tests.journeys.damaged import damage
 from tests.journeys.results import AGAIN, kinds
 from tests.physics.vessel.cases import toml
-from tests.trial.mutated import mutated
+from tests.records.files.mutated import mutated
 
 FORMAT = """[columns]
 u = { column = "U", unit = "kn" }

@@ -15,8 +15,8 @@ import pymc_ship as ps
 from pymc_ship.physics.forces.propeller import Propeller
 from pymc_ship.physics.vessel.ranges import INERTIA, PARTICULARS, PROPELLER, ROLL_COUPLINGS
 from pymc_ship.physics.vessel.vessel import ADDED_MASS, Particulars
+from pymc_ship.records.files.format import load_format
 from pymc_ship.trial.channels import readable
-from pymc_ship.trial.format import load_format
 from tests.journeys.markdown import ROOT, Page
 from tests.test_structure import WINGS
 
@@ -130,7 +130,7 @@ def test_the_page_of_the_checks_has_every_check_and_its_numbers(container, zigza
 
 
 def test_verdicts_of_the_page_are_those_of_the_checks():
-    from pymc_ship.trial.judgement import VERDICTS
+    from pymc_ship.records.files.judgement import VERDICTS
 
     assert tuple(row[0] for row in rows(Page("docs/reference/checks.md"), 0)) == VERDICTS
 

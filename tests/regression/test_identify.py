@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.denoising.derivative import DERIVATIVES
+from pymc_ship.records.denoising.derivative import DERIVATIVES
 from pymc_ship.regression import identify as identification
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.regression.identify import SELECTIONS, identify

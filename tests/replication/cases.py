@@ -9,10 +9,10 @@ from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.frontier.scores import published_rows
 from pymc_ship.pages.drawing import subplots
 from pymc_ship.pages.page import Content
+from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.regression.families import FAMILIES
 from pymc_ship.replication import measurements
 from pymc_ship.replication import page as report
-from pymc_ship.trial.noise import LITERAL_LEVEL
 
 DOFS = ("surge", "sway", "yaw", "roll")
 LEVEL, SEED, SWEEP = 0.01, 3, (1e-4, 1e-2)

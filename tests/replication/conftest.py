@@ -7,10 +7,10 @@ import functools
 import pytest
 
 from pymc_ship.diagnostics import page as diagnostic_report
+from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.regression import identify as identification
 from pymc_ship.replication import page as report
 from pymc_ship.replication import study
-from pymc_ship.trial.noise import LITERAL_LEVEL
 from tests.replication.cases import LEVEL, SEED, SWEEP, Page, parts_of
 
 

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import bound_chapter
 from pymc_ship.replication.measurements import BOUND, fit_name
-from pymc_ship.trial.noise import LITERAL_LEVEL
 
 MEDIANS = {
     BOUND: 1300.0,

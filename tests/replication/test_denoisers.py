@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.denoising.denoise import METHODS
+from pymc_ship.records.denoising.denoise import METHODS
 from pymc_ship.replication.denoisers import channel_rows, denoiser_rows, draw_rows, signal_to_noise
 
 pytestmark = pytest.mark.slow

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 import pymc_ship as ps
+from pymc_ship.records.files.judgement import judgement
 from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.sampling.trajectory_model import (
     mode_model,
@@ -29,7 +30,6 @@ from pymc_ship.trajectory.posterior import (
 )
 from pymc_ship.trajectory.prior import coefficient_prior
 from pymc_ship.trajectory.runs import trajectory_run
-from pymc_ship.trial.judgement import judgement
 
 CASES = {
     "white": {"noise": "white", "offsets": False},

@@ -10,7 +10,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.manoeuvre.recognition import Steering, recognise_by_facility
+from pymc_ship.records.steering.recognition import Steering, recognise_by_facility
 from pymc_ship.ship.page import _steering
 from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, with_delay
 

@@ -11,10 +11,10 @@ from scipy import stats
 import pymc_ship as ps
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.forecasting.index_error import TYPICAL, index_sd
-from pymc_ship.manoeuvre.recognition import Steering
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.vessel.term_sets import OWN, TERM_SETS
 from pymc_ship.physics.vessel.vessel import VesselError, reference_coefficients
+from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship import candidates as ship_candidates
 from pymc_ship.ship import model as ship_model

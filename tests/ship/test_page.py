@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.checks.verdicts import Check
 from pymc_ship.forecasting.index_error import TYPICAL, model_error
 from pymc_ship.machine.files import OutputError
 from pymc_ship.pages.tables import fixed
 from pymc_ship.physics.forces.hull_database import typical_rudder
 from pymc_ship.physics.vessel.vessel import coefficient_names
+from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ship import page as ship_report
 from pymc_ship.ship.figures import held_out_windows
 from pymc_ship.ship.model import identify_ship

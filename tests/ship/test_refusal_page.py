@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.checks.verdicts import Check
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ship.candidates import Refusal, TermSetsRefusedError
 from pymc_ship.ship.refusal_page import write_refusal_page
 from pymc_ship.ship.soundness import FASTEST, TIGHTEST, first_failure, sound

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.manoeuvre.recognition import Steering
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.vessel.parts import HELD
 from pymc_ship.physics.vessel.term_sets import AHEAD_SET, ANY_SPEED_SET, with_terms
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ship.candidates import (
     _shared,
     as_recorded,

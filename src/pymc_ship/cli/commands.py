@@ -97,7 +97,7 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Check a trial; the text has the verdict of each check and what was corrected."""
-    from pymc_ship.checks.trial_checks import failed_checks
+    from pymc_ship.records.checks.trial_checks import failed_checks
 
     vessel = vessel_argument(args.vessel, progress) if args.vessel else None
     trial = trial_argument(args.trial, args.format, progress)
@@ -117,7 +117,7 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _told_of(trial: xr.Dataset, vessel: Vessel) -> list[str]:
     """What manoeuvre a checked trial is recognised as, or why as none, and what of it the vessel does not model."""
-    from pymc_ship.manoeuvre.recognition import STEERED, recognise, unrecognised
+    from pymc_ship.records.steering.recognition import STEERED, recognise, unrecognised
 
     told = [_unrolled(trial, vessel)]
     if set(STEERED) <= set(trial):

@@ -13,12 +13,12 @@ from pathlib import Path
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.checks.verdicts import Check
 from pymc_ship.machine.files import OutputError, place_of, staged, writable_folder
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.physics.vessel.plausibility import remarks
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.verdicts import Check
 
 Progress = Callable[..., None]
 Outcome = tuple[str, Path | None] | tuple[str, Path | None, str]

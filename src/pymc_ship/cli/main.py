@@ -101,7 +101,7 @@ def _unloaded(error: Exception) -> int:
 
 def _refused(error: Exception) -> bool:
     """Whether an error says that a check of a trial is bad; the checks are loaded then."""
-    checks = sys.modules.get("pymc_ship.checks.trial_checks")
+    checks = sys.modules.get("pymc_ship.records.checks.trial_checks")
     return checks is not None and isinstance(error, checks.TrialRefusedError)
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.checks.verdicts import Check
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
@@ -34,14 +33,15 @@ from pymc_ship.cli.texts import (
 )
 from pymc_ship.forecasting.index_error import BEYOND, error_rows
 from pymc_ship.machine.files import staged_files, writable_folder
-from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.term_sets import holds_any_speed, takes_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.verdicts import Check
+from pymc_ship.records.files.format import load_format
+from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised
 from pymc_ship.ship.files import FOLDER, forecast_ship, load_ship, save_ship
 from pymc_ship.ship.model import IdentifiedShip
-from pymc_ship.trial.format import load_format
 from pymc_ship.trial.record import facility_of
 
 SIDES = ("port", "starboard")
@@ -258,7 +258,7 @@ def _facility(ship: IdentifiedShip, measured: tuple[Manoeuvre, xr.Dataset] | Non
 
 def _text(tree: xr.DataTree, label: str, measured: Mapping[str, tuple[Manoeuvre, xr.Dataset]], vessel: Vessel) -> str:
     """Bands of the indices beside what was measured, where it was, and the probability of each IMO criterion."""
-    from pymc_ship.manoeuvre.measured import measured_indices
+    from pymc_ship.records.steering.measured import measured_indices
 
     beside = {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
     verdicts = ps.imo_probabilities(tree, vessel)

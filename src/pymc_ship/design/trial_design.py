@@ -25,11 +25,11 @@ from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
+from pymc_ship.records.files.noise import noise_factors
+from pymc_ship.records.files.noise import noise_sd as noise_size
 from pymc_ship.trajectory.fit import Noise, TrajectoryFit
 from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.channels import channel_names, sensors
-from pymc_ship.trial.noise import noise_factors
-from pymc_ship.trial.noise import noise_sd as noise_size
 
 CRITERIA = ("information", "forecast")
 """Greatest log determinant of the posterior precision (D-optimal), or least variance of forecast manoeuvres."""

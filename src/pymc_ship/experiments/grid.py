@@ -21,7 +21,7 @@ from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, written_manoeuvre
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, VesselError
-from pymc_ship.trial.noise import NOISES, RECORD_STEP
+from pymc_ship.records.files.noise import NOISES, RECORD_STEP
 
 PART_SEEDS = 1000
 """Seeds of a cell whose results share a file."""
@@ -65,7 +65,7 @@ class Grid:
     manoeuvres : dict of str to Manoeuvre
         By label; each makes a record.
     noise : dict of str to tuple of float
-        Levels of each kind of :data:`pymc_ship.trial.noise.NOISES`.
+        Levels of each kind of :data:`pymc_ship.records.files.noise.NOISES`.
     methods : tuple of str
         Keys of :data:`pymc_ship.experiments.task.METHODS` or of ``own``.
     seeds : int

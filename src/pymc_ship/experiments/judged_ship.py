@@ -17,7 +17,6 @@ from time import process_time
 import numpy as np
 import xarray as xr
 
-from pymc_ship.checks.trial_checks import judged_trial
 from pymc_ship.experiments.task import MonteCarloError, timed
 from pymc_ship.forecasting.draws import robust_sd
 from pymc_ship.forecasting.index_error import index_scale, scaled
@@ -26,12 +25,13 @@ from pymc_ship.forecasting.stopping import LONGEST, StoppingTest, stopped, stopp
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told
-from pymc_ship.manoeuvre.stopping_tests import INDICES
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET, takes_part_sets, with_terms
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.trial_checks import judged_trial
+from pymc_ship.records.steering.stopping_tests import INDICES
 from pymc_ship.ship.files import forecast_ship
 from pymc_ship.ship.model import ShipModel, identify_ship
 from pymc_ship.ship.replayed import beyond_runs, crps, replay

@@ -16,7 +16,6 @@ from time import perf_counter, process_time
 import numpy as np
 import xarray as xr
 
-from pymc_ship.denoising.denoise import denoise
 from pymc_ship.frontier.estimates import (
     DIFFERENCES,
     Estimate,
@@ -31,8 +30,9 @@ from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.records.denoising.denoise import denoise
+from pymc_ship.records.files.noise import noisy_trial
 from pymc_ship.trajectory.mode import trajectory_mode
-from pymc_ship.trial.noise import noisy_trial
 
 SCORES = ("median_error", "coverage", "tactical_diameter_error")
 """What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""
@@ -84,7 +84,7 @@ class Task:
     manoeuvre : Manoeuvre
         Of the record, simulated in Euler steps of 0.02 s.
     noise : str
-        Key of :data:`pymc_ship.trial.noise.NOISES`.
+        Key of :data:`pymc_ship.records.files.noise.NOISES`.
     level : float
         Noise level, as :func:`pymc_ship.pollute` takes it.
     method : str

@@ -8,12 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymc_ship.forecasting.track import median_ship, track
-from pymc_ship.manoeuvre.measured import aligned
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.measured import aligned
 from pymc_ship.trial.channels import CHANNELS, sensors
 
 _FALLEN = 0.5
@@ -40,7 +40,7 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
     tree : DataTree
         From :func:`pymc_ship.forecast`.
     measured : Dataset, dims (time,), optional
-        Trial, see :func:`pymc_ship.manoeuvre.measured.aligned`; any of its channels may be missing.
+        Trial, see :func:`pymc_ship.records.steering.measured.aligned`; any of its channels may be missing.
 
     Returns
     -------

@@ -16,12 +16,12 @@ from pymc_ship.forecasting.steady_turns import spiral_curve, spiral_sentence
 from pymc_ship.forecasting.stopping import COLUMNS as STOPPING_COLUMNS
 from pymc_ship.forecasting.stopping import stopping_rows, stopping_sentence, stopping_tracks
 from pymc_ship.machine.files import writable_folder
-from pymc_ship.manoeuvre.measured import measured_indices
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, percent, table
 from pymc_ship.physics.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.measured import measured_indices
 
 PAGE = Page(
     "forecast.html",
@@ -77,7 +77,8 @@ def write_forecast_page(
     out : str or Path
         Folder of the page; created where it is missing. What else is in it stays.
     measured : mapping of str to Dataset, optional
-        Measured trials by the name of the forecast they belong to; see :func:`pymc_ship.manoeuvre.measured.aligned`.
+        Measured trials by the name of the forecast they belong to; see
+        :func:`pymc_ship.records.steering.measured.aligned`.
     models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients)), optional
         Draws whose force curves are shown, pooled over the vessels.
     motion : DataArray, dims (row, symbol), optional

@@ -14,7 +14,6 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.manoeuvre.stopping_tests import INDICES, LARGE, LIMIT
 from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
 from pymc_ship.pages.tables import fixed
 from pymc_ship.physics.manoeuvre.criteria import shown_probability
@@ -25,6 +24,7 @@ from pymc_ship.physics.motion.stepping import SimulationError
 from pymc_ship.physics.vessel.parts import ship_of
 from pymc_ship.physics.vessel.term_sets import holds_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.stopping_tests import INDICES, LARGE, LIMIT
 
 COLUMNS = {"index": ("index", str), "units": ("", str)} | {
     name: (name, fixed(1)) for name in ("median", "lower", "upper")

@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from pymc_ship.manoeuvre.measured import aligned, measured_indices
 from pymc_ship.pages.drawing import BLUE, REFERENCE, styled, subplots
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.kinds import SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.measured import aligned, measured_indices
 
 BEAM = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0.14)])
 """Half an outline of a ship seen from above: forward in ship lengths, abeam in beams; it closes in a pointed bow."""
@@ -124,7 +124,7 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     vessel : Vessel
         Gives L and B.
     measured : Dataset, dims (time,), optional
-        Trial, see :func:`pymc_ship.manoeuvre.measured.aligned`; left out where it lacks x, y or psi.
+        Trial, see :func:`pymc_ship.records.steering.measured.aligned`; left out where it lacks x, y or psi.
 
     Returns
     -------

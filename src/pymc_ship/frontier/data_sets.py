@@ -13,8 +13,8 @@ from pymc_ship.machine.seeds import generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, zigzag
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.records.files.noise import RECORD_STEP, noisy_trial
 from pymc_ship.trial.channels import sensors
-from pymc_ship.trial.noise import RECORD_STEP, noisy_trial
 
 LEVELS = (0.001, 0.01, 0.05)
 """Noise levels, as :func:`pymc_ship.pollute` takes them."""

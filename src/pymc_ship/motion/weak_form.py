@@ -245,7 +245,7 @@ def _rms(values: np.ndarray) -> np.ndarray:
 
 def _denoised(trial: xr.Dataset, record: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Record whose motion is denoised by the decimated transform: a tenth of the time, and as good under a window."""
-    from pymc_ship.denoising.denoise import denoise
+    from pymc_ship.records.denoising.denoise import denoise
 
     names = [name for name in record if name != "delta"]
     smooth = denoise(trial, translation_invariant=False, channels=names)

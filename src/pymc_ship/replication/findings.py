@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from pymc_ship.pages.tables import fixed, number, table
+from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import bound_chapter, figures
 from pymc_ship.replication.measurements import level_of_error
 from pymc_ship.replication.prior_ships import POSTERIOR
 from pymc_ship.replication.study import StudyResult
-from pymc_ship.trial.noise import LITERAL_LEVEL
 
 SOURCES = (
     "Johnstone & Silverman (2004), Annals of Statistics 32(4):1594, doi:10.1214/009053604000000030",

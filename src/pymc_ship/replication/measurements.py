@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.denoising.denoise import denoise
 from pymc_ship.frontier.bound import errors_on_bound
 from pymc_ship.frontier.estimates import (
     Estimate,
@@ -18,13 +17,14 @@ from pymc_ship.frontier.estimates import (
 )
 from pymc_ship.frontier.scores import relative_error, summary_rows
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.records.denoising.denoise import denoise
+from pymc_ship.records.files.noise import LITERAL_LEVEL, pollute
 from pymc_ship.regression.cross_validation import cross_validation
 from pymc_ship.regression.families import prior_family
 from pymc_ship.regression.identify import Identification, identify
 from pymc_ship.regression.priors import Prior
 from pymc_ship.rows.from_trials import regression_data
 from pymc_ship.trajectory.posterior import TrajectoryMode
-from pymc_ship.trial.noise import LITERAL_LEVEL, pollute
 
 PUBLISHED_PRIORS = {
     "conjugate": {

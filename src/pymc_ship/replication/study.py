@@ -9,8 +9,6 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 
-from pymc_ship.denoising.denoise import denoise
-from pymc_ship.denoising.draws import denoise_draws
 from pymc_ship.diagnostics.agreement import Comparison, agreement
 from pymc_ship.forecasting.forecast import forecast
 from pymc_ship.frontier.bound import cramer_rao_bound
@@ -22,6 +20,9 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle, zigz
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.denoising.denoise import denoise
+from pymc_ship.records.denoising.draws import denoise_draws
+from pymc_ship.records.files.noise import LITERAL_LEVEL, noise_factors, noise_sd, pollute
 from pymc_ship.regression.identify import Identification, identify
 from pymc_ship.replication import denoisers
 from pymc_ship.replication import measurements as replication
@@ -31,7 +32,6 @@ from pymc_ship.sampling.gibbs import gibbs_posterior
 from pymc_ship.sampling.regression_model import nuts_posterior
 from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior
 from pymc_ship.trial.channels import sensors
-from pymc_ship.trial.noise import LITERAL_LEVEL, noise_factors, noise_sd, pollute
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
 """Noise levels of the study; the last is the paper's literal one."""

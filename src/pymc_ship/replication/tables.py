@@ -12,10 +12,10 @@ from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.vessel.vessel import LETTER
+from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.study import MANOEUVRES, StudyResult
 from pymc_ship.trial.channels import sensors
-from pymc_ship.trial.noise import LITERAL_LEVEL
 
 
 def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:

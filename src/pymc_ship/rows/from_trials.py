@@ -15,9 +15,9 @@ from pymc_ship.physics.motion.equations import VELOCITIES
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
+from pymc_ship.records.files.judgement import judgement
 from pymc_ship.rows.data import RegressionData
 from pymc_ship.rows.scaling import RegressionDataError
-from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import one_trial, sampling_interval, trial_list
 
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
@@ -54,8 +54,8 @@ def regression_data(
         Interval of the rows [s], a multiple of the sampling interval; by default every sample, or about 4 s between
         the centres of test functions.
     derivative : {"euler", "central", "savgol", "weak", "weak_euler"}, optional
-        How accelerations are formed from the samples, see :func:`pymc_ship.denoising.derivative.derivative`, or in
-        their place the weak form: "weak" for measured records, "weak_euler" exact for Euler steps of the interval.
+        How accelerations are formed from the samples, see :func:`pymc_ship.records.denoising.derivative.derivative`, or
+        in their place the weak form: "weak" for measured records, "weak_euler" exact for Euler steps of the interval.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def regression_data(
     ((119, 12), ('N0', 'Nv', 'Nr'))
     """
     vessel = as_vessel(vessel)
-    from pymc_ship.denoising.derivative import DERIVATIVES
+    from pymc_ship.records.denoising.derivative import DERIVATIVES
 
     check_choice("The derivative", derivative, (*DERIVATIVES, *WEAK))
     trials, terms = _by_run(trial), vessel.terms(dof)
@@ -134,7 +134,7 @@ def _difference_rows(
     trial: xr.Dataset, vessel: Vessel, dof: str, stride: int | None, derivative: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Terms, response and time of the samples that have an acceleration."""
-    from pymc_ship.denoising.derivative import derivative as differentiate
+    from pymc_ship.records.denoising.derivative import derivative as differentiate
 
     record, step = motion_record(trial, vessel), sampling_interval(trial)
     motion, speed, known = prime_record(vessel, record)

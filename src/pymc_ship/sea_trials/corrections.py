@@ -14,7 +14,6 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.draws import thinned_draws
-from pymc_ship.manoeuvre.measured import drawn_indices, finite_indices, smooth_indices, smoothed
 from pymc_ship.physics.manoeuvre.criteria import imo_limits
 from pymc_ship.physics.manoeuvre.helm import base_course
 from pymc_ship.physics.manoeuvre.indices import indices
@@ -23,6 +22,7 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.measured import drawn_indices, finite_indices, smooth_indices, smoothed
 from pymc_ship.sea_trials.conditions import Conditions, SeaTrialError
 from pymc_ship.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.sea_trials.loading import at_loading

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pymc_ship.manoeuvre.measured import smoothed
 from pymc_ship.physics.manoeuvre.helm import heading_change, steered
+from pymc_ship.records.steering.measured import smoothed
 from pymc_ship.sea_trials.conditions import SeaTrialError
 from pymc_ship.trial.record import check_trial
 

@@ -10,8 +10,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.forecasting.steady_turns import draw_curve
-from pymc_ship.manoeuvre.measured import aligned, smoothed
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, styled, subplots
+from pymc_ship.records.steering.measured import aligned, smoothed
 from pymc_ship.sea_trials.corrections import without_current
 from pymc_ship.sea_trials.current import DriftCurrent
 

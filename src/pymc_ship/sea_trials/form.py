@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pymc_ship.manoeuvre.stopping_tests import LABEL, LARGE, LIMIT
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.stopping_tests import LABEL, LARGE, LIMIT
 from pymc_ship.sea_trials.conditions import DRAUGHT, NOT_STATED, Conditions, beaufort
 from pymc_ship.sea_trials.spiral_test import LABEL as SPIRAL
 

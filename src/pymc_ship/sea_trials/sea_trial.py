@@ -11,13 +11,13 @@ import xarray as xr
 
 from pymc_ship.forecasting.steady_turns import largest_loop, steady_turns
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.recognition import recognise_by_facility, unrecognised
-from pymc_ship.manoeuvre.stopping_tests import INDICES as STOPPING
-from pymc_ship.manoeuvre.stopping_tests import LABEL, LIMIT, measured_stopping
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised
+from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
+from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping
 from pymc_ship.sea_trials.conditions import SeaTrialError, condition_rows, load_conditions
 from pymc_ship.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
 from pymc_ship.sea_trials.current import DriftCurrent, drift_current

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
-from pymc_ship.manoeuvre.measured import smoothed
+from pymc_ship.records.steering.measured import smoothed
 from pymc_ship.sea_trials.uncertainty import PARTS
 
 LABEL = "spiral test"

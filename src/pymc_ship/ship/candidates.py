@@ -10,11 +10,8 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from pymc_ship.captive.statement import CaptiveFit, fit_captive, shared_with_trials
-from pymc_ship.checks.plausibility import DRIFT, SHORTEST_PIECE, SLOW, piece_check, pieces_ahead
-from pymc_ship.checks.verdicts import ship_scale
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.manoeuvre.recognition import Steering
 from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.forces.surroundings import CURRENT
@@ -31,6 +28,9 @@ from pymc_ship.physics.vessel.term_sets import (
     with_terms,
 )
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, places_of_facility
+from pymc_ship.records.checks.plausibility import DRIFT, SHORTEST_PIECE, SLOW, piece_check, pieces_ahead
+from pymc_ship.records.checks.verdicts import ship_scale
+from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.held_out import HeldOut, held_out
 from pymc_ship.ship.soundness import Failure, first_failure, sound

@@ -18,11 +18,11 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.files import settle, staged
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.recognition import Steering, with_steering
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, VesselError, coefficient_names
+from pymc_ship.records.steering.recognition import Steering, with_steering
 from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.model import IdentifiedShip, ShipModel

@@ -18,8 +18,6 @@ import xarray as xr
 
 from pymc_ship.forecasting.draws import robust_sd
 from pymc_ship.forecasting.index_error import index_scale
-from pymc_ship.manoeuvre.measured import drawn_indices, measured_indices
-from pymc_ship.manoeuvre.recognition import unrecognised
 from pymc_ship.physics.forces.surroundings import ADRIFT, CURRENT, WIND
 from pymc_ship.physics.manoeuvre.helm import base_course, execution
 from pymc_ship.physics.manoeuvre.indices import indices
@@ -28,6 +26,8 @@ from pymc_ship.physics.motion.inputs import revolutions_measured, takes_revoluti
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
+from pymc_ship.records.steering.measured import drawn_indices, measured_indices
+from pymc_ship.records.steering.recognition import unrecognised
 from pymc_ship.trajectory.carried import carried_draws
 from pymc_ship.trajectory.windows import Window, WindowFit, restarted, with_constants
 from pymc_ship.trial.channels import sensors, without_roll

@@ -19,13 +19,14 @@ from pymc_ship.design.outlook import outlook
 from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.forecasting.motion_error import LEADS, Replayed, motion_error
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.manoeuvre.recognition import Steering, recognise_by_facility, with_steering
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, fullest
+from pymc_ship.records.files.judgement import judgement
+from pymc_ship.records.steering.recognition import Steering, recognise_by_facility, with_steering
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.along import measured_states, reading_noise, sailed_along
 from pymc_ship.ship.candidates import (
@@ -43,7 +44,6 @@ from pymc_ship.trajectory.carried import carried_draws
 from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trajectory.statements import Earlier
 from pymc_ship.trajectory.windows import LENGTH, thinned
-from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
 
 _REPLAYS = 40  # draws of a held-out run from each window on
@@ -87,7 +87,7 @@ class ShipModel:
     outlook : tuple of str
         What she does in hard turns, and which manoeuvre would tell most next.
     judgement : dict of str to str
-        Of the records, see :func:`pymc_ship.trial.judgement.judgement`.
+        Of the records, see :func:`pymc_ship.records.files.judgement.judgement`.
     said : dict of str to Earlier
         What all runs so far have said of each term set, for runs to come.
     known_rows : list of dict

@@ -10,8 +10,6 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.captive.comparison import captive_forces, comparison_rows, shown_comparison
-from pymc_ship.checks.trial_checks import worst_verdict
-from pymc_ship.checks.verdicts import Check
 from pymc_ship.forecasting.force_curves import force_curves
 from pymc_ship.forecasting.index_error import error_rows
 from pymc_ship.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
@@ -23,6 +21,8 @@ from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.vessel.parts import HELD
 from pymc_ship.physics.vessel.term_sets import PART_SETS, TERM_SETS
 from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, fullest
+from pymc_ship.records.checks.trial_checks import worst_verdict
+from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.figures import (
     held_out_overshoots,

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.checks.verdicts import Check
 from pymc_ship.pages.drawing import REFERENCE, styled, subplots
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import number, table
 from pymc_ship.physics.vessel.term_sets import holds_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ship.candidates import Refusal
 from pymc_ship.ship.page import check_rows
 from pymc_ship.ship.soundness import FASTEST, TIGHTEST

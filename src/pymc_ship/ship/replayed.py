@@ -14,10 +14,10 @@ from pymc_ship.forecasting.forecast import BANDS, quantile_bands
 from pymc_ship.forecasting.index_error import index_sd
 from pymc_ship.forecasting.motion_error import with_motion_error
 from pymc_ship.machine.seeds import random_generator
-from pymc_ship.manoeuvre.recognition import recognise_by_facility, with_steering
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ship.along import reading_noise, sailed_along
 from pymc_ship.ship.held_out import index_rows, readings_sd
 from pymc_ship.ship.model import IdentifiedShip, ShipModel

@@ -13,12 +13,12 @@ from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.records.files.judgement import judgement
 from pymc_ship.regression.priors import PriorError
 from pymc_ship.trajectory.fit import TrajectoryError, fit_trajectory
 from pymc_ship.trajectory.noise import NoiseChoice, fit_with_noise
 from pymc_ship.trajectory.prior import KINDS, CoefficientPrior, coefficient_prior
 from pymc_ship.trajectory.runs import Run, trajectory_run
-from pymc_ship.trial.judgement import judgement
 from pymc_ship.trial.record import trial_list
 
 _SAME_MODE = 0.5  # posterior standard deviations
@@ -35,7 +35,7 @@ class TrajectoryMode:
     n_starts, n_agreeing : int
         Starts that ran, and those that ended at this mode.
     judgement : dict of str to str
-        What the checks said of the records, see :func:`pymc_ship.trial.judgement.judgement`.
+        What the checks said of the records, see :func:`pymc_ship.records.files.judgement.judgement`.
     """
 
     choice: NoiseChoice

@@ -7,7 +7,6 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.manoeuvre.recognition import recognise
 from pymc_ship.physics.manoeuvre.helm import (
     approach_speed,
     execution,
@@ -18,6 +17,7 @@ from pymc_ship.physics.manoeuvre.helm import (
     unsteered,
     whole_heading,
 )
+from pymc_ship.records.steering.recognition import recognise
 from tests.physics.manoeuvre.cases import measured, scaled, simulated, steered_by_hand
 
 SHIP = scaled("kvlcc2", 160.0, 20.0)

@@ -9,7 +9,4 @@
 - `indices`: overshoots, advance, transfer and the like of a record.
 - `criteria`: IMO MSC.137(76): limits and verdicts, with probabilities for draws.
 - `helm`: execution, held angles and reversals of a rudder.
-- `recognition`: which manoeuvre a record holds, and its steering gear.
-- `measured`: a measured manoeuvre beside a forecast one.
-- `stopping_tests`: the stopping test in a record, with its indices and IMO limit.
 """

@@ -1,0 +1,165 @@
+"""Checks of what a trial can tell: a straight, steady approach, ranges of the motion, terms above the noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.forces.terms import evaluate
+from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.vessel.vessel import LETTER, Vessel
+from pymc_ship.records.checks.verdicts import (
+    SIGNIFICANT,
+    Blocks,
+    Check,
+    ShipScale,
+    needed,
+    not_checked,
+    regressed,
+    straight_approach,
+)
+from pymc_ship.trial.record import TrialError, sampling_interval
+
+STRAIGHT = 0.1
+"""Mean of r, v or phi on the approach over the channel's largest magnitude; IMO asks for a steady course."""
+
+UPRIGHT = 0.5
+"""Heel [deg] up to which an approach is upright, however little the ship rolls later."""
+
+STEADY = 0.01
+"""Change of speed in L/U over the speed on the approach; IMO asks for a steady speed."""
+
+DRIFT_RANGE, TURN_RANGE, RUDDER_RANGE = 0.05, 0.15, 5.0
+"""Least v/U, rL/U and rudder angle [deg]: a 10/10 zigzag reaches 0.1, 0.2 to 0.4 and 10."""
+
+ABOVE_NOISE = 2.0
+"""Signal over noise of a direction of the design from which it is told from noise."""
+
+_BLOCK = 0.1  # share of L/U
+_IDLE = 1e-12
+_STOPPED = 0.01  # share of the nominal speed
+
+
+def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
+    """Whether the ship sails straight and steadily before the rudder moves."""
+    n = straight_approach(trial)
+    interval = sampling_interval(trial)
+    if n < 3 or n == trial.sizes["time"]:
+        return not_checked("approach", "the rudder moves from the first sample on, or never")
+    numbers, faults = [("duration", (n - 1) * interval, "s")], []
+    for name in ("r", "v", "phi"):
+        values = trial[name].values if name in trial else np.zeros(n)
+        largest = np.quantile(np.abs(values), 0.99)
+        if largest > 0.0:
+            share = float(values[:n].mean() / largest)
+            numbers.append((f"{name} over its largest", share, ""))
+            least = max(STRAIGHT, SIGNIFICANT * _sd(values) / np.sqrt(n) / largest)
+            if abs(share) > least and (name != "phi" or abs(share) * largest > np.deg2rad(UPRIGHT)):
+                faults.append(f"{name} is {share:+.0%} of its largest")
+    if "u" in trial:
+        told, wrong = _speed_trend(trial, n, scale)
+        numbers += told
+        faults += wrong
+    if faults:
+        text = f"On the approach {', '.join(faults)}; indices count from a straight course, a fit may start there."
+        return Check("approach", "doubtful", text, tuple(numbers))
+    return Check("approach", "good", f"Straight and steady for {(n - 1) * interval:.3g} s.", tuple(numbers))
+
+
+def _speed_trend(trial: xr.Dataset, n: int, scale: ShipScale) -> tuple[list, list[str]]:
+    """Numbers and faults of the change of speed over the first ``n`` samples, where they last half of L/U."""
+    u, time = trial["u"].values[:n], trial["time"].values[:n]
+    if time[-1] - time[0] <= 0.5 * scale.time:
+        return [], []
+    (trend, _), (error, _), _ = regressed([time - time.mean(), np.ones(n)], u)
+    change = float(trend * scale.time / scale.U)
+    wrong = abs(change) > STEADY and abs(trend) > SIGNIFICANT * error
+    return [("change of speed in L/U", change, "")], [f"the speed changes by {change:+.1%} in L/U"] if wrong else []
+
+
+def _sd(values: np.ndarray) -> float:
+    return float(np.median(np.abs(np.diff(values))) / 0.954)
+
+
+def range_check(trial: xr.Dataset, scale: ShipScale) -> Check:
+    """Ranges of v/U, rL/U, rudder and speed."""
+    if reason := needed(trial, ("u", "v", "r", "delta")):
+        return not_checked("ranges", reason)
+    U = np.maximum(np.hypot(trial["u"].values, trial["v"].values), 1e-3 * scale.U)
+    drift, turn = (
+        float(np.quantile(np.abs(values), 0.99)) for values in (trial["v"].values / U, trial["r"].values * scale.L / U)
+    )
+    rudder = float(np.rad2deg(np.abs(trial["delta"].values).max()))
+    loss = float(np.ptp(np.quantile(U, [0.01, 0.99])) / scale.U)
+    numbers = (("v/U", drift, ""), ("rL/U", turn, ""), ("delta", rudder, "deg"), ("range of U", loss, "U"))
+    text = f"v/U reaches {drift:.2g}, rL/U {turn:.2g}, the rudder {rudder:.3g} deg; U ranges over {loss:.0%}."
+    if (scale.known and turn < 0.1 * TURN_RANGE) or rudder < 0.1 * RUDDER_RANGE:
+        return Check("ranges", "bad", f"{text} The ship hardly turns; use a zigzag or a turning circle.", numbers)
+    if (scale.known and turn < TURN_RANGE) or drift < DRIFT_RANGE or rudder < RUDDER_RANGE:
+        return Check("ranges", "doubtful", f"{text} Steer harder to tell more than linear terms.", numbers)
+    return Check("ranges", "good", text, numbers)
+
+
+def excitation_checks(trial: xr.Dataset, vessel: Vessel | None) -> tuple[Check, ...]:
+    """Condition number of the design of each degree of freedom, and its directions above the noise.
+
+    The terms are averaged over blocks of a tenth of L/U and scaled to unit mean square; their noise is that of second
+    differences in time. A direction of the singular value decomposition counts where its signal is
+    :data:`ABOVE_NOISE` times its noise.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+    vessel : Vessel or None
+
+    Returns
+    -------
+    tuple of Check
+        "excitation <dof>" for each degree of freedom of the vessel, one "excitation" without a vessel.
+    """
+    if vessel is None:
+        return (not_checked("excitation", "no vessel whose terms could be tried"),)
+    try:
+        record = motion_record(trial, vessel)
+    except TrialError as error:
+        return (not_checked("excitation", str(error).removesuffix(".")),)
+    nominal_speed = vessel.particulars.nominal_speed
+    if np.hypot(record["u"], record["v"]).min() < _STOPPED * nominal_speed:
+        return (not_checked("excitation", "the ship stops, and prime values have no scale"),)
+    motion, speed, _ = prime_record(vessel, record)
+    weight = (speed / nominal_speed)[:, None] ** 2
+    ship_time = vessel.particulars.L / float(np.median(speed))
+    size = int(np.clip(round(_BLOCK * ship_time / sampling_interval(trial)), 1, max(1, speed.size // 20)))
+    return tuple(
+        _excitation(dof, vessel.terms(dof), evaluate(vessel.terms(dof), motion) * weight, size)
+        if vessel.forces[dof]
+        else not_checked(f"excitation {dof}", "the vessel file has no terms of it")
+        for dof in vessel.dofs
+    )
+
+
+def _excitation(dof: str, terms: tuple[str, ...], columns: np.ndarray, size: int) -> Check:
+    """Check of the design of one degree of freedom from its terms at every sample, shape (n_time, n_terms)."""
+    name = f"excitation {dof}"
+    design = np.apply_along_axis(Blocks(size).means, 0, columns)
+    scale = np.sqrt(np.mean(design**2, axis=0))
+    idle = [LETTER[dof] + term for term, value in zip(terms, scale, strict=True) if value < _IDLE]
+    if idle:
+        text = f"{', '.join(idle)} stay 0 all the time; leave them out or use a trial that excites them."
+        return Check(name, "bad", text, (("idle terms", float(len(idle)), ""),))
+    noise = np.diff(columns / scale, 2, axis=0) / np.sqrt(6.0)
+    _, s, directions = np.linalg.svd(design / scale, full_matrices=False)
+    spread = np.sqrt(np.mean((noise @ directions.T) ** 2, axis=0) / size)
+    seen = s / np.sqrt(len(design)) > ABOVE_NOISE * spread
+    condition = float(s[0] / max(s[-1], np.finfo(float).tiny))
+    count = int(np.count_nonzero(seen))
+    numbers = (("condition number", condition, ""), ("directions above noise", float(count), f"of {len(terms)}"))
+    if seen.all():
+        text = f"All {len(terms)} directions stand above the noise; condition number {condition:.3g}."
+        return Check(name, "good", text, numbers)
+    lost = np.sqrt(np.sum(directions[~seen] ** 2, axis=0))
+    weak = ", ".join(LETTER[dof] + terms[j] for j in np.argsort(-lost)[:3])
+    text = (
+        f"{count} of {len(terms)} directions stand above the noise; least of all {weak}: use a prior, fewer terms or "
+    )
+    return Check(name, "bad" if count < 0.25 * len(terms) else "doubtful", f"{text}harder runs.", numbers)

@@ -1,0 +1,216 @@
+"""How late measured velocities are behind the measured track, told from a lever arm, and the record set right.
+
+A lag makes v follow what a lever arm makes of it, with an arm that grows with the speed and differs between runs. Two
+lags are told apart: u and v that are late as a whole, and earth-fixed velocities that are late and were turned into
+the body by the present heading, as where positions are differentiated and filtered. The reading that misses the track
+least is taken; the lag belongs to the sensors and so is one value for all runs of a facility.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.records.checks.track import (
+    TrackBlocks,
+    body_velocity,
+    earth_velocity,
+    lever_fit,
+    track_blocks,
+    turned_to_earth,
+)
+from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, ShipScale, needed, not_checked, regressed
+from pymc_ship.trial.record import TrialError, sampling_interval
+
+LAG = 0.01
+"""Lag over L/U from which it matters: in a turn of rL/U = 0.5, v is then off by 0.5 % of U."""
+
+LONGEST_LAG = 0.5
+"""Lag over L/U beyond which it is none: a ship answers her rudder in less."""
+
+READINGS = {"earth": "earth-fixed velocities turned by the present heading", "body": "u and v as a whole"}
+"""What can be late, by its name."""
+
+NAME = "velocity lag"
+"""Name of the check."""
+
+_STEPS = 12
+_CONVERGED = 1e-4  # s
+
+
+@dataclass(frozen=True)
+class VelocityLag:
+    """Lag [s] of the velocities behind the track, of a kind in :data:`READINGS`, and its standard error [s]."""
+
+    kind: str
+    seconds: float
+    error: float
+
+
+def advanced(trial: xr.Dataset, lag: VelocityLag) -> xr.Dataset:
+    """Trial whose u and v are taken from as much later as they lag; samples without such a later one are cut off.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        With u, v [m/s] and psi [rad], phi [rad] where the ship rolls.
+    lag : VelocityLag
+
+    Returns
+    -------
+    Dataset, dims (time,)
+    """
+    time = trial["time"].values
+    if lag.kind == "earth":
+        x_dot, y_dot = (_later(time, values, lag.seconds) for values in earth_velocity(trial))
+        trial = trial.assign(u=("time", x_dot, trial["u"].attrs), v=("time", y_dot, trial["v"].attrs))
+        velocities = dict(zip(("u", "v"), body_velocity(trial), strict=True))
+    else:
+        velocities = {name: _later(time, trial[name].values, lag.seconds) for name in ("u", "v")}
+    trial = trial.assign({name: ("time", values, trial[name].attrs) for name, values in velocities.items()})
+    known = (time + lag.seconds >= time[0]) & (time + lag.seconds <= time[-1])
+    return trial.isel(time=known)
+
+
+def _later(time: np.ndarray, values: np.ndarray, seconds: float) -> np.ndarray:
+    """Values of so many seconds later; the last ones stay."""
+    return np.interp(time + seconds, time, values)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """Lag of one kind [s], its standard error [s] and what it leaves of the track [m]."""
+
+    seconds: float
+    error: float
+    misfit: float
+
+
+def _sailed(trial: xr.Dataset, track: TrackBlocks, kind: str, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """Increments of the track that late velocities mean, and their derivative by the lag, each (2, n_blocks - 1)."""
+    time, interval = trial["time"].values, sampling_interval(trial)
+    pair = earth_velocity(trial) if kind == "earth" else (trial["u"].values, trial["v"].values)
+    pair = [_later(time, values, seconds) for values in pair]
+    both = pair, [np.gradient(values, interval) for values in pair]
+    return tuple(track.sailed(*(uv if kind == "earth" else turned_to_earth(*uv, trial))) for uv in both)
+
+
+def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float) -> _Reading:
+    """Least-squares lag of a kind, beside constant offsets of the velocity (Gauss-Newton)."""
+    seconds = 0.0
+    for _ in range(_STEPS):
+        predicted, slope = _sailed(trial, track, kind, seconds)
+        (step, *_), (error, *_), residuals = regressed([slope.ravel(), *track.offsets], (measured - predicted).ravel())
+        seconds = float(np.clip(seconds + step, -longest, longest))
+        if abs(step) < _CONVERGED:
+            break
+    return _Reading(seconds, float(error), float(np.sqrt(np.mean(residuals**2))))
+
+
+def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = None) -> Check:
+    """Lag of u and v behind the track, told from a lever arm.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+    scale : ShipScale
+    known : VelocityLag, optional
+        The lag of all runs of the facility, see :func:`common_lag`; it is used in place of this record's own.
+
+    Returns
+    -------
+    Check
+        "velocity lag"; the numbers are the lag and what each reading leaves of the track. :func:`lag_of` reads them.
+    """
+    if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
+        return not_checked(NAME, reason)
+    track, measured = track_blocks(trial, scale)
+    readings = {kind: _reading(trial, track, measured, kind, LONGEST_LAG * scale.time) for kind in READINGS}
+    _, _, arm = lever_fit(trial, track, measured - track.sailed(*earth_velocity(trial)))
+    arm_misfit = float(np.sqrt(np.mean(arm**2)))
+    numbers = tuple(
+        number
+        for kind, found in readings.items()
+        for number in (
+            (f"lag, {kind}", found.seconds, "s"),
+            (f"standard error, {kind}", found.error, "s"),
+            (f"misfit, {kind}", found.misfit, "m"),
+        )
+    )
+    numbers += (("misfit, lever arm", arm_misfit, "m"), ("interval", sampling_interval(trial), "s"))
+    numbers += (("lag over L/U", readings["earth"].seconds / scale.time, ""),)
+    if known:
+        numbers += ((f"lag of all runs, {known.kind}", known.seconds, "s"),)
+        text = f"The velocities of all runs lag the track by {known.seconds:.2g} s, {READINGS[known.kind]}; move them."
+        return Check(NAME, "doubtful", text, numbers, mendable=True)
+    kind = min(readings, key=lambda name: readings[name].misfit)
+    own = readings[kind]
+    matters = abs(own.seconds) > max(LAG * scale.time, sampling_interval(trial), SIGNIFICANT * own.error)
+    if not matters or own.misfit >= arm_misfit or abs(own.seconds) >= LONGEST_LAG * scale.time:
+        text = f"The velocities do not lag the track ({own.seconds:.2g} s, error {own.error:.1g} s)."
+        return Check(NAME, "good", text, numbers)
+    text = (
+        f"The velocities lag the track by {own.seconds:.2g} s, {READINGS[kind]}: that leaves {own.misfit:.2g} m of it, "
+        f"a lever arm {arm_misfit:.2g} m; move them."
+    )
+    return Check(NAME, "doubtful", text, numbers, mendable=True)
+
+
+def explains_better(check: Check, scale: ShipScale) -> bool:
+    """Whether a lag that the record does not tell for certain would explain the track better than a lever arm."""
+    if check.mendable or not check.numbers:
+        return False
+    found = lag_of(check)
+    matters = abs(found.seconds) > max(LAG * scale.time, check.value("interval"))
+    return matters and check.value(f"misfit, {found.kind}") < check.value("misfit, lever arm")
+
+
+def lag_of(check: Check) -> VelocityLag:
+    """Lag that a check has found: that of all runs where it was given, else the one that misses the track least."""
+    values = {label: value for label, value, _ in check.numbers}
+    for kind in READINGS:
+        if (label := f"lag of all runs, {kind}") in values:
+            return VelocityLag(kind, values[label], values[f"standard error, {kind}"])
+    kind = min(READINGS, key=lambda name: values[f"misfit, {name}"])
+    return VelocityLag(kind, values[f"lag, {kind}"], values[f"standard error, {kind}"])
+
+
+def common_lag(checked: Iterable[Sequence[Check]]) -> VelocityLag | None:
+    """One lag of several runs of a facility.
+
+    The kind is that whose misfits have the smallest product over the runs; the value is the mean of the runs, weighted
+    by the inverse of the variance of each and of the scatter between them (DerSimonian & Laird 1986,
+    doi:10.1016/0197-2456(86)90046-2).
+
+    Parameters
+    ----------
+    checked : iterable of sequence of Check
+        Checks of each run, or of one, from :func:`pymc_ship.trial_checks`.
+
+    Returns
+    -------
+    VelocityLag or None
+        None where no run shows a lag that matters.
+
+    Raises
+    ------
+    TrialError
+        For what is no check.
+    """
+    every = [check for checks in checked for check in ([checks] if isinstance(checks, Check) else checks)]
+    if not all(isinstance(check, Check) for check in every):
+        raise TrialError("A common lag is told from the checks of the runs, found something else; give trial_checks.")
+    found = [check for check in every if check.name == NAME and check.numbers]
+    if not any(check.mendable for check in found):
+        return None
+    kind = min(READINGS, key=lambda name: sum(np.log(check.value(f"misfit, {name}")) for check in found))
+    values = np.array([check.value(f"lag, {kind}") for check in found])
+    variance = np.array([check.value(f"standard error, {kind}") for check in found]) ** 2
+    weight = 1.0 / variance
+    spread = weight @ (values - weight @ values / weight.sum()) ** 2 - (values.size - 1)
+    between = max(spread / max(weight.sum() - weight @ weight / weight.sum(), np.finfo(float).tiny), 0.0)
+    weight = 1.0 / (variance + between)
+    return VelocityLag(kind, float(weight @ values / weight.sum()), float(1.0 / np.sqrt(weight.sum())))

@@ -1,0 +1,331 @@
+"""Whether a record can be that of this ship, and which piece of it the models can hold.
+
+Every quantity judged here has no dimension: the same ranges hold for a model and for the ship, and none needs a track.
+Where a quantity leaves its range, known mistakes (a unit, a scale, swapped columns, a wrong entry of the vessel file)
+are tried one after the other, and the one that brings all quantities back to their ranges is named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.forces.prime_system import GRAVITY
+from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.kinematics import FACTORS
+from pymc_ship.records.checks.verdicts import (
+    SIGNIFICANT,
+    SLOW,
+    Check,
+    ShipScale,
+    longest_piece,
+    needed,
+    not_checked,
+    pieces,
+    regressed,
+    ship_blocks,
+)
+from pymc_ship.trial.record import sampling_interval
+
+DRIFT = 0.6
+"""Largest v/U of a ship that sails ahead: a drift angle of 37 deg, beyond that of the tightest turns."""
+
+TURNING = 2.0
+"""Largest rL/U of a ship that sails ahead: a circle of one ship length in diameter."""
+
+SHORTEST_PIECE = 2.5
+"""Shortest piece of a record [L/U] that can be fitted: half a window, see :mod:`pymc_ship.trajectory.windows`."""
+
+_BLOCK = 0.25  # share of L/U
+_SUSPICIOUS = 3.0  # standard errors beyond a range from which a quantity is doubted
+
+
+@dataclass(frozen=True)
+class Range:
+    """Possible and usual values of a quantity, a typical one, and the factor by which ships scatter about it."""
+
+    possible: tuple[float, float]
+    usual: tuple[float, float]
+    typical: float
+    scatter: float
+    words: str
+    unit: str = ""
+
+
+RANGES = {
+    "share ahead": Range(
+        (0.25, 1.0), (0.25, 1.0), 1.0, 2.0, "she sails ahead with |v|/U below 0.6 for {:.0%} of the time"
+    ),
+    "rL/U": Range((0.0, TURNING), (0.0, 1.2), 0.4, 2.0, "rL/U reaches {:.2g} (ships: up to 1)"),
+    "rU/g": Range((0.0, 0.2), (0.0, 0.1), 0.01, 3.0, "r U reaches {:.2g} of gravity (ships: up to 0.05)"),
+    "pivot point": Range(
+        (-0.2, 1.2), (0.1, 0.9), 0.45, 1.3, "v over r puts the pivot point {:.2g} L forward (ships: 0.3 to 0.7)", "L"
+    ),
+    "speed": Range((0.25, 2.5), (1.0 / 1.5, 1.5), 1.0, 1.2, "the speed is {:.3g} times the nominal one"),
+    "Froude number": Range((0.01, 1.0), (0.02, 0.45), 0.18, 1.6, "the Froude number is {:.2g}"),
+    "heel": Range((-np.inf, 0.0), (-np.inf, 0.0), -1.0, 10.0, "she heels into the turn ({:+.2g} rad for r U/g)", "rad"),
+}
+"""Ranges of the quantities, from geometry and from merchant ships, tugs and naval ships.
+
+The pivot point of a turning ship lies 0.3 to 0.7 L forward of midship (Tzeng 1998, J. Mar. Sci. Tech. 6:39-44), and a
+sensor stands within 0.5 L of midship, usually within 0.2 L. rU/g is rL/U times the square of the Froude number. A ship
+heels out of her turn, because her centre of gravity lies above the centre of the lateral force of the hull.
+"""
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Block means of a motion: speeds [m/s], yaw rate [rad/s], heel [rad] or None; length and nominal speed or None."""
+
+    u: np.ndarray
+    v: np.ndarray
+    r: np.ndarray
+    phi: np.ndarray | None
+    interval: float
+    L: float | None
+    nominal: float | None
+
+    @property
+    def U(self) -> np.ndarray:
+        """Speed [m/s] of each block."""
+        return np.hypot(self.u, self.v)
+
+    @property
+    def fast(self) -> float:
+        """Speed [m/s] that 5 % of the blocks exceed."""
+        return float(np.quantile(self.U, 0.95))
+
+    @property
+    def ahead(self) -> np.ndarray:
+        """Whether the ship sails ahead in a block, with a drift and a speed that models hold."""
+        return (self.u > SLOW * self.fast) & (np.abs(self.v) <= DRIFT * self.U)
+
+
+def _motion(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None) -> tuple[_Motion, int]:
+    """Motion of a record and the samples of a block."""
+    blocks = ship_blocks(trial, scale, _BLOCK)
+    means = {name: blocks.means(trial[name].values) for name in ("u", "v", "r", "phi") if name in trial}
+    given = (vessel.particulars.L, vessel.particulars.nominal_speed) if vessel else (None, None)
+    interval = blocks.size * sampling_interval(trial)
+    return _Motion(means["u"], means["v"], means["r"], means.get("phi"), interval, *given), blocks.size
+
+
+def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
+    """Value and standard error of each quantity that the motion shows."""
+    moving = SLOW * motion.fast < motion.U
+    ahead = motion.ahead
+    share = float(ahead.sum() / max(moving.sum(), 1))
+    judged = replace(motion, **{name: getattr(motion, name)[ahead] for name in ("u", "v", "r")})
+    found = {"share ahead": (share, 0.0)}
+    if ahead.sum() < 10:
+        return found
+    found["rU/g"] = (float(np.quantile(np.abs(judged.r) * judged.U, 0.99)) / GRAVITY, 0.0)
+    constant, lag = np.ones(judged.r.size), np.gradient(motion.r, motion.interval)[ahead]
+    if motion.L:
+        found["rL/U"] = (float(np.quantile(np.abs(judged.r) / judged.U, 0.99)) * motion.L, 0.0)
+        found["Froude number"] = (motion.fast / np.sqrt(GRAVITY * motion.L), 0.0)
+        found["speed"] = (motion.fast / motion.nominal, 0.0)
+        (slope, *_), (error, *_), _ = regressed([judged.r, lag, constant], judged.v)
+        found["pivot point"] = (-float(slope) / motion.L, float(error) / motion.L)
+    if motion.phi is not None:
+        thrown = motion.r * motion.u / GRAVITY
+        columns = [thrown[ahead], np.gradient(thrown, motion.interval)[ahead], constant]
+        (slope, *_), (error, *_), _ = regressed(columns, motion.phi[ahead])
+        found["heel"] = float(slope), float(error)
+    return found
+
+
+def _beyond(value: float, error: float, limits: tuple[float, float], sure: float) -> bool:
+    """Whether a value lies beyond its limits by more than ``sure`` standard errors."""
+    low, high = limits
+    return value + sure * error < low or value - sure * error > high
+
+
+def _faults(found: dict[str, tuple[float, float]]) -> dict[str, str]:
+    """Verdict on each quantity that leaves its usual range."""
+    faults = {}
+    for name, (value, error) in found.items():
+        if _beyond(value, error, RANGES[name].possible, SIGNIFICANT):
+            faults[name] = "bad"
+        elif _beyond(value, error, RANGES[name].usual, _SUSPICIOUS):
+            faults[name] = "doubtful"
+    return faults
+
+
+def _oddness(found: dict[str, tuple[float, float]]) -> float:
+    """How far the quantities lie from typical ones: sum of squares in units of the scatter of ships."""
+    total = 0.0
+    for name in ("rL/U", "pivot point", "speed", "Froude number"):
+        if name in found:
+            ratio = max(found[name][0] / RANGES[name].typical, 1e-9)
+            total += (np.log(ratio) / np.log(RANGES[name].scatter)) ** 2
+    return total
+
+
+def _mistakes(motion: _Motion) -> dict[str, _Motion]:
+    """The motion as it would be if a mistake were mended, by the mistake."""
+    swapped = replace(motion, u=motion.v, v=motion.u)
+    found = {
+        "u and v are swapped": swapped,
+        "v has the opposite sign": replace(motion, v=-motion.v),
+        "r is in deg/s": replace(motion, r=np.deg2rad(motion.r)),
+        "r is in deg/min": replace(motion, r=np.deg2rad(motion.r) / 60.0),
+    }
+    for factor, mistake in FACTORS.items():
+        found[f"u and v are {mistake}"] = replace(motion, u=factor * motion.u, v=factor * motion.v)
+    if motion.phi is not None:
+        found["phi has the opposite sign"] = replace(motion, phi=-motion.phi)
+    if motion.L:
+        root = motion.nominal / motion.fast
+        scaled = replace(
+            motion, u=root * motion.u, v=root * motion.v, r=motion.r / root, interval=motion.interval * root
+        )
+        found[f"the record is at a scale of 1:{root**2:.3g} to the vessel file (Froude)"] = scaled
+        found[_nominal(motion)] = replace(motion, nominal=motion.fast)
+        pivot = _quantities(motion).get("pivot point", (0.0, 0.0))[0]
+        if pivot > 0.0:
+            L = motion.L * pivot / RANGES["pivot point"].typical
+            found[f"the vessel file has the wrong L (about {L:.3g} m would fit)"] = replace(motion, L=L)
+    return found
+
+
+def _nominal(motion: _Motion) -> str:
+    """What is wrong with the nominal speed of the vessel file, if it is that."""
+    text, metres = f"the record sails {motion.fast:.3g} m/s", motion.nominal * 0.514444
+    if 0.9 < metres / motion.fast < 1.1:
+        return (
+            f"the vessel file has its nominal speed in knots ({text}; {motion.nominal:.3g} knots are {metres:.3g} m/s)"
+        )
+    return f"the vessel file has the wrong nominal speed ({text})"
+
+
+def _explanation(motion: _Motion) -> str:
+    """Sentence on the mistake that explains the quantities best, or that none does."""
+    mended = {mistake: _quantities(changed) for mistake, changed in _mistakes(motion).items()}
+    whole = {mistake: found for mistake, found in mended.items() if not _faults(found)}
+    if not whole:
+        return "No single mistake of unit, sign, scale or column explains it."
+    best = min(whole, key=lambda mistake: _oddness(whole[mistake]))
+    shown = [_words(name, whole[best]) for name in ("rL/U", "pivot point", "speed") if name in whole[best]]
+    return f"It fits that {best}" + (f": then {', '.join(shown)}." if shown else ".")
+
+
+def _words(name: str, found: dict[str, tuple[float, float]]) -> str:
+    return RANGES[name].words.format(found[name][0])
+
+
+def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None) -> Check:
+    """Whether drift, turning, pivot point, speed, Froude number and heel are those of a ship, and of this one.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+    scale : ShipScale
+    vessel : Vessel or None
+        Without one, only the drift, the lateral acceleration and the heel are judged.
+
+    Returns
+    -------
+    Check
+        "plausibility"; its numbers are the quantities of :data:`RANGES`.
+    """
+    name = "plausibility"
+    if reason := needed(trial, ("u", "v", "r")):
+        return not_checked(name, reason)
+    motion, _ = _motion(trial, scale, vessel)
+    if not motion.fast > 0.0:
+        return Check(name, "bad", "The ship does not move; check u and v.")
+    found = _quantities(motion)
+    numbers = tuple((label, value, RANGES[label].unit) for label, (value, _) in found.items())
+    faults = _faults(found)
+    if not faults:
+        said = [_words(label, found) for label in ("rL/U", "pivot point", "speed") if label in found]
+        text = f"The motion is that of a ship: {', '.join(said)}." if said else "The motion is that of a ship."
+        return Check(name, "good", text, numbers)
+    verdict = "bad" if "bad" in faults.values() else "doubtful"
+    said = "; ".join(_words(label, found) for label in faults)
+    return Check(name, verdict, f"No usual ship moves so: {said}. {_explanation(motion)}", numbers)
+
+
+def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False) -> Check:
+    """The longest piece in which the ship sails ahead, at a speed, a drift and a rate of turn that the models hold.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+    scale : ShipScale
+    any_speed : bool, optional
+        Whether the models hold the rest of the record, too.
+
+    Returns
+    -------
+    Check
+        "motion ahead"; its numbers "from" and "until" [s] are the ends of the piece, to which a trial is cut.
+    """
+    name = "motion ahead"
+    if reason := needed(trial, ("u", "v", "r")):
+        return not_checked(name, reason)
+    held, size = _held(trial, scale)
+    time = trial["time"].values
+    if held.all():
+        return Check(name, "good", "The ship sails ahead all the time.", _piece(time[0], time[-1]))
+    longest = longest_piece(held)
+    begin, end = longest.start, longest.stop
+    samples = _samples(longest, held.size, size, time.size)
+    numbers = _piece(time[samples.start], time[max(samples.stop - 1, samples.start)])
+    if any_speed:
+        share = f"The ship sails ahead, above {SLOW:.0%} of her speed, for {held.mean():.0%} of the time"
+        return Check(name, "good", f"{share}; parts for any speed hold the rest.", numbers)
+    piece = numbers[1][1] - numbers[0][1]
+    text = f"The ship sails ahead, above {SLOW:.0%} of her speed and with |v|/U below {DRIFT:g},"
+    if piece < SHORTEST_PIECE * scale.time:
+        most = f"for {piece:.3g} s at most" if end > begin else "at no time"
+        text = f"{text} {most}; the models hold nothing else, and a fit takes {SHORTEST_PIECE * scale.time:.3g} s."
+        return Check(name, "bad", text, numbers)
+    text = (
+        f"{text} from {numbers[0][1]:.4g} to {numbers[1][1]:.4g} s; only this piece is used ({held.mean():.0%} do so)."
+    )
+    return Check(name, "doubtful", text, numbers, mendable=True)
+
+
+def pieces_ahead(trial: xr.Dataset, scale: ShipScale) -> list[xr.Dataset]:
+    """Pieces in which the ship sails ahead, as long as a fit takes; the whole record where she always does.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        With u, v and r.
+    scale : ShipScale
+
+    Returns
+    -------
+    list of Dataset
+        In the order of time; :func:`piece_check` says why where there is none.
+    """
+    held, size = _held(trial, scale)
+    if held.all():
+        return [trial]
+    found = [trial.isel(time=_samples(piece, held.size, size, trial.sizes["time"])) for piece in pieces(held)]
+    return [piece for piece in found if np.ptp(piece["time"].values) >= SHORTEST_PIECE * scale.time]
+
+
+def _held(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, int]:
+    """Whether models for a ship ahead hold each block of a record, and the samples of a block."""
+    motion, size = _motion(trial, scale, None)
+    return motion.ahead & (np.abs(motion.r) * scale.L <= TURNING * motion.U if scale.known else True), size
+
+
+def _samples(piece: slice, blocks: int, size: int, samples: int) -> slice:
+    """Samples of a piece of blocks; the last block takes what is left of the record."""
+    return slice(piece.start * size, samples if piece.stop == blocks else piece.stop * size)
+
+
+def _piece(begin: float, end: float) -> tuple[tuple[str, float, str], ...]:
+    return ("from", float(begin), "s"), ("until", float(end), "s")
+
+
+def cut_to_piece(trial: xr.Dataset, check: Check) -> xr.Dataset:
+    """Trial cut to the piece that :func:`piece_check` found."""
+    return trial.sel(time=slice(check.value("from"), check.value("until")))

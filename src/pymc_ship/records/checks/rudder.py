@@ -1,0 +1,209 @@
+"""Checks of the rudder record: unit, sign, zero, rate and delay."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.verdicts import (
+    SIGNIFICANT,
+    Check,
+    ShipScale,
+    needed,
+    not_checked,
+    regressed,
+    ship_blocks,
+    straight_approach,
+)
+from pymc_ship.trial.record import sampling_interval
+
+LARGEST_RUDDER = 1.3
+"""Rudder angle [rad] that no rudder reaches: a record beyond 75 deg is one in degrees."""
+
+CORRELATED = 0.7
+"""Correlation of yaw rate and rudder that tells the sign where no acceleration does, as in a long steady turn."""
+
+ZERO = 0.3
+"""Rudder angle [deg] up to which a zero error passes: rudder indicators are read to about 0.5 deg."""
+
+ZEROS_AGREE = 0.3
+"""Difference [deg] up to which approach and zigzag tell the same zero error, which is then mended."""
+
+RATE = 0.1
+"""Difference from the vessel file's rudder rate that passes."""
+
+_PLATEAUS_AGREE = 3.0  # deg; sides of a zigzag differ by no more than twice a zero error
+_SHORTEST_APPROACH = 1.0  # s
+_MOVE = 0.6  # share of the way from the middle of the rudder's range to its ends
+_BLOCK = 0.25  # share of L/U
+
+
+def rudder_unit_check(trial: xr.Dataset) -> Check:
+    """Whether the rudder angle can be in rad."""
+    if "delta" not in trial:
+        return not_checked("rudder unit", "no delta in the record")
+    largest = float(np.abs(trial["delta"].values).max())
+    numbers = (("largest rudder angle", np.rad2deg(largest), "deg"),)
+    if largest > LARGEST_RUDDER:
+        text = f"delta reaches {largest:.3g} rad, which no rudder does; it is in deg: convert it."
+        return Check("rudder unit", "bad", text, numbers)
+    if np.ptp(trial["delta"].values) == 0.0:
+        return Check("rudder unit", "bad", "delta never changes; find the column of the rudder.", numbers)
+    return Check("rudder unit", "good", f"delta reaches {np.rad2deg(largest):.3g} deg.", numbers)
+
+
+def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
+    """Sign of the yaw acceleration that a rudder angle brings (Nomoto's equation), or of their lagged correlation."""
+    if reason := needed(trial, ("delta", "r")):
+        return not_checked("rudder sign", reason)
+    blocks = ship_blocks(trial, scale, _BLOCK)
+    time = blocks.increments(trial["time"].values)
+    delta, r = (blocks.middles(trial[name].values) for name in ("delta", "r"))
+    coefficients, errors, _ = regressed([delta, r, r * np.abs(r)], blocks.increments(trial["r"].values) / time)
+    gain, error = (float(values[0]) * scale.time**2 for values in (coefficients, errors))
+    correlation = _lagged_correlation(delta, r, round(1.0 / _BLOCK))
+    numbers = (
+        ("yaw acceleration per rudder angle", gain, "U2/L2"),
+        ("standard error", error, "U2/L2"),
+        ("lagged correlation", correlation, ""),
+    )
+    certain = abs(gain) > SIGNIFICANT * error
+    if not certain and abs(correlation) < CORRELATED:
+        return not_checked("rudder sign", "the rudder moves too little to tell what it does", numbers)
+    if (gain if certain else correlation) > 0.0:
+        text = "A positive delta turns the ship to starboard, it should turn her to port; flip the sign of delta."
+        return Check("rudder sign", "bad", text, numbers)
+    return Check("rudder sign", "good", "A positive delta turns the ship to port, as it should.", numbers)
+
+
+def _lagged_correlation(delta: np.ndarray, r: np.ndarray, longest: int) -> float:
+    """Largest correlation about zero, up to a lag of ``longest`` blocks of the yaw rate behind the rudder."""
+    found = [0.0]
+    for lag in range(min(longest, r.size - 2) + 1):
+        ahead, behind = delta[: delta.size - lag], r[lag:]
+        size = np.sqrt(np.sum(ahead**2) * np.sum(behind**2))
+        found.append(float(np.sum(ahead * behind) / size) if size > 0.0 else 0.0)
+    return max(found, key=abs)
+
+
+def rudder_zero_check(trial: xr.Dataset) -> Check:
+    """Mean rudder angle on the straight approach, and half the sum of the two angles a zigzag holds."""
+    name = "rudder zero"
+    if "delta" not in trial:
+        return not_checked(name, "no delta in the record")
+    approach, middle = _approach_zero(trial), _zigzag_zero(trial)
+    found = [zero for zero in (approach, middle) if np.isfinite(zero)]
+    numbers = (("on the approach", approach, "deg"), ("between the sides of the zigzag", middle, "deg"))
+    if not found:
+        return not_checked(name, "neither a straight approach nor a rudder that is held to both sides", numbers)
+    worst = max(found, key=abs)
+    if abs(worst) <= ZERO:
+        return Check(name, "good", f"The rudder's zero is off by {worst:+.2f} deg at most.", numbers)
+    if len(found) == 2 and abs(approach - middle) < ZEROS_AGREE:
+        text = f"The rudder's zero is off by {middle:+.2f} deg, on the approach and between both sides; subtract it."
+        return Check(name, "doubtful", text, numbers, mendable=True)
+    if abs(approach) == abs(worst):
+        text = f"The approach is sailed with {approach:+.2f} deg of rudder: a zero error, or what holds her straight."
+    else:
+        text = f"The two sides of the zigzag are {middle:+.2f} deg off the middle: a zero error, or so ordered."
+    return Check(name, "doubtful", f"{text} Check the log of the trial; not mended.", numbers)
+
+
+def _approach_zero(trial: xr.Dataset) -> float:
+    """Mean rudder angle [deg] before it moves, NaN where that is short or the ship turns."""
+    n = straight_approach(trial)
+    if n < 3 or n == trial.sizes["time"] or (n - 1) * sampling_interval(trial) < _SHORTEST_APPROACH:
+        return np.nan
+    if "r" in trial:
+        r = trial["r"].values
+        if abs(r[:n].mean()) > 0.1 * np.quantile(np.abs(r), 0.99):
+            return np.nan
+    return float(np.rad2deg(trial["delta"].values[:n].mean()))
+
+
+def _zigzag_zero(trial: xr.Dataset) -> float:
+    """Half the sum [deg] of the angles that a zigzag holds to both sides, NaN where there are no two of a kind."""
+    delta = np.rad2deg(trial["delta"].values)
+    low, high = np.quantile(delta, [0.02, 0.98])
+    if not low < 0.0 < high or high - low < 2.0:
+        return np.nan
+    tolerance = 0.05 * (high - low)
+    sides = [delta[np.abs(delta - end) < tolerance] for end in (low, high)]
+    held = sum(side.size for side in sides) > 0.5 * delta.size and min(side.size for side in sides) > 0.1 * delta.size
+    if not held or abs(np.median(sides[0]) + np.median(sides[1])) > 2.0 * _PLATEAUS_AGREE:
+        return np.nan
+    return float(0.5 * (np.median(sides[0]) + np.median(sides[1])))
+
+
+def _moves(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Last sample before and first sample after each passage of the rudder from one side of its range to the other."""
+    delta = trial["delta"].values
+    low, high = np.quantile(delta, [0.005, 0.995])
+    side = np.zeros(delta.size, dtype=int)
+    if high > low:
+        reach = _MOVE * 0.5 * (high - low)
+        side[delta > 0.5 * (low + high) + reach] = 1
+        side[delta < 0.5 * (low + high) - reach] = -1
+    held = np.flatnonzero(side)
+    across = np.flatnonzero(np.diff(side[held]) != 0)
+    return held[across], held[across + 1]
+
+
+def measured_rate(trial: xr.Dataset) -> tuple[float, int]:
+    """Median rate [deg/s] of the rudder from side to side, and the samples that a move takes; (NaN, 0) without one."""
+    before, after = _moves(trial)
+    if not before.size:
+        return np.nan, 0
+    delta, time = trial["delta"].values, trial["time"].values
+    rates = np.abs(delta[after] - delta[before]) / (time[after] - time[before])
+    return float(np.rad2deg(np.median(rates))), int(np.median(after - before))
+
+
+def rudder_rate_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
+    """Rate at which the rudder moves, beside that of the vessel file."""
+    name = "rudder rate"
+    if "delta" not in trial:
+        return not_checked(name, "no delta in the record")
+    rate, samples = measured_rate(trial)
+    if samples < 3:
+        reason = "the rudder never moves from side to side" if not samples else "its moves take fewer than 3 samples"
+        return not_checked(name, reason)
+    numbers = (("rudder rate", rate, "deg/s"),)
+    if vessel is None:
+        return not_checked(name, f"no vessel to compare with; the rudder moves at {rate:.3g} deg/s", numbers)
+    given = vessel.particulars.rudder_rate_deg
+    numbers += (("vessel file", given, "deg/s"),)
+    if abs(rate / given - 1.0) <= RATE:
+        return Check(name, "good", f"The rudder moves at {rate:.3g} deg/s; the vessel file has {given:.3g}.", numbers)
+    text = f"The rudder moves at {rate:.3g} deg/s, the vessel file has {given:.3g};"
+    if rate < given:
+        text = f"{text} steered by hand, it may be slower than its gear: the record does not tell the rate of the gear."
+    else:
+        text = f"{text} an ordered angle, or a gear quicker than that of the file."
+    return Check(name, "doubtful", text, numbers)
+
+
+def rudder_delay_check(trial: xr.Dataset) -> Check:
+    """Delay of the rudder behind its command, where the record holds ``delta_command`` [rad]."""
+    name = "rudder delay"
+    if "delta" not in trial or "delta_command" not in trial:
+        return not_checked(name, "no commanded rudder (delta_command) in the record")
+    rate, _ = measured_rate(trial)
+    time, delta, command = (trial[key].values for key in ("time", "delta", "delta_command"))
+    steps = np.flatnonzero(np.abs(np.diff(command)) > 0.25 * np.ptp(command)) + 1
+    delays = []
+    for k in steps:
+        middle = 0.5 * (command[k - 1] + command[k])
+        reached = np.flatnonzero((delta[k:] - middle) * np.sign(command[k] - command[k - 1]) >= 0.0)
+        if reached.size and reached[0] > 0:
+            travel = abs(command[k] - middle) / np.deg2rad(rate)
+            delays.append(time[k + reached[0]] - time[k] - travel)
+    if not delays or not np.isfinite(delays).all():
+        return not_checked(name, "the command has no steps that the rudder follows")
+    delay = float(np.median(delays))
+    numbers = (("delay", delay, "s"),)
+    text = f"The rudder follows its command {delay:.2g} s late, beside its rate."
+    if delay > 0.1 * float(np.ptp(time)) or delay < -2.0 * sampling_interval(trial):
+        return Check(name, "doubtful", f"{text} Check which column is the command.", numbers)
+    return Check(name, "good", text, numbers)

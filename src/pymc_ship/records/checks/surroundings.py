@@ -1,0 +1,78 @@
+"""What else acts on the ship: whether the revolutions fit her propeller and whether the wind is the true one."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.verdicts import SLOW, Check, ShipScale, needed, not_checked, ship_blocks
+from pymc_ship.records.files.format import true_air
+
+ADVANCE = (0.1, 1.6)
+"""Advance numbers J = U / (n D) of ships that sail ahead, from a tug that tows to a fast craft."""
+
+STEADIER = 0.25
+"""Share of its variance that the wind keeps under another reading from which that reading is believed."""
+
+_TURNED = np.deg2rad(60.0)  # change of heading without which readings of the wind cannot be told apart
+_BLOCK = 0.25  # L/U
+
+
+def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
+    """Whether the propeller's advance number is that of a ship, and what unit of n explains it if not."""
+    name = "revolutions"
+    reason = needed(trial, ("n", "u", "v"))
+    if not reason and (vessel is None or vessel.propeller is None):
+        reason = "it needs a vessel file with [propeller]"
+    if reason:
+        return not_checked(name, reason)
+    n, U = trial["n"].values, np.hypot(trial["u"].values, trial["v"].values)
+    if not np.isfinite(n).all():
+        share = 100.0 * float(np.mean(~np.isfinite(n)))
+        return Check(name, "doubtful", f"n is missing in {share:.2g} % of the record and is left out; fill it in.")
+    driven = (n > 0.0) & (SLOW * np.quantile(U, 0.95) < U)
+    if not driven.any():
+        return not_checked(name, "the propeller never drives her ahead")
+    J = float(np.median(U[driven] / (n[driven] * vessel.propeller.D)))
+    numbers = (("advance number", J, ""),)
+    low, high = ADVANCE
+    if low <= J <= high:
+        return Check(name, "good", f"The advance number U / (n D) is {J:.2g}.", numbers)
+    fits = low <= 60.0 * J <= high
+    why = "It fits that n is in 1/min: state its unit" if fits else "Check the unit of n and D of the vessel file"
+    return Check(name, "bad", f"The advance number U / (n D) is {J:.2g} (ships: {low:g} to {high:g}). {why}.", numbers)
+
+
+def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
+    """Whether the true wind of a record is steady, or would be if it were a relative one."""
+    name = "wind"
+    if reason := needed(trial, ("wind_speed", "wind_direction", "u", "v", "psi")):
+        return not_checked(name, reason)
+    blocks = ship_blocks(trial, scale, _BLOCK)
+    speed, direction, psi = (trial[key].values for key in ("wind_speed", "wind_direction", "psi"))
+    if not (np.isfinite(speed).all() and np.isfinite(direction).all()):
+        return Check(name, "doubtful", "The wind is missing in a part of the record; fill it in.")
+    if np.ptp(psi) < _TURNED:
+        return not_checked(name, "she sails on one course, on which readings of the wind cannot be told apart")
+    u, v, bow = trial["u"].values, trial["v"].values, np.exp(1j * psi)
+    air = -speed * np.exp(1j * direction)
+    readings = {
+        "": air,
+        "wind_speed and wind_direction are of the relative wind, from the bow": true_air(speed, direction, u, v, psi),
+        "wind_speed is of the relative wind, its direction from north": true_air(speed, direction - psi, u, v, psi),
+        "wind_direction counts from the bow": air * bow,
+    }
+    unsteady = {words: _variance(blocks.means(flow.real), blocks.means(flow.imag)) for words, flow in readings.items()}
+    best = min(unsteady, key=lambda words: unsteady[words])
+    share = unsteady[best] / max(unsteady[""], np.finfo(float).tiny)
+    numbers = (("variance of the wind", unsteady[""], "m2/s2"), ("share under the best reading", share, ""))
+    if not best or share > STEADIER:
+        return Check(name, "good", "The true wind is steadier than any reading of it as a relative one.", numbers)
+    remedy = 'state wind = "relative" in the format' if "relative wind, from the bow" in best else "correct the columns"
+    sentence = f"It fits that {best}: the wind then keeps {100.0 * share:.2g} % of its variance; {remedy}."
+    return Check(name, "bad", sentence, numbers)
+
+
+def _variance(north: np.ndarray, east: np.ndarray) -> float:
+    return float(np.var(north) + np.var(east))

@@ -1,0 +1,205 @@
+"""Whether measured velocities lead to the measured track: axes, sign of v, lever arm and drift.
+
+x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi. Both sides are integrated, averaged over
+blocks and their increments compared, as in :mod:`pymc_ship.records.checks.kinematics`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.records.checks.kinematics import YAW_BLOCK, heel
+from pymc_ship.records.checks.verdicts import (
+    SIGNIFICANT,
+    Blocks,
+    Check,
+    ShipScale,
+    integral,
+    needed,
+    not_checked,
+    regressed,
+    ship_blocks,
+)
+from pymc_ship.trial.record import sampling_interval
+
+LEVER = 0.005
+"""Lever arm over L from which it matters: v' is then off by as much per r', 1 to 2 % of its size in a turn."""
+
+LONGEST_LEVER = 0.6
+"""Lever arm over L that a point on board can have; what looks longer is no lever arm."""
+
+SEEN_LEVER = 0.05
+"""Lever arm over L that a record must be able to show; a steady turn cannot, where it looks like an offset of v."""
+
+BETTER = 3.0
+"""How many times smaller the misfit must be to believe in earth-fixed velocities or a flipped v."""
+
+DRIFT_GOOD, DRIFT_BAD = (0.05, 0.005), (0.25, 0.025)
+"""Drift of the integrated track over L, and over the distance sailed; the larger of the two counts."""
+
+
+@dataclass(frozen=True)
+class TrackBlocks:
+    """Increments of a track over blocks of time [s] with mean heading psi, in the axes of that heading."""
+
+    blocks: Blocks
+    interval: float
+    psi: np.ndarray
+    time: np.ndarray
+
+    @property
+    def offsets(self) -> list[np.ndarray]:
+        """What a constant velocity of 1 m/s forward, and one to starboard, adds to both rows of the increments."""
+        idle = np.zeros_like(self.time)
+        return [np.concatenate([self.time, idle]), np.concatenate([idle, self.time])]
+
+    def increments(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Increments of a track forward and to starboard of the mean heading, shape (2, n_blocks - 1)."""
+        x, y, cos, sin = self.blocks.increments(x), self.blocks.increments(y), np.cos(self.psi), np.sin(self.psi)
+        return np.array([cos * x + sin * y, cos * y - sin * x])
+
+    def sailed(self, x_dot: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+        """The same of the integral of an earth-fixed velocity."""
+        return self.increments(integral(x_dot, self.interval), integral(y_dot, self.interval))
+
+    def earth(self, increments: np.ndarray) -> np.ndarray:
+        """Increments turned back to x and y."""
+        cos, sin = np.cos(self.psi), np.sin(self.psi)
+        forward, starboard = increments
+        return np.array([cos * forward - sin * starboard, sin * forward + cos * starboard])
+
+
+def track_blocks(trial: xr.Dataset, scale: ShipScale) -> tuple[TrackBlocks, np.ndarray]:
+    """Blocks of a trial and the increments of its measured track."""
+    blocks = ship_blocks(trial, scale, YAW_BLOCK)
+    psi, time = blocks.middles(trial["psi"].values), blocks.increments(trial["time"].values)
+    track = TrackBlocks(blocks, sampling_interval(trial), psi, time)
+    return track, track.increments(trial["x"].values, trial["y"].values)
+
+
+def earth_velocity(trial: xr.Dataset, axes: str = "body", sign: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """x_dot and y_dot [m/s] that u and v of a trial mean when they stand in body or earth axes."""
+    u, v = trial["u"].values, sign * trial["v"].values
+    if axes == "earth":
+        return u, v
+    return turned_to_earth(u, v, trial)
+
+
+def turned_to_earth(u: np.ndarray, v: np.ndarray, trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """x_dot and y_dot [m/s] of body-fixed u and v [m/s] at the heading and heel of a trial."""
+    psi, sway = trial["psi"].values, v * np.cos(heel(trial))
+    return u * np.cos(psi) - sway * np.sin(psi), u * np.sin(psi) + sway * np.cos(psi)
+
+
+def body_velocity(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Body-fixed u and v [m/s] where those of the trial are x_dot and y_dot."""
+    x_dot, y_dot, psi = trial["u"].values, trial["v"].values, trial["psi"].values
+    sway = y_dot * np.cos(psi) - x_dot * np.sin(psi)
+    return x_dot * np.cos(psi) + y_dot * np.sin(psi), sway / np.cos(heel(trial))
+
+
+def _lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
+    """What a lever arm of 1 m adds to the track."""
+    rate, psi = trial["r"].values * np.cos(heel(trial)), trial["psi"].values
+    return track.sailed(-rate * np.sin(psi), rate * np.cos(psi))
+
+
+def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
+    """Whether u and v are body-fixed and v has the right sign, from which reading of them leads to the track.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+    scale : ShipScale
+
+    Returns
+    -------
+    tuple of Check
+        "velocity axes" and "sway sign"; misfits in m/s.
+    """
+    names = ("velocity axes", "sway sign")
+    if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
+        return tuple(not_checked(name, reason) for name in names)
+    track, measured = track_blocks(trial, scale)
+    readings = ("body", 1.0), ("earth", 1.0), ("body", -1.0)
+    body, earth, flipped = (_misfit(trial, track, measured, scale, *reading) for reading in readings)
+    seen = body > 0.01 * scale.U
+    numbers = (("misfit body-fixed", body, "m/s"), ("misfit earth-fixed", earth, "m/s"))
+    axes = Check(names[0], "good", f"u and v are body-fixed: they miss the track by {body:.2g} m/s.", numbers)
+    if seen and earth * BETTER < body and earth <= flipped:
+        text = f"u and v miss the track by {body:.2g} m/s as body-fixed, by {earth:.2g} m/s as earth-fixed; turn them."
+        return Check(names[0], "doubtful", text, numbers, mendable=True), not_checked(names[1], "u, v are earth-fixed")
+    numbers = (("misfit", body, "m/s"), ("misfit flipped", flipped, "m/s"))
+    if seen and flipped * BETTER < body:
+        text = f"v misses the track by {body:.2g} m/s, -v by {flipped:.2g} m/s; flip its sign (starboard is positive)."
+        return axes, Check(names[1], "bad", text, numbers)
+    if flipped < BETTER * body or flipped < 0.01 * scale.U:
+        return axes, not_checked(names[1], "v is too small or too uncertain to tell its sign by the track", numbers)
+    return axes, Check(names[1], "good", "v has the sign that leads to the track.", numbers)
+
+
+def _misfit(
+    trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, scale: ShipScale, axes: str, sign: float
+) -> float:
+    """Root mean square of the velocity [m/s] that is missing when a lever arm and constant offsets are allowed for."""
+    missing = measured - track.sailed(*earth_velocity(trial, axes, sign))
+    lever, _, residuals = lever_fit(trial, track, missing)
+    if abs(lever) > LONGEST_LEVER * scale.L:
+        residuals = missing.ravel()
+    return float(np.sqrt(2.0 * np.mean((residuals / np.tile(track.time, 2)) ** 2)))
+
+
+def lever_fit(trial: xr.Dataset, track: TrackBlocks, missing: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """Lever arm [m], its standard error and the residuals, beside constant offsets of both velocities."""
+    columns = [_lever_column(trial, track).ravel(), *track.offsets]
+    coefficients, errors, residuals = regressed(columns, missing.ravel())
+    return float(coefficients[0]), float(errors[0]), residuals
+
+
+def lever_check(trial: xr.Dataset, scale: ShipScale) -> Check:
+    """Distance from the point whose velocity is measured forward to the point whose track is measured."""
+    if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
+        return not_checked("lever arm", reason)
+    track, measured = track_blocks(trial, scale)
+    lever, error, _ = lever_fit(trial, track, measured - track.sailed(*earth_velocity(trial)))
+    numbers = (("lever arm", lever, "m"), ("standard error", error, "m"), ("lever arm over L", lever / scale.L, ""))
+    if abs(lever) > LONGEST_LEVER * scale.L:
+        return not_checked("lever arm", f"what the track misses is no lever arm ({lever:.3g} m)", numbers)
+    if abs(lever) <= SIGNIFICANT * error > SEEN_LEVER * scale.L:
+        return not_checked("lever arm", f"the record tells it to {error:.2g} m only, a zigzag tells it better", numbers)
+    if abs(lever) > SIGNIFICANT * error and abs(lever) > LEVER * scale.L:
+        side = "aft" if lever > 0.0 else "forward"
+        text = f"v is that of a point {abs(lever):.3g} m {side} of the one whose track is x, y; move it there."
+        return Check("lever arm", "doubtful", text, numbers, mendable=True)
+    text = f"u, v and the track are those of one point (lever arm {lever:.2g} m, error {error:.1g} m)."
+    return Check("lever arm", "good", text, numbers)
+
+
+def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
+    """Drift of the integrated velocity from the track, and what a current and a scale of the speed leave of it."""
+    if reason := needed(trial, ("x", "y", "psi", "u", "v")):
+        return not_checked("track closure", reason)
+    track, measured = track_blocks(trial, scale)
+    predicted = track.sailed(*earth_velocity(trial))
+    missing, sailed = track.earth(measured - predicted), float(np.hypot(*measured).sum())
+    fit, _, residuals = regressed([*track.offsets, track.earth(predicted).ravel()], missing.ravel())
+    drift, left = (float(np.hypot(*np.cumsum(rows, axis=1)).max()) for rows in (missing, residuals.reshape(2, -1)))
+    numbers = (("drift", drift, "m"), ("drift over L", drift / scale.L, ""), ("unexplained", left, "m"))
+    good, bad = (max(a * scale.L, b * sailed) for a, b in (DRIFT_GOOD, DRIFT_BAD))
+    if drift <= good:
+        text = f"The integrated velocity misses the track by at most {drift:.2g} m over {sailed:.0f} m."
+        return Check("track closure", "good", text, numbers)
+    if left > bad:
+        text = (
+            f"The integrated velocity misses the track by {drift:.3g} m, {left:.3g} m of it unexplained; do not fit it."
+        )
+        return Check("track closure", "bad", text, numbers)
+    current = float(np.hypot(*fit[:2]))
+    text = (
+        f"The integrated velocity misses the track by {drift:.3g} m; a current or offset of {current:.2g} m/s and a "
+        f"scale of {1.0 + fit[2]:.3f} leave {left:.2g} m: use velocities through the water."
+    )
+    return Check("track closure", "doubtful", text, numbers)

@@ -1,0 +1,388 @@
+"""Check a trial before it is fitted, and mend what can be mended with certainty.
+
+The checks are made in an order in which each builds on what is mended before it: spikes and wraps of the heading first,
+then units and signs, the axes of the velocities, offsets of the gyros and the lever arm, and what is left of the track.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.machine.arguments import check_choice
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.excitation import approach_check, excitation_checks, range_check
+from pymc_ship.records.checks.kinematics import heading_check, rate_checks, speed_check
+from pymc_ship.records.checks.lag import VelocityLag, advanced, explains_better, lag_check, lag_of
+from pymc_ship.records.checks.plausibility import cut_to_piece, piece_check, plausibility_check
+from pymc_ship.records.checks.record_quality import (
+    frozen_check,
+    gap_check,
+    noise_check,
+    present,
+    resolution_check,
+    sampling_check,
+    spike_check,
+    unwrapped_heading,
+    without_spikes,
+    wrap_check,
+)
+from pymc_ship.records.checks.rudder import (
+    rudder_delay_check,
+    rudder_rate_check,
+    rudder_sign_check,
+    rudder_unit_check,
+    rudder_zero_check,
+)
+from pymc_ship.records.checks.surroundings import revolutions_check, wind_check
+from pymc_ship.records.checks.track import axes_checks, body_velocity, drift_check, lever_check
+from pymc_ship.records.checks.verdicts import Check, not_checked, ship_scale
+from pymc_ship.records.files.judgement import judged, worst
+from pymc_ship.trial.channels import SIMULATED
+from pymc_ship.trial.record import TrialError, check_trial, one_trial
+
+_LARGEST = 1e12
+
+
+class TrialRefusedError(TrialError):
+    """A record that must not be fitted, because a check of it is bad and nobody has overruled the check."""
+
+
+def trial_checks(
+    trial: xr.Dataset,
+    vessel: VesselLike | None = None,
+    *,
+    lag: VelocityLag | None = None,
+    any_speed: bool = False,
+) -> tuple[Check, ...]:
+    """Check a trial: record, kinematic closure, rudder, revolutions, wind, approach and excitation.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        Any of u, v [m/s], r, p [rad/s], phi, psi, delta [rad], x, y [m], n [1/s], ``wind_speed`` [m/s],
+        ``wind_direction`` [rad] and ``delta_command`` [rad]; uniform time [s].
+        Checks that need a missing channel are not made and say so; p and phi that are 0 throughout count as missing.
+    vessel : Vessel, str or Path, optional
+        Gives L, speed, rudder rate and terms. Without it, L/U is taken from the tightest turn.
+    lag : VelocityLag, optional
+        Lag of the velocities behind the track in all runs of the facility, see :func:`pymc_ship.common_lag`; by default
+        that of this record.
+    any_speed : bool, optional
+        Whether the model to be fitted holds at rest and astern, too; the record is then not cut to a piece ahead.
+
+    Returns
+    -------
+    tuple of Check
+        Each with ``name``, ``verdict`` ("good", "not checked", "doubtful" or "bad"), ``sentence``, ``numbers`` (name,
+        value, unit) and ``mendable``. A check is made of the trial as the mendable ones before it leave it.
+
+    Raises
+    ------
+    TrialError
+        For NaN, time that does not increase or is not uniform, fewer than 20 samples, none of the channels or values
+        beyond 1e12.
+
+    Examples
+    --------
+    A rate gyro that is off by 1e-3 rad/s:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> for check in ps.trial_checks(trial.assign(r=trial["r"] + 1e-3), vessel):
+    ...     if check.verdict == "doubtful":
+    ...         print(f"{check.name}: {check.sentence}")
+    gyro offset: r has an offset of +0.0573 deg/s against psi, 16 deg in 5 L/U; subtract it.
+    """
+    vessel = None if vessel is None else as_vessel(vessel)
+    _check_record(one_trial(trial))
+    trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in present(trial)])
+    found = [spike_check(trial), wrap_check(trial)]
+    trial = _mended(trial, found)
+    scale = ship_scale(trial, vessel)
+    found += [sampling_check(trial, scale), gap_check(trial), noise_check(trial), resolution_check(trial)]
+    found += [frozen_check(trial, scale)]
+    trial, closure = _closure_checks(trial, vessel, lag)
+    yaw_sign = next(check for check in closure if check.name == "yaw rate")
+    found += closure
+    plausible = plausibility_check(trial, scale, vessel)
+    if plausible.verdict == "bad":
+        piece = not_checked("motion ahead", "the motion must be that of a ship first")
+    else:
+        piece = piece_check(trial, scale, any_speed=any_speed)
+    found += [plausible, piece]
+    trial = _mended(trial, [piece])
+    found += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
+    scale = ship_scale(trial, vessel)
+    found += [revolutions_check(trial, vessel), wind_check(trial, scale)]
+    found += [approach_check(trial, scale), range_check(trial, scale), *excitation_checks(trial, vessel)]
+    return tuple(found)
+
+
+def _check_record(trial: xr.Dataset) -> None:
+    """Raise TrialError for a record that no check can be made of."""
+    names = [name for name in SIMULATED if name in trial]
+    check_trial(trial, names or ("u",))
+    if trial["time"].size < 20:
+        raise TrialError(f"A trial is checked from 20 samples up, found {trial['time'].size}; use a longer record.")
+    for name in names:
+        largest = float(np.abs(trial[name].values).max())
+        if largest > _LARGEST:
+            raise TrialError(f"Channel {name} must be that of a ship, found {largest:.3g}; mend the record.")
+
+
+def _closure_checks(
+    trial: xr.Dataset, vessel: Vessel | None, lag: VelocityLag | None
+) -> tuple[xr.Dataset, list[Check]]:
+    """Trial with what the closure mends, and the checks."""
+    scale = ship_scale(trial, vessel)
+    found = [*rate_checks(trial, scale, "r", "psi"), *rate_checks(trial, scale, "p", "phi")]
+    found += [heading_check(trial, scale), speed_check(trial, scale)]
+    trial = _mended(trial, found)
+    wrong = [check.name for check in found if check.verdict == "bad" and not check.name.startswith("roll")]
+    if wrong:
+        reason = f"{' and '.join(wrong)} must be right first"
+        names = ("velocity axes", "sway sign", "velocity lag", "lever arm", "track closure")
+        return trial, found + [not_checked(name, reason) for name in names]
+    axes = axes_checks(trial, scale)
+    trial = _mended(trial, axes)
+    if axes[1].verdict == "bad":
+        names = ("velocity lag", "lever arm", "track closure")
+        rest = [not_checked(name, "the sign of v must be right first") for name in names]
+        return trial, [*found, *axes, *rest]
+    late = lag_check(trial, scale, lag)
+    trial = _mended(trial, [late])
+    lever = lever_check(trial, scale)
+    if lever.mendable and explains_better(late, scale):
+        reason = "a lag of the velocities explains the track better, but takes more runs to tell; give them together"
+        lever = not_checked(lever.name, reason)
+    trial = _mended(trial, [lever])
+    return trial, [*found, *axes, late, lever, drift_check(trial, scale)]
+
+
+def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool) -> list[Check]:
+    unit = rudder_unit_check(trial)
+    names = ("rudder sign", "rudder zero", "rudder rate", "rudder delay")
+    if unit.verdict != "good":
+        reason = "the unit of delta must be right first" if unit.verdict == "bad" else "no delta in the record"
+        return [unit, *(not_checked(name, reason) for name in names)]
+    sign = rudder_sign_check(trial, ship_scale(trial, vessel))
+    if yaw_is_bad:
+        sign = not_checked("rudder sign", "r must be right first")
+    return [unit, sign, rudder_zero_check(trial), rudder_rate_check(trial, vessel), rudder_delay_check(trial)]
+
+
+def check_table(checks: Iterable[Check]) -> xr.Dataset:
+    """Checks as data.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+        From :func:`trial_checks`.
+
+    Returns
+    -------
+    Dataset, dims (check,) and (number,)
+        ``verdict``, ``sentence`` and ``mendable`` over the names of the checks; ``value`` and ``unit`` over the
+        numbers, with the coordinates ``of`` (name of the check) and ``quantity``.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> table = ps.check_table(ps.trial_checks(trial))
+    >>> table["verdict"].sel(check="rudder sign").item()
+    'good'
+    """
+    checks = list(checks)
+    rows = [(check.name, *number) for check in checks for number in check.numbers]
+    columns = {
+        name: ("check", [getattr(check, name) for check in checks]) for name in ("verdict", "sentence", "mendable")
+    }
+    columns["value"] = ("number", np.array([row[2] for row in rows], dtype=float))
+    columns["unit"] = ("number", [row[3] for row in rows])
+    coords = {
+        "check": [check.name for check in checks],
+        "of": ("number", [row[0] for row in rows]),
+        "quantity": ("number", [row[1] for row in rows]),
+    }
+    return xr.Dataset(columns, coords, {"verdict": worst_verdict(checks)})
+
+
+def worst_verdict(checks: Iterable[Check]) -> str:
+    """Worst verdict of some checks."""
+    return worst(check.verdict for check in checks)
+
+
+def failed_checks(checks: Iterable[Check], overrule: Collection[str] = ()) -> str:
+    """Sentence that says which checks are bad and not overruled; empty where none is."""
+    bad = [check for check in checks if check.verdict == "bad" and check.name not in overrule]
+    if not bad:
+        return ""
+    return "The trial cannot be fitted: " + " ".join(map(_said, bad))
+
+
+def _said(check: Check) -> str:
+    return f"{check.name}: {check.sentence}"
+
+
+def judged_trial(
+    trial: xr.Dataset,
+    vessel: VesselLike,
+    overrule: Collection[str] = (),
+    *,
+    lag: VelocityLag | None = None,
+    any_speed: bool = False,
+) -> xr.Dataset:
+    """Check a trial, refuse it or mend it: what every command does with a record before it fits it.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        As for :func:`trial_checks`.
+    vessel : Vessel, str or Path
+    overrule : collection of str, optional
+        Names of checks whose verdict "bad" does not refuse the trial.
+    lag, any_speed
+        As for :func:`trial_checks`.
+
+    Returns
+    -------
+    Dataset, dims (time,)
+        Corrected as by :func:`corrected_trial`. Its ``attrs["record_verdict"]`` and ``attrs["record_remarks"]`` (a line
+        for each doubt and each overruled check) are kept in the attrs of every posterior that is fitted to it.
+
+    Raises
+    ------
+    TrialRefusedError
+        Where a check is bad and not overruled.
+    TrialError
+        For a record that cannot be checked, or a name that is no check.
+
+    Examples
+    --------
+    A rudder of the wrong sign is refused:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> ps.judged_trial(trial, vessel).attrs["record_verdict"]
+    'good'
+    >>> ps.judged_trial(trial.assign(delta=-trial["delta"]), vessel)
+    Traceback (most recent call last):
+        ...
+    pymc_ship.records.checks.trial_checks.TrialRefusedError: The trial cannot be fitted: rudder sign: A positive delta
+    turns \
+the ship to starboard, it should turn her to port; flip the sign of delta.
+    """
+    vessel = as_vessel(vessel)
+    return corrected_trial(trial, trial_checks(trial, vessel, lag=lag, any_speed=any_speed), overrule)
+
+
+def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collection[str] = ()) -> xr.Dataset:
+    """Mend what the checks have found to be wrong with certainty.
+
+    Spikes are replaced by interpolation, the heading is unwrapped, earth-fixed velocities are turned to body axes, the
+    offsets of r and p subtracted, v moved to the point whose track is recorded, and a zero error of the rudder that
+    approach and zigzag agree on subtracted.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        The one that was checked.
+    checks : iterable of Check
+        From :func:`trial_checks`.
+    overrule : collection of str, optional
+        Names of checks whose verdict "bad" does not refuse the trial.
+
+    Returns
+    -------
+    Dataset, dims (time,)
+        Copy; ``attrs["corrections"]`` is a list with one sentence for each correction, ``record_verdict`` and
+        ``record_remarks`` are as for :func:`judged_trial`.
+
+    Raises
+    ------
+    TrialRefusedError
+        Where a check is bad and not overruled: wrong units or signs, a track that nothing mends, a sensor that stands
+        still.
+    TrialError
+        For a name to overrule that is no check.
+
+    Examples
+    --------
+    A rate gyro that is off by 1e-3 rad/s is set right:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> measured = trial.assign(r=trial["r"] + 1e-3)
+    >>> corrected = ps.corrected_trial(measured, ps.trial_checks(measured, vessel))
+    >>> print(f"{(measured['r'] - corrected['r']).mean():.5f} rad/s")
+    0.00100 rad/s
+    """
+    trial, checks = one_trial(trial), list(checks)
+    for name in overrule:
+        check_choice("A check to overrule", name, [check.name for check in checks], TrialError)
+    if sentence := failed_checks(checks, overrule):
+        raise TrialRefusedError(sentence)
+    made = [check.verdict for check in checks if check.verdict != "not checked"]
+    mended = judged(_mended(trial, checks), worst(made), _remarks(checks))
+    told = [*trial.attrs.get("corrections", []), *(_TOLD[check.name](check) for check in checks if check.mendable)]
+    return mended.assign_attrs(corrections=told)
+
+
+def _remarks(checks: Iterable[Check]) -> list[str]:
+    """A sentence for each check that is doubtful, and for each that is bad and was overruled."""
+    words = {"doubtful": "Doubtful", "bad": "Overruled, though bad"}
+    return [f"{words[check.verdict]}: {_said(check)}" for check in checks if check.verdict in words]
+
+
+def _mended(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
+    for check in checks:
+        if check.mendable:
+            trial = _MEND[check.name](trial, check)
+    return trial
+
+
+def _less(trial: xr.Dataset, name: str, shift: float | np.ndarray) -> xr.Dataset:
+    return trial.assign({name: ("time", trial[name].values - shift, trial[name].attrs)})
+
+
+def _turned(trial: xr.Dataset, _: Check) -> xr.Dataset:
+    velocity = zip(("u", "v"), body_velocity(trial), strict=True)
+    return trial.assign({name: ("time", values, trial[name].attrs) for name, values in velocity})
+
+
+def _zero(check: Check) -> float:
+    return check.value("between the sides of the zigzag")
+
+
+_MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
+    "spikes": lambda trial, _: without_spikes(trial),
+    "heading wraps": lambda trial, _: trial.assign(psi=("time", unwrapped_heading(trial), trial["psi"].attrs)),
+    "gyro offset": lambda trial, check: _less(trial, "r", np.deg2rad(check.value("offset"))),
+    "roll rate offset": lambda trial, check: _less(trial, "p", np.deg2rad(check.value("offset"))),
+    "velocity axes": _turned,
+    "motion ahead": cut_to_piece,
+    "velocity lag": lambda trial, check: advanced(trial, lag_of(check)),
+    "lever arm": lambda trial, check: _less(trial, "v", -check.value("lever arm") * trial["r"].values),
+    "rudder zero": lambda trial, check: _less(trial, "delta", np.deg2rad(_zero(check))),
+}
+"""How what a check found is mended, in the order of the checks."""
+
+_TOLD: dict[str, Callable[[Check], str]] = {
+    "spikes": lambda check: f"Samples replaced by interpolation: {sum(value for _, value, _ in check.numbers):.0f}.",
+    "heading wraps": lambda check: f"Jumps of psi by a whole turn taken out: {check.value('jumps'):.0f}.",
+    "gyro offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from r.",
+    "roll rate offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from p.",
+    "velocity axes": lambda check: "Earth-fixed velocities turned to u, v in body axes.",
+    "velocity lag": lambda check: f"u and v taken from {lag_of(check).seconds:.3g} s later.",
+    "motion ahead": lambda check: f"Cut to the piece from {check.value('from'):.4g} to {check.value('until'):.4g} s.",
+    "lever arm": lambda check: f"{check.value('lever arm'):+.3f} m times r added to v.",
+    "rudder zero": lambda check: f"{_zero(check):+.2f} deg subtracted from delta.",
+}

@@ -1,0 +1,143 @@
+"""Posterior draws of a denoised signal and of a denoised trial."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.machine.threads import thread_pool
+from pymc_ship.records.denoising.denoise import denoised_channels, finite_signal
+from pymc_ship.records.denoising.shrinkage import shrinkage
+from pymc_ship.trial.record import one_trial
+
+
+def denoise_draws(
+    trial: xr.Dataset,
+    wavelet: str = "sym8",
+    prior: str = "laplace",
+    translation_invariant: bool = True,
+    *,
+    draws: int = 200,
+    rng: Seed,
+    channels: Sequence[str] | None = None,
+    **options: Any,
+) -> xr.Dataset:
+    """Draw the motion channels of a trial from the posterior that :func:`pymc_ship.denoise` estimates them by.
+
+    Parameters
+    ----------
+    trial, wavelet, prior, translation_invariant, channels
+        As for :func:`pymc_ship.denoise`.
+    draws : int, optional
+    rng : int, SeedSequence or Generator
+    **options
+        ``scale``, ``levels``, ``boundary`` of :func:`pymc_ship.denoise_signal`.
+
+    Returns
+    -------
+    Dataset, dims (draw, time)
+        The trial with its channels drawn independently of each other; what is not denoised has no draws. Each
+        ``isel(draw=k)`` is a trial, ``std("draw")`` the pointwise standard deviation.
+
+    Raises
+    ------
+    ValueError
+        As :func:`pymc_ship.denoise`, and for less than one draw.
+
+    Examples
+    --------
+    Standard deviation of the sway velocity, on average over the record, and its error:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=300, step=0.5)
+    >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
+    >>> drawn = ps.denoise_draws(noisy, rng=np.random.default_rng(2))
+    >>> sd, error = drawn["v"].std("draw").mean(), (drawn["v"].mean("draw") - trial["v"]).std()
+    >>> print(f"{1e3 * sd:.1f} mm/s, {1e3 * error:.1f} mm/s")
+    4.4 mm/s, 3.1 mm/s
+    """
+    rng, trial = random_generator(rng), one_trial(trial)
+    chosen = denoised_channels(trial, channels)
+    settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
+
+    def drawn(name: str, rng: np.random.Generator) -> np.ndarray:
+        return _drawn(trial[name].to_numpy(), f"channel {name}", draws, rng, settings)
+
+    with thread_pool(2) as pool:
+        results = list(pool.map(drawn, chosen, rng.spawn(len(chosen))))
+    found = trial.assign_coords(draw=np.arange(draws))
+    for name, values in zip(chosen, results, strict=True):
+        found[name] = (("draw", "time"), values, trial[name].attrs)
+    return found.assign_attrs(denoised=" ".join(chosen))
+
+
+def denoise_signal_draws(
+    y: ArrayLike,
+    wavelet: str = "sym4",
+    prior: str = "laplace",
+    translation_invariant: bool = True,
+    *,
+    draws: int = 200,
+    rng: Seed,
+    **options: Any,
+) -> np.ndarray:
+    """Draw a signal from the posterior that :func:`pymc_ship.denoise_signal` estimates it by.
+
+    In one orthogonal wavelet basis the posterior of the spike and slab is exact: every coefficient of detail is zero or
+    from its slab, independently of the others, and the coarsest approximation is normal about its observation. The
+    translation-invariant estimate is a mean over bases, one for each shift of the signal. A draw then takes one of the
+    shifts at random: the mean of the draws is the estimate of the rule "mean", and their spread includes what the
+    shifts disagree about. The noise's standard deviation and the prior of each level are taken as known.
+
+    Parameters
+    ----------
+    y, wavelet, prior, translation_invariant
+        As for :func:`pymc_ship.denoise_signal`.
+    draws : int, optional
+    rng : int, SeedSequence or Generator
+    **options
+        ``scale``, ``levels``, ``boundary`` of :func:`pymc_ship.denoise_signal`.
+
+    Returns
+    -------
+    ndarray, shape (draws, n_time)
+
+    Raises
+    ------
+    ValueError
+        As :func:`pymc_ship.denoise_signal`, and for less than one draw.
+
+    References
+    ----------
+    Johnstone & Silverman (2005), Ann. Statist. 33(4):1700, doi:10.1214/009053605000000345; Coifman & Donoho (1995),
+    Translation-invariant de-noising, doi:10.1007/978-1-4612-2544-7_9.
+
+    Examples
+    --------
+    Pointwise intervals of 90 % and the share of the truth that they hold:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> signal = np.sin(np.linspace(0, 10, 512))
+    >>> noisy = signal + 0.1 * np.random.default_rng(1).standard_normal(512)
+    >>> drawn = ps.denoise_signal_draws(noisy, rng=np.random.default_rng(2))
+    >>> low, high = np.quantile(drawn, [0.05, 0.95], axis=0)
+    >>> print(f"{np.mean((low < signal) & (signal < high)):.2f}")
+    0.96
+    """
+    settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
+    return _drawn(y, "signal", draws, random_generator(rng), settings)
+
+
+def _drawn(y: ArrayLike, what: str, draws: int, rng: np.random.Generator, settings: dict) -> np.ndarray:
+    """Draws of a signal, shape (draws, n_time); ``what`` names it in errors."""
+    if draws < 1:
+        raise ValueError(f"A posterior is drawn from at least once, found {draws} draws; raise it.")
+    shrunk = shrinkage(finite_signal(y, what), what, **settings)
+    return np.array([shrunk.draw(rng) for _ in range(draws)])

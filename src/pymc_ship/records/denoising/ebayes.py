@@ -1,0 +1,309 @@
+"""Empirical-Bayes thresholding of a vector of noisy means: Johnstone & Silverman (2004, 2005).
+
+A mean is zero with probability 1 - w and otherwise has a heavy-tailed density: Laplace, (a/2) exp(-a|u|), or
+quasi-Cauchy. The weight w, and the scale a of the Laplace density if wished, maximise the marginal likelihood; the
+estimate is the posterior median or mean, or a threshold is read off the posterior. Everything but
+:func:`ebayes_threshold` is in units of the noise standard deviation. With M the Mills ratio, every Laplace quantity is
+made of two bounded numbers, exp(-s) R(x - a) and exp(-s) M(x + a), R(z) = Phi(z)/phi(z), s = max(x - a, 0)^2/2: nothing
+overflows and no large x needs a cap.
+
+Johnstone & Silverman: Ann. Statist. 32(4):1594 (2004), doi:10.1214/009053604000000030; J. Stat. Softw. 12(8) (2005),
+doi:10.18637/jss.v012.i08; Ann. Statist. 33(4):1700 (2005), doi:10.1214/009053605000000345.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import nullcontext
+from dataclasses import dataclass
+from threading import Lock
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pymc_ship.machine.arguments import check_choice
+from pymc_ship.records.denoising.spike_and_slab import (
+    beta_value,
+    draw_value,
+    fit_cauchy,
+    fit_laplace,
+    mean_value,
+    median_value,
+    profile,
+    threshold_value,
+    weight_at_threshold,
+    weight_value,
+)
+
+PRIORS = ("laplace", "cauchy")
+"""Densities of the means that are not zero."""
+
+RULES = ("median", "mean", "hard", "soft")
+"""Posterior median, posterior mean, hard and soft thresholding."""
+
+THRESHOLDS = ("posterior_median", "bayes_factor")
+"""`posterior_median`: the smallest |x| with a non-zero posterior median. `bayes_factor`: the |x| at which P(mean = 0 |
+x) = 1/2."""
+
+_COMPILING = Lock()
+
+
+@dataclass(frozen=True)
+class EbayesEstimate:
+    """What :func:`ebayes_threshold` returns.
+
+    Attributes
+    ----------
+    estimate : ndarray
+        Estimated means, in the shape and units of the data.
+    weight : float
+        Probability that a mean is not zero.
+    scale : float
+        Scale a of the Laplace density in units of 1 / sdev; nan for the quasi-Cauchy density.
+    sdev, threshold : float
+        Noise standard deviation and threshold, in the units of the data.
+    log_likelihood : float
+        Marginal log likelihood less that of weight 0 (all means zero).
+    """
+
+    estimate: np.ndarray
+    weight: float
+    scale: float
+    sdev: float
+    threshold: float
+    log_likelihood: float
+
+
+def ebayes_threshold(
+    x: ArrayLike,
+    prior: str = "laplace",
+    scale: float | None = 0.5,
+    sdev: float | None = 1.0,
+    rule: str = "median",
+    *,
+    universal_bound: bool = True,
+    threshold: str = "posterior_median",
+) -> EbayesEstimate:
+    """Estimate the means of independent normal observations of which many may be zero.
+
+    Parameters
+    ----------
+    x : array_like
+        Observations, of any shape.
+    prior : {"laplace", "cauchy"}, optional
+        Density of the means that are not zero.
+    scale : float or None, optional
+        Scale a of the Laplace density in units of 1 / sdev; None estimates it with the weight by marginal maximum
+        likelihood within :data:`SCALE_BOX`. Without meaning for the quasi-Cauchy density.
+    sdev : float or None, optional
+        Noise standard deviation; None takes 1.4826 times the median of abs(x). Where that is zero the data hold no
+        noise and come back as they are, with weight 1.
+    rule : {"median", "mean", "hard", "soft"}, optional
+    universal_bound : bool, optional
+        Whether the posterior-median threshold may not exceed sdev sqrt(2 log n).
+    threshold : {"posterior_median", "bayes_factor"}, optional
+        Which threshold is reported, and used by the hard and soft rules.
+
+    Returns
+    -------
+    EbayesEstimate
+
+    Raises
+    ------
+    ValueError
+        For an unknown prior, rule or threshold, for empty data or data that are not finite, and for a scale or sdev
+        that is not positive.
+
+    References
+    ----------
+    Johnstone & Silverman (2005), J. Stat. Softw. 12(8), doi:10.18637/jss.v012.i08.
+
+    Examples
+    --------
+    Two of ten observations stand out from noise of standard deviation 1:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> found = ps.ebayes_threshold(np.array([0.3, -0.8, 5.0, 0.5, -0.1, 1.2, -7.0, -0.4, 0.9, 0.2]))
+    >>> print(found.estimate.round(1) + 0.0)
+    [ 0.   0.   4.5  0.   0.   0.  -6.5  0.   0.   0. ]
+    """
+    values = _observations(x)
+    check_choice("The prior", prior, PRIORS)
+    check_choice("The rule", rule, RULES)
+    check_choice("The threshold", threshold, THRESHOLDS)
+    if sdev is None:
+        sdev = mad(values)
+        if sdev == 0.0:
+            return EbayesEstimate(values.copy(), 1.0, math.nan if scale is None else _code(prior, scale), 0.0, 0.0, 0.0)
+    _check_positive("noise standard deviation", sdev)
+    standard = values / sdev
+    weight, scale, log_likelihood = fit_prior(standard, prior, scale, universal_bound=universal_bound)
+    limit = sdev * threshold_from_weight(weight, prior, scale, threshold)
+    estimate = sdev * shrink(standard, weight, prior, scale, rule, threshold=threshold)
+    return EbayesEstimate(estimate, weight, scale, float(sdev), limit, log_likelihood)
+
+
+def mad(x: ArrayLike) -> float:
+    """Noise standard deviation from the median absolute deviation about zero, 1.4826 median(abs(x))."""
+    return 1.4826 * float(np.median(np.abs(x)))
+
+
+def fit_prior(
+    x: ArrayLike, prior: str = "laplace", scale: float | None = 0.5, *, universal_bound: bool = True
+) -> tuple[float, float, float]:
+    """Weight, scale and log likelihood of the prior by marginal maximum likelihood.
+
+    Parameters
+    ----------
+    x : array_like
+        Observations in units of the noise standard deviation.
+    prior, scale, universal_bound
+        As for :func:`ebayes_threshold`.
+
+    Returns
+    -------
+    weight, scale, log_likelihood : float
+        The scale is nan for the quasi-Cauchy density; the log likelihood is less that of weight 0.
+
+    Raises
+    ------
+    ValueError
+        For an unknown prior, a scale that is not positive, and data that are empty or not finite.
+    """
+    check_choice("The prior", prior, PRIORS)
+    size = np.abs(_observations(x)).ravel()
+    bound = math.sqrt(2.0 * math.log(size.size)) if universal_bound else math.inf
+    if prior == "cauchy":
+        return fit_cauchy(size, bound)
+    if scale is not None:
+        _check_positive("scale", scale)
+        weight, log_likelihood, _ = profile(size, float(scale), bound, 0.5, np.empty((3, size.size)))
+        return weight, float(scale), log_likelihood
+    return fit_laplace(size, bound)
+
+
+def shrink(
+    x: ArrayLike,
+    weight: float,
+    prior: str = "laplace",
+    scale: float = 0.5,
+    rule: str = "median",
+    *,
+    threshold: str = "posterior_median",
+) -> np.ndarray:
+    """Estimate of each mean under a prior that is known, by one of :data:`RULES`; the units are the noise's.
+
+    Parameters are those of :func:`ebayes_threshold`; weight and scale are broadcast against x by the rules "median" and
+    "mean" and are single numbers for "hard" and "soft".
+    """
+    check_choice("The rule", rule, RULES)
+    if rule == "median":
+        return posterior_median(x, weight, prior, scale)
+    if rule == "mean":
+        return posterior_mean(x, weight, prior, scale)
+    limit = threshold_from_weight(weight, prior, scale, threshold)
+    values = np.asarray(x, dtype=float)
+    size = np.abs(values)
+    return np.where(size > limit, values, 0.0) if rule == "hard" else np.sign(values) * np.maximum(size - limit, 0.0)
+
+
+def beta_laplace(x: ArrayLike, scale: ArrayLike = 0.5) -> np.ndarray:
+    """Ratio of the marginal densities of x under Laplace means and zero means, less 1: beta(x) of the papers.
+
+    Infinite where it exceeds the largest float (x beyond about scale + 37).
+    """
+    return _evaluate(beta_value, x, _code("laplace", scale))
+
+
+def beta_cauchy(x: ArrayLike) -> np.ndarray:
+    """Ratio of the marginal densities of x under quasi-Cauchy means and zero means, less 1; -1/2 at x = 0."""
+    return _evaluate(beta_value, x, math.nan)
+
+
+def posterior_weight(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
+    """Posterior probability that the mean behind x is not zero; x, weight and scale are broadcast."""
+    return _evaluate(weight_value, x, _probability(weight), _code(prior, scale))
+
+
+def posterior_mean(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
+    """Posterior mean of the mean behind x; x, weight and scale are broadcast."""
+    return _evaluate(mean_value, x, _probability(weight), _code(prior, scale))
+
+
+def posterior_median(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
+    """Posterior median of the mean behind x, zero within the threshold; x, weight and scale are broadcast."""
+    return _evaluate(median_value, x, _probability(weight), _code(prior, scale))
+
+
+def posterior_draw(
+    x: ArrayLike, weight: float, prior: str = "laplace", scale: float = 0.5, *, rng: np.random.Generator
+) -> np.ndarray:
+    """One draw of the mean behind each x from its posterior, in the units of the noise: exactly zero or of the slab."""
+    uniform = rng.random(np.shape(x))
+    normal = rng.standard_normal(np.shape(x)) if prior == "cauchy" else 0.0
+    return _evaluate(draw_value, x, _probability(weight), _code(prior, scale), uniform, normal)
+
+
+def weight_from_threshold(threshold: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
+    """Weight under which the posterior median leaves zero at the threshold (>= 0); both are broadcast."""
+    return _evaluate(weight_at_threshold, threshold, _code(prior, scale))
+
+
+def threshold_from_weight(
+    weight: float, prior: str = "laplace", scale: float = 0.5, threshold: str = "posterior_median"
+) -> float:
+    """Threshold of a weight in [0, 1], in units of the noise standard deviation; infinite for weight 0.
+
+    Parameters
+    ----------
+    weight : float
+    prior : {"laplace", "cauchy"}, optional
+    scale : float, optional
+    threshold : {"posterior_median", "bayes_factor"}, optional
+        The largest x whose posterior median is zero, or whose posterior probability of a zero mean is at least 1/2.
+
+    Raises
+    ------
+    ValueError
+        For an unknown prior or threshold, a scale that is not positive, a weight outside [0, 1].
+    """
+    check_choice("The threshold", threshold, THRESHOLDS)
+    code = _code(prior, scale)
+    return threshold_value(float(_probability(weight)), float(code), threshold == "bayes_factor")
+
+
+def _observations(x: ArrayLike) -> np.ndarray:
+    values = np.asarray(x, dtype=float)
+    if values.size == 0 or not np.isfinite(values).all():
+        found = "none" if values.size == 0 else f"{np.count_nonzero(~np.isfinite(values))} that are not"
+        raise ValueError(f"Thresholding needs finite observations, found {found}; leave out or fill the gaps first.")
+    return values
+
+
+def _check_positive(what: str, value: ArrayLike) -> None:
+    if not np.all((np.asarray(value) > 0.0) & np.isfinite(value)):
+        raise ValueError(
+            f"The {what} must be positive and finite, found {value}; give such a number, or None to fit it."
+        )
+
+
+def _probability(weight: ArrayLike) -> ArrayLike:
+    if not np.all((np.asarray(weight) >= 0.0) & (np.asarray(weight) <= 1.0)):
+        raise ValueError(f"A weight is a probability, found {weight}; give numbers in [0, 1].")
+    return weight
+
+
+def _code(prior: str, scale: ArrayLike) -> ArrayLike:
+    """Scale as the kernels want it: nan stands for the quasi-Cauchy density."""
+    check_choice("The prior", prior, PRIORS)
+    if prior == "cauchy":
+        return math.nan
+    _check_positive("scale", scale)
+    return scale
+
+
+def _evaluate(kernel, *arguments: ArrayLike) -> np.ndarray:
+    """Call a ufunc of numba; the first call compiles it, and two threads may not do that at once."""
+    with np.errstate(over="ignore"), nullcontext() if kernel.ntypes else _COMPILING:
+        return kernel(*(np.asarray(argument, dtype=float) for argument in arguments))

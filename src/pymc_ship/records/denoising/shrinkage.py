@@ -1,0 +1,120 @@
+"""The wavelet coefficients of a signal with the spike-and-slab posterior of each: point estimates and draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pywt
+
+from pymc_ship.machine.arguments import check_choice
+from pymc_ship.records.denoising import wavelets
+from pymc_ship.records.denoising.ebayes import PRIORS, fit_prior, mad, posterior_draw, shrink
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """A signal, how it was extended past its ends, and the prior of its wavelet coefficients at every level.
+
+    Attributes
+    ----------
+    signal, trend : ndarray, shape (n_time,)
+        As given, and the parabola that was subtracted before the rest was mirrored.
+    padded : ndarray, shape (n_padded,)
+        The rest with its margins, of which ``before`` samples precede the signal; a multiple of 2**levels.
+    before, levels : int
+    filters : pywt.Wavelet
+    translation_invariant : bool
+        Whether the posterior is the mixture over all shifts of the decimated transform.
+    prior : {"laplace", "cauchy"}
+    fitted : tuple of (float, float)
+        Weight and scale of each level of detail, coarsest first, in units of the noise; empty without noise.
+    sdev : float
+        Standard deviation of the noise; 0 where it is within the accuracy of the filters.
+    """
+
+    signal: np.ndarray
+    trend: np.ndarray
+    padded: np.ndarray
+    before: int
+    levels: int
+    filters: pywt.Wavelet
+    translation_invariant: bool
+    prior: str
+    fitted: tuple[tuple[float, float], ...]
+    sdev: float
+
+    def estimate(self, rule: str) -> np.ndarray:
+        """Point estimate by one of :data:`pymc_ship.records.denoising.ebayes.RULES`, shape (n_time,)."""
+        if not self.sdev:
+            return self.signal.copy()
+        approximation, details = self._transform(self.padded, self.translation_invariant)
+        smooth = [
+            self.sdev * shrink(detail / self.sdev, weight, self.prior, scale, rule)
+            for detail, (weight, scale) in zip(details, self.fitted, strict=True)
+        ]
+        return self._signal(wavelets.inverse(approximation, smooth, self.filters, self.translation_invariant))
+
+    def draw(self, rng: np.random.Generator) -> np.ndarray:
+        """One draw of the posterior, shape (n_time,), at a random shift where the transform is translation invariant.
+
+        The coarsest approximation, which no prior shrinks, is drawn from its flat prior's posterior.
+        """
+        if not self.sdev:
+            return self.signal.copy()
+        shift = int(rng.integers(2**self.levels)) if self.translation_invariant else 0
+        approximation, details = self._transform(np.roll(self.padded, -shift), False)
+        approximation = approximation + self.sdev * rng.standard_normal(approximation.size)
+        drawn = [
+            self.sdev * posterior_draw(detail / self.sdev, weight, self.prior, scale, rng=rng)
+            for detail, (weight, scale) in zip(details, self.fitted, strict=True)
+        ]
+        return self._signal(np.roll(wavelets.inverse(approximation, drawn, self.filters, False), shift))
+
+    def _transform(self, padded: np.ndarray, translation_invariant: bool) -> tuple[np.ndarray, list[np.ndarray]]:
+        return wavelets.transform(padded, self.filters, self.levels, translation_invariant)
+
+    def _signal(self, padded: np.ndarray) -> np.ndarray:
+        """The signal itself from its padded form."""
+        return padded[self.before : self.before + self.signal.size] + self.trend
+
+
+def shrinkage(
+    signal: np.ndarray,
+    what: str,
+    wavelet: str,
+    prior: str,
+    translation_invariant: bool,
+    *,
+    scale: float | None = None,
+    levels: int | None = None,
+    boundary: str = "reflect",
+) -> Shrinkage:
+    """Shrinkage of a finite signal; ``what`` names it in errors, the rest as :func:`pymc_ship.denoise_signal`."""
+    check_choice("The prior", prior, PRIORS)
+    check_choice("The boundary", boundary, wavelets.BOUNDARIES)
+    filters = wavelets.orthogonal_wavelet(wavelet)
+    levels = wavelets.whole_levels(signal.size, levels, what)
+    before, after = wavelets.margins(signal.size, filters.dec_len, levels, boundary, what)
+    trend = wavelets.end_trend(signal) if boundary == "reflect" else np.zeros(signal.size)
+    padded = np.pad(signal - trend, (before, after), "symmetric")
+    _, details = wavelets.transform(padded, filters, levels, translation_invariant)
+    inside = [detail[wavelets.inside(detail.size, padded.size, before, after)] for detail in details]
+    sdev = mad(inside[-1] - np.median(inside[-1]))
+    fitted: tuple = ()
+    if sdev <= wavelets.ACCURACY * np.abs(signal).max():
+        sdev = 0.0
+    else:
+        fitted = tuple(fit_prior(detail / sdev, prior, scale)[:2] for detail in inside)
+    return Shrinkage(
+        signal=signal,
+        trend=trend,
+        padded=padded,
+        before=before,
+        levels=levels,
+        filters=filters,
+        translation_invariant=translation_invariant,
+        prior=prior,
+        fitted=fitted,
+        sdev=sdev,
+    )

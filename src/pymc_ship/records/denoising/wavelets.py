@@ -1,0 +1,118 @@
+"""Stationary and orthogonal wavelet transforms of a finite signal, and how the signal goes on past its ends."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pywt
+
+from pymc_ship.records.denoising.ebayes import mad
+
+BOUNDARIES = ("reflect", "periodic")
+"""How the record is extended past its ends. `reflect`: subtract a parabola that matches both end slopes, reflect the
+remainder. `periodic`: repeat the record from its start."""
+
+
+ACCURACY = 1e-11
+"""Relative accuracy of the filters of PyWavelets."""
+
+
+def transform(
+    padded: np.ndarray, filters: pywt.Wavelet, levels: int, translation_invariant: bool
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Approximation and details, coarsest first, of the periodic transform; white noise keeps its variance in all.
+
+    The stationary transform is taken a level at a time over the 2**level interleaved parts of the signal: the same
+    numbers as ``pywt.swt``, whose filters stuffed with zeros cost 2**level times as much.
+    """
+    approximation, details = padded, []
+    for level in range(levels):
+        if translation_invariant:
+            parts = approximation.reshape(-1, 2**level)
+            approximation, detail = (part.ravel() for part in pywt.swt(parts, filters, level=1, axis=0)[0])
+        else:
+            approximation, detail = pywt.dwt(approximation, filters, "periodization")
+        details.insert(0, detail)
+    return approximation, details
+
+
+def inverse(
+    approximation: np.ndarray, details: list[np.ndarray], filters: pywt.Wavelet, translation_invariant: bool
+) -> np.ndarray:
+    """Signal from :func:`transform`; the stationary one averages over all shifts (the average-basis inverse)."""
+    for level, detail in zip(range(len(details) - 1, -1, -1), details, strict=True):
+        if translation_invariant:
+            parts = approximation.reshape(-1, 2**level), detail.reshape(-1, 2**level)
+            approximation = pywt.iswt([parts], filters, axis=0).ravel()
+        else:
+            approximation = pywt.idwt(approximation, detail, filters, "periodization")
+    return approximation
+
+
+def end_trend(signal: np.ndarray) -> np.ndarray:
+    """Parabola that has the slopes of the signal at its two ends, so that the mirror image of the rest has no kink."""
+    n_time = signal.size
+    sdev = mad(np.diff(signal, 2)) / math.sqrt(6.0)
+    first, last = _end_slope(signal, sdev), -_end_slope(signal[::-1], sdev)
+    time = np.arange(n_time) + 0.5
+    return first * time + (last - first) * time**2 / (2.0 * n_time)
+
+
+def _end_slope(signal: np.ndarray, sdev: float) -> float:
+    """Slope per sample at the start, of the parabola fitted to the longest run that asks for no cubic.
+
+    Runs grow by doubling until the cubic coefficient exceeds 2.5 standard errors; a slope within five is taken as zero.
+    """
+    slope, n_run = 0.0, 16
+    while 2 * n_run <= signal.size:
+        time = (np.arange(n_run) + 0.5) / n_run
+        basis, triangle = np.linalg.qr(np.vander(time, 4, increasing=True))
+        scores = basis.T @ signal[:n_run]
+        if abs(scores[3]) > 2.5 * sdev:
+            break
+        to_slope = np.linalg.inv(triangle[:3, :3])[1]
+        steep = abs(to_slope @ scores[:3]) > 5.0 * sdev * np.linalg.norm(to_slope)
+        slope = to_slope @ scores[:3] / n_run if steep else 0.0
+        n_run *= 2
+    return slope
+
+
+def margins(n_time: int, support: int, levels: int, boundary: str, what: str) -> tuple[int, int]:
+    """Samples added before and after so that the length is a multiple of 2**levels.
+
+    Mirrored margins reach half the coarsest filter, or half the record, where the two mirror images meet again.
+    """
+    block = 2**levels
+    if boundary == "periodic":
+        if n_time % block:
+            raise ValueError(
+                f"A periodic {what} must have a multiple of 2**levels = {block} samples, found {n_time}; use the "
+                "boundary 'reflect' or fewer levels."
+            )
+        return 0, 0
+    margin = min((support - 1) * block // 2, n_time // 2)
+    added = -(-(n_time + 2 * margin) // block) * block - n_time
+    return added // 2, added - added // 2
+
+
+def inside(n_detail: int, n_padded: int, before: int, after: int) -> slice:
+    """Coefficients of a level that belong to the record and not to its margins."""
+    return slice(before * n_detail // n_padded, n_detail - after * n_detail // n_padded)
+
+
+def orthogonal_wavelet(name: str) -> pywt.Wavelet:
+    """Wavelet of PyWavelets; ValueError for a name that is none or that of a wavelet that is not orthogonal."""
+    if name not in pywt.wavelist(kind="discrete") or not pywt.Wavelet(name).orthogonal:
+        raise ValueError(f"Denoising needs an orthogonal wavelet, found {name!r}; take one such as haar, db4 or sym8.")
+    return pywt.Wavelet(name)
+
+
+def whole_levels(n_time: int, levels: int | None, what: str) -> int:
+    """Levels of a transform: as given, by default so many that eight coefficients are left; ValueError for others."""
+    largest = int(math.log2(n_time))
+    if levels is None:
+        return largest - 3
+    if not 1 <= levels <= largest:
+        raise ValueError(f"The {what} ({n_time} samples) has 1 to {largest} levels, found {levels}; choose among them.")
+    return levels

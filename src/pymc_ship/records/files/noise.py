@@ -1,0 +1,162 @@
+"""Sensor noise: what simulated records are polluted with (Xue et al. 2020, Eq. 22), and how much a record has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.records.files.instruments import Noise, measured
+from pymc_ship.trial.channels import CHANNELS, SIMULATED, sensors
+from pymc_ship.trial.record import TrialError, check_trial, one_trial
+
+LITERAL_LEVEL = 0.2**0.5
+"""The paper's literal level: xi has variance 0.2, that is a standard deviation of 0.447."""
+
+RECORD_STEP = 0.02
+"""Sampling interval [s] of the simulated records that the time constants of correlated noise are made for."""
+
+
+def _white(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
+    return values + sd * rng.standard_normal(values.size)
+
+
+def _offset(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
+    """White noise and a constant of either sign, half to all of the peak."""
+    return _white(values, sd, peak, rng) + peak * rng.uniform(0.5, 1.0) * rng.choice((-1.0, 1.0))
+
+
+def _student(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
+    return values + sd * (rng.standard_t(3.0, values.size) / np.sqrt(3.0))
+
+
+def _correlated(time_constant: float) -> Callable[..., np.ndarray]:
+    """First-order autoregression from its stationary state."""
+    correlation = np.exp(-RECORD_STEP / time_constant)
+
+    def noisy(values: np.ndarray, sd: float, peak: float, rng: np.random.Generator) -> np.ndarray:
+        from scipy.signal import lfilter
+
+        shocks = rng.standard_normal(values.size)
+        shocks[1:] *= np.sqrt(1.0 - correlation**2)
+        return values + sd * lfilter([1.0], [1.0, -correlation], shocks)
+
+    return noisy
+
+
+NOISES = {
+    "white": _white,
+    "correlated 0.2 s": _correlated(0.2),
+    "correlated 1 s": _correlated(1.0),
+    "offsets": _offset,
+    "Student-t3": _student,
+}
+"""Kinds of sensor noise.
+
+Each is a function of the clean values, the standard deviation of the noise, the level times the peak of the channel and
+a generator, and returns the noisy values.
+"""
+
+
+def noise_sd(level: float | str) -> float:
+    """Standard deviation of xi that a level names; TrialError for anything but a number from 0 up or "literal"."""
+    size = LITERAL_LEVEL if level == "literal" else level
+    if isinstance(size, str) or not 0.0 <= size < np.inf:
+        raise TrialError(f"The noise level is a number from 0 up or 'literal', found {level!r}; correct it.")
+    return size
+
+
+def noise_factors() -> dict[str, float]:
+    """Factor k of each channel that carries noise: 1.0 for sway, 0.3 for the others; not the rudder and the track."""
+    return {name: one.noise_factor for name, one in CHANNELS.items() if one.noise_factor is not None}
+
+
+def pollute(
+    trial: xr.Dataset,
+    *,
+    level: float | str | None = None,
+    noise: str | Noise | Sequence[str | Noise] | None = None,
+    rng: Seed,
+    factors: Mapping[str, float] | None = None,
+) -> xr.Dataset:
+    """Add white Gaussian noise of standard deviation level * k * max|channel| to each channel, or another kind.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+    level : float or "literal", optional
+        Standard deviation of xi; ``"literal"`` is sqrt(0.2) = 0.447, as the paper prints it.
+    noise : str, callable or sequence of them, optional
+        In place of a level: instruments by their names in :data:`pymc_ship.records.files.instruments.INSTRUMENTS` or of
+        your own (:class:`pymc_ship.Instrument`), or any function ``(clean trial, rng) -> trial``, one after the other.
+    rng : int, SeedSequence or Generator
+    factors : mapping of str to float, optional
+        k of each channel that carries noise, by default those of :func:`pymc_ship.records.files.noise.noise_factors`;
+        channels the trial does not have are left out.
+
+    Returns
+    -------
+    Dataset, dims (time,)
+        Copy with noise on the channels; attrs ``noise_level`` and ``noise_sd_<channel>`` in the channel's unit. Samples
+        that an instrument misses are NaN, as in a file: :func:`pymc_ship.write_trial` writes them and
+        :func:`pymc_ship.read_trial` fills short runs.
+
+    Raises
+    ------
+    TrialError
+        For a negative level, an unknown level name or an unknown channel; for both or neither of level and noise, an
+        unknown instrument, two instruments for a channel, and a function that does not return a trial.
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 22, doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    The noise of the heading has the standard deviation that the attrs state:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=300, step=0.5)
+    >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
+    >>> noise = noisy["psi"] - trial["psi"]
+    >>> print(f"{noise.std():.4f} rad; {noisy.attrs['noise_sd_psi']:.4f} rad")
+    0.0019 rad; 0.0019 rad
+    """
+    rng, trial = random_generator(rng), one_trial(trial)
+    if (level is None) == (noise is None) or (noise is not None and factors is not None):
+        raise TrialError("A trial is polluted by a level (with factors) or by kinds of noise; give one of the two.")
+    if noise is not None:
+        return measured(trial, noise, rng)
+    size, known = noise_sd(level), noise_factors()
+    factors = known if factors is None else factors
+    noisy = dict.fromkeys((*SIMULATED, *known))
+    unknown = [name for name in factors if name not in noisy]
+    if unknown:
+        raise TrialError(f"Noise goes on the channels {', '.join(noisy)}; found {', '.join(unknown)}; rename them.")
+    names = [name for name in factors if name in trial]
+    check_trial(trial, names, uniform=False)
+    polluted = trial.copy()
+    polluted.attrs["noise_level"] = float(size)
+    for name in names:
+        peak = np.abs(trial[name].values).max()
+        _add_noise(polluted, name, "white", size * factors[name] * peak, size * peak, rng)
+    return polluted
+
+
+def noisy_trial(clean: xr.Dataset, level: float, noise: str, rng: np.random.Generator) -> xr.Dataset:
+    """Trial with noise of a kind of :data:`NOISES` on its sensors, of the size that :func:`pymc_ship.pollute` gives."""
+    trial, factors = clean.copy(), noise_factors()
+    for name in sensors():
+        peak = level * np.abs(clean[name].values).max()
+        _add_noise(trial, name, noise, factors[name] * peak, peak, rng)
+    return trial
+
+
+def _add_noise(trial: xr.Dataset, name: str, kind: str, sd: float, peak: float, rng: np.random.Generator) -> None:
+    """Put noise of a kind on a channel, and its standard deviation into the attrs."""
+    noisy = NOISES[kind](trial[name].values, sd, peak, rng)
+    trial[name] = ("time", noisy, trial[name].attrs)
+    trial.attrs[f"noise_sd_{name}"] = float(sd)

@@ -1,0 +1,253 @@
+"""Reading of trial files: text or gzip, any usual delimiter, headings with units, rows with gaps -> the record."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import re
+import zlib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.machine.text import EncodingError, utf8
+from pymc_ship.records.files.columns import Column, is_unit, matched_columns
+from pymc_ship.records.files.format import TrialFormat, at_origin, full_scale, load_format, with_signs, with_true_wind
+from pymc_ship.records.files.time_base import regular, rounding
+from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.record import OVER_GROUND, TrialError
+
+_COMMENTS = ("#", "%")
+_MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
+_LARGEST = 1e30
+"""Numbers from here up, and infinity, stand for missing cells; one over it and less is zero, in any unit of a ship."""
+
+
+def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) -> xr.Dataset:
+    """Read a trial from a text file, plain or gzip.
+
+    Columns are told by their headings: the names of this package's channels, in SI units where none is stated
+    (``u``, ``psi [deg]``, ``n_rpm``), or words such as ``Heading (deg)``; a format says what they do not. What is not
+    uniform or missing is mended where the gap is short, and told.
+
+    Parameters
+    ----------
+    path : str or Path
+        Delimiters are comma, semicolon, tab or white space; lines that begin with # or % are comments.
+    format : str, Path or mapping, optional
+        TOML file, or its table, with columns, units, signs, frame and scale; see docs/reference/format_toml.md.
+
+    Returns
+    -------
+    Dataset, dims (time,)
+        Finite channels over uniform time. ``attrs["reading"]`` has a line for each thing that was interpreted or
+        changed, and is empty where the file was taken as it is.
+
+    Raises
+    ------
+    TrialError
+        For a file, a format, a heading or a cell that cannot be read; names file and line or column.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> rows = ["time [s],u [kn],Heading [deg],Rudder angle [deg]", "0,10,359,0", "1,10,0,-10", "2,10,1,-10"]
+    >>> np.savetxt("run.csv", rows, fmt="%s")
+    >>> trial = ps.read_trial("run.csv")
+    >>> print(trial["u"].values.round(3))
+    [5.144 5.144 5.144]
+    >>> print(trial.attrs["reading"].splitlines()[-1])
+    psi made continuous over 1 jump of 360 deg.
+    """
+    path, layout = Path(path), load_format(format)
+    table = text_table(path, layout)
+    columns, notes = matched_columns(table.headings, table.units, layout.columns, str(path), layout.unstated_units)
+    cells, said = table_cells(table, columns, path)
+    notes = [*table.notes, *notes, *said, *_implausible(columns, cells)]
+    time, quantum = columns["time"].si(cells["time"]), columns["time"].factor * rounding(cells["time"])
+    channels = {name: column.si(cells[name]) for name, column in columns.items() if name != "time"}
+    channels, said = with_signs(channels, layout)
+    time, channels, more = regular(time, quantum, channels, str(path))
+    channels, moved = at_origin(channels, layout, str(path))
+    channels, calmed = with_true_wind(channels, layout, str(path))
+    time, channels, scaled = full_scale(time, channels, layout.froude)
+    variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in channels.items()}
+    attrs = {"reading": "\n".join([*notes, *said, *more, *moved, *calmed, *scaled])}
+    if layout.speeds == OVER_GROUND:
+        attrs["speeds"] = OVER_GROUND
+    if layout.facility:
+        attrs["facility"] = layout.facility
+    return xr.Dataset(variables, {"time": ("time", time, {"units": "s"})}, attrs)
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Headings, units below them, rows of cells, the line number of each row, and what was noticed."""
+
+    headings: list[str]
+    units: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+    notes: list[str]
+
+
+def _text(path: Path) -> str:
+    try:
+        raw = path.read_bytes()
+        if raw[:2] == b"\x1f\x8b":
+            raw = gzip.decompress(raw)
+        return utf8(raw)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        reason = f"its gzip data are damaged ({error}); copy it again"
+    except OSError as error:
+        reason = f"{error.strerror or error}; check the path"
+    except EncodingError as error:
+        reason = str(error)
+    raise TrialError(f"The trial {path} cannot be read: {reason}.")
+
+
+def text_table(path: Path, layout: TrialFormat) -> TextTable:
+    """Header, units and rows of a file; TrialError where it cannot be read or is no table."""
+    lines = re.split(r"\r\n|\n|\r", _text(path))
+    skipped = layout.skip_rows
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if number > skipped and line.strip()]
+    comments = [(number, line) for number, line in numbered if line.lstrip().startswith(_COMMENTS)]
+    content = [(number, line) for number, line in numbered if not line.lstrip().startswith(_COMMENTS)]
+    content = _with_header(content, comments)
+    if len(content) < 3:
+        raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(content)} lines; check it.")
+    delimiter = layout.delimiter or _delimiter(content[0][1])
+    rows = [(number, _split(line, delimiter)) for number, line in content[1:]]
+    headings = _headings(content[0][1], delimiter, len(rows[0][1]))
+    units = [""] * len(headings)
+    if _is_unit_row(rows[0][1]):
+        units = [cell.strip(" []{}()-") for cell in rows.pop(0)[1]]
+        units += [""] * (len(headings) - len(units))
+    whole, notes = _whole_rows(rows, len(headings), path)
+    return TextTable(headings, units, [cells for _, cells in whole], [number for number, _ in whole], notes)
+
+
+def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """Lines with the header first, which may stand in the last comment before the numbers."""
+    if not content or not _is_number(_split(content[0][1], _delimiter(content[0][1]))[0]):
+        return content
+    before = [(number, line.strip(" \t#%")) for number, line in comments if number < content[0][0]]
+    return [*before[-1:], *content]
+
+
+def _delimiter(header: str) -> str:
+    plain = re.sub(r"\[[^\]]*\]|\([^)]*\)", "", header)
+    return next((delimiter for delimiter in (";", "\t", ",") if delimiter in plain), " ")
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    if '"' in line:
+        with suppress(csv.Error, StopIteration):
+            return next(csv.reader([line], delimiter=delimiter))
+    return line.split(delimiter)
+
+
+def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
+    """Names in the header; between white space a unit in brackets belongs to the name before it."""
+    if delimiter != " ":
+        headings = [heading.strip() for heading in _split(line, delimiter)]
+    else:
+        joined = re.sub(r"\s+([\[(])", r"\1", line.strip())
+        headings = joined.split()
+        if len(headings) != n_cells:
+            headings = re.split(r"\s{2,}|\t", joined)
+    while headings and not headings[-1]:
+        headings.pop()
+    return ["".join(letter if letter.isprintable() else "?" for letter in heading) for heading in headings]
+
+
+def _is_unit_row(cells: list[str]) -> bool:
+    return any(is_unit(cell) for cell in cells) and not any(_is_number(cell) for cell in cells)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.strip().replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[list[tuple[int, list[str]]], list[str]]:
+    """Rows with a cell for each heading: empty ones and a last one that breaks off are left out."""
+    filled = [(number, cells) for number, cells in rows if any(map(str.strip, cells))]
+    notes = [f"{len(rows) - len(filled)} empty rows left out."] if len(filled) < len(rows) else []
+    if filled and len(filled[-1][1]) < n:
+        number, cells = filled[-1]
+        notes.append(f"Line {number}, the last, left out: it breaks off after {len(cells)} of {n} columns.")
+        filled.pop()
+    if len(filled) < 2:
+        raise TrialError(f"{path}: a trial has a header and at least two rows, found {len(filled)} complete; check it.")
+    for number, cells in filled:
+        if len(cells) < n or any(map(str.strip, cells[n:])):
+            raise TrialError(f"{path}, line {number}: the header has {n} columns, found {len(cells)}; mend it.")
+    return filled, notes
+
+
+def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Numbers of each column, NaN where a cell is missing."""
+    texts = {name: [row[column.index].strip() for row in table.rows] for name, column in columns.items()}
+    joined = {name: "".join(cells) for name, cells in texts.items()}
+    comma = any("," in text for text in joined.values()) and not any("." in text for text in joined.values())
+    if comma:
+        texts = {name: [cell.replace(",", ".") for cell in cells] for name, cells in texts.items()}
+    numbers, notes = {}, ["Decimal commas read as points."] if comma else []
+    for name, cells in texts.items():
+        values = _numbers(cells)
+        if None in values:
+            place = values.index(None)
+            raise TrialError(
+                f"{path}, line {table.lines[place]}, column {columns[name].heading}: a number is needed, found "
+                f"{cells[place]!r}; correct or empty the cell."
+            )
+        numbers[name] = np.array(values)
+        numbers[name][~(np.abs(numbers[name]) < _LARGEST)] = np.nan
+        small = (numbers[name] != 0.0) & (np.abs(numbers[name]) < 1.0 / _LARGEST)
+        numbers[name][small] = 0.0
+        if small.any():
+            notes.append(f"{int(small.sum())} cells of {name}, all within {1.0 / _LARGEST:g} of zero, read as 0.")
+    return numbers, notes
+
+
+def _numbers(cells: list[str]) -> list[float | None]:
+    """Numbers of cells; those of most files at once."""
+    joined = "".join(cells)
+    if joined.isascii() and "_" not in joined:
+        with suppress(ValueError):
+            return list(map(float, cells))
+    return [_number(cell) for cell in cells]
+
+
+def _number(cell: str) -> float | None:
+    """Number of a cell, NaN where it is missing, None where it is neither."""
+    if cell.lower() in _MISSING:
+        return np.nan
+    if not cell.isascii() or "_" in cell:
+        return None
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _implausible(columns: dict[str, Column], cells: dict[str, np.ndarray]) -> list[str]:
+    """A remark on rudder and roll angles that are too large for rad."""
+    notes = []
+    for name in ("phi", "delta"):
+        if name in columns and columns[name].unit == "rad":
+            largest = np.abs(cells[name][np.isfinite(cells[name])]).max(initial=0.0)
+            if largest > 0.5 * np.pi:
+                notes.append(f"{name} reaches {largest:.3g} rad; if it is in deg, call the column '{name} [deg]'.")
+    return notes

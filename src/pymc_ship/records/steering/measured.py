@@ -1,0 +1,179 @@
+"""A measured manoeuvre beside its forecast: begun where the forecast begins, and its indices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.manoeuvre.helm import base_course, execution, rudder_reversals, steered
+from pymc_ship.physics.manoeuvre.indices import indices
+from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.manoeuvre.zigzags import BY_HAND
+from pymc_ship.records.denoising.denoise import MIN_LENGTH, denoise
+from pymc_ship.records.denoising.draws import denoise_draws
+from pymc_ship.trial.channels import CHANNELS, SIMULATED, channel_names
+from pymc_ship.trial.record import is_uniform
+
+_MOTION = channel_names(lambda channel: channel.part == "motion")
+
+
+def aligned(measured: xr.Dataset) -> xr.Dataset:
+    """Measured trial from the rudder's execution on, as a forecast begins: time 0, base course 0, position 0.
+
+    Parameters
+    ----------
+    measured : Dataset, dims (time,)
+        Any of the channels of a trial, SI and rad, from any time, course and position.
+
+    Returns
+    -------
+    Dataset, dims (time,)
+        The channels it has, those at time 0 interpolated, from :func:`pymc_ship.physics.manoeuvre.helm.execution` on,
+        or from the first instant of a record without a rudder. A track without a heading is left out.
+    """
+    time = measured["time"].values.astype(float)
+    channels = {name: measured[name].values.astype(float) for name in SIMULATED if name in measured}
+    known = {name: np.isfinite(values) for name, values in channels.items() if np.isfinite(values).any()}
+    if "psi" in known:
+        channels["psi"][known["psi"]] = np.unwrap(channels["psi"][known["psi"]])
+    start = execution(measured) if "delta" in known else time[0]
+    found = {
+        name: np.append(np.interp(start, time[good], channels[name][good]), channels[name][time > start])
+        for name, good in known.items()
+    }
+    if "psi" in found:
+        steered = {"psi", "r", "delta"} <= channels.keys()
+        whole = steered and all(known[name].all() for name in ("psi", "r", "delta") if name in known)
+        course = base_course(measured) if whole else found["psi"][0]
+        found["psi"] = found["psi"] - course
+    if {"psi", "x", "y"} <= found.keys():
+        north, east = found["x"] - found["x"][0], found["y"] - found["y"][0]
+        c, s = np.cos(course), np.sin(course)
+        found |= {"x": c * north + s * east, "y": c * east - s * north}
+    else:
+        found = {name: values for name, values in found.items() if name not in ("x", "y")}
+    kept = np.append(start, time[time > start])
+    variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in found.items()}
+    return xr.Dataset(variables, {"time": kept - start}, measured.attrs)
+
+
+def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
+    """Indices of a measured trial of the manoeuvre that ``attrs`` tell, as far as its channels allow.
+
+    Parameters
+    ----------
+    measured : Dataset, dims (time,)
+        See :func:`aligned`.
+    attrs : mapping
+        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``side`` of the forecast; ``rudder_delay`` [s] of the
+        steering gear, 0 by default.
+
+    Returns
+    -------
+    dict of str to float
+        Indices [deg, s, m, m/s, deg/s] by name, as of :func:`pymc_ship.indices`; NaN where the record does not reach
+        the event or lacks a channel. The motion is denoised first, as the largest of noisy values is too large and the
+        first of several crossings too early; a missing yaw rate is the slope of the heading, missing velocities are
+        those of the track. Overshoots of a zigzag that was steered by hand count from its own reversals, indices of a
+        rudder that is held end where it is put back.
+    """
+    return smooth_indices(smoothed(measured), attrs)
+
+
+def smooth_indices(smooth: xr.Dataset, attrs: Mapping) -> dict[str, float]:
+    """Indices of a measured trial whose motion is smooth already; all else as :func:`measured_indices`."""
+    kind = kind_named(attrs["manoeuvre"])
+    trial = aligned(smooth).dropna("time")
+    if "psi" not in trial or trial.sizes["time"] < 3:
+        return {}
+    has = set(trial.data_vars)
+    told = dict(attrs)
+    if "delta" in has and kind.swings:
+        told |= _reversed_by_hand(trial, attrs)
+    elif "delta" in has and kind.circles:
+        trial = trial.isel(time=slice(0, int(np.flatnonzero(steered(trial))[-1]) + 1))
+    time, psi = trial["time"].values, trial["psi"].values
+    channels = {name: trial[name].values for name in trial.data_vars}
+    x, y = (channels.setdefault(name, np.zeros(time.size)) for name in ("x", "y"))
+    if "r" not in has:
+        channels["r"] = np.gradient(psi, time)
+    if not {"u", "v"} <= has:
+        north, east = np.gradient(x, time), np.gradient(y, time)
+        channels["u"] = north * np.cos(psi) + east * np.sin(psi)
+        channels["v"] = east * np.cos(psi) - north * np.sin(psi)
+        has |= {"u", "v"} if {"x", "y"} <= has else set()
+    channels.setdefault("phi", np.zeros(time.size))
+    found = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, told))
+    return {
+        name: float(found[name]) if has.issuperset(kind.indices[name].needs) else np.nan for name in map(str, found)
+    }
+
+
+def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping) -> dict[str, tuple[float, ...]]:
+    """Times [s] at which the reversals of an aligned zigzag were ordered, where not all were at one heading."""
+    reversals = rudder_reversals(trial)
+    if not reversals:
+        return {}
+    ordered = [reversal.time - attrs.get("rudder_delay", 0.0) for reversal in reversals]
+    headings = np.abs(np.interp(ordered, trial["time"].values, trial["psi"].values))
+    return {"reversals": tuple(ordered)} if np.abs(headings - headings.mean()).max() > BY_HAND else {}
+
+
+def denoisable(measured: xr.Dataset) -> list[str]:
+    """Channels of the motion that can be denoised: in a record that is uniform and long enough, those without gaps."""
+    names = [name for name in _MOTION if name in measured and np.isfinite(measured[name].values).all()]
+    whole = measured.sizes["time"] >= MIN_LENGTH and is_uniform(measured["time"].values)
+    return names if whole else []
+
+
+def through(measured: xr.Dataset) -> xr.Dataset:
+    """Trial whose heading runs through, where it has no gaps."""
+    known = "psi" in measured and np.isfinite(measured["psi"].values).all()
+    return measured.assign(psi=("time", np.unwrap(measured["psi"].values))) if known else measured
+
+
+def smoothed(measured: xr.Dataset) -> xr.Dataset:
+    """Trial whose heading runs through and whose motion is denoised where it can be, see :func:`denoisable`."""
+    names = denoisable(measured)
+    return denoise(through(measured), channels=names) if names else measured
+
+
+def drawn_indices(
+    measured: xr.Dataset,
+    attrs: Mapping,
+    *,
+    draws: int,
+    rng: np.random.Generator,
+    corrected: Callable[[xr.Dataset], xr.Dataset] = lambda smooth: smooth,
+) -> dict[str, np.ndarray]:
+    """Indices of a measured trial over draws of its denoised motion: what the noise of the readings leaves open.
+
+    Parameters
+    ----------
+    measured, attrs
+        As for :func:`measured_indices`.
+    draws : int
+    rng : Generator
+    corrected : callable, optional
+        Takes a trial whose motion is smooth and returns it with what is known to be wrong in it taken off.
+
+    Returns
+    -------
+    dict of str to ndarray
+        By name those of the draws that reach the event; empty for a record that cannot be denoised.
+    """
+    names = denoisable(measured)
+    if not names:
+        return {}
+    drawn = denoise_draws(through(measured), draws=draws, rng=rng, channels=names)
+    return finite_indices(smooth_indices(corrected(drawn.isel(draw=k)), attrs) for k in range(draws))
+
+
+def finite_indices(found: Iterable[Mapping[str, float]]) -> dict[str, np.ndarray]:
+    """Finite values of each index over several sets of indices; names without one are left out."""
+    rows = list(found)
+    values = {name: np.array([row.get(name, np.nan) for row in rows]) for name in rows[0]}
+    finite = {name: column[np.isfinite(column)] for name, column in values.items()}
+    return {name: column for name, column in finite.items() if column.size}

@@ -1,0 +1,77 @@
+"""The stopping test in a record: the propeller goes astern until the ship is dead in the water (IMO MSC.137(76))."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.manoeuvre.events import Record
+from pymc_ship.records.steering.measured import smoothed
+
+LABEL = "stopping test"
+"""What a run is called in which a ship is stopped."""
+
+LIMIT, LARGE = 15.0, 20.0
+"""Track reach [L] that IMO MSC.137(76) allows, and where a large displacement makes that impracticable."""
+
+INDICES = {
+    "track_reach": "m",
+    "head_reach": "m",
+    "lateral_deviation": "m",
+    "stopping_time": "s",
+    "heading_change": "deg",
+}
+"""Indices of the test and their units."""
+
+_CHANNELS = ("u", "v", "r", "psi", "x", "y", "n")
+_FALLEN = 0.95  # of the revolutions of the approach, below which the order was given
+
+
+def stopping_order(trial: xr.Dataset) -> float:
+    """Time [s] at which the engine was ordered astern; NaN for a record that is no stopping test.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        With n [1/s]: ahead at first, then astern. The order was given when they last left those of the approach.
+    """
+    if any(name not in trial or not np.isfinite(trial[name].values).all() for name in _CHANNELS):
+        return np.nan
+    n, time = trial["n"].values, trial["time"].values
+    astern = np.flatnonzero(n < 0.0)
+    if not astern.size or not (n[: astern[0]] > 0.0).any():
+        return np.nan
+    approach = float(np.median(n[: astern[0]][n[: astern[0]] > 0.0]))
+    full = np.flatnonzero(n[: astern[0]] >= _FALLEN * approach)
+    return float(time[full[-1]])
+
+
+def measured_stopping(trial: xr.Dataset) -> dict[str, float]:
+    """Indices of a stopping test, counted from the order; empty for another record.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        With u, v, r, psi, x, y and n; its motion is denoised first.
+
+    Returns
+    -------
+    dict of str to float
+        By the names of :data:`INDICES` [m, s, deg]; NaN where she still makes way ahead at the end of the record.
+    """
+    begin = stopping_order(trial)
+    if not np.isfinite(begin):
+        return {}
+    smooth = smoothed(trial).sel(time=slice(begin, None))
+    time = smooth["time"].values
+    motion = {name: smooth[name].values for name in _CHANNELS[:-1]} | {"phi": np.zeros(time.size)}
+    still = np.flatnonzero(motion["u"] <= 0.0)
+    if not still.size or time.size < 2:
+        return dict.fromkeys(INDICES, np.nan)
+    end = max(int(still[0]), 1)
+    record, before, after = Record(time, motion), motion["u"][end - 1], motion["u"][end]
+    until = float(time[end - 1] + (time[end] - time[end - 1]) * before / max(before - after, np.finfo(float).tiny))
+    ahead, aside = record.displacement(until)
+    turned = np.rad2deg(record.at("psi", until) - motion["psi"][0])
+    values = (record.distance(until), float(ahead), float(aside), until - begin, float(turned))
+    return dict(zip(INDICES, values, strict=True))

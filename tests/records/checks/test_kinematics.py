@@ -1,0 +1,142 @@
+"""Faults of sensors, units and signs: each is found alone, and mended where its number can be told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.records.checks.kinematics import _rate_scale
+from pymc_ship.records.checks.track import earth_velocity
+from tests.records.checks.cases import alarms, changed, found, lever, noisy, offset, simulated, steered, units
+
+
+def roll_offset(trial):
+    return changed(trial, p=trial["p"].values - np.deg2rad(0.01))
+
+
+def earth_fixed(trial):
+    return changed(trial, **dict(zip("uv", earth_velocity(trial), strict=True)))
+
+
+MENDABLE = {
+    "gyro offset": (offset, "offset", 0.005, 5e-4),
+    "roll rate offset": (roll_offset, "offset", -0.01, 1e-3),
+    "velocity axes": (earth_fixed, "misfit earth-fixed", 0.0, 0.02),
+    "lever arm": (lever, "lever arm", 20.0, 0.5),
+}
+"""Fault, and the number that tells its size, what it should be and how far it may be off."""
+
+
+@pytest.mark.parametrize("name", MENDABLE)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_fault_of_the_velocities_is_found_alone_and_mended(container, approached, name, seed):
+    fault, number, size, error = MENDABLE[name]
+    trial = noisy(steered(container), seed)
+    checks = ps.trial_checks(fault(trial), container)
+    named = {check.name: check for check in checks}
+    assert alarms(named) == {name}
+    assert named[name].mendable
+    assert named[name].value(number) == pytest.approx(size, abs=error)
+    mended = ps.corrected_trial(fault(trial), checks)
+    assert len(mended.attrs["corrections"]) == 1
+    for channel in ("u", "v", "r", "p"):
+        spread = np.std(trial[channel].values)
+        assert np.abs(mended[channel].values - trial[channel].values).max() < 0.03 * spread
+    assert alarms(found(mended, container)) == set()
+
+
+def test_faults_that_come_together_are_told_apart(container, zigzag):
+    """Gyro offset, lever arm and earth-fixed velocities, as one measured file has them."""
+    trial = earth_fixed(lever(zigzag)).assign(r=zigzag["r"] + np.deg2rad(0.005))
+    checks = ps.trial_checks(trial, container)
+    named = {check.name: check for check in checks}
+    assert alarms(named) == {"gyro offset", "velocity axes", "lever arm"}
+    assert named["lever arm"].value("lever arm") == pytest.approx(20.0, abs=1.0)
+    mended = ps.corrected_trial(trial, checks)
+    assert np.abs(mended["v"].values - zigzag["v"].values).max() < 0.05
+    assert len(mended.attrs["corrections"]) == 3
+
+
+def test_a_lever_arm_needs_no_vessel_but_a_turn_that_changes(circle, zigzag):
+    check = found(lever(zigzag))["lever arm"]
+    assert (check.verdict, check.value("lever arm")) == ("doubtful", pytest.approx(20.0, abs=1.0))
+    assert found(lever(circle))["lever arm"].verdict == "not checked"
+
+
+def knots(trial):
+    return changed(trial, u=trial["u"].values / 0.514444, v=trial["v"].values / 0.514444)
+
+
+def all_in_degrees(trial):
+    return changed(trial, psi=np.rad2deg(trial["psi"].values), r=np.rad2deg(trial["r"].values))
+
+
+BAD = {
+    "psi in deg": (units("psi", 180.0 / np.pi), "yaw rate", "psi is in deg"),
+    "r in deg/s": (units("r", 180.0 / np.pi), "yaw rate", "r is in deg/s"),
+    "r flipped": (units("r", -1.0), "yaw rate", "opposite sign"),
+    "r of another scale": (units("r", 1.3), "yaw rate", "calibration"),
+    "p in deg/s": (units("p", 180.0 / np.pi), "roll rate", "p is in deg/s"),
+    "phi flipped": (units("phi", -1.0), "roll rate", "opposite sign"),
+    "psi and r in deg": (all_in_degrees, "heading", "unit and sign of psi"),
+    "speeds in knots": (knots, "speed", "knots taken for m/s"),
+    "v flipped": (units("v", -1.0), "sway sign", "flip its sign"),
+    "delta in deg": (units("delta", 180.0 / np.pi), "rudder unit", "it is in deg"),
+    "delta flipped": (units("delta", -1.0), "rudder sign", "turns the ship to starboard"),
+}
+
+
+@pytest.mark.parametrize("fault", BAD)
+@pytest.mark.parametrize("run", ["zigzag", "circle"])
+def test_units_and_signs_that_are_wrong_are_bad_and_refused(request, container, fault, run):
+    trial = request.getfixturevalue(run)
+    spoil, name, words = BAD[fault]
+    checks = ps.trial_checks(spoil(trial), container if run == "zigzag" else None)
+    named = {check.name: check for check in checks}
+    assert named[name].verdict == "bad"
+    assert words in named[name].sentence
+    with pytest.raises(ps.TrialError, match=f"cannot be fitted: .*{name}: "):
+        ps.corrected_trial(spoil(trial), checks)
+
+
+def test_a_gyro_that_is_two_per_cent_off_is_doubtful(zigzag, container):
+    check = found(units("r", 1.05)(zigzag), container)["yaw rate"]
+    assert (check.verdict, check.mendable) == ("doubtful", False)
+    assert check.value("scale") == pytest.approx(1.0 / 1.05, abs=2e-3)
+
+
+def test_a_current_is_told_and_not_mended(zigzag, container):
+    trial = changed(zigzag, y=zigzag["y"].values + 0.3 * zigzag["time"].values)
+    checks = found(trial, container)
+    assert alarms(checks) == {"track closure"}
+    assert checks["track closure"].verdict == "doubtful"
+    assert "current or offset of 0.3 m/s" in checks["track closure"].sentence
+    assert checks["track closure"].value("drift") == pytest.approx(0.3 * 400.0, rel=0.05)
+
+
+def test_a_track_that_nothing_mends_is_refused(zigzag, container):
+    """A track that sways as the ship does not."""
+    sway = 120.0 * np.sin(2.0 * np.pi * zigzag["time"].values / 300.0)
+    checks = ps.trial_checks(changed(zigzag, y=zigzag["y"].values + sway), container)
+    assert alarms({check.name: check for check in checks}) >= {"track closure"}
+    with pytest.raises(ps.TrialError, match=r"track closure: .* unexplained"):
+        ps.corrected_trial(zigzag, checks)
+
+
+@pytest.mark.parametrize(
+    ("slope", "error", "verdict"),
+    [(1.15, 0.01, "bad"), (1.15, 0.06, "good"), (0.85, 0.01, "bad"), (1.05, 0.005, "doubtful"), (1.05, 0.02, "good")],
+)
+def test_a_scale_is_wrong_only_beyond_what_the_record_can_tell(slope, error, verdict):
+    """10 % are bad, 2 % doubtful, where they are several standard errors."""
+    assert _rate_scale("r", "psi", slope, error, 0.1, 1.0).verdict == verdict
+
+
+def test_a_scale_error_in_a_steady_turn_is_not_mended_as_an_offset(container):
+    """Half a per cent of the scale, which a gyro may have: in a turn alone an offset looks the same."""
+    turn = simulated(container, ps.turning_circle(35.0), 600.0)
+    assert found(units("r", 1.005)(turn), container)["gyro offset"].verdict == "good"
+    zigzag = simulated(container, ps.zigzag(20.0, 20.0))
+    slip = 0.005 * np.abs(turn["r"].values).mean()
+    assert found(changed(zigzag, r=zigzag["r"].values + slip), container)["gyro offset"].verdict == "doubtful"

@@ -1,0 +1,124 @@
+"""Velocities that are late behind the track are told from a lever arm, by kind, and set right; one lag for all runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.records.checks.lag import LAG, NAME, READINGS, VelocityLag, lag_of
+from pymc_ship.records.checks.track import body_velocity, earth_velocity
+from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check
+from tests.records.checks.cases import changed, found, lever, noisy
+
+SECONDS = 0.8
+
+
+def earlier(trial, values, seconds):
+    time = trial["time"].values
+    return np.interp(time - seconds, time, values)
+
+
+def late_body(trial, seconds=SECONDS):
+    """u and v of so many seconds ago."""
+    return changed(trial, **{name: earlier(trial, trial[name].values, seconds) for name in ("u", "v")})
+
+
+def late_earth(trial, seconds=SECONDS):
+    """Earth-fixed velocities of so many seconds ago, turned into the body by the present heading."""
+    x_dot, y_dot = (earlier(trial, values, seconds) for values in earth_velocity(trial))
+    u, v = body_velocity(changed(trial, u=x_dot, v=y_dot))
+    return changed(trial, u=u, v=v)
+
+
+LATE = {"earth": late_earth, "body": late_body}
+
+
+@pytest.fixture(scope="module")
+def runs(container):
+    """Two zigzags and a circle, clean, sampled at 5 Hz, integrated by RK4 so that no step is late itself."""
+    manoeuvres = ps.zigzag(20.0, 20.0), ps.zigzag(10.0, 10.0, side="starboard"), ps.turning_circle(35.0)
+    return [ps.simulate(container, one, duration=400.0, record_interval=0.2, method="rk4") for one in manoeuvres]
+
+
+@pytest.mark.parametrize("kind", LATE)
+@pytest.mark.parametrize("run", [0, 1, 2])
+def test_a_lag_is_told_by_kind_and_not_taken_for_a_lever_arm(runs, container, kind, run):
+    checks = found(noisy(LATE[kind](runs[run]), level=0.002), container)
+    lag = lag_of(checks["velocity lag"])
+    assert checks["velocity lag"].verdict == "doubtful"
+    assert lag.kind == kind
+    assert lag.seconds == pytest.approx(SECONDS, abs=SIGNIFICANT * lag.error + 0.02)
+    assert checks["lever arm"].verdict != "doubtful"
+
+
+@pytest.mark.parametrize("kind", LATE)
+def test_all_channels_that_are_late_are_set_right(runs, container, kind):
+    late = LATE[kind](runs[0])
+    mended = ps.judged_trial(late, container)
+    true = runs[0].sel(time=mended["time"])
+    for name in ("u", "v"):
+        before = np.abs(late[name].sel(time=mended["time"]) - true[name]).max()
+        assert float(np.abs(mended[name] - true[name]).max()) < 0.05 * float(before)
+    assert "later" in mended.attrs["corrections"][0]
+
+
+def test_a_lever_arm_is_no_lag(runs, container):
+    checks = found(noisy(lever(runs[0])), container)
+    assert checks["velocity lag"].verdict == "good"
+    assert checks["lever arm"].value("lever arm") == pytest.approx(20.0, abs=1.0)
+
+
+@pytest.mark.parametrize("run", [0, 1, 2])
+def test_a_sound_record_has_no_lag(runs, container, run):
+    checks = found(noisy(runs[run]), container)
+    assert checks["velocity lag"].verdict == "good"
+    assert ps.common_lag([tuple(checks.values())]) is None
+
+
+def test_one_lag_of_a_facility_is_that_of_all_its_runs(runs, container):
+    checked = [ps.trial_checks(noisy(late_earth(run), seed=k), container) for k, run in enumerate(runs)]
+    lag = ps.common_lag(checked)
+    assert lag.kind == "earth"
+    assert lag.seconds == pytest.approx(SECONDS, abs=SIGNIFICANT * lag.error + 0.02)
+    assert lag.error < min(lag_of(next(c for c in checks if c.name == "velocity lag")).error for checks in checked)
+
+
+def test_a_run_that_does_not_tell_its_lag_is_set_right_by_that_of_the_others(runs, container):
+    lag = VelocityLag("earth", SECONDS, 0.01)
+    quiet = noisy(late_earth(runs[1]), level=0.05)
+    check = found(quiet, container)["velocity lag"]
+    told = {one.name: one for one in ps.trial_checks(quiet, container, lag=lag)}["velocity lag"]
+    assert lag_of(told).seconds == SECONDS
+    assert told.mendable
+    assert "all runs" in told.sentence
+    assert check.sentence != told.sentence
+
+
+def test_a_lag_shorter_than_matters_is_left_alone(runs, container):
+    L_over_U = container.particulars.L / container.particulars.nominal_speed
+    short = late_earth(runs[0], 0.5 * LAG * L_over_U)
+    assert found(short, container)["velocity lag"].verdict == "good"
+
+
+def test_a_lag_shorter_than_a_sample_is_left_alone(runs, container):
+    """Half a second is told at 5 Hz; at 1 Hz the interpolation between samples is as far off."""
+    late = late_earth(runs[0], 0.5)
+    assert found(late, container)["velocity lag"].verdict == "doubtful"
+    assert found(late.isel(time=slice(None, None, 5)), container)["velocity lag"].verdict == "good"
+
+
+@pytest.mark.parametrize("error", [0.05, 0.1, 0.4])
+def test_the_error_of_a_common_lag_is_that_of_a_mean(error):
+    """Of runs told equally well: from their scatter where that is larger than the error of each, else from that."""
+    seconds = np.array([0.6, 0.7, 0.95, 0.75])
+    lag = ps.common_lag([(told(value, error),) for value in seconds])
+    assert lag.seconds == pytest.approx(seconds.mean(), rel=1e-12)
+    assert lag.error == pytest.approx(max(seconds.std(ddof=1), error) / 2.0, rel=1e-9)
+
+
+def told(seconds, error):
+    """Check that has found such a lag."""
+    numbers = [("lag", seconds), ("standard error", error), ("misfit", 1.0)]
+    values = ((f"{name}, {kind}", value, "") for kind in READINGS for name, value in numbers)
+    return Check(NAME, "doubtful", "", tuple(values), mendable=True)

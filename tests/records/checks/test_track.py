@@ -1,0 +1,66 @@
+"""Numbers of the track checks: misfits, lever arms and drift of a size that is put in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.records.checks.track import DRIFT_GOOD, axes_checks, drift_check, earth_velocity, lever_check
+from pymc_ship.records.checks.verdicts import integral, ship_scale
+from tests.records.checks.cases import INTERVAL, changed, simulated
+
+
+@pytest.fixture(scope="module")
+def clean(container):
+    """A zigzag without noise."""
+    return simulated(container, ps.zigzag(20.0, 20.0))
+
+
+def sailed(trial):
+    """Trial with the track of its own velocities."""
+    x, y = (integral(values, INTERVAL) for values in earth_velocity(trial))
+    return changed(trial, x=x, y=y)
+
+
+def test_the_misfit_is_the_rms_of_the_velocity_that_is_missing(clean, container):
+    """A track that sways by a sine: its amplitude times its frequency over the root of 2."""
+    omega, amplitude = 2.0 * np.pi / 90.0, 4.0
+    trial = changed(clean, y=clean["y"].values + amplitude * np.sin(omega * clean["time"].values))
+    axes, _ = axes_checks(trial, ship_scale(trial, container))
+    assert axes.value("misfit body-fixed") == pytest.approx(amplitude * omega / np.sqrt(2.0), rel=0.1)
+
+
+@pytest.mark.parametrize(("arm", "side"), [(20.0, "aft"), (-20.0, "forward")])
+def test_the_lever_arm_of_a_ship_that_heels_is_its_length(clean, container, arm, side):
+    heeled = sailed(changed(clean, phi=np.full(clean.sizes["time"], 0.5)))
+    trial = changed(heeled, v=heeled["v"].values - arm * heeled["r"].values)
+    check = lever_check(trial, ship_scale(trial, container))
+    assert check.value("lever arm") == pytest.approx(arm, rel=1e-3)
+    assert f"20 m {side} of" in check.sentence
+
+
+def test_a_speed_log_of_another_scale_and_a_current_are_told_by_their_size(clean, container):
+    """The log shows 5 % too little, and the track is carried to the east."""
+    true = sailed(clean)
+    drifting = changed(true, y=true["y"].values + 0.4 * true["time"].values)
+    trial = changed(drifting, u=0.95 * true["u"].values, v=0.95 * true["v"].values)
+    check = drift_check(trial, ship_scale(trial, container))
+    assert check.verdict == "doubtful"
+    assert "current or offset of 0.4 m/s and a scale of 1.053" in check.sentence
+    assert check.value("unexplained") < 1.0
+    assert check.value("drift") > 100.0
+
+
+@pytest.mark.parametrize("seconds", [100.0, 400.0])
+def test_a_drift_is_judged_by_the_length_or_by_the_distance_sailed(clean, container, seconds):
+    """By that which allows more: the length in a short record, the distance in a long one."""
+    whole = sailed(clean)
+    trial = whole.sel(time=slice(0.0, seconds))
+    time, L = trial["time"].values, container.particulars.L
+    distance = float(np.hypot(np.diff(trial["x"]), np.diff(trial["y"])).sum())
+    allowed = [share * size for share, size in zip(DRIFT_GOOD, (L, distance), strict=True)]
+    assert (allowed[1] > 1.3 * allowed[0]) == (seconds > 300.0)
+    for drift, verdict in ((np.mean(allowed), "good"), (1.3 * max(allowed), "doubtful")):
+        carried = changed(trial, y=trial["y"].values + drift * time / seconds)
+        assert drift_check(carried, ship_scale(carried, container)).verdict == verdict

@@ -1,0 +1,223 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.records.files.format import TrialFormat, load_format
+from tests.records.files.cases import NAMES, columns, record, written
+
+
+@pytest.fixture(scope="module")
+def run(container):
+    return record(container)
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Function that reads a table of columns by a format."""
+
+    def read(table, format=None, **settings):
+        (tmp_path / "run.csv").write_text(written(table, **settings))
+        return ps.read_trial(tmp_path / "run.csv", format=format)
+
+    return read
+
+
+def assert_close(trial, run, names=NAMES):
+    for name in names:
+        np.testing.assert_allclose(trial[name], run[name], rtol=1e-12, atol=1e-13, err_msg=name)
+
+
+class TestColumns:
+    def test_units_signs_and_offsets(self, run, read):
+        table = columns(run)
+        table["RUD 1"] = -np.rad2deg(table.pop("delta")) + 1.2
+        table["speed"] = table.pop("u") * 3600.0 / 1852.0
+        choice = {
+            "delta": {"column": "RUD 1", "unit": "deg", "sign": -1, "offset": 1.2},
+            "u": {"column": "speed", "unit": "kn"},
+        }
+        trial = read(table, {"columns": choice})
+        assert_close(trial, run)
+        assert trial.attrs["reading"] == "Columns read: u from 'speed' in kn, delta from 'RUD 1' in deg."
+
+    def test_a_unit_stands_in_the_heading_or_in_the_format(self, run, read):
+        table = columns(run)
+        table["gyro [deg]"] = np.rad2deg(table.pop("psi"))
+        assert_close(read(table, {"columns": {"psi": "gyro [deg]"}}), run)
+        table["gyro"] = table.pop("gyro [deg]")
+        assert_close(read(table, {"columns": {"psi": {"column": "gyro", "unit": "deg"}}}), run)
+
+    def test_a_column_that_is_not_there_is_named_with_those_that_are(self, run, read):
+        with pytest.raises(
+            ps.TrialError, match=r"reads v from a column 'sway' that stands there once, found 0 among time, u"
+        ):
+            read(columns(run), {"columns": {"v": "sway"}})
+
+    def test_a_column_of_another_name_replaces_the_channel_of_that_name(self, run, read):
+        table = columns(run) | {"v filtered": run["v"].values + 1.0}
+        trial = read(table, {"columns": {"v": "v filtered"}})
+        np.testing.assert_array_equal(trial["v"], run["v"] + 1.0)
+        assert "Columns left out: v." in trial.attrs["reading"]
+
+
+class TestFrame:
+    def test_earth_fixed_velocities(self, run, read):
+        table, psi = columns(run), run["psi"].values
+        u, v = table["u"], table["v"]
+        table |= {"u": u * np.cos(psi) - v * np.sin(psi), "v": u * np.sin(psi) + v * np.cos(psi)}
+        assert_close(read(table, {"frame": {"velocities": "earth"}}), run)
+        assert np.abs(read(table)["v"] - run["v"]).max() > 1.0
+
+    @pytest.mark.parametrize(("reference", "x_ref"), [(-11.2, -11.2), ("midship", 0.0), ("origin", 0.0)])
+    def test_the_point_of_the_velocities(self, run, read, reference, x_ref):
+        table = columns(run)
+        table["v"] = table["v"] + x_ref * table["r"]
+        assert_close(read(table, {"frame": {"reference": reference}}), run)
+
+    def test_earth_fixed_velocities_of_another_point(self, run, read):
+        table, psi = columns(run), run["psi"].values
+        u, v = table["u"], table["v"] + 30.0 * table["r"]
+        table |= {"u": u * np.cos(psi) - v * np.sin(psi), "v": u * np.sin(psi) + v * np.cos(psi)}
+        trial = read(table, {"frame": {"velocities": "earth", "reference": 30}})
+        assert_close(trial, run)
+        assert trial.attrs["reading"].splitlines() == [
+            "u, v turned from earth-fixed axes into the ship's by psi.",
+            "v moved to the origin from a point 30 m forward of it.",
+        ]
+
+    def test_a_relative_wind_becomes_the_true_one(self, run, read):
+        """A wind of 7 m/s from 60 deg, as an anemometer on board reads it."""
+        u, v, psi = (run[name].values for name in ("u", "v", "psi"))
+        flow = -7.0 * np.exp(1j * np.deg2rad(60.0)) * np.exp(-1j * psi) - (u + 1j * v)
+        table = columns(run) | {"vane": np.rad2deg(np.angle(-flow)), "wind_speed": np.abs(flow)}
+        wanted = {"wind_direction": {"column": "vane", "unit": "deg"}, "wind_speed": "wind_speed"}
+        trial = read(table, {"columns": wanted, "frame": {"wind": "relative"}})
+        np.testing.assert_allclose(trial["wind_speed"], 7.0, rtol=1e-6)
+        np.testing.assert_allclose(trial["wind_direction"], np.deg2rad(60.0), rtol=1e-6)
+        assert "The true wind found from the relative one, u, v and psi." in trial.attrs["reading"]
+
+    def test_senses_of_heading_and_rudder(self, run, read):
+        table = columns(run)
+        table |= {"psi": -table["psi"], "delta": -table["delta"]}
+        trial = read(table, {"frame": {"heading": "counterclockwise", "rudder_positive": "starboard"}})
+        assert_close(trial, run)
+        assert len(trial.attrs["reading"].splitlines()) == 2
+        same = read(columns(run), {"frame": {"heading": "clockwise", "rudder_positive": "port"}})
+        assert_close(same, run)
+        assert same.attrs["reading"] == ""
+
+    @pytest.mark.parametrize("settings", [{"columns": {"psi": "gyro"}}, {}])
+    def test_a_compass_heading_is_in_degrees(self, run, read, settings):
+        table = columns(run)
+        table["gyro" if settings else "Heading"] = np.rad2deg(table.pop("psi")) % 360.0
+        trial = read(table, {**settings, "frame": {"heading": "compass"}})
+        turns = (trial["psi"] - run["psi"]).values / (2.0 * np.pi)
+        np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-12)
+
+    @pytest.mark.parametrize(
+        ("frame", "lacks", "sentence"),
+        [
+            ({"velocities": "earth"}, "psi", "velocities = 'earth' needs the channels u, v, psi; psi missing"),
+            ({"wind": "relative"}, "psi", "wind = 'relative' needs the channels wind_speed, wind_direction, u, v, psi"),
+            ({"reference": 3.5}, "r", "reference = 3.5 needs the channels v, r; r missing"),
+        ],
+    )
+    def test_channels_that_a_frame_needs(self, run, read, frame, lacks, sentence):
+        table = columns(run)
+        del table[lacks]
+        with pytest.raises(ps.TrialError, match=rf"run.csv: {sentence}"):
+            read(table, {"frame": frame})
+
+
+def test_a_model_is_scaled_to_its_ship(run, read):
+    """Lengths by lambda, speeds and times by its root, forces by its cube: ratios of the prime system stay."""
+    scale = 45.714
+    table = columns(run, (*NAMES, "n")) | {
+        "thrust": np.full(run.sizes["time"], 2.0),
+        "torque": np.full(run.sizes["time"], 3.0),
+    }
+    for name, power in {"time": 0.5, "u": 0.5, "v": 0.5, "r": -0.5, "p": -0.5, "x": 1.0, "y": 1.0, "n": -0.5}.items():
+        table[name] = table[name] / scale**power
+    trial = read(table, {"scale": {"froude": scale}})
+    assert_close(trial, run, (*NAMES, "n"))
+    np.testing.assert_allclose(trial["thrust"], 2.0 * scale**3)
+    np.testing.assert_allclose(trial["torque"], 3.0 * scale**4)
+    assert "lengths x 45.714, speeds and times x 6.761." in trial.attrs["reading"]
+
+
+def test_delimiter_and_lines_before_the_header(run, tmp_path):
+    path = tmp_path / "run.txt"
+    path.write_text(
+        "Basin; run 7\nL, B, T\n" + written(columns(run), " ", cell=lambda value: repr(value).replace(".", ","))
+    )
+    assert_close(ps.read_trial(path, format={"delimiter": " ", "skip_rows": 2}), run)
+    with pytest.raises(ps.TrialError, match=r"run.txt, line 2: the header has 2 columns, found 1"):
+        ps.read_trial(path)
+
+
+def test_a_file_and_its_table_are_the_same(tmp_path):
+    path = tmp_path / "format.toml"
+    path.write_text(
+        'delimiter = ";"\nskip_rows = 3\n[columns]\nu = "xdot"\npsi = { column = "Heading", unit = "deg", sign = -1 }\n'
+        '[frame]\nvelocities = "earth"\nreference = -2\n[scale]\nfroude = 25\n'
+    )
+    table = {
+        "delimiter": ";",
+        "skip_rows": 3,
+        "columns": {"u": "xdot", "psi": {"column": "Heading", "unit": "deg", "sign": -1}},
+        "frame": {"velocities": "earth", "reference": -2},
+        "scale": {"froude": 25},
+    }
+    assert load_format(path) == load_format(str(path)) == load_format(table)
+    assert load_format(None) == load_format({}) == TrialFormat()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("frames = 1", "unknown key frames; known here are columns, frame, scale, delimiter, skip_rows"),
+        ("columns = 3", "columns must be a table, found 3"),
+        ("[columns]\nw = 'heave'", "unknown key columns.w; known here are time, u, v"),
+        ("[columns]\nu = 3", "columns.u must be the heading of a column, found 3"),
+        ("[columns]\nu = ' '", "columns.u must be the heading of a column, found ' '"),
+        ("[columns]\nu = { unit = 'kn' }", "columns.u must be the heading of a column, found None"),
+        (
+            "[columns]\nu = { column = 'U', scale = 2 }",
+            "unknown key columns.u.scale; known here are column, unit, sign",
+        ),
+        ("[columns]\nu = { column = 'U', unit = 'deg' }", "columns.u.unit must be a unit like m/s, found 'deg'"),
+        ("[columns]\nu = { column = 'U', unit = 1 }", "columns.u.unit must be a unit like m/s, found 1"),
+        ("[columns]\nu = { column = 'U', sign = 2 }", "columns.u.sign must be 1 or -1, found 2"),
+        ("[columns]\nu = { column = 'U', sign = true }", "columns.u.sign must be a finite number, found True"),
+        ("[columns]\nu = { column = 'U', offset = nan }", "columns.u.offset must be a finite number, found nan"),
+        ("[frame]\nvelocity = 'earth'", "unknown key frame.velocity; known here are velocities, heading"),
+        (
+            "[frame]\nvelocities = 'ground'",
+            "frame.velocities is one of body, earth; found 'ground'; choose one",
+        ),
+        ("[frame]\nheading = ['compass']", "frame.heading is one of .*; found \\['compass'\\]"),
+        ("[frame]\nrudder_positive = 'left'", "frame.rudder_positive is one of port, starboard; found 'left'"),
+        ("[frame]\nreference = 'G'", "frame.reference must be a finite number, found 'G'"),
+        ("[scale]\nfroude = 0", "scale.froude must be positive, found 0"),
+        ("[scale]\nfroude = '1:45'", "scale.froude must be a finite number, found '1:45'"),
+        ("[scale]\nlength = 2", "unknown key scale.length; known here are froude"),
+        ("delimiter = '|'", "delimiter is one of ',', ';'"),
+        ("skip_rows = -1", "skip_rows must be a whole number from 0 up, found -1"),
+        ("skip_rows = true", "skip_rows must be a whole number from 0 up, found True"),
+        ("skip_rows = ", "is not valid TOML"),
+    ],
+)
+def test_every_key_is_checked(tmp_path, text, sentence):
+    path = tmp_path / "format.toml"
+    path.write_text(text)
+    with pytest.raises(ps.TrialError, match=sentence) as error:
+        load_format(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_format_that_is_not_there(tmp_path):
+    with pytest.raises(ps.TrialError, match=r"none.toml cannot be read: No such file or directory; check the path"):
+        load_format(tmp_path / "none.toml")

@@ -1,0 +1,260 @@
+from __future__ import annotations
+
+import gzip
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from tests.records.files.cases import NAMES, columns, record, written
+from tests.records.files.mutated import mutated
+
+
+@pytest.fixture(scope="module")
+def run(container):
+    return record(container)
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Function that reads a text or bytes as a file."""
+
+    def read(content, name="run.csv", **settings):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return ps.read_trial(path, **settings)
+
+    return read
+
+
+def assert_same(trial, run, names=NAMES):
+    for name in names:
+        np.testing.assert_array_equal(trial[name], run[name], err_msg=name)
+
+
+class TestText:
+    def test_a_file_of_this_package_is_taken_as_it_is(self, run, tmp_path):
+        trial = ps.read_trial(ps.write_trial(run, tmp_path / "run.csv"))
+        assert_same(trial, run, (*NAMES, "n"))
+        assert trial["n"].attrs["units"] == "rev/s"
+        assert trial.attrs == {"reading": ""}
+
+    @pytest.mark.parametrize("delimiter", [",", ";", "\t", " ", "   ", " ; ", ", "])
+    def test_delimiters(self, run, read, delimiter):
+        trial = read(written(columns(run), delimiter))
+        assert_same(trial, run)
+        assert trial.attrs["reading"] == ""
+
+    @pytest.mark.parametrize("delimiter", [";", "\t", " "])
+    def test_decimal_commas(self, run, read, delimiter):
+        trial = read(written(columns(run), delimiter, cell=lambda value: repr(value).replace(".", ",")))
+        assert_same(trial, run)
+        assert trial.attrs["reading"] == "Decimal commas read as points."
+
+    def test_numbers_that_no_sensor_tells_from_zero_are_zero(self, read):
+        trial = read("time,u,v\n0,5,1e-300\n1,5,-4e-31\n2,5,2e-30\n")
+        np.testing.assert_array_equal(trial["v"], [0.0, 0.0, 2e-30])
+        assert trial.attrs["reading"] == "2 cells of v, all within 1e-30 of zero, read as 0."
+
+    @pytest.mark.parametrize("encoding", ["utf-16", "utf-32"])
+    def test_other_encodings_are_named(self, read, encoding):
+        with pytest.raises(ps.TrialError, match=f"cannot be read: it is {encoding.upper()} text; save it as UTF-8"):
+            read("time,u\n0,5\n1,5\n".encode(encoding))
+
+    def test_a_thousands_comma_is_no_decimal_comma(self, read):
+        with pytest.raises(ps.TrialError, match=r"line 3, column x: a number is needed, found '1,024\.5'"):
+            read("time;x\n0;0.5\n1;1,024.5\n2;2.5\n")
+
+    def test_gzip_is_known_by_its_content(self, run, read):
+        raw = gzip.compress(written(columns(run)).encode())
+        assert_same(read(raw, "run.csv.gz"), run)
+        assert_same(read(raw, "run.csv"), run)
+
+    def test_gzip_that_breaks_off(self, run, read):
+        raw = gzip.compress(written(columns(run)).encode())
+        with pytest.raises(
+            ps.TrialError, match=r"run.csv.gz cannot be read: its gzip data are damaged .*copy it again"
+        ):
+            read(raw[: len(raw) // 2], "run.csv.gz")
+
+    @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+    def test_byte_order_mark_comments_and_line_ends(self, run, read, end):
+        text = "\ufeff# facility\n% run 7\n\n" + written(columns(run)) + "# end\n"
+        trial = read(text.replace("\n", end))
+        assert_same(trial, run)
+        assert trial.attrs["reading"] == ""
+
+    @pytest.mark.parametrize("mark", ["# ", "%"])
+    def test_a_header_in_the_last_comment(self, run, read, mark):
+        assert_same(read("# facility\n" + mark + written(columns(run), " ")), run)
+
+    def test_numbers_without_a_header(self, read):
+        with pytest.raises(ps.TrialError, match=r"found '0, 1' without time; rename one"):
+            read("0,1\n1,2\n2,3\n3,4\n")
+
+    def test_quoted_cells(self, read):
+        trial = read('"time","u [m/s]"\n"0","1.5"\n"1","2.5"\n')
+        assert trial["u"].values.tolist() == [1.5, 2.5]
+
+    def test_empty_columns_and_rows_at_the_end(self, run, read):
+        lines = written(columns(run)).splitlines()
+        trial = read("\n".join([line + ",," for line in lines] + ["," * 11] * 3) + "\n\n\n")
+        assert_same(trial, run)
+        assert trial.attrs["reading"] == "3 empty rows left out."
+
+    def test_a_last_line_that_breaks_off(self, run, read):
+        text = written(columns(run))
+        trial = read(text[: text.rstrip().rindex(",") - 30])
+        assert trial.sizes["time"] == run.sizes["time"] - 1
+        assert trial.attrs["reading"].startswith(
+            f"Line {run.sizes['time'] + 1}, the last, left out: it breaks off after"
+        )
+
+    def test_a_shorter_line_amid_the_others_is_refused(self, read):
+        with pytest.raises(ps.TrialError, match=r"run.csv, line 3: the header has 2 columns, found 1; mend it"):
+            read("time,u\n0,1\n1\n2,3\n")
+
+    @pytest.mark.parametrize("cell", ["1_0", "0x1f", "12:01:05", "٣", "1,5", "fast"])
+    def test_what_only_looks_like_a_number_is_refused(self, read, cell):
+        with pytest.raises(ps.TrialError, match=r"line 4, column u: a number is needed, found '"):
+            read(f"time;u\n0;1.5\n1;1.5\n2;{cell}\n")
+
+    def test_text_in_a_column_that_is_not_read_does_no_harm(self, read):
+        trial = read("time,remark,u\n0,start,1\n1,,2\n")
+        assert trial["u"].values.tolist() == [1.0, 2.0]
+        assert trial.attrs["reading"] == "Columns left out: remark."
+
+
+class TestMissingCells:
+    @pytest.mark.parametrize("missing", ["", "nan", "NaN", "-", "N/A", "inf", "null", "1e300"])
+    def test_a_short_run_is_filled(self, run, read, missing):
+        lines = written(columns(run, ("time", "u"))).splitlines()
+        for i in range(101, 106):
+            lines[i] = lines[i].split(",")[0] + "," + missing
+        trial = read("\n".join(lines))
+        assert trial.attrs["reading"] == f"u: 5 of {run.sizes['time']} cells missing, filled by interpolation."
+        np.testing.assert_allclose(trial["u"], run["u"], atol=2e-4)
+        kept = np.r_[0:100, 105 : run.sizes["time"]]
+        np.testing.assert_array_equal(trial["u"].values[kept], run["u"].values[kept])
+
+    def test_at_a_long_run_the_record_is_cut(self, run, read):
+        table = columns(run)
+        table["v"][100:130] = np.nan
+        trial = read(written(table))
+        said = trial.attrs["reading"].splitlines()
+        assert said[0] == "v: 30 cells missing in longer runs or at an end, their rows left out."
+        assert said[1].startswith(
+            "1 gap of more than 2 s, the longest from 9.9 to 13 s: the longest piece kept, 270 of"
+        )
+        assert_same(trial, run.isel(time=slice(130, None)))
+
+    def test_at_the_ends_rows_are_left_out(self, run, read):
+        table = columns(run)
+        table["psi"][:3], table["r"][-2:] = np.nan, np.nan
+        trial = read(written(table))
+        assert_same(trial, run.isel(time=slice(3, -2)))
+        assert len(trial.attrs["reading"].splitlines()) == 2
+
+    def test_a_channel_that_misses_most_is_left_out(self, run, read):
+        table = columns(run)
+        table["p"][50:] = np.nan
+        trial = read(written(table))
+        assert "p" not in trial
+        assert (
+            trial.attrs["reading"] == f"p left out: {run.sizes['time'] - 50} of {run.sizes['time']} cells are missing."
+        )
+        assert_same(trial, run, [name for name in NAMES if name != "p"])
+
+    def test_the_propeller_does_not_cut_the_record(self, run, read):
+        table = columns(run, (*NAMES, "n"))
+        table["n"][100:130] = np.nan
+        trial = read(written(table))
+        assert "n" not in trial
+        assert_same(trial, run)
+
+    def test_a_channel_at_a_tenth_of_the_rate_is_filled(self, run, read):
+        table = columns(run)
+        coarse = np.arange(run.sizes["time"]) % 10 > 0
+        table["x"][coarse] = np.nan
+        trial = read(written(table))
+        np.testing.assert_allclose(trial["x"], run["x"][:391], atol=5e-3)
+        said = [
+            "x: 351 of 400 cells missing, filled by interpolation.",
+            "x: 9 cells missing in longer runs or at an end",
+        ]
+        assert all(sentence in trial.attrs["reading"] for sentence in said)
+
+    def test_a_file_without_a_complete_row(self, read):
+        with pytest.raises(ps.TrialError, match=r"run.csv: a trial has at least two complete rows, found 0"):
+            read("time,u\n,1\n,2\n,3\n")
+
+
+class TestHeading:
+    def test_jumps_of_a_full_turn_are_taken_out(self, run, read):
+        table = columns(run)
+        table["psi"] = np.rad2deg(table["psi"]) % 360.0
+        header = [name if name != "psi" else "psi [deg]" for name in NAMES]
+        trial = read(written(table, header=header))
+        assert (np.abs(np.diff(table["psi"])) > 180.0).sum() == 1
+        turns = (trial["psi"] - run["psi"]) / (2.0 * np.pi)
+        np.testing.assert_allclose(turns, np.round(turns.values[0]), atol=1e-12)
+        assert "psi made continuous over 1 jump of 360 deg." in trial.attrs["reading"]
+
+    def test_a_heading_that_runs_through_stays(self, read):
+        """Two turns without a jump, and a jump that a heading within one turn cannot make."""
+        psi = np.append(np.linspace(0.0, 12.0, 50), 5.0)
+        trial = read(written({"time": np.arange(51.0), "psi": psi}))
+        np.testing.assert_array_equal(trial["psi"], psi)
+        assert trial.attrs["reading"] == ""
+
+
+def test_angles_too_large_for_rad_are_remarked_on(run, read):
+    table = columns(run)
+    assert "reaches" not in read(written(table)).attrs["reading"]
+    table["delta"] = np.rad2deg(table["delta"])
+    assert (
+        "delta reaches 20 rad; if it is in deg, call the column 'delta [deg]'." in read(written(table)).attrs["reading"]
+    )
+
+
+def test_a_record_and_its_reading_go_to_netcdf_and_back(run, tmp_path, read):
+    trial = read(written(columns(run)) + "1.5")
+    trial.to_netcdf(tmp_path / "run.nc")
+    with xr.open_dataset(tmp_path / "run.nc") as back:
+        assert back.identical(trial)
+
+
+def fuzz(base, path, seeds):
+    """Read mutated files; count those that are read as they are, mended and refused."""
+    counts = {"as it is": 0, "mended": 0, "refused": 0}
+    for seed in seeds:
+        path.write_bytes(mutated(base, np.random.default_rng(seed)))
+        try:
+            trial = ps.read_trial(path)
+        except ps.TrialError as error:
+            sentence = str(error)
+            assert str(path) in sentence
+            assert sentence.isprintable(), seed
+            assert sentence.endswith("."), seed
+            counts["refused"] += 1
+            continue
+        ps.check_trial(trial, trial.data_vars)
+        assert len(trial.data_vars) > 0, seed
+        assert trial.sizes["time"] > 1, seed
+        assert all(line.endswith(".") for line in trial.attrs["reading"].splitlines()), seed
+        counts["mended" if trial.attrs["reading"] else "as it is"] += 1
+    return counts
+
+
+def test_mutated_files_are_read_or_refused_in_a_sentence(run, tmp_path):
+    base = written(columns(run.isel(time=slice(120))))
+    counts = fuzz(base, tmp_path / "run.csv", range(300))
+    assert min(counts.values()) > 20, counts
+
+
+@pytest.mark.slow
+def test_two_thousand_mutated_files(run, tmp_path):
+    base = written(columns(run.isel(time=slice(150))))
+    counts = fuzz(base, tmp_path / "run.csv", range(1000, 3_000))
+    assert min(counts.values()) > 200, counts

@@ -1,0 +1,251 @@
+"""Standard manoeuvres recognised in records, and the steering gear measured from them."""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.physics.manoeuvre.helm import Swings, approach_speed, execution, rudder_reversals
+from pymc_ship.records.steering.measured import aligned
+from pymc_ship.records.steering.recognition import Steering, recognise, with_steering
+from pymc_ship.ship.held_out import scored_indices
+from pymc_ship.trial.record import TrialError
+from tests.physics.manoeuvre.cases import measured, scaled, simulated
+from tests.ship.cases import tanker, trial, with_delay
+
+ZIGZAGS = (
+    ps.zigzag(10.0, 10.0),
+    ps.zigzag(20.0, 20.0, side="starboard"),
+    ps.zigzag(15.0, 5.0, approach_speed=7.0),
+    ps.zigzag(20.0, 10.0, side="starboard"),
+    ps.zigzag(35.0, 20.0),
+    ps.zigzag(5.0, 5.0),
+)
+DELAYS = (0.0, 1.0, 2.5, 4.0, 7.5)
+DELAY_ERROR = 0.1
+"""The delay is sought on a grid, among samples 1 s apart."""
+
+STRAIGHT = 30.0  # s
+
+
+@pytest.fixture(scope="module")
+def records():
+    """Records of all zigzags by rudder delay."""
+    return {delay: [trial(what, vessel=with_delay(delay)) for what in ZIGZAGS] for delay in DELAYS}
+
+
+def moved(run, course_deg=250.0, begin=(1e4, -3e3), straight=STRAIGHT):
+    """The same trial on another course, elsewhere, after a straight run; heading within (-180, 180] deg."""
+    n, speed, step = round(straight), float(run["u"][0]), 1.0
+    before = {name: np.zeros(n) for name in ("v", "r", "p", "phi", "psi", "y", "delta")}
+    before |= {"u": np.full(n, speed), "x": speed * step * np.arange(-n, 0)}
+    values = {name: np.concatenate([before[name], run[name].values]) for name in before}
+    course, x, y = np.deg2rad(course_deg), values["x"], values["y"]
+    values["x"] = begin[0] + np.cos(course) * x - np.sin(course) * y
+    values["y"] = begin[1] + np.sin(course) * x + np.cos(course) * y
+    values["psi"] = np.angle(np.exp(1j * (values["psi"] + course)))
+    time = np.arange(n + run.sizes["time"]) * step + 500.0
+    return ps.check_trial(
+        run.drop_dims("time").assign_coords(time=time).assign({name: ("time", row) for name, row in values.items()}),
+        values,
+    )
+
+
+def programme(time, delta_deg, **settings):
+    return trial(ps.rudder_programme(time, np.deg2rad(delta_deg)), **settings)
+
+
+class TestZigzags:
+    @pytest.mark.parametrize("delay", DELAYS)
+    def test_many_runs_are_recognised_with_the_gear_that_steered_them(self, records, delay):
+        found, steering = recognise(records[delay], tanker())
+        for manoeuvre, expected in zip(found, ZIGZAGS, strict=True):
+            assert manoeuvre.label == expected.label
+            assert manoeuvre.approach_speed == pytest.approx(expected.approach_speed or 7.974, rel=1e-3)
+        assert steering.rudder_rate_deg == pytest.approx(2.35, rel=1e-6)
+        assert steering.rudder_delay == pytest.approx(delay, abs=DELAY_ERROR)
+        assert steering.n_reversals > 12
+
+    @pytest.mark.parametrize("delay", DELAYS)
+    def test_so_is_each_run_alone(self, records, delay):
+        for run, expected in zip(records[delay], ZIGZAGS, strict=True):
+            (manoeuvre,), steering = recognise([run], tanker())
+            assert manoeuvre.label == expected.label
+            assert steering.rudder_delay == pytest.approx(delay, abs=DELAY_ERROR)
+
+    def test_a_heading_that_forgets_the_delay_takes_one_zigzag_for_another(self, records, monkeypatch):
+        """Broken twin: the heading at which the rudder began to move, for that at which it was ordered to."""
+        run = records[4.0][1]
+        assert recognise([run], tanker())[0][0].label == "zigzag 20/20 starboard"
+        at_the_order = Swings.switching_headings
+        monkeypatch.setattr(Swings, "switching_headings", lambda swings, delays: at_the_order(swings, 0.0 * delays))
+        assert recognise([run], tanker())[0][0].label != "zigzag 20/20 starboard"
+
+    @pytest.mark.parametrize("course_deg", [-1.2, 0.7, 179.5, 250.0])
+    def test_the_base_course_does_not_matter(self, records, course_deg):
+        turned = [moved(run, course_deg) for run in records[2.5]]
+        found, steering = recognise(turned, tanker())
+        assert [manoeuvre.label for manoeuvre in found] == [manoeuvre.label for manoeuvre in ZIGZAGS]
+        assert steering.rudder_delay == recognise(records[2.5], tanker())[1].rudder_delay
+
+    def test_nor_does_a_first_course_beside_that_of_the_swings(self, records):
+        runs = [run.assign(psi=run["psi"] + np.deg2rad(1.0)) for run in records[2.5]]
+        found, steering = recognise(runs, tanker())
+        assert [manoeuvre.label for manoeuvre in found] == [manoeuvre.label for manoeuvre in ZIGZAGS]
+        assert steering.rudder_delay == pytest.approx(2.5, abs=DELAY_ERROR)
+
+    @pytest.mark.parametrize("delay", [0.0, 2.5, 7.5])
+    def test_noise_does_little(self, delay):
+        runs = [trial(what, vessel=with_delay(delay), seed=k) for k, what in enumerate(ZIGZAGS)]
+        found, steering = recognise(runs, tanker())
+        assert [manoeuvre.label for manoeuvre in found] == [manoeuvre.label for manoeuvre in ZIGZAGS]
+        assert steering.rudder_delay == pytest.approx(delay, abs=2.0 * DELAY_ERROR)
+
+    def test_a_run_with_one_reversal_is_known_on_any_course(self):
+        run = trial(ps.zigzag(20.0, 10.0, side="starboard"), duration=130.0)
+        assert len(rudder_reversals(run)) == 1
+        for record in (run, moved(run)):
+            assert recognise([record], tanker())[0][0].label == "zigzag 20/10 starboard"
+
+    @pytest.mark.parametrize(("shown", "rudder"), [(1.0, 10), (0.95, 10), (0.8, 8)])
+    def test_an_indicator_that_is_a_little_off_does_not_change_the_order(self, records, shown, rudder):
+        run = records[2.5][0]
+        (found,), _ = recognise([run.assign(delta=shown * run["delta"])], tanker())
+        assert (found.rudder_deg, found.heading_deg) == (rudder, 10.0)
+
+    def test_the_steering_goes_to_the_vessel(self):
+        steering = Steering(3.0, 1.5, 4)
+        particulars = with_steering(tanker(), steering).particulars
+        assert (particulars.rudder_rate_deg, particulars.rudder_delay) == (3.0, 1.5)
+        assert with_steering(tanker(), Steering(np.nan, np.nan, 0)) is tanker()
+
+
+class TestQuickShips:
+    """L/U of 6 to 20 s, a straight approach, sensor noise: an order is then followed while the heading runs on."""
+
+    @pytest.mark.parametrize("ship_time", [6.0, 10.0, 20.0])
+    @pytest.mark.parametrize(("approach", "seed"), [(0.0, None), (60.0, 1), (300.0, 2)])
+    def test_zigzags_and_circles_are_known(self, ship_time, approach, seed):
+        delay = 0.1 * ship_time
+        vessel = scaled("kvlcc2", 9.0 * ship_time, ship_time, rate=4.0, delay=delay)
+        for manoeuvre in (ps.zigzag(10, 10), ps.zigzag(20, 20, side="starboard"), ps.turning_circle(35)):
+            run = simulated(vessel, manoeuvre, ship_times=20.0, interval=0.3)
+            once_round = np.abs(run["psi"].values) < 2.0 * np.pi
+            record = measured(run.isel(time=once_round), approach, seed=seed)
+            (found,), steering = recognise([record], vessel)
+            assert found.label == manoeuvre.label
+            assert found.approach_speed == pytest.approx(9.0, abs=0.1)
+            if manoeuvre.kind == "zigzag":
+                assert steering.rudder_delay == pytest.approx(delay, abs=0.4)
+
+
+class TestOthers:
+    @pytest.mark.parametrize(("rudder", "side", "speed"), [(35.0, "port", 7.0), (20.0, "starboard", 8.0)])
+    def test_a_turning_circle(self, rudder, side, speed):
+        circle = ps.turning_circle(rudder, side=side, approach_speed=speed)
+        run = trial(circle)
+        for record in (run, moved(run)):
+            (found,), steering = recognise([record], tanker())
+            assert found.label == circle.label
+            assert found.approach_speed == pytest.approx(speed, rel=1e-3)
+        assert steering.n_reversals == 0
+        assert np.isnan([steering.rudder_delay, steering.rudder_rate_deg]).all()
+
+    @pytest.mark.parametrize(("turned", "label"), [(110.0, None), (130.0, "turning circle 35")])
+    def test_a_third_of_a_turn_makes_a_circle(self, turned, label):
+        run = trial(ps.turning_circle(35.0, side="starboard"))
+        reached = int(np.argmax(run["psi"].values > np.deg2rad(turned)))
+        (found,), _ = recognise([run.isel(time=slice(0, reached))], tanker())
+        assert (found and found.label.removesuffix(" starboard")) == label
+
+    @pytest.mark.parametrize(
+        ("time", "delta_deg"),
+        [
+            ([0.0], [0.0]),
+            ([0.0], [2.0]),
+            (np.arange(0.0, 600.0, 10.0), 10.0 * np.sin(np.arange(0.0, 600.0, 10.0) / 40.0)),
+            (np.arange(0.0, 600.0, 50.0), [20, 15, 10, 5, 0, -5, -10, -15, -20, -15, -10, -5]),
+            ([0, 50, 51, 100, 101], [0, 0, 10, 10, 0]),
+            ([0, 100, 101, 200, 201, 300, 301], [10, 10, -10, -10, 20, 20, -5]),
+            ([0, 100, 101, 250, 251, 300, 301], [10, 10, -10, -10, 10, 10, -10]),
+            ([0, 280, 281], [10, 10, -10]),
+        ],
+        ids=["straight", "weak helm", "sine", "stairs", "pulse", "steps", "by the clock", "late"],
+    )
+    def test_any_other_rudder_is_none(self, time, delta_deg):
+        run = programme(time, np.asarray(delta_deg, dtype=float))
+        (found,), steering = recognise([run], tanker())
+        assert found is None
+        assert steering.n_reversals == 0
+
+    @pytest.mark.parametrize(
+        ("time", "delta_deg", "duration"),
+        [([0.0], [2.0], 1800.0), ([0, 150, 151, 300, 301, 450, 451], [30, 30, 10, 10, 20, 20, 5], 600.0)],
+        ids=["weak helm", "stairs to one side"],
+    )
+    def test_not_every_full_turn_is_a_turning_circle(self, time, delta_deg, duration):
+        run = programme(time, np.asarray(delta_deg, dtype=float), duration=duration)
+        assert abs(run["psi"].values[-1]) > np.deg2rad(150.0)
+        assert recognise([run], tanker())[0] == [None]
+
+    def test_they_do_not_spoil_the_gear_of_the_zigzags_beside_them(self, records):
+        clock = programme([0, 100, 101, 250, 251, 300, 301], [10, 10, -10, -10, 10, 10, -10])
+        found, steering = recognise([*records[2.5], clock], tanker())
+        assert found[-1] is None
+        np.testing.assert_equal(astuple(steering), astuple(recognise(records[2.5], tanker())[1]))
+
+    @pytest.mark.parametrize("channel", ["u", "r", "psi", "delta"])
+    def test_a_missing_channel_is_an_error(self, records, channel):
+        with pytest.raises(TrialError, match=f"{channel} missing"):
+            recognise([records[0.0][0].drop_vars(channel)], tanker())
+
+
+class TestExecution:
+    def test_it_is_where_the_rudder_leaves_its_first_angle(self, records):
+        assert execution(records[0.0][0]) == 0.0
+        assert execution(moved(records[0.0][0])) == pytest.approx(500.0 + STRAIGHT, abs=1e-9)
+        assert approach_speed(moved(records[0.0][2])) == pytest.approx(7.0, rel=1e-12)
+
+    @pytest.mark.parametrize(
+        "manoeuvre", [*ZIGZAGS[:2], ps.turning_circle(35.0), ps.turning_circle(20.0, side="starboard")]
+    )
+    def test_a_trial_elsewhere_and_later_has_the_same_indices(self, manoeuvre):
+        original = trial(manoeuvre)
+        later, sooner = moved(original), moved(original, 0.0, (0.0, 0.0), straight=5.0)
+        found, expected = scored_indices(later, manoeuvre), scored_indices(sooner, manoeuvre)
+        assert np.isfinite(list(expected.values())).all()
+        assert found == pytest.approx(expected, rel=1e-6)
+        first = "initial_turning_time" if manoeuvre.kind == "zigzag" else "advance"
+        assert found[first] == pytest.approx(float(ps.indices(original)[first]), rel=3e-3)
+        uncut = ps.indices(later.assign_attrs(original.attrs))
+        assert not np.isclose(float(uncut[first]), found[first], rtol=0.01)
+
+    def test_time_course_and_place_count_from_it(self, records):
+        cut, original = aligned(moved(records[0.0][1])), records[0.0][1]
+        assert cut["time"].values[0] == cut["x"].values[0] == cut["y"].values[0] == 0.0
+        assert cut.sizes["time"] == original.sizes["time"]
+        base = np.rad2deg(cut["psi"].values[0])
+        assert abs(base) < 2.0
+        turned = np.deg2rad(base)
+        x, y = (original[name].values for name in ("x", "y"))
+        np.testing.assert_allclose(cut["x"], np.cos(turned) * x - np.sin(turned) * y, atol=1e-6)
+        np.testing.assert_allclose(cut["psi"], original["psi"].values + turned, atol=1e-9)
+
+    def test_a_course_that_is_far_from_the_middle_of_the_swings_stays(self, records):
+        """Else a ship that had not settled would be turned about a course it never held."""
+        run = records[0.0][0]
+        for offset_deg, moves in ((1.0, True), (2.5, False)):
+            late = run.assign(psi=run["psi"] + np.deg2rad(offset_deg) * (run["time"] > 20.0))
+            base = aligned(late)["psi"].values[0]
+            assert (abs(base) > np.deg2rad(0.5)) == moves
+
+    def test_a_record_without_a_track_has_no_distances(self, records):
+        run = records[2.5][0].drop_vars(["x", "y", "phi"])
+        found = scored_indices(run, ZIGZAGS[0])
+        assert np.isnan([found.pop(name) for name in ("initial_turning_distance", "maximum_roll_angle")]).all()
+        whole = scored_indices(records[2.5][0], ZIGZAGS[0])
+        assert found == {name: whole[name] for name in found}
+        assert set(run) == set(records[2.5][0].drop_vars(["x", "y", "phi"]))

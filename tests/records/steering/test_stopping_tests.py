@@ -1,0 +1,58 @@
+"""Stopping tests in records."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.records.steering.stopping_tests import INDICES, measured_stopping, stopping_order
+
+
+@pytest.fixture(scope="module")
+def stopped():
+    """What the forecast has, and the record of the same ship: 60 s of approach, then full astern."""
+    vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed")
+    forecast = ps.stopping([(vessel, reference_coefficients(vessel)[None])], astern=1.0, reversal=30.0).isel(draw=0)
+    time = np.arange(0.0, 60.0 + float(forecast["stopping_time"]) + 20.0, 1.0)
+    begun = np.clip(time - 60.0, 0.0, None)
+
+    def at(name, before):
+        known = np.isfinite(forecast[name].values)
+        values = np.interp(begun, forecast["time"].values[known], forecast[name].values[known])
+        return np.where(time < 60.0, before(time - 60.0), values)
+
+    speed = vessel.particulars.nominal_speed
+    u = at("u", lambda t: np.full(t.shape, speed))
+    u[begun > float(forecast["stopping_time"])] = -0.05
+    x, y = at("x", lambda t: speed * t), at("y", np.zeros_like)
+    psi = np.unwrap(np.arctan2(np.gradient(y, time), np.gradient(x, time)))
+    n = np.interp(time, [0.0, 60.0, 90.0], [1.5, 1.5, -1.0])
+    channels = {"u": u, "v": 0.0 * u, "r": np.gradient(psi, time), "psi": psi, "x": x, "y": y, "n": n}
+    trial = xr.Dataset({name: ("time", values) for name, values in channels.items()}, {"time": time})
+    return forecast, trial.assign(delta=("time", 0.0 * u))
+
+
+def test_a_record_shows_what_was_forecast(stopped):
+    forecast, trial = stopped
+    found = measured_stopping(trial)
+    assert list(found) == list(INDICES)
+    assert found["track_reach"] == pytest.approx(float(forecast["track_reach"]), rel=0.02)
+    assert found["stopping_time"] == pytest.approx(float(forecast["stopping_time"]), abs=5.0)
+    assert found["head_reach"] == pytest.approx(float(forecast["head_reach"]), rel=0.02)
+
+
+def test_the_order_is_where_revolutions_leave_those_of_the_approach(stopped):
+    assert stopping_order(stopped[1]) == pytest.approx(60.0, abs=1.0)
+
+
+def test_a_ship_that_still_makes_way_has_not_stopped(stopped):
+    cut = stopped[1].sel(time=slice(None, 300.0))
+    assert np.isnan(measured_stopping(cut)["track_reach"])
+
+
+@pytest.mark.parametrize(
+    "change", [lambda t: t.assign(n=("time", np.full(t.sizes["time"], 1.5))), lambda t: t.drop_vars("n")]
+)
+def test_another_record_is_no_stopping_test(stopped, change):
+    assert measured_stopping(change(stopped[1])) == {}
