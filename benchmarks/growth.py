@@ -10,8 +10,8 @@ import numpy as np
 
 import pymc_ship as ps
 from benchmarks.table import median_seconds
-from pymc_ship.trajectory.fit import fit_trajectory, initial_problem
-from pymc_ship.trajectory.runs import trajectory_run
+from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem
+from pymc_ship.inference.trajectory.runs import trajectory_run
 
 UPPER = 10.0
 """The exponent is that of the sizes within this factor of the largest, where what grows outweighs what does not."""

@@ -11,7 +11,7 @@ import numpy as np
 import pymc_ship as ps
 from benchmarks import r_peers
 from benchmarks.table import Row, imported, median_seconds
-from tests.regression import peers
+from tests.inference.regression import peers
 
 MILLION = 1_000_000
 

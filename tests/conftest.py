@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import pymc_ship as ps
+from tests.inference.trajectory.cases import record, without_roll
 from tests.physics.vessel.cases import small_vessel
-from tests.trajectory.cases import record, without_roll
 
 
 @pytest.fixture(scope="session")

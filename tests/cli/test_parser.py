@@ -11,6 +11,11 @@ from pymc_ship.cli import parser as command_parser
 from pymc_ship.cli import words
 from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import parser
+from pymc_ship.inference.regression import cross_validation
+from pymc_ship.inference.regression import identify as identification
+from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.rows.from_trials import WEAK
+from pymc_ship.inference.trajectory.prior import KINDS
 from pymc_ship.physics.manoeuvre.kinds import SIDES
 from pymc_ship.physics.motion import simulation
 from pymc_ship.physics.motion.stepping import METHODS
@@ -19,12 +24,7 @@ from pymc_ship.records.denoising import denoise
 from pymc_ship.records.denoising.derivative import DERIVATIVES
 from pymc_ship.records.denoising.ebayes import PRIORS
 from pymc_ship.records.files import instruments
-from pymc_ship.regression import cross_validation
-from pymc_ship.regression import identify as identification
-from pymc_ship.regression.families import FAMILIES
-from pymc_ship.rows.from_trials import WEAK
 from pymc_ship.ship import candidates as ship_candidates
-from pymc_ship.trajectory.prior import KINDS
 from tests.journeys.cases import program
 
 COMMANDS = ("study", "simulate", "denoise", "regress", "tune", "forecast", "report")

@@ -9,14 +9,20 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pymc_ship.regression.calibration import coverage, exact_draws, geweke, rank_p_value, simulation_based_calibration
-from pymc_ship.regression.families import FAMILIES
-from pymc_ship.rows.data import RegressionData
-from pymc_ship.sampling.gibbs import gibbs
-from pymc_ship.sampling.regression_model import nuts_posterior
-from tests.regression.peers import simulated
+from pymc_ship.inference.regression.calibration import (
+    coverage,
+    exact_draws,
+    geweke,
+    rank_p_value,
+    simulation_based_calibration,
+)
+from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling.gibbs import gibbs
+from pymc_ship.inference.sampling.regression_model import nuts_posterior
+from tests.inference.regression.peers import simulated
 
-module = importlib.import_module("pymc_ship.sampling.gibbs")
+module = importlib.import_module("pymc_ship.inference.sampling.gibbs")
 LONG = pytest.mark.consistency
 families = pytest.mark.parametrize("family", FAMILIES)
 

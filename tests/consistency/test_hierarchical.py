@@ -8,8 +8,8 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.sampling.hierarchical_model import marginal_model, reduced_groups, standardised_draws
-from tests.sampling.test_hierarchical_model import GROUPS, PRIOR, SPREAD, columns, data_of, truth
+from pymc_ship.inference.sampling.hierarchical_model import marginal_model, reduced_groups, standardised_draws
+from tests.inference.sampling.test_hierarchical_model import GROUPS, PRIOR, SPREAD, columns, data_of, truth
 
 SETS, KEPT = 200, 99
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pymc_ship.regression.conjugate import ConjugatePrior, conjugate
-from pymc_ship.regression.semiconjugate import SemiConjugatePrior, semiconjugate
-from tests.regression.peers import oracle, simulated
+from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, semiconjugate
+from tests.inference.regression.peers import oracle, simulated
 
 CHIB = {"ds1": -735.118649021482, "ds2": -547.715057153241}
 """Log evidence under the semi-conjugate prior by Chib (1995), doi:10.1080/01621459.1995.10476635, from Gibbs draws."""

@@ -11,11 +11,11 @@ import pytest
 import xarray as xr
 
 from pymc_ship.diagnostics.agreement import agreement
-from pymc_ship.regression.tree import draws_tree
-from pymc_ship.sampling.gibbs import gibbs_posterior
-from pymc_ship.sampling.regression_model import nuts_posterior
+from pymc_ship.inference.regression.tree import draws_tree
+from pymc_ship.inference.sampling.gibbs import gibbs_posterior
+from pymc_ship.inference.sampling.regression_model import nuts_posterior
 
-module = importlib.import_module("pymc_ship.sampling.gibbs")
+module = importlib.import_module("pymc_ship.inference.sampling.gibbs")
 
 FAMILIES = ("conjugate", "semiconjugate")
 SAMPLERS = {"gibbs": gibbs_posterior, "nuts": nuts_posterior}

@@ -14,12 +14,12 @@ from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import CRITERIA as CLI_CRITERIA
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities
 from pymc_ship.design.trial_design import CRITERIA
+from pymc_ship.inference.regression.tree import write_posterior
+from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.regression.tree import write_posterior
-from pymc_ship.trajectory.fit import fit_trajectory, initial_problem
-from pymc_ship.trajectory.prior import CoefficientPrior
-from pymc_ship.trajectory.runs import trajectory_run
 
 SD = {"u": 0.02, "v": 0.02, "r": 2e-4}
 SHORT = {"duration": 60.0, "interval": 0.1, "draws": 2}

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.trajectory.posterior import TrajectoryMode, laplace_posterior, trajectory_mode
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior, trajectory_mode
-from tests.trajectory.cases import record, rough, without_roll
+from tests.inference.trajectory.cases import record, rough, without_roll
 
 
 @cache

@@ -7,10 +7,10 @@ import xarray as xr
 from scipy import stats
 
 from pymc_ship.diagnostics.agreement import agreement
-from pymc_ship.regression.calibration import LEVEL
-from pymc_ship.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
-from pymc_ship.regression.tree import draws_tree
-from pymc_ship.rows.data import RegressionData
+from pymc_ship.inference.regression.calibration import LEVEL
+from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
+from pymc_ship.inference.regression.tree import draws_tree
+from pymc_ship.inference.rows.data import RegressionData
 
 N_COMPARISONS = 5 * 4
 """Mean, standard deviation and three quantiles of three coefficients and the noise variance."""

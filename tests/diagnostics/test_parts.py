@@ -10,7 +10,7 @@ from pymc_ship.diagnostics import regression_parts
 from pymc_ship.diagnostics.agreement import Comparison, comparisons
 from pymc_ship.diagnostics.regression import contraction
 from pymc_ship.diagnostics.regression_parts import REGRESSION
-from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from tests.diagnostics.cases import without
 from tests.diagnostics.regressions import posterior, three_ways, verdict_on
 

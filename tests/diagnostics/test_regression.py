@@ -10,7 +10,7 @@ from scipy import stats
 import pymc_ship as ps
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics import regression as d
-from pymc_ship.sampling.error_laws import with_errors
+from pymc_ship.inference.sampling.error_laws import with_errors
 
 TRUTH = np.array([1.0, -2.0, 0.0])
 

@@ -8,7 +8,7 @@ import pytest
 from pymc_ship.cli.main import main
 from pymc_ship.diagnostics import page as page_module
 from pymc_ship.diagnostics.regression_parts import REGRESSION
-from pymc_ship.regression.tree import write_posterior
+from pymc_ship.inference.regression.tree import write_posterior
 from tests.diagnostics.cases import without
 from tests.diagnostics.regressions import shifted, three_ways, torn, verdict_on
 

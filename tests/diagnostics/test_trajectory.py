@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymc_ship.design.identifiability import UNKNOWN, fitted_identifiability
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics import trajectory as d
 from pymc_ship.diagnostics.numbers import cross_validation
 from pymc_ship.diagnostics.page import subject_of
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
-from pymc_ship.regression.tree import read_posterior, write_posterior
+from pymc_ship.inference.identifiability.information import UNKNOWN, fitted_identifiability
+from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from tests.diagnostics.cases import changed, sampled, short_mode, short_posterior, with_attrs, without
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -13,7 +13,7 @@ from pymc_ship.diagnostics import trajectory_parts
 from pymc_ship.diagnostics.agreement import Comparison, comparisons, failure
 from pymc_ship.diagnostics.page import check_trees
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
-from pymc_ship.regression.tree import write_posterior
+from pymc_ship.inference.regression.tree import write_posterior
 from tests.diagnostics.cases import changed, hull, sampled, short_posterior, with_attrs, without
 
 pytestmark = pytest.mark.filterwarnings("error")

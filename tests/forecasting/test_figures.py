@@ -12,7 +12,7 @@ from pymc_ship.forecasting.figures import heading_and_rudder, motion, overshoot_
 from pymc_ship.forecasting.track import track
 from pymc_ship.pages import drawing
 from tests.forecasting.cases import MANOEUVRES, case, drawn, forecast, labelled, legend
-from tests.trajectory.cases import without_roll
+from tests.inference.trajectory.cases import without_roll
 
 
 class TestHeadingAndRudder:

@@ -12,7 +12,7 @@ from pymc_ship.forecasting.force_curves import force_curves, force_draws
 from pymc_ship.physics.forces.propeller import Propeller
 from pymc_ship.physics.forces.terms import SYMBOLS
 from tests.forecasting.cases import legend, scattered
-from tests.trajectory.cases import without_roll
+from tests.inference.trajectory.cases import without_roll
 
 
 class TestForceCurves:

@@ -9,7 +9,7 @@ from pymc_ship.forecasting.forecast import _quantiles, forecast, pooled_forecast
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.trial.channels import SIMULATED
 from tests.forecasting.posteriors import joint, posterior, scattered
-from tests.trajectory.cases import without_roll
+from tests.inference.trajectory.cases import without_roll
 
 ZIGZAG = ps.zigzag(20.0, 20.0)
 STEPS = ps.rudder_programme([0.0, 20.0, 60.0], [0.0, 0.3, -0.3])

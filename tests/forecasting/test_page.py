@@ -19,7 +19,7 @@ from pymc_ship.forecasting.page import index_rows, index_table, verdict_rows, ve
 from pymc_ship.machine.files import OutputError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from tests.forecasting.cases import MANOEUVRES, forecast, scattered, trial
-from tests.trajectory.cases import without_roll
+from tests.inference.trajectory.cases import without_roll
 
 L = 230.66
 REMARK, COMMAND = "Errors of held-out runs <b>& more</b>", "pymc-ship forecast 'my <ship>' --turn 35"

@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.sampling.predictive import prior_draws
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.sampling.predictive import prior_draws
 
 QUICK = {"step": 0.1, "method": "rk4", "record_interval": 0.5}
 ZIGZAG = ps.zigzag(10, 10)

@@ -6,10 +6,10 @@ from scipy.integrate import solve_ivp
 
 import pymc_ship as ps
 from pymc_ship.forecasting.stopping import stopping, stopping_rows, stopping_sentence, stopping_tracks
+from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.physics.motion.held import held_forces
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.steering.stopping_tests import INDICES
-from pymc_ship.trajectory.prior import coefficient_prior
 
 ANY_SPEED = "modular at any speed"
 

@@ -19,9 +19,9 @@ from pymc_ship.frontier.estimates import (
     weak_form_estimate,
 )
 from pymc_ship.frontier.scores import error_summary, relative_error, summary_rows
+from pymc_ship.inference.regression.identify import identify
+from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
-from pymc_ship.regression.identify import identify
-from pymc_ship.trajectory.fit import TrajectoryError
 
 # scores ---------------------------------------------------------------------------------------------------------------
 

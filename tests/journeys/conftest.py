@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.regression import identify as identification
-from pymc_ship.regression.families import FAMILIES
+from pymc_ship.inference.regression import identify as identification
+from pymc_ship.inference.regression.families import FAMILIES
 from tests.journeys.cases import run
 from tests.physics.vessel.cases import toml
 

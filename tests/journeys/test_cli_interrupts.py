@@ -8,7 +8,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.regression import identify as identification
+from pymc_ship.inference.regression import identify as identification
 from tests.journeys.cases import ALL_COMMANDS, LONG_WORK, files, program, stop
 
 

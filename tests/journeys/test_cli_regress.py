@@ -5,9 +5,9 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.regression import identify as identification
-from pymc_ship.regression.families import FAMILIES
-from pymc_ship.regression.identify import identify
+from pymc_ship.inference.regression import identify as identification
+from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.regression.identify import identify
 from tests.journeys.cases import column, files, rows, run
 from tests.physics.vessel.cases import TERMS
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.vessel.term_sets import TERM_SETS
-from pymc_ship.regression.families import FAMILIES
 from pymc_ship.trial.channels import CHANNELS
 from tests.journeys.markdown import ROOT, Page, pages
 

@@ -7,8 +7,8 @@ import functools
 import pytest
 
 from pymc_ship.diagnostics import page as diagnostic_report
+from pymc_ship.inference.regression import identify as identification
 from pymc_ship.records.files.noise import LITERAL_LEVEL
-from pymc_ship.regression import identify as identification
 from pymc_ship.replication import page as report
 from pymc_ship.replication import study
 from tests.replication.cases import LEVEL, SEED, SWEEP, Page, parts_of

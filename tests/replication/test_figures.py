@@ -14,8 +14,8 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.pages import drawing
-from pymc_ship.regression.families import FAMILIES
 from pymc_ship.replication import figures
 
 pytestmark = pytest.mark.slow

@@ -9,9 +9,9 @@ import xarray as xr
 from scipy.stats import invgamma
 
 import pymc_ship as ps
-from pymc_ship.regression.conjugate import conjugate
-from pymc_ship.regression.cross_validation import cross_validation
-from pymc_ship.regression.families import FAMILIES
+from pymc_ship.inference.regression.conjugate import conjugate
+from pymc_ship.inference.regression.cross_validation import cross_validation
+from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.replication.measurements import (
     PUBLISHED_PRIORS,
     differencing_rows,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.regression import identify as identification
-from pymc_ship.regression.tune import tune_prior
+from pymc_ship.inference.regression import identify as identification
+from pymc_ship.inference.regression.tune import tune_prior
 from pymc_ship.replication.measurements import PUBLISHED_PRIORS
 from pymc_ship.replication.prior_ships import prior_ship_rows, study_priors
 from pymc_ship.replication.tables import _prior_ship_table

@@ -16,10 +16,10 @@ import pymc_ship as ps
 from pymc_ship.diagnostics import page as diagnostic_report
 from pymc_ship.diagnostics.agreement import failure
 from pymc_ship.frontier.bound import cramer_rao_bound
+from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.machine.seeds import generator
 from pymc_ship.pages.page import rendered
 from pymc_ship.records.files.noise import LITERAL_LEVEL
-from pymc_ship.regression.families import FAMILIES
 from pymc_ship.replication import findings
 from pymc_ship.replication import page as report
 from pymc_ship.replication.tables import agreement_blocks, csv_tables, page_tables

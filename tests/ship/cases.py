@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.trajectory.prior import CoefficientPrior
 
 TRUE_TERMS = "hull and loading, cubic"
 """Term set that the shipped model has."""

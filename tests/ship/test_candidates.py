@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pymc_ship.inference.trajectory.windows import WindowFit
 from pymc_ship.ship.candidates import LARGEST_INFLATION, _inflation
 from pymc_ship.ship.held_out import HeldOut
-from pymc_ship.trajectory.windows import WindowFit
 from tests.ship.cases import tanker
 
 RNG = np.random.default_rng

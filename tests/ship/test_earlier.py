@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.regression.priors import PriorError
-from pymc_ship.trajectory.prior import Statement
-from pymc_ship.trajectory.statements import Earlier
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.trajectory.prior import Statement
+from pymc_ship.inference.trajectory.statements import Earlier
 from tests.ship.cases import TRUE_TERMS, tanker, trials
 
 RECORDS = [*trials(0), *trials(1)]

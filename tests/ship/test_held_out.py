@@ -7,12 +7,12 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
+from pymc_ship.inference.trajectory.prior import coefficient_prior
+from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, prepared_windows, restarted
 from pymc_ship.physics.manoeuvre.helm import execution
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ship.held_out import JUDGED, forecast_indices, held_out, sailed_in, scored, scored_indices
-from pymc_ship.trajectory.prior import coefficient_prior
-from pymc_ship.trajectory.windows import WindowFit, fit_windows, prepared_windows, restarted
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as by_parts
 from tests.ship.cases import RUNS, TRUE_TERMS, scored_upright, tanker, trial, trials

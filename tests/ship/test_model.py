@@ -11,19 +11,19 @@ from scipy import stats
 import pymc_ship as ps
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.forecasting.index_error import TYPICAL, index_sd
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.inference.trajectory.windows import WindowFit
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.vessel.term_sets import OWN, TERM_SETS
 from pymc_ship.physics.vessel.vessel import VesselError, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
-from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship import candidates as ship_candidates
 from pymc_ship.ship import model as ship_model
 from pymc_ship.ship.candidates import LARGEST_INFLATION, Candidate, Training
 from pymc_ship.ship.held_out import HeldOut
 from pymc_ship.ship.model import identify_ship
 from pymc_ship.ship.soundness import sound
-from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.windows import WindowFit
 from pymc_ship.trial.record import TrialError
 from tests.ship.cases import RUNS, TRUE_TERMS, scored_upright, tanker, trial, trials
 

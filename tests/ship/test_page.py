@@ -14,6 +14,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.forecasting.index_error import TYPICAL, model_error
+from pymc_ship.inference.trajectory.prior import FREEDOM
 from pymc_ship.machine.files import OutputError
 from pymc_ship.pages.tables import fixed
 from pymc_ship.physics.forces.hull_database import typical_rudder
@@ -24,7 +25,6 @@ from pymc_ship.ship.figures import held_out_windows
 from pymc_ship.ship.model import identify_ship
 from pymc_ship.ship.page import coefficient_rows, correlation_rows, write_ship_report
 from pymc_ship.ship.paths import coverage, held_out_rows, overshoot_errors
-from pymc_ship.trajectory.prior import FREEDOM
 from tests.ship.three_zigzags import TERMS, kvlcc2, model, rows, runs
 
 COMMAND = "pymc-ship identify 'my <ship>.csv' --seed 3"

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pymc_ship.forecasting.index_error import index_sd, model_error
+from pymc_ship.inference.trajectory import windows
+from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ship import paths as ship_paths
 from pymc_ship.ship.held_out import scored
 from pymc_ship.ship.paths import PATHS, compare_paths, coverage, held_out_rows, overshoot_errors, regression_rows
-from pymc_ship.trajectory import windows
-from pymc_ship.trajectory.fit import TrajectoryError
 from pymc_ship.trial.record import TrialError
 from tests.ship.three_zigzags import clean, kvlcc2, model, rows, runs
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.inference.trajectory.windows import prepared_windows
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.vessel.parts import HELD
 from pymc_ship.physics.vessel.term_sets import AHEAD_SET, ANY_SPEED_SET, with_terms
@@ -26,7 +27,6 @@ from pymc_ship.ship.candidates import (
 from pymc_ship.ship.figures import held_out_windows
 from pymc_ship.ship.model import _prepared
 from pymc_ship.ship.page import write_ship_report
-from pymc_ship.trajectory.windows import prepared_windows
 from pymc_ship.trial.record import OVER_GROUND
 from tests.physics.forces.test_parts import AHEAD, tanker
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.captive.comparison import compared, comparison_rows
+from pymc_ship.inference.captive.comparison import compared, comparison_rows
 from pymc_ship.physics.vessel.parts import HELD
 
 FORMAT = {"scale": {"froude": 46.4}}

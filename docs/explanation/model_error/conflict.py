@@ -19,10 +19,10 @@ from pymc_ship.experiments.coverage import columns_of, coverage_row
 from pymc_ship.experiments.judged_ship import INDEX, judge
 from pymc_ship.experiments.population import TrialsCell
 from pymc_ship.experiments.run import read_study
+from pymc_ship.inference.trajectory import prior
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.ship import candidates
-from pymc_ship.trajectory import prior
-from pymc_ship.trajectory.prior import CoefficientPrior
 
 STUDY = "studies/ships.toml"
 TRIALS = "20/20 and 10/10"

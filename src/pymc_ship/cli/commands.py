@@ -50,12 +50,12 @@ from pymc_ship.cli.texts import (
     tuning_text,
 )
 from pymc_ship.forecasting.forecast import BANDS, stated_shares
+from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.machine.files import staged, staged_files, writable_folder
 from pymc_ship.machine.text import utf8
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.regression.tree import read_posterior, write_posterior
 from pymc_ship.trial.channels import CHANNELS, without_roll
 from pymc_ship.trial.record import TrialError, moving
 
@@ -159,7 +159,7 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
-    from pymc_ship.regression.identify import identify as identified
+    from pymc_ship.inference.regression.identify import identify as identified
 
     (trial,), vessel = _to_fit([args.trial], args, progress)
     out = writable_folder(args.out)
@@ -358,7 +358,7 @@ def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
     """Denoised trial; as it is where it was smooth before or the weak form smooths for itself."""
-    from pymc_ship.rows.from_trials import WEAK
+    from pymc_ship.inference.rows.from_trials import WEAK
 
     if args.raw or args.derivative in WEAK:
         return trial

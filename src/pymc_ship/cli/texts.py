@@ -13,8 +13,8 @@ from pymc_ship.forecasting.forecast import BANDS, NO_ROLL, rolls, stated_shares
 from pymc_ship.physics.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
+    from pymc_ship.inference.regression.tune import TunedPrior
     from pymc_ship.records.checks.verdicts import Check
-    from pymc_ship.regression.tune import TunedPrior
     from pymc_ship.ship.model import ShipModel
 
 

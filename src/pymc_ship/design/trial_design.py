@@ -16,9 +16,11 @@ import xarray as xr
 
 from pymc_ship.design.candidates import NextRun, candidate_trials, labelled_trials
 from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities, straight_course
-from pymc_ship.design.identifiability import information_root
 from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.forecasting.stopping import StoppingTest
+from pymc_ship.inference.identifiability.information import information_root
+from pymc_ship.inference.trajectory.fit import Noise, TrajectoryFit
+from pymc_ship.inference.trajectory.runs import Run, trajectory_run
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.physics.motion.equations import STATE
@@ -27,8 +29,6 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.records.files.noise import noise_factors
 from pymc_ship.records.files.noise import noise_sd as noise_size
-from pymc_ship.trajectory.fit import Noise, TrajectoryFit
-from pymc_ship.trajectory.runs import Run, trajectory_run
 from pymc_ship.trial.channels import channel_names, sensors
 
 CRITERIA = ("information", "forecast")

@@ -12,10 +12,10 @@ import xarray as xr
 
 from pymc_ship.diagnostics.numbers import R_HAT_LIMIT, gates, missing, quantities, summary
 from pymc_ship.diagnostics.regression import DESIGN, data_of, prior_of
-from pymc_ship.regression.calibration import LEVEL
-from pymc_ship.regression.families import FAMILIES
-from pymc_ship.regression.priors import ExactPosterior
-from pymc_ship.sampling.error_laws import errors_of
+from pymc_ship.inference.regression.calibration import LEVEL
+from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.regression.priors import ExactPosterior
+from pymc_ship.inference.sampling.error_laws import errors_of
 
 PROBABILITIES = (0.05, 0.5, 0.95)
 """Probabilities of the quantiles compared."""
@@ -34,14 +34,14 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     Parameters
     ----------
     exact : NormalInverseGamma or NormalMixture
-        From :func:`~pymc_ship.regression.conjugate.conjugate` or
-        :func:`~pymc_ship.regression.semiconjugate.semiconjugate`; anything with ``mean`` and ``sd``, shape (n_terms,),
-        ``noise_variance_mean`` and ``noise_variance_sd``. Quantiles are compared where it has ``quantiles`` and
-        ``noise_variance_quantiles``.
+        From :func:`~pymc_ship.inference.regression.conjugate.conjugate` or
+        :func:`~pymc_ship.inference.regression.semiconjugate.semiconjugate`; anything with ``mean`` and ``sd``, shape
+        (n_terms,), ``noise_variance_mean`` and ``noise_variance_sd``. Quantiles are compared where it has ``quantiles``
+        and ``noise_variance_quantiles``.
     posteriors : mapping of str to DataTree
-        Posteriors by the name of their method, laid out by :func:`~pymc_ship.regression.tree.draws_tree` or, where
-        they are of a model of your own, by :func:`~pymc_ship.sampling.own_tree.posterior_tree`. The noise variance is
-        compared where all have it.
+        Posteriors by the name of their method, laid out by :func:`~pymc_ship.inference.regression.tree.draws_tree` or,
+        where they are of a model of your own, by :func:`~pymc_ship.inference.sampling.own_tree.posterior_tree`. The
+        noise variance is compared where all have it.
 
     Returns
     -------

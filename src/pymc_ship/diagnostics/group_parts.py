@@ -24,7 +24,7 @@ def group_differences(tree: xr.DataTree) -> xr.Dataset:
     Parameters
     ----------
     tree : DataTree
-        From :func:`~pymc_ship.sampling.hierarchical_model.hierarchical_posterior`.
+        From :func:`~pymc_ship.inference.sampling.hierarchical_model.hierarchical_posterior`.
 
     Returns
     -------

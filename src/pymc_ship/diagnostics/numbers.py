@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.trajectory.posterior import KHAT_LIMIT
+from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 
 CI_PROB = 0.95
 """Probability of the equal-tailed intervals."""

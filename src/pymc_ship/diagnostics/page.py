@@ -15,13 +15,13 @@ from pymc_ship.diagnostics.parts import Subject
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory import METHODS
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
+from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, VesselError
-from pymc_ship.regression.calibration import LEVEL
 
 PAGE = Page(
     "diagnostics.html",
@@ -63,9 +63,9 @@ def diagnostic_report(
     ----------
     trees : mapping of str to DataTree
         Posteriors by the name of their section, of regressions or of whole trajectories, from
-        :func:`~pymc_ship.regression.tree.read_posterior` or a function that draws one. A part whose groups a tree does
-        not have says so in one sentence. Draws of the data and prior of an exact posterior that is given, too, share
-        its section and are compared with it.
+        :func:`~pymc_ship.inference.regression.tree.read_posterior` or a function that draws one. A part whose groups a
+        tree does not have says so in one sentence. Draws of the data and prior of an exact posterior that is given,
+        too, share its section and are compared with it.
     out : str or Path
         Folder of the page; created where it is missing.
     vessel : Vessel, str or Path, optional

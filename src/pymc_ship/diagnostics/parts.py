@@ -21,9 +21,9 @@ from pymc_ship.forecasting.prior_ships import (
     share_row,
     simulated_ships,
 )
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.pages.tables import Table, fixed, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel, VesselError
-from pymc_ship.trajectory.prior import CoefficientPrior
 
 SHIPS = 200
 """Ships of the prior, and of the posterior, in each manoeuvre of a section: a share of a half is known to 3.5 %."""

@@ -1,6 +1,7 @@
 """What a saved posterior says about itself: convergence, what the data determine, residuals, cross-validation.
 
-Every function takes a posterior laid out by :func:`~pymc_ship.regression.tree.draws_tree` and returns numbers.
+Every function takes a posterior laid out by :func:`~pymc_ship.inference.regression.tree.draws_tree` and returns
+numbers.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ import xarray as xr
 
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, SD_LIMIT, check_draws, has
-from pymc_ship.regression.families import prior_family
-from pymc_ship.regression.priors import Prior
-from pymc_ship.rows.data import RegressionData
-from pymc_ship.sampling.error_laws import errors_of
-from pymc_ship.sampling.own_tree import OWN
-from pymc_ship.sampling.predictive import predictive, prior_draws
+from pymc_ship.inference.regression.families import prior_family
+from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling.error_laws import errors_of
+from pymc_ship.inference.sampling.own_tree import OWN
+from pymc_ship.inference.sampling.predictive import predictive, prior_draws
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
 _NOISE = {"noise_variance": ("chain", "draw")}  # checked where a tree has it

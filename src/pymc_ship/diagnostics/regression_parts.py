@@ -36,11 +36,11 @@ from pymc_ship.diagnostics.tables import (
     coefficient_table,
     sensitivity_table,
 )
+from pymc_ship.inference.regression.calibration import LEVEL
+from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.sampling.error_laws import errors_of
 from pymc_ship.pages.tables import fixed, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.regression.calibration import LEVEL
-from pymc_ship.regression.families import FAMILIES
-from pymc_ship.sampling.error_laws import errors_of
 
 _n = number(3)
 _CI = percent(CI_PROB)

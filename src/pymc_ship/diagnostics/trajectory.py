@@ -1,6 +1,7 @@
 """What a posterior of whole trajectories says about itself: gates, what the records determine, residuals by channel.
 
-Every function takes a tree laid out by :func:`~pymc_ship.trajectory.posterior.trajectory_tree` and returns numbers.
+Every function takes a tree laid out by :func:`~pymc_ship.inference.trajectory.posterior.trajectory_tree` and returns
+numbers.
 """
 
 from __future__ import annotations
@@ -10,12 +11,12 @@ import json
 import numpy as np
 import xarray as xr
 
-from pymc_ship.design.identifiability import UNKNOWN
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT, check_draws
+from pymc_ship.inference.identifiability.information import UNKNOWN
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.inference.trajectory.runs import whiten
 from pymc_ship.physics.vessel.vessel import LETTER
-from pymc_ship.trajectory.prior import CoefficientPrior
-from pymc_ship.trajectory.runs import whiten
 from pymc_ship.trial.channels import CHANNELS
 
 PARTS = "parts"

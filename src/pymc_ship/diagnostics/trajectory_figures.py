@@ -10,10 +10,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pymc_ship.design.identifiability import UNKNOWN
 from pymc_ship.diagnostics import numbers, trajectory
 from pymc_ship.diagnostics.figures import forest_of
 from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT
+from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplots
 from pymc_ship.trial.channels import CHANNELS
 

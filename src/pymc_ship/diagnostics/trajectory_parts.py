@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.design.identifiability import UNKNOWN
 from pymc_ship.diagnostics import numbers, trajectory, trajectory_figures
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
@@ -28,11 +27,12 @@ from pymc_ship.diagnostics.parts import (
 )
 from pymc_ship.diagnostics.tables import prior_posterior_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
+from pymc_ship.inference.identifiability.information import UNKNOWN
+from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
+from pymc_ship.inference.trajectory.posterior import verdict as khat_verdict
 from pymc_ship.pages.tables import fixed, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
-from pymc_ship.regression.families import FAMILIES
-from pymc_ship.trajectory.posterior import KHAT_LIMIT
-from pymc_ship.trajectory.posterior import verdict as khat_verdict
 
 _DEFAULTS = (
     f"Posteriors of whole trajectories: Pareto k-hat ≤ {KHAT_LIMIT:g} for draws of the normal approximation, the gates "

@@ -22,6 +22,7 @@ from pymc_ship.forecasting.draws import robust_sd
 from pymc_ship.forecasting.index_error import index_scale, scaled
 from pymc_ship.forecasting.motion_error import ERRING, prime_units, time_beyond
 from pymc_ship.forecasting.stopping import LONGEST, StoppingTest, stopped, stopping
+from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told
@@ -35,7 +36,6 @@ from pymc_ship.records.steering.stopping_tests import INDICES
 from pymc_ship.ship.files import forecast_ship
 from pymc_ship.ship.model import ShipModel, identify_ship
 from pymc_ship.ship.replayed import beyond_runs, crps, replay
-from pymc_ship.trajectory.fit import TrajectoryError
 
 PARTS = ("draw", "identify", "forecast", "replay", "stop")
 """Parts of a task that are timed [s]; the motion that is forecast is sailed as part of ``forecast`` and of ``stop``."""

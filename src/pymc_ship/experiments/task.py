@@ -23,6 +23,7 @@ from pymc_ship.frontier.estimates import (
     trajectory_estimate,
     weak_form_estimate,
 )
+from pymc_ship.inference.trajectory.mode import trajectory_mode
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told
@@ -32,7 +33,6 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.records.files.noise import noisy_trial
-from pymc_ship.trajectory.mode import trajectory_mode
 
 SCORES = ("median_error", "coverage", "tactical_diameter_error")
 """What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""

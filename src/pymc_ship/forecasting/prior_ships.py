@@ -9,16 +9,16 @@ import xarray as xr
 
 from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.forecasting.forecast import BANDS, pooled_forecast
+from pymc_ship.inference.regression.priors import Prior, PriorError
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling.predictive import prior_draws
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre, turning_circle, zigzag
 from pymc_ship.physics.motion.stability import growth_rates
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
-from pymc_ship.regression.priors import Prior, PriorError
-from pymc_ship.rows.data import RegressionData
-from pymc_ship.sampling.predictive import prior_draws
-from pymc_ship.trajectory.prior import CoefficientPrior
 
 STATUSES = ("ran away", "wrong way", "course-unstable", "sailed")
 """How a ship of a prior ends: the first that is true of her. `ran away`: she leaves the model's range. `wrong way`: she

@@ -16,6 +16,11 @@ from pymc_ship.frontier.bound import errors_on_bound
 from pymc_ship.frontier.data_sets import CELLS, Cell, DataSet, data_set
 from pymc_ship.frontier.estimates import DIFFERENCES
 from pymc_ship.frontier.scores import forecast_row, relative_error
+from pymc_ship.inference.regression.identify import identify
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
+from pymc_ship.inference.trajectory.noise import fit_with_noise
+from pymc_ship.inference.trajectory.posterior import laplace_posterior
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import LocalCores, WorkersLostError, bar, completed
 from pymc_ship.physics.manoeuvre.indices import indices
@@ -23,11 +28,6 @@ from pymc_ship.physics.manoeuvre.standard import turning_circle, zigzag
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import denoise
-from pymc_ship.regression.identify import identify
-from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.mode import TrajectoryMode, trajectory_mode
-from pymc_ship.trajectory.noise import fit_with_noise
-from pymc_ship.trajectory.posterior import laplace_posterior
 
 FORECASTS = {
     "10/10 zigzag": (zigzag(10, 10), 400.0),

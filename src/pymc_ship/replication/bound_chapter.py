@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import figures
 from pymc_ship.replication.measurements import BOUND, fit_name
 from pymc_ship.replication.study import MANOEUVRES, STEP, TRAJECTORY_PRIORS, StudyResult
-from pymc_ship.trajectory.posterior import KHAT_LIMIT
 
 BELOW_ON_BOUND = 68
 """Share [%] of normal errors within one standard deviation."""

@@ -16,15 +16,15 @@ from pymc_ship.frontier.estimates import (
     weak_form_estimate,
 )
 from pymc_ship.frontier.scores import relative_error, summary_rows
+from pymc_ship.inference.regression.cross_validation import cross_validation
+from pymc_ship.inference.regression.families import prior_family
+from pymc_ship.inference.regression.identify import Identification, identify
+from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.rows.from_trials import regression_data
+from pymc_ship.inference.trajectory.posterior import TrajectoryMode
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.records.files.noise import LITERAL_LEVEL, pollute
-from pymc_ship.regression.cross_validation import cross_validation
-from pymc_ship.regression.families import prior_family
-from pymc_ship.regression.identify import Identification, identify
-from pymc_ship.regression.priors import Prior
-from pymc_ship.rows.from_trials import regression_data
-from pymc_ship.trajectory.posterior import TrajectoryMode
 
 PUBLISHED_PRIORS = {
     "conjugate": {

@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 
 from pymc_ship.diagnostics.page import PAGE as DIAGNOSTICS
 from pymc_ship.diagnostics.page import diagnostic_content
+from pymc_ship.inference.regression.families import prior_family
+from pymc_ship.inference.regression.tree import CITATIONS, write_posterior
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, rendered, write_page
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.records.files.noise import noise_sd
-from pymc_ship.regression.families import prior_family
-from pymc_ship.regression.tree import CITATIONS, write_posterior
 from pymc_ship.replication import bound_chapter, figures, findings
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.study import DURATION, STEP, StudyResult, run_study

@@ -9,10 +9,10 @@ import xarray as xr
 
 from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.forecasting.prior_ships import STANDARD, index_row, prior_ships, share_row, simulated_ships
+from pymc_ship.inference.regression.identify import Identification
+from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.regression.identify import Identification
 from pymc_ship.replication.measurements import published_prior
-from pymc_ship.trajectory.prior import coefficient_prior
 
 SHIPS = 200
 """Ships of each prior in each manoeuvre: a share of a half has a standard error of 3.5 %."""

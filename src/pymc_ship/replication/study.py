@@ -14,6 +14,10 @@ from pymc_ship.forecasting.forecast import forecast
 from pymc_ship.frontier.bound import cramer_rao_bound
 from pymc_ship.frontier.estimates import trajectory_modes
 from pymc_ship.frontier.scores import forecast_row, published_rows, summary_rows
+from pymc_ship.inference.regression.identify import Identification, identify
+from pymc_ship.inference.sampling.gibbs import gibbs_posterior
+from pymc_ship.inference.sampling.regression_model import nuts_posterior
+from pymc_ship.inference.trajectory.posterior import TrajectoryMode, laplace_posterior
 from pymc_ship.machine.seeds import generator
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
@@ -23,14 +27,10 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.records.denoising.draws import denoise_draws
 from pymc_ship.records.files.noise import LITERAL_LEVEL, noise_factors, noise_sd, pollute
-from pymc_ship.regression.identify import Identification, identify
 from pymc_ship.replication import denoisers
 from pymc_ship.replication import measurements as replication
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.prior_ships import prior_ship_rows
-from pymc_ship.sampling.gibbs import gibbs_posterior
-from pymc_ship.sampling.regression_model import nuts_posterior
-from pymc_ship.trajectory.posterior import TrajectoryMode, laplace_posterior
 from pymc_ship.trial.channels import sensors
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from pymc_ship.inference.trajectory.windows import smoothed_channel, substeps_of
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import recorded_inputs
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.trajectory.windows import smoothed_channel, substeps_of
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 

@@ -9,10 +9,16 @@ import numpy as np
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from pymc_ship.captive.statement import CaptiveFit, fit_captive, shared_with_trials
+from pymc_ship.inference.captive.statement import CaptiveFit, fit_captive, shared_with_trials
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.rows.weak_form import weak_form_start
+from pymc_ship.inference.trajectory.carried import carried_draws
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
+from pymc_ship.inference.trajectory.statements import Earlier, joined, loosened, said_by_windows
+from pymc_ship.inference.trajectory.windows import Window, WindowFit, fit_windows, prepared_windows, widened
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.motion.weak_form import weak_form_start
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.forces.surroundings import CURRENT
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -31,14 +37,8 @@ from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, places_of
 from pymc_ship.records.checks.plausibility import DRIFT, SHORTEST_PIECE, SLOW, piece_check, pieces_ahead
 from pymc_ship.records.checks.verdicts import ship_scale
 from pymc_ship.records.steering.recognition import Steering
-from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.held_out import HeldOut, held_out
 from pymc_ship.ship.soundness import Failure, first_failure, sound
-from pymc_ship.trajectory.carried import carried_draws
-from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
-from pymc_ship.trajectory.statements import Earlier, joined, loosened, said_by_windows
-from pymc_ship.trajectory.windows import Window, WindowFit, fit_windows, prepared_windows, widened
 from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
@@ -67,7 +67,8 @@ class Candidate:
     are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
     of its law that do not run away, ``share_unsound`` of all drawn did. ``prior`` is that of the
     windows, ``captive`` what captive tests say beside it, ``apart`` the shares of the prior sd by which coefficients
-    differ from those of earlier runs, see :func:`pymc_ship.trajectory.statements.loosened`; empty without any.
+    differ from those of earlier runs, see :func:`pymc_ship.inference.trajectory.statements.loosened`; empty without
+    any.
     """
 
     name: str

@@ -10,11 +10,11 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from pymc_ship.inference.trajectory.windows import restarted, thinned
 from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.ship.candidates import Candidate, held_together, held_windows
 from pymc_ship.ship.paths import QUANTILES
-from pymc_ship.trajectory.windows import restarted, thinned
 from pymc_ship.trial.channels import CHANNELS
 
 BARS = 0.9

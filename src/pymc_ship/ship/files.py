@@ -14,6 +14,10 @@ from pymc_ship.forecasting.draws import knowing_models
 from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.forecasting.index_error import steady_error
 from pymc_ship.forecasting.motion_error import ERRING
+from pymc_ship.inference.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.inference.trajectory.prior import Statement
+from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.files import settle, staged
@@ -23,13 +27,9 @@ from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, VesselError, coefficient_names
 from pymc_ship.records.steering.recognition import Steering, with_steering
-from pymc_ship.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
 from pymc_ship.ship.candidates import Candidate
 from pymc_ship.ship.model import IdentifiedShip, ShipModel
 from pymc_ship.ship.soundness import sound
-from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.prior import Statement
-from pymc_ship.trajectory.statements import Earlier
 from pymc_ship.trial.record import TrialError
 
 FOLDER = "model"

@@ -18,6 +18,8 @@ import xarray as xr
 
 from pymc_ship.forecasting.draws import robust_sd
 from pymc_ship.forecasting.index_error import index_scale
+from pymc_ship.inference.trajectory.carried import carried_draws
+from pymc_ship.inference.trajectory.windows import Window, WindowFit, restarted, with_constants
 from pymc_ship.physics.forces.surroundings import ADRIFT, CURRENT, WIND
 from pymc_ship.physics.manoeuvre.helm import base_course, execution
 from pymc_ship.physics.manoeuvre.indices import indices
@@ -28,8 +30,6 @@ from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
 from pymc_ship.records.steering.measured import drawn_indices, measured_indices
 from pymc_ship.records.steering.recognition import unrecognised
-from pymc_ship.trajectory.carried import carried_draws
-from pymc_ship.trajectory.windows import Window, WindowFit, restarted, with_constants
 from pymc_ship.trial.channels import sensors, without_roll
 from pymc_ship.trial.record import moving
 

@@ -14,10 +14,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.captive.comparison import compared
 from pymc_ship.design.outlook import outlook
 from pymc_ship.forecasting.index_error import index_sd, model_error
 from pymc_ship.forecasting.motion_error import LEADS, Replayed, motion_error
+from pymc_ship.inference.captive.comparison import compared
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.trajectory.carried import carried_draws
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.inference.trajectory.windows import LENGTH, thinned
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -27,7 +32,6 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, fullest
 from pymc_ship.records.files.judgement import judgement
 from pymc_ship.records.steering.recognition import Steering, recognise_by_facility, with_steering
-from pymc_ship.regression.priors import PriorError
 from pymc_ship.ship.along import measured_states, reading_noise, sailed_along
 from pymc_ship.ship.candidates import (
     Candidate,
@@ -40,10 +44,6 @@ from pymc_ship.ship.candidates import (
 )
 from pymc_ship.ship.held_out import index_rows, left_out, readings_sd
 from pymc_ship.ship.soundness import sound
-from pymc_ship.trajectory.carried import carried_draws
-from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.statements import Earlier
-from pymc_ship.trajectory.windows import LENGTH, thinned
 from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
 
 _REPLAYS = 40  # draws of a held-out run from each window on
@@ -96,7 +96,7 @@ class ShipModel:
         Whether captive tests have said something of her so far.
     captive : Dataset or None
         Captive tests beside the forces of the candidate that weighs most, see
-        :func:`pymc_ship.captive.comparison.compared`, drawn by "prior alone" and as "identified".
+        :func:`pymc_ship.inference.captive.comparison.compared`, drawn by "prior alone" and as "identified".
     """
 
     vessel: Vessel

@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.captive.comparison import captive_forces, comparison_rows, shown_comparison
 from pymc_ship.forecasting.force_curves import force_curves
 from pymc_ship.forecasting.index_error import error_rows
 from pymc_ship.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
+from pymc_ship.inference.captive.comparison import captive_forces, comparison_rows, shown_comparison
+from pymc_ship.inference.trajectory.windows import LENGTH, thinned
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
@@ -33,7 +34,6 @@ from pymc_ship.ship.figures import (
 )
 from pymc_ship.ship.model import ShipModel
 from pymc_ship.ship.paths import coverage, held_out_rows, overshoot_errors
-from pymc_ship.trajectory.windows import LENGTH, thinned
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval
 

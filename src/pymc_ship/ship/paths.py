@@ -14,18 +14,18 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.forecasting.index_error import index_sd, model_error
-from pymc_ship.motion.weak_form import evidence_posterior_mean, weak_form_start
+from pymc_ship.inference.rows.from_trials import regression_data
+from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.inference.rows.weak_form import evidence_posterior_mean, weak_form_start
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.inference.trajectory.windows import Window, fit_windows, prepared_windows, thinned
 from pymc_ship.physics.manoeuvre.indices import of_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
-from pymc_ship.rows.from_trials import regression_data
-from pymc_ship.rows.scaling import RegressionDataError
 from pymc_ship.ship.candidates import chosen_prior, held_piece, informed, stated_prior
 from pymc_ship.ship.held_out import HeldOut, index_rows, scored, scored_indices
-from pymc_ship.trajectory.fit import TrajectoryError
-from pymc_ship.trajectory.prior import CoefficientPrior
-from pymc_ship.trajectory.windows import Window, fit_windows, prepared_windows, thinned
 from pymc_ship.trial.record import TrialError
 
 PATHS = ("regression", "regression, rows divided by U^2", "weak form", "trajectory")

@@ -36,7 +36,8 @@ TURNING = 2.0
 """Largest rL/U of a ship that sails ahead: a circle of one ship length in diameter."""
 
 SHORTEST_PIECE = 2.5
-"""Shortest piece of a record [L/U] that can be fitted: half a window, see :mod:`pymc_ship.trajectory.windows`."""
+"""Shortest piece of a record [L/U] that can be fitted: half a window, see
+:mod:`pymc_ship.inference.trajectory.windows`."""
 
 _BLOCK = 0.25  # share of L/U
 _SUSPICIOUS = 3.0  # standard errors beyond a range from which a quantity is doubted

@@ -1,0 +1,4 @@
+"""What data can determine of the coefficients.
+
+- `information`: Fisher information, Cramer-Rao bound and directions that the data leave unknown.
+"""

@@ -1,0 +1,275 @@
+"""What runs can tell of the coefficients: Fisher information, Cramer-Rao bound and the directions that stay unknown.
+
+A record y = Y(theta, x_0) + noise has the Fisher information S' S with S the sensitivities of the trajectory in units
+of the noise. The initial state of each run and the offsets of its sensors are nuisances: their columns are projected
+out, which is the Schur complement of their block. Runs add. Everything rests on the triangular factor R of the
+projected sensitivities, R' R = information, so that nothing is squared before it is inverted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.trajectory.fit import Noise, TrajectoryError, TrajectoryFit, run_rows, white_noise
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
+from pymc_ship.inference.trajectory.runs import Run, trajectory_run
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
+
+UNKNOWN = 0.5
+"""A direction stays unknown when the runs leave it more than this share of its prior variance."""
+
+_SMALLEST = 1e-12
+
+
+def information_root(
+    vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, initial_state: np.ndarray
+) -> np.ndarray | None:
+    """Factor R of the Fisher information R' R of one run, nuisances eliminated.
+
+    Parameters
+    ----------
+    vessel : Vessel
+    run : Run
+    noise : Noise
+        Of the blocks of the run; its offsets, where it has them, are nuisances.
+    coefficients : ndarray, shape (n_coefficients,)
+    initial_state : ndarray, shape (n_states,)
+
+    Returns
+    -------
+    ndarray, shape (n, n_coefficients), or None
+        One row for each coefficient or, of a short run, each value; None where the simulated ship diverged.
+    """
+    n_offsets = len(run.channels) if noise.offsets else 0
+    nuisances = np.concatenate([initial_state, np.zeros(n_offsets)])
+    rows = run_rows(vessel, run, noise, coefficients, nuisances)
+    if rows is None:
+        return None
+    design = np.vstack([columns for _, columns in rows])
+    n = coefficients.size
+    return np.linalg.qr(_without(design[:, :n], design[:, n:]), mode="r")
+
+
+def fisher_information(
+    runs: xr.Dataset | Run | Sequence[xr.Dataset | Run],
+    vessel: VesselLike,
+    coefficients: np.ndarray | None = None,
+    *,
+    noise_sd: Mapping[str, float] | None = None,
+    noise: Sequence[Noise] | None = None,
+    initial_states: Sequence[np.ndarray] | None = None,
+) -> xr.DataArray:
+    """Fisher information of all coefficients from one or many runs.
+
+    Parameters
+    ----------
+    runs : Dataset, Run, or sequence of them
+        Measured trials, or simulated ones with ``noise_sd``; see
+        :func:`pymc_ship.inference.trajectory.runs.trajectory_run`.
+    vessel : Vessel, str or Path
+    coefficients : array_like, shape (n_coefficients,), optional
+        Where to linearise, DOFs one after the other; the vessel's reference values by default.
+    noise_sd : mapping of str to float, optional
+        Standard deviation of single samples by channel [SI] of the trials that are no Run; from second differences by
+        default, which a record without noise does not have.
+    noise : sequence of Noise, optional
+        Noise of each run; by default white, of the standard deviation of the run, without offsets.
+    initial_states : sequence of array_like, shape (n_states,), optional
+        Of each run; by default from its first two seconds.
+
+    Returns
+    -------
+    DataArray, dims (coefficient, other)
+        Symmetric; inverse squares of prime values.
+
+    Raises
+    ------
+    TrajectoryError
+        Where a simulated ship leaves the model's range, for no run, or other numbers of noises, states or coefficients.
+    TrialError
+        For trials that cannot be used.
+
+    References
+    ----------
+    Maine & Iliff (1986), NASA RP-1168; Goodwin & Payne (1977), Dynamic System Identification, ch. 6.
+    """
+    vessel = as_vessel(vessel)
+    root = _root(runs, vessel, coefficients, noise_sd, noise, initial_states)
+    names = coefficient_names(vessel)
+    return xr.DataArray(root.T @ root, {"coefficient": names, "other": names}, ("coefficient", "other"))
+
+
+def identifiability(
+    runs: xr.Dataset | Run | Sequence[xr.Dataset | Run],
+    vessel: VesselLike,
+    prior: CoefficientPrior | None = None,
+    *,
+    coefficients: np.ndarray | None = None,
+    noise_sd: Mapping[str, float] | None = None,
+    noise: Sequence[Noise] | None = None,
+    initial_states: Sequence[np.ndarray] | None = None,
+) -> xr.Dataset:
+    """How well one or many runs determine every coefficient, before anything is fitted.
+
+    Parameters
+    ----------
+    runs, vessel, coefficients, noise_sd, noise, initial_states
+        As :func:`fisher_information`.
+    prior : CoefficientPrior, optional
+        With its scales as they are (factors tau of 1); flat by default.
+
+    Returns
+    -------
+    Dataset, dims (coefficient, direction)
+        ``reference``; ``bound``, the least standard deviation of any unbiased estimate (Cramer and Rao), infinite where
+        the runs tell nothing, and ``relative_bound`` [% of the reference; NaN where that is 0]. With the prior:
+        ``prior_sd``, ``bayesian_bound`` (van Trees, with the information at the coefficients given), ``contraction``
+        (1 - posterior over prior variance). ``weight`` (direction, coefficient): unit vectors in prior standard
+        deviations (for coefficients with a flat prior, in inverse norms of their sensitivities) that stay unknown, the
+        least known first, and ``share`` (direction) of the prior variance that is left, more than half. Prime values.
+        Attrs: ``n_determined`` directions, and ``condition_number`` of the sensitivities, each of unit norm.
+
+    Raises
+    ------
+    TrajectoryError, TrialError
+        As :func:`fisher_information`.
+
+    References
+    ----------
+    Van Trees (1968), Detection, Estimation and Modulation Theory I, sec. 2.4; Gill & Levit (1995),
+    doi:10.2307/3318681.
+
+    Examples
+    --------
+    The least relative standard deviations that a zigzag allows for a linear and a cubic coefficient:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> bound = ps.identifiability(trial, vessel, noise_sd={"u": 0.01, "v": 0.01, "r": 1e-4, "psi": 1e-3})
+    >>> for name in ("Nr", "Nrrr"):
+    ...     print(f"{name}: {bound['relative_bound'].sel(coefficient=name):.0f} %")
+    Nr: 4 %
+    Nrrr: 1328 %
+    """
+    vessel = as_vessel(vessel)
+    root = _root(runs, vessel, coefficients, noise_sd, noise, initial_states)
+    reference, flat = reference_coefficients(vessel), np.full(root.shape[1], np.inf)
+    prior_sd = flat if prior is None else prior.scale
+    bound, bayesian_bound = _posterior_sd(root, flat), _posterior_sd(root, prior_sd)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(reference == 0.0, np.nan, 100.0 * bound / np.abs(reference))
+        contraction = np.where(np.isinf(bayesian_bound), 0.0, 1.0 - (bayesian_bound / prior_sd) ** 2)
+    weight, share = _unknown_directions(root, prior_sd)
+    columns = {
+        "reference": reference,
+        "bound": bound,
+        "relative_bound": relative,
+        "prior_sd": prior_sd,
+        "bayesian_bound": bayesian_bound,
+        "contraction": contraction,
+    }
+    s = np.linalg.svd(root / _norms(root), compute_uv=False)
+    lost = root.shape[0] < root.shape[1] or s[-1] <= _SMALLEST * s[0]
+    return xr.Dataset(
+        {name: ("coefficient", values) for name, values in columns.items()}
+        | {"weight": (("direction", "coefficient"), weight), "share": ("direction", share)},
+        {"coefficient": coefficient_names(vessel)},
+        {
+            "vessel": vessel.name,
+            "n_determined": root.shape[1] - share.size,
+            "condition_number": np.inf if lost else float(s[0] / s[-1]),
+        },
+    ).assign_coords(dof=("coefficient", [vessel.dofs[g] for g in coefficient_dofs(vessel)]))
+
+
+def fitted_identifiability(fit: TrajectoryFit) -> xr.Dataset:
+    """:func:`identifiability` of the runs of a fit, at its mode, with its noise and with its prior times tau."""
+    problem, scale = fit.problem, fit.problem.prior.scale
+    tau = np.where(problem.prior.tuned, problem.tau[coefficient_dofs(problem.vessel)], 1.0)
+    places = zip(problem.runs, problem.nuisances, strict=True)
+    return identifiability(
+        problem.runs,
+        problem.vessel,
+        replace(problem.prior, scale=tau * scale),
+        coefficients=fit.coefficients,
+        noise=problem.noise,
+        initial_states=[fit.unknowns[place][: run.n_states] for run, place in places],
+    )
+
+
+def _root(runs, vessel: Vessel, coefficients, noise_sd, noise, initial_states) -> np.ndarray:
+    """Factor of the information of all runs."""
+    prepared = [runs] if isinstance(runs, xr.Dataset | Run) else list(runs)
+    prepared = [run if isinstance(run, Run) else trajectory_run(run, vessel, noise_sd=noise_sd) for run in prepared]
+    noise = [white_noise(run) for run in prepared] if noise is None else list(noise)
+    states = [run.initial_state[0] for run in prepared] if initial_states is None else list(initial_states)
+    reference = reference_coefficients(vessel)
+    theta = reference if coefficients is None else np.array(coefficients, dtype=float)
+    if not prepared or not len(noise) == len(states) == len(prepared) or theta.shape != reference.shape:
+        raise TrajectoryError(
+            f"An information needs at least one run, a noise and an initial state of each, and {reference.size} "
+            f"coefficients; found {len(prepared)} runs, {len(noise)} noises, {len(states)} states and coefficients of "
+            f"shape {theta.shape}; correct them."
+        )
+    roots = []
+    for k, run in enumerate(prepared):
+        roots.append(information_root(vessel, run, noise[k], theta, np.asarray(states[k], dtype=float)))
+        if roots[-1] is None:
+            raise TrajectoryError(
+                f"The simulated ship leaves the model's range in run {k + 1}; give coefficients that can sail it."
+            )
+    return np.linalg.qr(np.vstack(roots), mode="r")
+
+
+def _norms(columns: np.ndarray) -> np.ndarray:
+    """Euclidean norm of each column, 1 where it is zero."""
+    norms = np.linalg.norm(columns, axis=0)
+    return np.where(norms > 0.0, norms, 1.0)
+
+
+def _without(columns: np.ndarray, nuisances: np.ndarray) -> np.ndarray:
+    """Part of the columns that is orthogonal to the columns of the nuisances.
+
+    A nuisance that changes nothing is allowed.
+    """
+    left, s, _ = np.linalg.svd(nuisances / _norms(nuisances), full_matrices=False)
+    left = left[:, s > _SMALLEST * s.max(initial=0.0)]
+    return columns - left @ (left.T @ columns)
+
+
+def _posterior_sd(root: np.ndarray, prior_sd: np.ndarray) -> np.ndarray:
+    """Square roots of the diagonal of (R' R + prior precision)^-1; infinite where it has no inverse."""
+    stacked = np.vstack([root, np.diag(1.0 / prior_sd)])
+    norms = _norms(stacked)
+    _, s, right = np.linalg.svd(stacked / norms, full_matrices=False)
+    lost = s <= _SMALLEST * s.max(initial=0.0)
+    sd = np.linalg.norm(right[~lost] / s[~lost, None], axis=0) / norms
+    return np.where(np.linalg.norm(right[lost], axis=0) > np.sqrt(_SMALLEST), np.inf, sd)
+
+
+def _unknown_directions(root: np.ndarray, prior_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions that keep more than half of their prior variance, and the share kept, the largest first."""
+    flat = np.isinf(prior_sd)
+    free = root[:, flat] / _norms(root[:, flat])
+    # of the coefficients with a prior, only what the free ones cannot mimic counts
+    parts = ((~flat, _without(root[:, ~flat] * prior_sd[~flat], free), 1.0), (flat, free, 0.0))
+    weights, shares = [], []
+    for which, columns, precision in parts:
+        _, s, right = np.linalg.svd(columns, full_matrices=True)
+        s = np.append(s, np.zeros(len(right) - s.size))
+        s = np.where(s <= _SMALLEST * s.max(initial=0.0), 0.0, s)
+        left_over = np.where(s > 0.0, precision / (precision + np.where(s > 0.0, s, 1.0) ** 2), 1.0)
+        unknown = left_over > UNKNOWN
+        weight = np.zeros((unknown.sum(), prior_sd.size))
+        weight[:, which] = right[unknown]
+        weights.append(weight)
+        shares.append(left_over[unknown])
+    share = np.concatenate(shares)
+    order = np.argsort(-share, kind="stable")
+    return np.vstack(weights)[order], share[order]

@@ -1,0 +1,254 @@
+"""Do posteriors hold the truth as often as they claim? Ranks, coverage and joint-distribution tests on simulated data.
+
+Each test draws coefficients and noise variance from the prior, simulates the response on a fixed design, and asks a
+sampler for the posterior. Every result is a z-score with one limit, as in :mod:`pymc_ship.diagnostics.agreement`: the
+chance that any of the comparisons of a table exceeds it is ``LEVEL`` when the sampler is right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from scipy import special, stats
+
+from pymc_ship.inference.regression.priors import Prior, check_prior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.seeds import Seed, random_generator
+
+LEVEL = 1e-3
+"""Chance that one of all the comparisons of a table exceeds its limit when every draw is right."""
+
+Draws = tuple[np.ndarray, np.ndarray]
+"""Coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
+
+_CUTS, _TINY = 50, 1e-15
+
+
+def exact_draws(data: RegressionData, prior: Prior, draws: int, rng: np.random.Generator) -> Draws:
+    """Independent draws from the exact posterior."""
+    return prior.exact(data).draw(draws, rng)
+
+
+def simulation_based_calibration(
+    data: RegressionData,
+    prior: Prior,
+    sample: Callable[[RegressionData, Prior, int, np.random.Generator], Draws] = exact_draws,
+    *,
+    simulations: int = 1000,
+    draws: int = 99,
+    rng: Seed,
+) -> xr.Dataset:
+    """Ranks of the truth among posterior draws, and whether they are uniform.
+
+    The joint log likelihood catches posteriors that ignore part of the data, which ranks of parameters cannot. The
+    p-values, computed without simulation, are those of a simultaneous band for the distribution of the ranks.
+
+    Parameters
+    ----------
+    data : RegressionData
+        Gives design and scaling; its response is replaced.
+    prior : Prior
+    sample : callable, optional
+        ``sample(data, prior, draws, rng)`` returns independent draws: coefficients, shape (draws, n_terms), and noise
+        variance, shape (draws,). :func:`exact_draws` by default.
+    simulations, draws, rng
+        Number of simulated data sets, of posterior draws for each, and generator.
+
+    Returns
+    -------
+    Dataset
+        Dims simulation, quantity (every coefficient, ``"noise_variance"``, ``"log_likelihood"``): ``rank``,
+        ``p_value`` and ``z`` of uniformity; attrs ``largest_z``, ``z_limit``, ``comparisons``, ``calibrated`` (0 or 1).
+
+    References
+    ----------
+    Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), doi:10.1214/23-BA1404; :func:`rank_p_value`.
+    """
+    rng = random_generator(rng)
+    check_prior(prior)
+    _at_least(1, simulations=simulations, draws=draws)
+    ranks = np.empty((simulations, data.n_terms + 2), dtype=int)
+    for k in range(simulations):
+        truth, simulated = _simulate(data, prior, rng)
+        ranks[k] = np.sum(_quantities(simulated, sample(simulated, prior, draws, rng)) < truth, axis=0)
+    p = np.array([rank_p_value(column, draws) for column in ranks.T])
+    names = [*data.coefficients, "noise_variance", "log_likelihood"]
+    values = {"rank": (("simulation", "quantity"), ranks), "p_value": ("quantity", p), "z": ("quantity", _z(p))}
+    return _judge(xr.Dataset(values, {"quantity": names}))
+
+
+def coverage(
+    data: RegressionData,
+    prior: Prior,
+    quantiles: Callable[[RegressionData, Prior, np.ndarray], np.ndarray] | None = None,
+    *,
+    probabilities: Sequence[float] = (0.5, 0.8, 0.95),
+    simulations: int = 200,
+    rng: Seed,
+) -> xr.Dataset:
+    """Share of simulated data sets whose central intervals hold the truth, against their probability.
+
+    Parameters
+    ----------
+    data, prior
+        As in the calibration by ranks.
+    quantiles : callable, optional
+        ``quantiles(data, prior, probabilities)`` returns the posterior quantiles, shape (n, n_terms + 1), the noise
+        variance last; those of the exact posterior by default.
+    probabilities : sequence of float, optional
+        Of the central intervals.
+    simulations, rng
+
+    Returns
+    -------
+    Dataset
+        Dims interval, quantity: ``share``, and ``z`` from the binomial test; attrs as in the calibration by ranks.
+    """
+    rng = random_generator(rng)
+    check_prior(prior)
+    _at_least(1, simulations=simulations)
+    level = np.asarray(probabilities, dtype=float)
+    ends = np.concatenate([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+    inside = np.zeros((level.size, data.n_terms + 1), dtype=int)
+    for _ in range(simulations):
+        truth, simulated = _simulate(data, prior, rng)
+        low, high = np.split((quantiles or _exact_quantiles)(simulated, prior, ends), 2)
+        inside += (low < truth[:-1]) & (truth[:-1] < high)
+    p = [[stats.binomtest(int(k), simulations, at).pvalue for k in row] for row, at in zip(inside, level, strict=True)]
+    values = {"share": (("interval", "quantity"), inside / simulations), "z": (("interval", "quantity"), _z(p))}
+    return _judge(xr.Dataset(values, {"interval": level, "quantity": [*data.coefficients, "noise_variance"]}))
+
+
+def geweke(
+    data: RegressionData,
+    prior: Prior,
+    step: Callable[[RegressionData, Prior, float, np.random.Generator], tuple[np.ndarray, float]],
+    *,
+    chains: int = 200,
+    steps: int = 100,
+    rng: Seed,
+) -> xr.Dataset:
+    """Joint-distribution test of a Gibbs sampler ("getting it right").
+
+    Chains that alternate a step of the sampler with a new response given its parameters keep prior times likelihood.
+    As they start there, independently, their means have the error of the spread between chains.
+
+    Parameters
+    ----------
+    data, prior
+        As in the calibration by ranks; few rows, lest the chains move slowly.
+    step : callable
+        ``step(data, prior, noise_variance, rng)`` returns coefficients, shape (n_terms,), and noise variance after one
+        sweep from a given noise variance.
+    chains, steps, rng
+
+    Returns
+    -------
+    Dataset
+        Dim moment (first and second of every standardised scaled coefficient and of the log noise variance, and the
+        log likelihood): ``difference``, ``error`` and ``z``; attrs as in the calibration by ranks.
+
+    References
+    ----------
+    Geweke (2004), JASA 99(467):799, doi:10.1198/016214504000001132.
+    """
+    rng = random_generator(rng)
+    check_prior(prior)
+    _at_least(2, chains=chains, steps=steps)
+    direct, means = np.empty((chains * 10, 2 * data.n_terms + 3)), np.empty((chains, 2 * data.n_terms + 3))
+    for k in range(len(direct)):
+        truth, simulated = _simulate(data, prior, rng)
+        direct[k] = _moments(simulated, prior, truth)
+    for k in range(chains):
+        truth, simulated = _simulate(data, prior, rng)
+        visited = np.empty((steps, means.shape[1]))
+        for i in range(steps):
+            coefficients, noise_variance = step(simulated, prior, truth[-2], rng)
+            truth = _quantities(simulated, (coefficients[None], np.array([noise_variance])))[0]
+            visited[i] = _moments(simulated, prior, truth)
+            simulated = _respond(simulated, coefficients, noise_variance, rng)
+        means[k] = visited.mean(axis=0)
+    error = np.sqrt(direct.var(axis=0, ddof=1) / len(direct) + means.var(axis=0, ddof=1) / chains)
+    difference = means.mean(axis=0) - direct.mean(axis=0)
+    values = {"difference": difference, "error": error, "z": difference / error}
+    first = [*data.coefficients, "log_noise_variance"]
+    names = [*first, *(f"{name}^2" for name in first), "log_likelihood"]
+    return _judge(xr.Dataset({key: ("moment", value) for key, value in values.items()}, {"moment": names}))
+
+
+def rank_p_value(ranks: np.ndarray, draws: int) -> float:
+    """Chance that uniform ranks among 0..draws stray as far, at their worst point, as the given ones, shape (n,).
+
+    Saeilynoja, Buerkner & Vehtari (2022), doi:10.1007/s11222-022-10090-6; the chance by their recursion over counts.
+    """
+    n = len(ranks)
+    cuts = np.unique(np.arange(1, _CUTS) * (draws + 1) // _CUTS)
+    cuts = cuts[cuts > 0]
+    share = cuts / (draws + 1)
+    counts = np.arange(n + 1)
+    at_most = special.bdtr(counts, n, share[:, None])
+    at_least = special.bdtr(n - counts, n, 1.0 - share[:, None])  # the other ranks number at most n - count
+    tail = np.minimum(at_most, at_least)
+    seen = np.searchsorted(np.sort(ranks), cuts)
+    inside = tail > max(tail[np.arange(cuts.size), seen].min() * (1.0 + 1e-9), _TINY)
+    factorial = special.gammaln(counts + 1.0)
+    here, chance, before = np.array([0]), np.array([1.0]), 0.0
+    for allowed, now in zip(inside, share, strict=True):
+        there, q = np.flatnonzero(allowed), (now - before) / (1.0 - before)
+        more = there - here[:, None]
+        log = factorial[n - here][:, None] - factorial[np.abs(more)] - factorial[n - there]
+        log += more * math.log(q) + (n - there) * math.log1p(-q)
+        chance = chance @ np.where(more >= 0, np.exp(np.where(more >= 0, log, 0.0)), 0.0)
+        here, before = there, now
+    return float(np.clip(1.0 - chance.sum(), _TINY, 1.0))
+
+
+def _simulate(data: RegressionData, prior: Prior, rng: np.random.Generator) -> tuple[np.ndarray, RegressionData]:
+    """One truth from the prior (coefficients, noise variance, log likelihood) and data that follow it."""
+    scaled, variance = prior.draw(data.n_terms, rng)
+    coefficients, noise_variance = data.to_original(scaled), data.response_scale**2 * variance
+    simulated = _respond(data, coefficients, noise_variance, rng)
+    return _quantities(simulated, (coefficients[None], np.array([noise_variance])))[0], simulated
+
+
+def _respond(data: RegressionData, coefficients, noise_variance: float, rng: np.random.Generator) -> RegressionData:
+    return replace(data, response=rng.normal(data.design_matrix @ coefficients, math.sqrt(noise_variance)))
+
+
+def _quantities(data: RegressionData, drawn: Draws) -> np.ndarray:
+    """Coefficients, noise variance and joint log likelihood of draws side by side, shape (draws, n_terms + 2)."""
+    coefficients, variance = drawn
+    square = np.sum((data.response - coefficients @ data.design_matrix.T) ** 2, axis=1)
+    log_likelihood = -0.5 * (data.n_rows * np.log(2.0 * math.pi * variance) + square / variance)
+    return np.column_stack([coefficients, variance, log_likelihood])
+
+
+def _moments(data: RegressionData, prior: Prior, truth: np.ndarray) -> np.ndarray:
+    scaled = (data.to_scaled(truth[:-2]) - prior.means(data.n_terms)) / np.sqrt(prior.kappas(data.n_terms))
+    first = np.append(scaled, math.log(truth[-2] / (data.response_scale**2 * prior.scale)))
+    return np.concatenate([first, first**2, truth[-1:]])
+
+
+def _exact_quantiles(data: RegressionData, prior: Prior, probabilities: np.ndarray) -> np.ndarray:
+    exact = prior.exact(data)
+    return np.column_stack([exact.quantiles(probabilities), exact.noise_variance_quantiles(probabilities)])
+
+
+def _z(p_value: np.ndarray) -> np.ndarray:
+    """Two-sided normal quantile of p-values."""
+    return np.abs(special.ndtri(0.5 * np.asarray(p_value)))
+
+
+def _judge(table: xr.Dataset) -> xr.Dataset:
+    size, largest = table["z"].size, float(np.abs(table["z"].to_numpy()).max())
+    limit = float(_z(LEVEL / size))
+    return table.assign_attrs(comparisons=size, largest_z=largest, z_limit=limit, calibrated=int(largest <= limit))
+
+
+def _at_least(least: int, **counts: int) -> None:
+    if min(counts.values()) < least:
+        raise ValueError(f"Counts must be {least} or more, found {counts}; raise them.")

@@ -1,0 +1,252 @@
+"""From a trial to the exact posterior of every degree of freedom, and from draws of a denoised one to a pooled one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.families import prior_family
+from pymc_ship.inference.regression.priors import ExactPosterior, Prior
+from pymc_ship.inference.regression.tree import independent_posterior
+from pymc_ship.inference.regression.tune import TunedPrior, maximise_evidence, on_edge, tune_prior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.from_trials import regression_data
+from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.trial.record import one_trial
+
+SELECTIONS = ("evidence", "bayesian_optimisation")
+"""Ways to choose the hyperparameters."""
+
+CI_PROB = 0.9
+"""Probability of the pooled intervals."""
+
+
+@dataclass(frozen=True, repr=False)
+class Identification:
+    """Regression data of each DOF, and by family and DOF: the prior, how it was tuned and the exact posterior.
+
+    ``tuned`` is empty where the priors come from the evidence maximum.
+    """
+
+    data: dict[str, RegressionData]
+    priors: dict[str, dict[str, Prior]]
+    tuned: dict[str, dict[str, TunedPrior]]
+    exact: dict[str, dict[str, ExactPosterior]]
+
+    def __repr__(self) -> str:
+        """Rows and terms of each DOF, and the log evidence of each family."""
+        vessels = {data.vessel for data in self.data.values()}
+        head = f"Identification of {' and '.join(map(repr, sorted(vessels)))}, log evidence by family"
+        lines = [
+            f"  {dof:6}{data.n_rows:6} rows {data.n_terms:3} terms  "
+            + "  ".join(f"{family} {exact[dof].log_evidence:.6g}" for family, exact in self.exact.items())
+            for dof, data in self.data.items()
+        ]
+        return "\n".join([head, *lines])
+
+    def posteriors(self, family: str, *, draws: int, rng: Seed) -> dict[str, xr.DataTree]:
+        """Independent draws of every DOF under a family, by DOF."""
+        rng = random_generator(rng)
+        priors, exact = self.priors[family], self.exact[family]
+        return {
+            dof: independent_posterior(data, priors[dof], exact[dof].draw, draws=draws, rng=rng)
+            for dof, data in self.data.items()
+        }
+
+    def edges(self, family: str) -> dict[str, tuple[str, ...]]:
+        """Hyperparameters that lie on an edge of the family's box, by DOF; none for a DOF that is left out."""
+        found = {dof: on_edge(prior) for dof, prior in self.priors[family].items()}
+        return {dof: at for dof, at in found.items() if at}
+
+    def coefficients(self, family: str) -> dict[str, np.ndarray]:
+        """Posterior means by DOF, each of shape (n_terms,)."""
+        return {dof: exact.mean for dof, exact in self.exact[family].items()}
+
+
+def identify(
+    trial: xr.Dataset,
+    vessel: VesselLike,
+    *,
+    families: Sequence[str] = ("conjugate", "semiconjugate"),
+    selection: str = "evidence",
+    interval: float | None = 1.0,
+    derivative: str = "euler",
+    rng: Seed | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Identify a vessel's coefficients from a trial.
+
+    Parameters
+    ----------
+    trial : Dataset, dims (time,)
+        Denoised for differences, as it was measured for the weak form.
+    vessel : Vessel, str or Path
+        Gives particulars, inertia and terms.
+    families : sequence of str, optional
+        Names of prior families; see :func:`~pymc_ship.inference.regression.families.register_family` for one of your
+        own.
+    selection : {"evidence", "bayesian_optimisation"}, optional
+        Hyperparameters from the maximum of the evidence or from Bayesian optimisation of the cross-validated log
+        predictive density (which needs ``rng``).
+    interval : float, optional
+        Interval of the rows [s]; None for every sample, or each 4 s in the weak form, whose intervals get too narrow
+        when its windows overlap more.
+    derivative : str, optional
+        See :func:`pymc_ship.regression_data`.
+    rng : int, SeedSequence or Generator, optional
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    TrialError, RegressionDataError, PriorError
+        For a trial that cannot be used, an unknown family.
+    ValueError
+        For an unknown selection, or Bayesian optimisation without ``rng``.
+
+    Examples
+    --------
+    The rudder coefficients of a noisy zigzag:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
+    >>> found = ps.identify(noisy, vessel, families=["conjugate"], interval=None, derivative="weak")
+    >>> for dof, exact in found.exact["conjugate"].items():
+    ...     print(f"{found.data[dof].coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
+    Xgsinsin = -0.00166, sd 0.00072
+    Ygsincos|delta| = 0.00553, sd 0.00456
+    Ngsincos|delta| = -0.00148, sd 0.00032
+    """
+    rng = None if rng is None else random_generator(rng)
+    vessel, trial = as_vessel(vessel), one_trial(trial)
+    if selection not in SELECTIONS or (selection == "bayesian_optimisation" and rng is None):
+        raise ValueError(
+            f"Hyperparameters are selected by {' or '.join(SELECTIONS)} (which needs rng), found {selection!r}."
+        )
+    data = {dof: regression_data(trial, vessel, dof, interval=interval, derivative=derivative) for dof in vessel.dofs}
+    priors: dict[str, dict] = {}
+    tuned: dict[str, dict] = {}
+    exact: dict[str, dict] = {}
+    for family in families:
+        prior_family(family)
+        priors[family], exact[family], tuned[family] = {}, {}, {}
+        for dof, rows in data.items():
+            progress(f"prior of {dof}, {family}")
+            if selection == "evidence":
+                priors[family][dof], _ = maximise_evidence(rows, family)
+            else:
+                tuned[family][dof] = tune_prior(rows, family=family, rng=rng)
+                priors[family][dof] = tuned[family][dof].prior
+            exact[family][dof] = priors[family][dof].exact(rows)
+    return Identification(data, priors, tuned, exact)
+
+
+def regression_draws(
+    drawn: xr.Dataset, vessel: VesselLike, dof: str, *, interval: float | None = None, derivative: str = "euler"
+) -> list[RegressionData]:
+    """Design matrix and response of one degree of freedom for each draw of a denoised trial.
+
+    Parameters
+    ----------
+    drawn : Dataset, dims (draw, time)
+        From :func:`pymc_ship.denoise_draws`.
+    vessel, dof, interval, derivative
+        As for :func:`pymc_ship.regression_data`.
+
+    Returns
+    -------
+    list of RegressionData
+        One for each draw, scaled by itself.
+
+    Raises
+    ------
+    RegressionDataError
+        For a trial without draws, and as :func:`pymc_ship.regression_data`.
+    """
+    vessel = as_vessel(vessel)
+    if "draw" not in drawn.dims:
+        raise RegressionDataError(
+            "Regression draws need a trial with the dimension draw, found none; make it by `denoise_draws`."
+        )
+    settings = {"interval": interval, "derivative": derivative}
+    return [regression_data(drawn.isel(draw=k, drop=True), vessel, dof, **settings) for k in range(drawn.sizes["draw"])]
+
+
+def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: int = 4000, rng: Seed) -> xr.Dataset:
+    """Coefficients under the mixture of the posteriors of every draw of the rows, as in multiple imputation.
+
+    Parameters
+    ----------
+    rows : sequence of RegressionData
+        The same regression on draws of its data, from :func:`regression_draws`; at least two.
+    prior : Prior
+        Of the scaled coefficients, the same for all.
+    draws : int, optional
+        From the mixture, for its quantiles; shared evenly.
+    rng : int, SeedSequence or Generator
+
+    Returns
+    -------
+    Dataset, dims (coefficient,)
+        ``mean``; ``within_sd``, the posterior's where the rows are taken as known, ``between_sd`` of the means over the
+        draws, and ``sd`` of both by Rubin's rule, within^2 + (1 + 1/m) between^2 for m draws; ``lower`` and ``upper``,
+        the equal-tailed interval of 90 % of the mixture. Original scale.
+
+    Raises
+    ------
+    RegressionDataError
+        For fewer than two draws, or rows of different coefficients.
+
+    References
+    ----------
+    Rubin (1987), Multiple Imputation for Nonresponse in Surveys, doi:10.1002/9780470316696.
+
+    Examples
+    --------
+    The rudder coefficients of yaw, with the rows taken as known and as drawn:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> drawn = ps.denoise_draws(ps.pollute(trial, level=0.01, rng=rng), draws=20, rng=rng)
+    >>> rows = ps.regression_draws(drawn, vessel, "yaw", interval=2.0)
+    >>> prior, _ = ps.maximise_evidence(rows[0])
+    >>> found = ps.pooled_coefficients(rows, prior, rng=rng).sel(coefficient="Ngsincos")
+    >>> print(f"{1e5 * found['mean']:.0f}, sd {1e5 * found['within_sd']:.1f} and {1e5 * found['sd']:.1f}")
+    -188, sd 17.3 and 27.0
+    """
+    rng, names = random_generator(rng), {data.coefficients for data in rows}
+    if len(rows) < 2 or len(names) > 1:
+        raise RegressionDataError(
+            f"Pooling needs two or more draws of one regression, found {len(rows)} with {len(names)} sets of "
+            "coefficients; draw again."
+        )
+    exact = [prior.exact(data) for data in rows]
+    mean = np.mean([one.mean for one in exact], axis=0)
+    within = np.mean([one.sd**2 for one in exact], axis=0)
+    between = np.var([one.mean for one in exact], axis=0, ddof=1)
+    sample = np.concatenate([one.draw(-(-draws // len(exact)), rng)[0] for one in exact])
+    lower, upper = np.quantile(sample, [0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], axis=0)
+    found = {
+        "mean": mean,
+        "within_sd": np.sqrt(within),
+        "between_sd": np.sqrt(between),
+        "sd": np.sqrt(within + (1.0 + 1.0 / len(exact)) * between),
+        "lower": lower,
+        "upper": upper,
+    }
+    coefficients = {"coefficient": list(rows[0].coefficients)}
+    return xr.Dataset({name: ("coefficient", values) for name, values in found.items()}, coefficients)

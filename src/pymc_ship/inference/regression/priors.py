@@ -1,0 +1,316 @@
+"""What every prior and every exact posterior knows, and the coordinates in which a posterior is diagonal.
+
+Priors live on the scaled columns of :class:`~pymc_ship.inference.rows.data.RegressionData` and use the standard
+parametrisation of the inverse gamma, density proportional to x^(-shape-1) exp(-scale/x) (``scale`` of scipy, ``beta``
+of PyMC). The B of Xue et al. (2020) is its reciprocal: ``scale = 1 / B``.
+
+The coordinates serve every path to a posterior. With W = X diag(kappa)^(1/2) = U S R' on the scaled columns,
+g = R' diag(kappa)^(-1/2) (b - mean) enters the likelihood only through z - s g with z = U' (y - X mean), and the
+residual e = y - X mean - U z does not depend on g. The residual is formed explicitly: y'y - z'z would lose the fit of a
+response with a large offset.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.seeds import Seed, random_generator
+
+_LOG_2PI = math.log(2.0 * math.pi)
+_SMALLEST_GAMMA = 1e-200  # keeps the noise variance of a prior that is all but improper a finite number
+_MOST_ROWS = 8  # coefficients that the text of a posterior shows
+
+
+class PriorError(ValueError):
+    """Hyperparameters that define no prior."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior(ABC):
+    """A prior of scaled coefficients and noise variance; each family of priors is a subclass.
+
+    The noise variance sigma2 is inverse gamma. Given sigma2 the scaled coefficients are independent and normal, with
+    variance ``kappa sigma2^noise_power``. A new family states the attributes below and its exact posterior;
+    :func:`~pymc_ship.inference.regression.families.register_family` then makes it known by its name. Priors of one
+    family with the same hyperparameters are equal.
+
+    Parameters
+    ----------
+    mean : float or array_like, shape (n_terms,)
+        Prior mean of the scaled coefficients.
+    kappa : float or array_like, shape (n_terms,)
+        Prior variance factor of each scaled coefficient (V = kappa I or diag(kappa)).
+    shape, scale : float
+        sigma2 ~ InverseGamma(shape, scale).
+
+    Attributes
+    ----------
+    family : str
+        Name of the family in arguments, in files and on pages.
+    noise_power : float
+        1 where the noise variance scales the variance of the coefficients, 0 where they are independent of it.
+    box : mapping of str to (float, float)
+        Bounds of the search for hyperparameters, by the names that :meth:`from_box` takes, for a response and columns
+        of unit mean square.
+    colour : str
+        Hex colour of the family in figures.
+    citation : str
+        The work that the exact posterior rests on beside Xue et al. (2020); empty for none.
+
+    Raises
+    ------
+    PriorError
+        When a value is no finite number, or kappa, shape or scale is not positive.
+    """
+
+    mean: float | np.ndarray = 0.0
+    kappa: float | np.ndarray = 100.0
+    shape: float = 2.0
+    scale: float = 1.0
+
+    family: ClassVar[str] = ""
+    noise_power: ClassVar[float]
+    box: ClassVar[Mapping[str, tuple[float, float]]]
+    colour: ClassVar[str] = "#6b7680"
+    citation: ClassVar[str] = ""
+
+    def __post_init__(self):
+        for name in ("mean", "kappa", "shape", "scale"):
+            value = _numbers(name, getattr(self, name))
+            if value.ndim > (1 if name in ("mean", "kappa") else 0) or not np.isfinite(value).all():
+                raise PriorError(f"The prior's {name} must be finite, found {value.tolist()}; give a plain number.")
+            if name != "mean" and (value <= 0.0).any():
+                raise PriorError(f"The prior's {name} must be positive, found {value.tolist()}; raise it above 0.")
+            value.setflags(write=False)
+            object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
+
+    def __eq__(self, other: object) -> bool:
+        return self._key() == other._key() if isinstance(other, Prior) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple:
+        values = (np.asarray(getattr(self, field.name)) for field in fields(self))
+        return (self.family, *((value.shape, *value.ravel().tolist()) for value in values))
+
+    @classmethod
+    def from_box(cls, *, shape: float, noise_variance: float, kappa: float) -> Prior:
+        """Prior of mean zero at a point of the box; ``noise_variance`` is scale / shape."""
+        return cls(shape=shape, scale=shape * noise_variance, kappa=kappa)
+
+    @abstractmethod
+    def exact(self, data: RegressionData) -> ExactPosterior:
+        """Exact posterior of regression data under this prior."""
+
+    def log_hyperprior(self) -> float:
+        """Log density of the hyperparameters in the evidence maximum, up to a constant: ``shape`` ~ Exponential(1).
+
+        One record has one noise variance, so its evidence rises for ever, as the root of the shape, towards a prior
+        that knows it. Under this hyperprior the maximum lies about shape 1/2: the noise variance is then known as well
+        as one row beyond the record would tell it.
+        """
+        return -self.shape
+
+    def means(self, n_terms: int) -> np.ndarray:
+        """Prior means, shape (n_terms,)."""
+        return self._vector("mean", n_terms)
+
+    def kappas(self, n_terms: int) -> np.ndarray:
+        """Prior variance factors, shape (n_terms,)."""
+        return self._vector("kappa", n_terms)
+
+    def _vector(self, name: str, n_terms: int) -> np.ndarray:
+        value = np.asarray(getattr(self, name))
+        if value.ndim == 1 and value.shape != (n_terms,):
+            raise PriorError(f"The prior's {name} is one value or {n_terms}, one for each term; found {value.size}.")
+        return np.full(n_terms, value) if value.ndim == 0 else value
+
+    def hyperparameters(self) -> dict:
+        """Plain dict of the family and of what makes an equal prior (lists for vectors)."""
+        names = [field.name for field in fields(self) if field.init]
+        return {"family": self.family, **{name: np.asarray(getattr(self, name)).tolist() for name in names}}
+
+    @property
+    def noise_variance_mean(self) -> float:
+        """Prior mean of the noise variance on the scaled response; infinite where the shape is not above 1."""
+        return self.scale / (self.shape - 1.0) if self.shape > 1.0 else math.inf
+
+    def variance_factor(self, noise_variance: np.ndarray) -> np.ndarray:
+        """Prior variance of the scaled coefficients over kappa, given the noise variance; same shape."""
+        return noise_variance**self.noise_power
+
+    def coefficient_variance(self, noise_variance: np.ndarray, n_terms: int) -> np.ndarray:
+        """Prior variance of the scaled coefficients given the noise variance, a number or of shape (..., 1)."""
+        return self.kappas(n_terms) * self.variance_factor(noise_variance)
+
+    def draw_noise_variance(self, rng: Seed, size: tuple[int, ...] = ()) -> np.ndarray:
+        """Draws of the noise variance on the scaled response from the prior, of the given shape."""
+        rng = random_generator(rng)
+        return self.scale / np.maximum(rng.standard_gamma(self.shape, size), _SMALLEST_GAMMA)
+
+    def draw(self, n_terms: int, rng: Seed, size: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+        """Draws from the prior: scaled coefficients, shape (..., n_terms), and noise variance, shape ``size``."""
+        rng = random_generator(rng)
+        noise_variance = self.draw_noise_variance(rng, size)
+        spread = np.sqrt(self.coefficient_variance(noise_variance[..., None], n_terms))
+        return self.means(n_terms) + spread * rng.standard_normal((*size, n_terms)), noise_variance
+
+    def log_noise_variance(self, noise_variance: np.ndarray) -> np.ndarray:
+        """Log prior density of the noise variance on the scaled response, same shape."""
+        A, b = self.shape, self.scale
+        return A * math.log(b) - math.lgamma(A) - (A + 1.0) * np.log(noise_variance) - b / noise_variance
+
+    def log_coefficients(self, coefficients: np.ndarray, noise_variance: np.ndarray) -> np.ndarray:
+        """Log prior density of scaled coefficients, shape (..., n_terms), given the noise variance, shape (...)."""
+        n_terms = coefficients.shape[-1]
+        kappa = self.kappas(n_terms)
+        distance = np.sum((coefficients - self.means(n_terms)) ** 2 / kappa, axis=-1)
+        factor = self.variance_factor(noise_variance)
+        return -0.5 * (n_terms * (_LOG_2PI + np.log(factor)) + np.sum(np.log(kappa)) + distance / factor)
+
+
+class ExactPosterior(ABC):
+    """What an exact posterior offers, everything on the original scale.
+
+    Attributes
+    ----------
+    coefficients : tuple of str
+        Names, length n_terms.
+    mean, covariance : ndarray, shape (n_terms,) and (n_terms, n_terms)
+        Of the coefficients a posteriori.
+    noise_variance_mean, noise_variance_sd : float
+        Of the noise variance a posteriori.
+    log_evidence : float
+        Log density of the original response, p(y).
+    """
+
+    coefficients: tuple[str, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+    noise_variance_mean: float
+    noise_variance_sd: float
+    log_evidence: float
+
+    def __repr__(self) -> str:
+        """Evidence, noise variance, and mean and sd of the first coefficients."""
+        names = ["noise variance", *self.coefficients]
+        means = [self.noise_variance_mean, *self.mean]
+        width = max(map(len, names[: _MOST_ROWS + 1]))
+        rows = [
+            f"  {name:{width}}  {mean:.4g} ± {sd:.2g}"
+            for name, mean, sd in zip(names, means, [self.noise_variance_sd, *self.sd], strict=True)
+        ]
+        more = len(self.coefficients) - _MOST_ROWS
+        head = f"{type(self).__name__} of {len(self.coefficients)} coefficients, log evidence {self.log_evidence:.6g}"
+        return "\n".join([head, *rows[: _MOST_ROWS + 1], *([f"  and {more} more"] if more > 0 else [])])
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Posterior standard deviation of each coefficient, shape (n_terms,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @abstractmethod
+    def draw(self, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
+
+    @abstractmethod
+    def quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+        """Marginal quantiles of the coefficients at probabilities, shape (n,): an array of shape (n, n_terms)."""
+
+    @abstractmethod
+    def noise_variance_quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+        """Quantiles of the noise variance at the given probabilities, shape (n,) as they."""
+
+    @abstractmethod
+    def log_predictive_density(
+        self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
+    ) -> float | np.ndarray:
+        """Log density of new rows given the data: of all jointly, or of each by itself when ``pointwise``."""
+
+
+def check_prior(prior: object, *, own: str = "") -> None:
+    """Raise a PriorError unless a prior of a regression is given; ``own`` are words on what else is taken."""
+    if not isinstance(prior, Prior):
+        raise PriorError(
+            f"The prior of a regression is a Prior such as ConjugatePrior(kappa=100.0){own}, found {shown(prior)}; "
+            "make one, or choose one by maximise_evidence."
+        )
+
+
+def warn_of_uneven_columns(data: RegressionData, prior: Prior) -> None:
+    """Warn where columns of very different size meet a prior whose kappa is the default; a public fit calls it."""
+    if np.ndim(prior.kappa) == 0 and prior.kappa == type(prior).kappa and data.uneven:
+        warnings.warn(data.uneven, UserWarning, stacklevel=3)
+
+
+def _numbers(name: str, value: object) -> np.ndarray:
+    """Copy of a hyperparameter as floats."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "iufO":
+            raise TypeError
+        return np.array(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise PriorError(f"The prior's {name} must be finite, found {value!r}; give a plain number.") from None
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """Sufficient statistics of regression data under a prior.
+
+    Attributes
+    ----------
+    singular_values : ndarray, shape (n_terms,)
+        s of the scaled columns times the root of kappa; 0 for directions that no row sees.
+    projection : ndarray, shape (n_terms,)
+        z of the scaled response, 0 likewise.
+    residual_square : float
+        |e|^2 of the scaled response.
+    center : ndarray, shape (n_terms,)
+        Prior mean of the original coefficients.
+    basis : ndarray, shape (n_terms, n_terms)
+        original coefficients = center + g basis.
+    """
+
+    singular_values: np.ndarray
+    projection: np.ndarray
+    residual_square: float
+    center: np.ndarray
+    basis: np.ndarray
+
+
+def rotate(data: RegressionData, prior: Prior) -> Rotation:
+    """Rotate regression data; with a scalar kappa and a zero mean it costs no pass over the rows.
+
+    Raises
+    ------
+    PriorError
+        For hyperparameter vectors of the wrong length.
+    """
+    root, wide = np.sqrt(prior.kappas(data.n_terms)), data.n_terms > data.n_rows
+    mean = prior.means(data.n_terms)
+    own = np.ndim(prior.kappa) or wide
+    if own:
+        left, s, right = np.linalg.svd(data.scaled_design_matrix * root, full_matrices=wide)
+    else:
+        left, s, right = data.svd
+        s = s * root
+    if own or mean.any():
+        error = data.scaled_response - data.scaled_design_matrix @ mean
+        z = left.T @ error
+        residual_square = float(np.sum((error - left @ z) ** 2))
+    else:
+        z, residual_square = data.projection
+    unseen = (0, data.n_terms - len(s))
+    basis = (right * root) @ data.transformation[1].T
+    return Rotation(np.pad(s, unseen), np.pad(z, unseen), residual_square, data.to_original(mean), basis)

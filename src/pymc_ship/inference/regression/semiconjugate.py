@@ -1,0 +1,376 @@
+"""The semi-conjugate prior and its exact posterior: a mixture of normals over the noise variance, by quadrature.
+
+With W = X diag(kappa)^(1/2) = U S R', the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) are independent
+given sigma2, a priori N(0, 1) and a posteriori N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)), where
+z = U' (y - X mean). They integrate out, which leaves one dimension, t = log sigma2, for
+:mod:`pymc_ship.inference.regression.quadrature`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+import xarray as xr
+from numba import njit
+
+from pymc_ship.inference.regression.priors import (
+    ExactPosterior,
+    Prior,
+    PriorError,
+    check_prior,
+    rotate,
+    warn_of_uneven_columns,
+)
+from pymc_ship.inference.regression.quadrature import log_kernels, quadrature
+from pymc_ship.inference.regression.tree import independent_posterior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.frames import Formula, new_design
+from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.machine.seeds import Seed, random_generator
+
+_LOG_2PI = math.log(2.0 * math.pi)
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _draws(rng, noise_variance, rotated, columns, center):
+    """Coefficients drawn given each noise variance; the columns are those of the basis, as rows."""
+    s, z = rotated
+    g, coefficients = np.empty(center.size), np.empty((noise_variance.size, center.size))
+    for k in range(noise_variance.size):
+        for i in range(g.size):
+            precision = noise_variance[k] + s[i] * s[i]
+            g[i] = (s[i] * z[i] + math.sqrt(noise_variance[k] * precision) * rng.standard_normal()) / precision
+        for j in range(g.size):
+            total = center[j]
+            for i in range(g.size):
+                total += columns[j, i] * g[i]
+            coefficients[k, j] = total
+    return coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class SemiConjugatePrior(Prior):
+    """Independent: beta ~ N(mean, V), sigma2 ~ IG(shape, scale); see the base for parameters.
+
+    The box is that of :class:`~pymc_ship.inference.regression.conjugate.ConjugatePrior`, but for ``kappa``, which is in
+    units of the response.
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 18; doi:10.1016/j.oceaneng.2019.106612.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> ps.SemiConjugatePrior(kappa=1e4, shape=3.0, scale=0.1)
+    SemiConjugatePrior(mean=0.0, kappa=10000.0, shape=3.0, scale=0.1)
+    """
+
+    family = "semiconjugate"
+    noise_power = 0
+    box: ClassVar = {"shape": (0.1, 1e5), "noise_variance": (1e-8, 10.0), "kappa": (1e-6, 1e8)}
+    colour = "#c8551b"
+
+    def exact(self, data: RegressionData) -> NormalMixture:
+        """Exact posterior; see :func:`semiconjugate`."""
+        return semiconjugate(data, self)
+
+
+@dataclass(frozen=True, repr=False)
+class NormalMixture(ExactPosterior):
+    """Exact posterior under a semi-conjugate prior, everything on the original scale.
+
+    coefficients = center + g basis, where g given sigma2 is normal with independent components.
+
+    Attributes
+    ----------
+    coefficients : tuple of str
+        Names, length n_terms.
+    center : ndarray, shape (n_terms,)
+        Prior mean.
+    basis : ndarray, shape (n_terms, n_terms)
+        Rows map the rotated coefficients g to the original ones.
+    singular_values, projections : ndarray, shape (n_terms,)
+        s and z of the module's docstring, in units of the response.
+    residual_square : float
+        Sum of squared residuals that no coefficient can explain.
+    n_rows : int
+    prior_shape, prior_scale : float
+        Inverse gamma of the noise variance, a priori.
+    log_noise_variance, weights : ndarray, shape (n_nodes,)
+        Equidistant nodes in log sigma2 and their posterior weights, which add up to 1.
+    log_evidence : float
+        Log density of the original response, p(y).
+    formula : Formula or None
+        What made the columns of the data, for predictions.
+    """
+
+    coefficients: tuple[str, ...]
+    center: np.ndarray
+    basis: np.ndarray
+    singular_values: np.ndarray
+    projections: np.ndarray
+    residual_square: float
+    n_rows: int
+    prior_shape: float
+    prior_scale: float
+    log_noise_variance: np.ndarray
+    weights: np.ndarray
+    log_evidence: float
+    formula: Formula | None = None
+
+    @cached_property
+    def noise_variances(self) -> np.ndarray:
+        """Noise variance of each component of the mixture, shape (n_nodes,)."""
+        return np.exp(self.log_noise_variance)
+
+    @cached_property
+    def _components(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and variance of g at each node, shape (n_nodes, n_terms)."""
+        total = self.noise_variances[:, None] + self.singular_values**2
+        return self.singular_values * self.projections / total, self.noise_variances[:, None] / total
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """Posterior mean of the coefficients, shape (n_terms,)."""
+        return self.center + (self.weights @ self._components[0]) @ self.basis
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Posterior covariance of the coefficients, shape (n_terms, n_terms)."""
+        locations, variances = self._components
+        deviation = (locations - self.weights @ locations) @ self.basis
+        return (self.basis.T * (self.weights @ variances)) @ self.basis + (deviation.T * self.weights) @ deviation
+
+    @property
+    def noise_variance_mean(self) -> float:
+        """Posterior mean of the noise variance; infinite where shape + n_rows / 2 is not above 1."""
+        return self._expectation(self.noise_variances, 1)
+
+    @property
+    def noise_variance_sd(self) -> float:
+        """Posterior standard deviation of the noise variance; infinite where shape + n_rows / 2 is not above 2."""
+        return math.sqrt(self._expectation((self.noise_variances - self.noise_variance_mean) ** 2, 2))
+
+    def _expectation(self, values: np.ndarray, order: int) -> float:
+        return float(self.weights @ values) if self.prior_shape + 0.5 * self.n_rows > order else math.inf
+
+    def quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+        """Marginal quantiles of the coefficients at probabilities, shape (n,): an array of shape (n, n_terms)."""
+        from scipy.special import ndtr, ndtri
+
+        locations, variances = self._components
+        middle, sd = locations @ self.basis, np.sqrt(variances @ self.basis**2)
+        probability = np.atleast_1d(probabilities)[:, None]
+        components = middle + ndtri(probability)[:, :, None] * sd
+
+        def distribution(value):
+            return np.einsum("k,qkj->qj", self.weights, ndtr((value[:, None] - middle) / sd))
+
+        return self.center + _bisect(distribution, probability, components.min(axis=1), components.max(axis=1))
+
+    def noise_variance_quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+        """Quantiles of the noise variance at probabilities, shape (n,), from the sinc interpolant of the density."""
+        from scipy.special import sici
+
+        t, probability = self.log_noise_variance, np.atleast_1d(probabilities)
+
+        def distribution(value):
+            return (0.5 + sici(math.pi * (value[:, None] - t) / (t[1] - t[0]))[0] / math.pi) @ self.weights
+
+        return np.exp(_bisect(distribution, probability, t[0], t[-1]))
+
+    def noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
+        """Posterior density of the noise variance at the given values, same shape."""
+        value = np.asarray(noise_variance, dtype=float)
+        return np.exp(self._log_density(np.log(value).ravel())).reshape(value.shape) / value
+
+    def prior_noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
+        """Prior density of the noise variance at the given values, same shape."""
+        value, shape, scale = np.asarray(noise_variance, dtype=float), self.prior_shape, self.prior_scale
+        return np.exp(shape * math.log(scale) - math.lgamma(shape) - (shape + 1.0) * np.log(value) - scale / value)
+
+    def _log_density(self, t: np.ndarray) -> np.ndarray:
+        s, z, prior = self.singular_values, self.projections, (self.prior_shape, self.prior_scale)
+        kernel, constant = _kernel(s, z, self.residual_square, self.n_rows, prior)
+        return log_kernels(t, kernel) + constant - self.log_evidence
+
+    def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
+        """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
+        rng = random_generator(rng)
+        inside = self.log_noise_variance[self.weights > 1e-16 * self.weights.max()]
+        t = np.linspace(inside[0], inside[-1], 2049)
+        density = np.exp(self._log_density(t))
+        distribution = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])  # right to 1e-6
+        noise_variance = np.exp(np.interp(rng.random(draws), distribution / distribution[-1], t))
+        rotated, columns = (self.singular_values, self.projections), np.ascontiguousarray(self.basis.T)
+        return _draws(rng, noise_variance, rotated, columns, self.center), noise_variance
+
+    def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
+
+        New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
+        from a formula, a DataFrame of its variables. RegressionDataError for another shape, columns that are missing
+        and values that are no finite numbers.
+        """
+        rotated, middle = self._rotate_rows(new_rows)
+        locations, variances = self._components
+        location = self.weights @ locations
+        variance = rotated**2 @ (self.weights @ variances) + self.weights @ ((locations - location) @ rotated.T) ** 2
+        return middle + rotated @ location, np.sqrt(self.noise_variance_mean + variance)
+
+    def log_predictive_density(
+        self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
+    ) -> float | np.ndarray:
+        """Log density of new rows given the data, integrated over the noise variance.
+
+        The design matrix has shape (n_new, n_terms) and the original columns, the response shape (n_new,). A float for
+        all rows jointly or, when ``pointwise``, an array of shape (n_new,) for each row by itself. RegressionDataError
+        for wrong shapes or values that are not finite.
+        """
+        rotated, middle = self._rotate_rows(design_matrix)
+        y = np.asarray(response, dtype=float)
+        if y.shape != middle.shape or not np.isfinite(y).all():
+            raise RegressionDataError(f"The response has one finite value for each of {len(middle)} rows; check it.")
+        if not pointwise:
+            return self._log_joint(rotated, y - middle)
+        locations, variances = self._components
+        variance = variances @ rotated.T**2 + self.noise_variances[:, None]
+        exponent = -0.5 * (np.log(variance) + (y - middle - locations @ rotated.T) ** 2 / variance)
+        exponent += np.log(self.weights)[:, None]
+        top = exponent.max(axis=0)
+        return top + np.log(np.sum(np.exp(exponent - top), axis=0)) - 0.5 * _LOG_2PI
+
+    def _log_joint(self, rotated: np.ndarray, residual: np.ndarray) -> float:
+        """Log evidence of data and new rows together, less that of the data."""
+        left, s, _ = np.linalg.svd(np.vstack([np.diag(self.singular_values), rotated]), full_matrices=False)
+        response = np.concatenate([self.projections, residual])
+        z = left.T @ response
+        residual_square = self.residual_square + float(np.sum((response - left @ z) ** 2))
+        n_rows = self.n_rows + len(residual)
+        return _integrate(s, z, residual_square, n_rows, (self.prior_shape, self.prior_scale))[2] - self.log_evidence
+
+    def _rotate_rows(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        X = new_design(new_rows, self.coefficients, self.formula)
+        return X @ self.basis.T, X @ self.center
+
+
+def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixture:
+    """Exact posterior under a semi-conjugate prior.
+
+    The model is that of Xue et al. (2020), Eq. 18-20, doi:10.1016/j.oceaneng.2019.106612; the quadrature is not there.
+
+    Parameters
+    ----------
+    data : RegressionData
+    prior : SemiConjugatePrior
+        On the scaled columns; mean and kappa may be vectors.
+
+    Returns
+    -------
+    NormalMixture
+
+    Raises
+    ------
+    PriorError
+        For a prior of the other family, or vectors of the wrong length.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw")
+    >>> exact = ps.semiconjugate(data, ps.SemiConjugatePrior(kappa=1e4))
+    >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.4f}, sd {exact.sd[-1]:.5f}")
+    Ngsincos|delta| = -0.0011, sd 0.00006
+    """
+    check_prior(prior)
+    if not isinstance(prior, SemiConjugatePrior):
+        raise PriorError(
+            f"The semi-conjugate posterior takes a SemiConjugatePrior, found {type(prior).__name__}; give one or use "
+            "the conjugate posterior."
+        )
+    warn_of_uneven_columns(data, prior)
+    rotation, unit = rotate(data, prior), data.response_scale
+    s, z = unit * rotation.singular_values, unit * rotation.projection
+    residual_square, scale = unit**2 * rotation.residual_square, prior.scale * unit**2
+    log_noise_variance, weights, log_evidence = _integrate(s, z, residual_square, data.n_rows, (prior.shape, scale))
+    return NormalMixture(
+        coefficients=data.coefficients,
+        center=rotation.center,
+        basis=rotation.basis,
+        singular_values=s,
+        projections=z,
+        residual_square=residual_square,
+        n_rows=data.n_rows,
+        prior_shape=prior.shape,
+        prior_scale=scale,
+        log_noise_variance=log_noise_variance,
+        weights=weights,
+        formula=data.formula,
+        log_evidence=log_evidence,
+    )
+
+
+def semiconjugate_posterior(
+    data: RegressionData, prior: SemiConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: Seed
+) -> xr.DataTree:
+    """Independent draws from the exact posterior, laid out as a DataTree.
+
+    Parameters
+    ----------
+    data : RegressionData
+    prior : SemiConjugatePrior
+    draws, chains : int, optional
+        Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
+    rng : int, SeedSequence or Generator
+
+    Returns
+    -------
+    DataTree
+        As :func:`~pymc_ship.inference.regression.tree.draws_tree`: dims chain (``chains``), draw (``draws // chains``),
+        coefficient, row.
+
+    Raises
+    ------
+    PriorError
+        For a prior of the other family, or vectors of the wrong length.
+    ValueError
+        When ``draws`` is no positive multiple of ``chains``.
+    """
+    rng = random_generator(rng)
+    return independent_posterior(data, prior, semiconjugate(data, prior).draw, draws=draws, chains=chains, rng=rng)
+
+
+def _kernel(s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int, prior: tuple[float, float]):
+    """What the log kernel needs, and the constant that makes it log p(y, t)."""
+    shape, scale = prior
+    constant = shape * math.log(scale) - math.lgamma(shape) - 0.5 * n_rows * _LOG_2PI
+    return (s**2, z**2, shape + 0.5 * (n_rows - len(s)), scale + 0.5 * residual_square), constant
+
+
+def _integrate(s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int, prior: tuple[float, float]):
+    """Nodes and normalised weights of log sigma2, and the log evidence."""
+    kernel, constant = _kernel(s, z, residual_square, n_rows, prior)
+    _, energies, _, rate = kernel
+    low = math.log(rate / (prior[0] + 0.5 * n_rows))
+    high = math.log((rate + 0.5 * energies.sum()) / (prior[0] + 0.5 * max(n_rows - len(s), 0)))
+    t, values = quadrature(low, high, kernel)
+    weights = np.exp(values - values.max())
+    log_evidence = values.max() + math.log(weights.sum() * (t[1] - t[0])) + constant
+    return t, weights / weights.sum(), float(log_evidence)
+
+
+def _bisect(function, target: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
+    """Where a rising function of arrays reaches its target, between ``low`` and ``high``."""
+    low, high = low + 0.0 * target, high + 0.0 * target
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        below = function(middle) < target
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return 0.5 * (low + high)

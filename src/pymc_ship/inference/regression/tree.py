@@ -1,0 +1,291 @@
+"""One layout for every posterior: draws -> xr.DataTree with ArviZ groups and dims, written and read back."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.checksums import append_checksum, fits_its_checksum, folder_checksum
+from pymc_ship.machine.files import settle, staged
+
+CITATIONS = {
+    "method": "Xue, Liu, Ji & Xue (2020), Ocean Engineering 195:106612, doi:10.1016/j.oceaneng.2019.106612",
+    "gibbs": "Gelfand & Smith (1990), JASA 85(410):398, doi:10.1080/01621459.1990.10476213",
+    "nuts": "Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516",
+    "trajectory": "Maine & Iliff (1986), Application of parameter estimation to aircraft, NASA RP-1168",
+    "trajectory_nuts": "Maine & Iliff (1986), NASA RP-1168; Hoffman & Gelman (2014), JMLR 15:1593",
+    "windows": (
+        "White (1982), Econometrica 50:1, doi:10.2307/1912526; Ribatet, Cooley & Davison (2012), Stat. Sinica 22:813, "
+        "doi:10.5705/ss.2009.248; Yao et al. (2018), Bayesian Analysis 13(3):917, doi:10.1214/17-BA1091; "
+        "Yoshimura & Masumoto (2012), Proc. MARSIM"
+    ),
+    "arviz": "Vehtari et al. (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221",
+}
+"""Works a posterior rests on, kept in its attrs: by what made the draws, and those that every posterior rests on."""
+
+_SUM, _ZARR = "sha256", "zarr.json"
+_PACKAGES = ("pymc-ship", "numpy", "scipy", "xarray", "arviz", "pymc")
+
+
+def rng_state(rng: np.random.Generator) -> str:
+    """State of a generator as JSON: what has to be restored to repeat the draws that follow."""
+    return json.dumps(rng.bit_generator.state, default=lambda value: np.asarray(value).tolist())
+
+
+def draws_tree(
+    data: RegressionData,
+    prior: Prior,
+    coefficients: np.ndarray,
+    noise_variance: np.ndarray,
+    *,
+    method: str,
+    rng_state: str,
+    groups: dict[str, xr.Dataset] | None = None,
+) -> xr.DataTree:
+    """Lay out draws on the original scale as a DataTree.
+
+    Parameters
+    ----------
+    data : RegressionData
+    prior : Prior
+    coefficients : ndarray, shape (n_chains, n_draws, n_terms)
+        Draws on the original scale.
+    noise_variance : ndarray, shape (n_chains, n_draws)
+        Draws of sigma2 on the scale of the original response.
+    method : str
+        How the draws were made: ``"conjugate"``, ``"semiconjugate"``, ``"gibbs"``, ``"nuts"``.
+    rng_state : str
+        State of the generator before the first draw, from :func:`rng_state`.
+    groups : dict of str to Dataset, optional
+        Further groups such as ``sample_stats``.
+
+    Returns
+    -------
+    DataTree
+        Groups posterior (``coefficients`` with dims chain, draw, coefficient; ``noise_variance`` with dims chain,
+        draw), log_likelihood (``response``), log_prior (``coefficients``, ``noise_variance``; joint density over the
+        coefficients), observed_data (``response``) and constant_data (``design_matrix``, ``time``); prior, vessel,
+        versions, generator state and citations in attrs.
+    """
+    n_chains, n_draws = noise_variance.shape
+    coords = {"chain": np.arange(n_chains), "draw": np.arange(n_draws)}
+    sample = ("chain", "draw")
+    names = {"coefficient": list(data.coefficients)}
+    row = {"row": np.arange(data.n_rows)}
+    posterior = xr.Dataset(
+        {"coefficients": ((*sample, "coefficient"), coefficients), "noise_variance": (sample, noise_variance)},
+        coords | names,
+    )
+    log_prior = {name: (sample, value) for name, value in _log_prior(data, prior, coefficients, noise_variance).items()}
+    log_likelihood = _log_likelihood(data, coefficients, noise_variance)
+    tree = {
+        "posterior": posterior,
+        "log_likelihood": xr.Dataset({"response": ((*sample, "row"), log_likelihood)}, coords | row),
+        "log_prior": xr.Dataset(log_prior, coords),
+        **data_groups(data),
+    }
+    work = prior.citation if method == prior.family else ""
+    root = xr.Dataset(attrs=tree_attrs(data, prior.hyperparameters(), method, rng_state, work))
+    return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
+
+
+def independent_posterior(
+    data: RegressionData,
+    prior: Prior,
+    draw: Callable[[int, np.random.Generator], tuple[np.ndarray, np.ndarray]],
+    *,
+    draws: int = 4000,
+    chains: int = 4,
+    rng: np.random.Generator,
+) -> xr.DataTree:
+    """Lay out independent draws of an exact posterior, dealt to chains, as :func:`draws_tree` does.
+
+    ``draw`` gives so many coefficients, shape (draws, n_terms), and noise variances, shape (draws,).
+
+    Raises
+    ------
+    ValueError
+        When ``draws`` is no positive multiple of ``chains``.
+    """
+    if draws < 1 or chains < 1 or draws % chains:
+        raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
+    state = rng_state(rng)
+    coefficients, noise_variance = draw(draws, rng)
+    coefficients, noise_variance = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
+    return draws_tree(data, prior, coefficients, noise_variance, method=prior.family, rng_state=state)
+
+
+def _log_prior(data: RegressionData, prior: Prior, coefficients: np.ndarray, noise_variance: np.ndarray) -> dict:
+    scaled_variance = noise_variance / data.response_scale**2
+    log_volume = np.linalg.slogdet(data.transformation[1])[1]
+    return {
+        "coefficients": prior.log_coefficients(data.to_scaled(coefficients), scaled_variance) - log_volume,
+        "noise_variance": prior.log_noise_variance(scaled_variance) - 2.0 * math.log(data.response_scale),
+    }
+
+
+def _log_likelihood(data: RegressionData, coefficients: np.ndarray, noise_variance: np.ndarray) -> np.ndarray:
+    log_density = data.response - coefficients @ data.design_matrix.T
+    np.square(log_density, out=log_density)
+    log_density /= noise_variance[..., None]
+    log_density += np.log(2.0 * math.pi * noise_variance)[..., None]
+    log_density *= -0.5
+    return log_density
+
+
+def tree_attrs(data: RegressionData, prior: dict, method: str, state: str, work: str = "") -> dict[str, str]:
+    """Attrs of a posterior: data, hyperparameters of the prior, generator, versions and works."""
+    return {
+        "method": method,
+        "vessel": data.vessel,
+        "dof": data.dof,
+        "derivative": data.derivative,
+        "record_verdict": data.record_verdict,
+        "record_remarks": data.record_remarks,
+        "prior": json.dumps(prior),
+        "scaling": json.dumps(
+            {
+                "column_center": data.column_center.tolist(),
+                "column_scale": data.column_scale.tolist(),
+                "response_center": data.response_center,
+                "response_scale": data.response_scale,
+            }
+        ),
+        "rng_state": state,
+        **provenance(work or CITATIONS.get(method, "")),
+    }
+
+
+def data_groups(data: RegressionData) -> dict[str, xr.Dataset]:
+    """Groups observed_data and constant_data of a posterior."""
+    row = {"row": np.arange(data.n_rows)}
+    constant = {
+        "design_matrix": (("row", "coefficient"), data.design_matrix),
+        "time": ("row", data.time, {"units": "s"}),
+    }
+    if len(set(data.run)) > 1:
+        constant["run"] = ("row", data.run)
+    return {
+        "observed_data": xr.Dataset({"response": ("row", data.response)}, row),
+        "constant_data": xr.Dataset(constant, row | {"coefficient": list(data.coefficients)}),
+    }
+
+
+def provenance(work: str) -> dict[str, str]:
+    """Attrs that tell the versions and the works a posterior rests on, its own among them where there is one."""
+    works = [CITATIONS["method"], *([work] if work else []), CITATIONS["arviz"]]
+    return {
+        "versions": json.dumps({package: version(package) for package in _PACKAGES}),
+        "citations": json.dumps(works),
+    }
+
+
+def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
+    """Write a posterior to NetCDF (``.nc``) or Zarr (``.zarr``); it appears under its name only when complete.
+
+    It carries a checksum, which :func:`read_posterior` asks for: the last bytes of a NetCDF file, the attribute
+    ``sha256`` of a Zarr folder.
+
+    Parameters
+    ----------
+    tree : DataTree
+    path : str or Path
+        Ends in ``.nc`` or ``.zarr``.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ValueError
+        For another ending.
+    OutputError
+        When the folder cannot be written.
+
+    Examples
+    --------
+    A posterior comes back as it was written:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=40, rng=np.random.default_rng(1))
+    >>> path = ps.write_posterior(tree, "yaw.nc")
+    >>> ps.read_posterior(path).identical(tree)
+    True
+    """
+    path = Path(path)
+    if path.suffix not in (".nc", ".zarr"):
+        raise ValueError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
+    with staged(path) as partial:
+        if path.suffix == ".nc":
+            _to_netcdf(tree, partial)
+            append_checksum(partial)
+        else:
+            tree.to_zarr(partial, consolidated=False)
+            index = json.loads((partial / _ZARR).read_text(encoding="utf-8"))
+            index["attributes"][_SUM] = _zarr_checksum(partial, index)
+            (partial / _ZARR).write_text(json.dumps(index), encoding="utf-8")
+    return path
+
+
+def read_posterior(path: str | Path) -> xr.DataTree:
+    """Read a posterior into memory, as :func:`write_posterior` or the ``to_netcdf`` or ``to_zarr`` of a tree wrote it.
+
+    A file that carries a checksum must fit it; one that carries none is read as it is.
+
+    Raises
+    ------
+    ValueError
+        For a path that is no such posterior, or one that was damaged or changed since it was written.
+    """
+    path = Path(path)
+    settle(path.parent)
+    if not path.exists():
+        raise ValueError(f"A posterior is read from a .nc or .zarr path, found nothing at {path}; check the path.")
+    zarr = path.suffix == ".zarr"
+    engine, options = ("zarr", {"consolidated": False}) if zarr else ("netcdf4", {})
+    try:
+        if not (_zarr_is_whole(path) if zarr else fits_its_checksum(path)):
+            raise ValueError("its checksum does not fit; copy or make it again")
+        with xr.open_datatree(path, engine=engine, **options) as stored:
+            tree = stored.load()
+    except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path} is no posterior written by this package: {error}.") from None
+    tree.attrs.pop(_SUM, None)
+    if "posterior" not in tree.children:
+        raise ValueError(f"{path} is no posterior written by this package: it has no group posterior.")
+    return tree
+
+
+def _to_netcdf(tree: xr.DataTree, path: Path) -> None:
+    try:
+        tree.to_netcdf(path, engine="netcdf4")
+    except RuntimeError as error:  # of a disk that is full, among others
+        raise OSError(None, f"{error}, the disk may be full") from None
+
+
+def _zarr_is_whole(path: Path) -> bool:
+    """Whether a Zarr folder is what the checksum in its index says; a folder whose index has none passes."""
+    try:
+        index = json.loads((path / _ZARR).read_text(encoding="utf-8"))
+        given = index["attributes"].pop(_SUM, None)
+        return given is None or given == _zarr_checksum(path, index)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return False
+
+
+def _zarr_checksum(path: Path, index: dict) -> str:
+    files = (found.relative_to(path) for found in path.rglob("[!.]*") if found.is_file())
+    return folder_checksum(path, (name for name in files if name != Path(_ZARR)), index)

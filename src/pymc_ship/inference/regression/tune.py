@@ -1,0 +1,320 @@
+"""Choice of a prior's hyperparameters: Bayesian optimisation of the cross-validated score, and the evidence maximum."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from pymc_ship.inference.regression.cross_validation import cross_validation
+from pymc_ship.inference.regression.families import prior_family
+from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.seeds import Seed, random_generator
+
+_STARTS = 12
+_RESOLUTION = 0.1
+
+
+class TuningError(ValueError):
+    """A search that cannot be made."""
+
+
+@dataclass(frozen=True, repr=False)
+class TunedPrior:
+    """The prior that predicts held-out rows best, and how it was found.
+
+    Every score is a log predictive density per held-out row on the original response, mean over the folds.
+
+    Attributes
+    ----------
+    prior : Prior
+        The better of ``seen_prior`` and ``surrogate_prior`` by score: the score of a prior is exact given the folds, so
+        nothing is gained by trusting the surrogate over it.
+    score, score_se : float
+        Score of ``prior`` and its standard error over the folds.
+    seen_prior, seen_score
+        Best of the points that the search evaluated, and its score.
+    surrogate_prior, surrogate_score
+        Optimum of the surrogate's mean over the box, and its score by one more evaluation.
+    points : ndarray, shape (evaluations, 3)
+        Shape, scale and kappa of the points evaluated, in order.
+    scores : ndarray, shape (evaluations,)
+    evidence_prior : Prior
+        Prior of the same box with the largest evidence, from :func:`maximise_evidence`.
+    log_evidence : float
+        Log evidence of ``evidence_prior``.
+    evidence_score : float
+        Score of ``evidence_prior``.
+    box : mapping of str to (float, float)
+        Bounds of the search.
+    """
+
+    prior: Prior
+    score: float
+    score_se: float
+    seen_prior: Prior
+    seen_score: float
+    surrogate_prior: Prior
+    surrogate_score: float
+    points: np.ndarray
+    scores: np.ndarray
+    evidence_prior: Prior
+    log_evidence: float
+    evidence_score: float
+    box: Mapping[str, tuple[float, float]]
+
+    def __repr__(self) -> str:
+        """The prior with its score, and what the search and the evidence maximum found beside it."""
+        found = {
+            "best point": (self.seen_prior, self.seen_score),
+            "surrogate": (self.surrogate_prior, self.surrogate_score),
+            "evidence": (self.evidence_prior, self.evidence_score),
+        }
+        head = f"TunedPrior of the {self.prior.family} family, {len(self.scores)} evaluations"
+        lines = [f"  {'prior':12}{_numbers(self.prior)}, score {self.score:.5g} ± {self.score_se:.2g}"]
+        lines += [f"  {name:12}{_numbers(prior)}, score {score:.5g}" for name, (prior, score) in found.items()]
+        edges = [f"  {name:12}on an edge of its box: {', '.join(at)}" for name, at in self.edges.items()]
+        return "\n".join([head, *lines, *edges])
+
+    @property
+    def edges(self) -> dict[str, tuple[str, ...]]:
+        """Hyperparameters that lie on a bound of the box, by ``prior`` or ``evidence``; empty where none does."""
+        found = {"prior": on_edge(self.prior, self.box), "evidence": on_edge(self.evidence_prior, self.box)}
+        return {name: at for name, at in found.items() if at}
+
+
+def tune_prior(
+    data: RegressionData,
+    family: str = "conjugate",
+    *,
+    evaluations: int = 40,
+    folds: int = 5,
+    split: str = "blocks",
+    box: dict[str, tuple[float, float]] | None = None,
+    rng: Seed,
+) -> TunedPrior:
+    """Hyperparameters by Bayesian optimisation of the K-fold log predictive density; the prior mean is zero.
+
+    A Latin hypercube of 12 points (a third of the evaluations when they are few) starts the search; a Gaussian process
+    with expected improvement goes on with it, over the logarithms of the hyperparameters. It sees
+    asinh(10 (r - score)), r the score of the evidence maximum: linear within a tenth of a nat of r, logarithmic where
+    a prior fails.
+
+    Parameters
+    ----------
+    data : RegressionData
+    family : str, optional
+        ``"conjugate"``, ``"semiconjugate"`` or a registered family.
+    evaluations : int, optional
+        Points evaluated, at least 6.
+    folds, split : optional
+        As :func:`~pymc_ship.inference.regression.cross_validation.fold_rows`.
+    box : dict of str to (float, float), optional
+        Bounds of the names that the ``box`` of the family has, which for both families of the paper are ``shape``,
+        ``noise_variance`` (scale / shape) and ``kappa``; that box by default.
+    rng : int, SeedSequence or Generator
+
+    Returns
+    -------
+    TunedPrior
+
+    Raises
+    ------
+    PriorError
+        For an unknown family.
+    CrossValidationError
+        For folds that the rows do not make.
+    TuningError
+        For fewer than 6 evaluations, or a box with other names, or bounds not positive and rising.
+
+    References
+    ----------
+    Xue et al. (2020), Algorithm 2, doi:10.1016/j.oceaneng.2019.106612; Jones, Schonlau & Welch (1998),
+    doi:10.1023/A:1008306431147.
+    """
+    rng = random_generator(rng)
+    prior_type = prior_family(family)
+    bounds = _log_bounds(prior_type, box)
+    if evaluations < 6:
+        raise TuningError(f"The search evaluates at least 6 points, found {evaluations}; raise evaluations.")
+    validation = cross_validation(data, folds, split=split, rng=rng)
+    evidence_prior, log_evidence = maximise_evidence(data, family, box=box)
+    evidence_score = validation.score(evidence_prior).mean
+
+    def loss(point):
+        return float(np.arcsinh((evidence_score - validation.score(_prior(prior_type, point)).mean) / _RESOLUTION))
+
+    points, losses, surrogate_point = _search(loss, bounds, evaluations, rng)
+    seen, surrogate = (_prior(prior_type, point) for point in (points[np.argmin(losses)], surrogate_point))
+    seen_score, surrogate_score = validation.score(seen), validation.score(surrogate)
+    best, score = (seen, seen_score) if seen_score.mean >= surrogate_score.mean else (surrogate, surrogate_score)
+    priors = [_prior(prior_type, point) for point in points]
+    return TunedPrior(
+        prior=best,
+        score=score.mean,
+        score_se=score.se,
+        seen_prior=seen,
+        seen_score=seen_score.mean,
+        surrogate_prior=surrogate,
+        surrogate_score=surrogate_score.mean,
+        points=np.array([[prior.shape, prior.scale, prior.kappa] for prior in priors]),
+        scores=evidence_score - _RESOLUTION * np.sinh(losses),
+        evidence_prior=evidence_prior,
+        log_evidence=log_evidence,
+        evidence_score=evidence_score,
+        box=dict(prior_type.box if box is None else box),
+    )
+
+
+def maximise_evidence(
+    data: RegressionData, family: str = "conjugate", *, box: dict[str, tuple[float, float]] | None = None
+) -> tuple[Prior, float]:
+    """Prior of a box with the largest evidence (empirical Bayes), its shape under a weak hyperprior.
+
+    The search is by L-BFGS-B from the middle and half of the corners. What it maximises is the log evidence and
+    :meth:`pymc_ship.inference.regression.priors.Prior.log_hyperprior`.
+
+    Parameters
+    ----------
+    data : RegressionData
+    family : str, optional
+        ``"conjugate"``, ``"semiconjugate"`` or a registered family.
+    box : dict of str to (float, float), optional
+        As :func:`tune_prior`; :func:`on_edge` tells where the maximum lies on a bound.
+
+    Returns
+    -------
+    prior : Prior
+        With mean zero.
+    log_evidence : float
+
+    Raises
+    ------
+    PriorError
+        For an unknown family.
+    TuningError
+        For a box with other names, or bounds not positive and rising.
+
+    Examples
+    --------
+    The log evidence of the prior found, and of the default prior:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
+    >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
+    >>> prior, log_evidence = ps.maximise_evidence(data, family="conjugate")
+    >>> print(f"{log_evidence:.0f} > {ps.conjugate(data, ps.ConjugatePrior()).log_evidence:.0f}")
+    1360 > 1255
+    """
+    from scipy.optimize import minimize
+
+    prior_type = prior_family(family)
+    bounds = _log_bounds(prior_type, box)
+    low, width = bounds[:, 0], np.ptp(bounds, axis=1)
+
+    def loss(fraction):
+        prior = _prior(prior_type, low + width * np.clip(fraction, 0.0, 1.0))
+        return -prior.exact(data).log_evidence - prior.log_hyperprior()
+
+    corners = [corner for corner in product((-1, 1), repeat=len(low)) if corner.count(1) % 2 == 0]
+    starts = 0.5 + 0.25 * np.array([[0] * len(low), *corners])
+    options = {"eps": 1e-6, "ftol": 1e-13, "maxiter": 200}
+    results = [minimize(loss, x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(low), options=options) for x in starts]
+    best = min(results, key=lambda result: result.fun)
+    prior = _prior(prior_type, low + width * np.clip(best.x, 0.0, 1.0))
+    return prior, prior.exact(data).log_evidence
+
+
+def on_edge(prior: Prior, box: Mapping[str, tuple[float, float]] | None = None) -> tuple[str, ...]:
+    """Names of the hyperparameters that lie on a bound of a box, the family's own by default.
+
+    Such an optimum is no optimum: the box ended the search.
+
+    Parameters
+    ----------
+    prior : Prior
+    box : dict of str to (float, float), optional
+        As :func:`tune_prior`.
+
+    Returns
+    -------
+    tuple of str
+    """
+    box = prior.box if box is None else box
+    values = {"shape": prior.shape, "noise_variance": prior.scale / prior.shape, "kappa": prior.kappa}
+    near = (name for name, bounds in box.items() if np.isclose(np.log(values[name]), np.log(bounds), atol=1e-3).any())
+    return tuple(near)
+
+
+def _search(loss, bounds: np.ndarray, evaluations: int, rng: np.random.Generator):
+    """Points evaluated (log hyperparameters), the loss there, and the optimum of the surrogate's mean."""
+    from skopt import Optimizer
+    from skopt.utils import cook_estimator, normalize_dimensions
+    from threadpoolctl import threadpool_limits
+
+    seed, space = int(rng.integers(2**31)), [tuple(map(float, pair)) for pair in bounds]
+    surrogate = cook_estimator("GP", space=normalize_dimensions(space), random_state=seed, noise=1e-6)
+    optimizer = Optimizer(
+        space,
+        base_estimator=surrogate,
+        acq_func="EI",
+        n_initial_points=min(_STARTS, evaluations // 3),
+        initial_point_generator="lhs",
+        random_state=seed,
+    )
+    points, losses = np.empty((evaluations, len(bounds))), np.empty(evaluations)
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "The objective has been evaluated at point", UserWarning)
+        warnings.filterwarnings("ignore", category=_convergence_warning())
+        for k in range(evaluations):
+            points[k] = optimizer.ask()
+            losses[k] = loss(points[k])
+            optimizer.tell(list(points[k]), losses[k])
+        low, width = bounds[:, 0], np.ptp(bounds, axis=1)
+        fraction = _surrogate_optimum(optimizer.models[-1], (points - low) / width, rng)
+    return points, losses, low + width * fraction
+
+
+def _surrogate_optimum(surrogate, seen: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Where the mean of the surrogate is least in the unit cube."""
+    from scipy.optimize import minimize
+
+    candidates = np.vstack([rng.random((4096, seen.shape[1])), np.clip(seen, 0.0, 1.0)])
+    best = candidates[np.argsort(surrogate.predict(candidates))[:5]]
+    results = [
+        minimize(lambda x: float(surrogate.predict(x[None])[0]), x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * x.size)
+        for x in best
+    ]
+    return np.clip(min(results, key=lambda result: result.fun).x, 0.0, 1.0)
+
+
+def _convergence_warning() -> type[Warning]:
+    from sklearn.exceptions import ConvergenceWarning
+
+    return ConvergenceWarning
+
+
+def _log_bounds(prior_type: type[Prior], box: Mapping[str, tuple[float, float]] | None) -> np.ndarray:
+    names = tuple(prior_type.box)
+    box = prior_type.box if box is None else box
+    if set(box) != set(names):
+        raise TuningError(f"A box bounds {', '.join(names)}, found {', '.join(box) or 'nothing'}; name these.")
+    bounds = np.array([box[name] for name in names], dtype=float)
+    if bounds.shape != (len(names), 2) or not (bounds[:, 0] > 0.0).all() or not (bounds[:, 0] < bounds[:, 1]).all():
+        raise TuningError(f"Bounds are pairs that rise and lie above 0, found {bounds.tolist()}; mend them.")
+    return np.log(bounds)
+
+
+def _numbers(prior: Prior) -> str:
+    return f"shape {prior.shape:.4g}, scale {prior.scale:.4g}, kappa {prior.kappa:.4g}"
+
+
+def _prior(prior_type: type[Prior], point: np.ndarray) -> Prior:
+    return prior_type.from_box(**dict(zip(prior_type.box, np.exp(point).tolist(), strict=True)))

@@ -1,0 +1,220 @@
+"""Design matrix and response of one degree of freedom, their scaling and their conditioning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pymc_ship.inference.rows.frames import Formula, check_same_rows, formula_rows, frame_columns, frame_names, is_frame
+from pymc_ship.inference.rows.scaling import SCALINGS, RegressionDataError, ScaledRegression
+from pymc_ship.machine.arguments import check_choice
+
+
+@dataclass(frozen=True, repr=False)
+class RegressionData(ScaledRegression):
+    """Regression data of one response, in original units, with the scaling that priors live on.
+
+    With ``s_j`` and ``c_j`` the scale and centre of column j and ``s``, ``c`` those of the response, the scaled
+    coefficients b* obey (y - c)/s = sum_j b*_j (x_j - c_j)/s_j + e. Columns are centred only when the design holds a
+    constant column, which then takes up the shift; so b = offset + T b* maps back exactly.
+
+    Attributes
+    ----------
+    design_matrix : ndarray, shape (n_rows, n_terms)
+    response : ndarray, shape (n_rows,)
+    coefficients : tuple of str
+        Names, length n_terms.
+    column_center, column_scale : ndarray, shape (n_terms,)
+    response_center, response_scale : float
+    constant : int
+        Index of the constant column, -1 where there is none.
+    time : ndarray, shape (n_rows,)
+        Coordinate of the rows [s]; the row number where no time is known.
+    run : ndarray of str, shape (n_rows,)
+        Run that each row is of; all are of run 1 where one trial was given.
+    dof, vessel, derivative, record_verdict, record_remarks : str
+        What the rows were made from, and what :func:`pymc_ship.judged_trial` said of the trial.
+    formula : Formula or None
+        What made the columns, for :meth:`from_formula`.
+    """
+
+    design_matrix: np.ndarray
+    response: np.ndarray
+    coefficients: tuple[str, ...]
+    column_center: np.ndarray
+    column_scale: np.ndarray
+    response_center: float
+    response_scale: float
+    constant: int
+    time: np.ndarray
+    run: np.ndarray
+    dof: str = ""
+    vessel: str = ""
+    derivative: str = ""
+    record_verdict: str = "not checked"
+    record_remarks: str = ""
+    formula: Formula | None = None
+
+    @classmethod
+    def from_formula(
+        cls, formula: str, frame: Any, *, scaling: str = "none", time: np.ndarray | None = None, **labels: str
+    ) -> RegressionData:
+        """Regression data from a formula as Bambi writes it, and a table of its variables.
+
+        The formula is read by formulae, the parser of Bambi, which ``pymc-ship[formula]`` installs. Posteriors of these
+        data predict the response of new tables of the variables.
+
+        Parameters
+        ----------
+        formula : str
+            Such as ``"Y ~ v + r + v:r + I(delta**2)"``; the intercept is there unless ``0 +`` takes it off.
+        frame : DataFrame
+            Without gaps in the columns that the formula names.
+        scaling, time, **labels
+            As :meth:`from_arrays`.
+
+        Returns
+        -------
+        RegressionData
+            With the names of formulae, such as ``Intercept`` and ``v:r``.
+
+        Raises
+        ------
+        RegressionDataError
+            Where formulae is not installed, for a formula that does not fit the table or has terms that vary by group,
+            and as :meth:`from_arrays`.
+
+        References
+        ----------
+        Capretto et al. (2022), Bambi, Journal of Statistical Software 103(15), doi:10.18637/jss.v103.i15.
+        """
+        design_matrix, response, read = formula_rows(formula, frame)
+        data = cls.from_arrays(design_matrix, response, read.names, scaling=scaling, time=time, **labels)
+        return replace(data, formula=read)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        design_matrix: Any,
+        response: np.ndarray,
+        coefficients: Sequence[str] | None = None,
+        *,
+        scaling: str = "none",
+        time: np.ndarray | None = None,
+        run: Sequence[str] | None = None,
+        **labels: str,
+    ) -> RegressionData:
+        """Regression data from plain arrays, or from a table.
+
+        Parameters
+        ----------
+        design_matrix : array_like, shape (n_rows, n_terms), or DataFrame
+        response : array_like, shape (n_rows,)
+        coefficients : sequence of str, optional
+            Names of the columns; ``x1``, ``x2``, ... by default. Of a DataFrame they choose columns, all by default.
+        scaling : {"none", "zscore"}, optional
+            Whether priors live on the columns as they are or on columns (and response) of unit mean square, centred
+            where the design holds a constant column.
+        time : array_like, shape (n_rows,), optional
+            Coordinate of the rows [s].
+        run : sequence of str, length n_rows, optional
+            Run that each row is of.
+        **labels : str
+            The texts from ``dof`` to ``record_remarks``, kept for the record.
+
+        Returns
+        -------
+        RegressionData
+
+        Raises
+        ------
+        RegressionDataError
+            For wrong shapes, values that are not finite, names that are missing or there twice, columns without
+            variation, a table and a response that do not have the same index.
+        """
+        if is_frame(design_matrix):
+            check_same_rows(design_matrix, response)
+            coefficients = frame_names(design_matrix) if coefficients is None else tuple(coefficients)
+            design_matrix = frame_columns(design_matrix, coefficients, "The rows")
+        X = np.array(design_matrix, dtype=float, order="C")
+        y = np.array(response, dtype=float)
+        if X.ndim != 2 or X.size == 0:
+            raise RegressionDataError(f"A design matrix has shape (rows, terms), found {X.shape}; reshape it.")
+        names = tuple(coefficients) if coefficients is not None else tuple(f"x{j + 1}" for j in range(X.shape[1]))
+        _check(X, y, names)
+        varies = np.ptp(X, axis=0) > 1e-14 * np.abs(X).max(axis=0)
+        constants = np.flatnonzero(~varies & (X[0] != 0.0))
+        constant = int(constants[0]) if constants.size else -1
+        rows = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
+        if rows.shape != y.shape:
+            raise RegressionDataError(f"The time has one value for each of {len(y)} rows, found shape {rows.shape}.")
+        runs = np.full(len(y), "1") if run is None else np.array(run, dtype=str)
+        if runs.shape != y.shape:
+            raise RegressionDataError(f"Each of {len(y)} rows is of one run, found runs of shape {runs.shape}.")
+        unscaled = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names))}
+        unscaled |= {"response_center": 0.0, "response_scale": 1.0}
+        of_rows = {"design_matrix": X, "response": y, "time": rows, "run": runs}
+        data = cls(coefficients=names, constant=constant, **of_rows, **unscaled, **labels)
+        check_choice("The scaling", scaling, SCALINGS, RegressionDataError)
+        return data if scaling == "none" else data._zscored(varies)
+
+    def _zscored(self, varies: np.ndarray) -> RegressionData:
+        idle = [name for j, name in enumerate(self.coefficients) if not varies[j] and j != self.constant]
+        if idle:
+            raise RegressionDataError(
+                f"A z-scored column must vary over the rows; {', '.join(idle)} did not: leave the terms out or use a "
+                "trial that excites them."
+            )
+        center = self.design_matrix.mean(axis=0) if self.constant >= 0 else np.zeros(self.n_terms)
+        middle = float(self.response.mean()) if self.constant >= 0 else 0.0
+        scale = np.sqrt(np.mean((self.design_matrix - center) ** 2, axis=0))
+        if self.constant >= 0:
+            center[self.constant] = 0.0
+            scale[self.constant] = abs(self.design_matrix[0, self.constant])
+        spread = float(np.sqrt(np.mean((self.response - middle) ** 2)))
+        if spread <= 1e-14 * np.abs(self.response).max():
+            raise RegressionDataError("The response must vary over the rows; it is constant: check the trial.")
+        return replace(self, column_center=center, column_scale=scale, response_center=middle, response_scale=spread)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return self.design_matrix.shape[0]
+
+    @property
+    def constant_level(self) -> float:
+        """Value of the constant column, 0 where there is none."""
+        return float(self.design_matrix[0, self.constant]) if self.constant >= 0 else 0.0
+
+    @cached_property
+    def scaled_design_matrix(self) -> np.ndarray:
+        """Columns that the priors live on, shape (n_rows, n_terms)."""
+        return (self.design_matrix - self.column_center) / self.column_scale
+
+    @cached_property
+    def scaled_response(self) -> np.ndarray:
+        """Response that the priors live on, shape (n_rows,)."""
+        return (self.response - self.response_center) / self.response_scale
+
+    def rows(self, index: np.ndarray) -> RegressionData:
+        """Return the given rows (integers or mask), with the scaling of the whole."""
+        kept = {name: getattr(self, name)[index] for name in ("design_matrix", "response", "time", "run")}
+        return replace(self, **kept)
+
+
+def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...]) -> None:
+    if y.shape != (X.shape[0],):
+        raise RegressionDataError(f"The response has one value for each of {X.shape[0]} rows, found shape {y.shape}.")
+    if len(names) != X.shape[1]:
+        raise RegressionDataError(f"Each of the {X.shape[1]} columns has one name, found {len(names)} names.")
+    if len(set(names)) != len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise RegressionDataError(f"Coefficient names must differ, found {', '.join(twice)} more than once.")
+    bad = [name for j, name in enumerate(names) if not np.isfinite(X[:, j]).all()]
+    if bad or not np.isfinite(y).all():
+        where = ", ".join(bad) if bad else "the response"
+        raise RegressionDataError(f"Regression data must be finite, found NaN or infinity in {where}; clean the trial.")

@@ -1,0 +1,208 @@
+"""Laws of the errors of a regression: normal, Student-t and AR(1).
+
+With e the error of a row and sigma2 the ``noise_variance``:
+
+- ``normal``: e ~ N(0, sigma2), independent.
+- ``student_t``: e ~ t(nu, 0, sigma), independent, nu = ``degrees_of_freedom`` ~ Gamma(2, 0.1) of mean 20; sigma2 is
+  the square of the scale, the variance is sigma2 nu / (nu - 2).
+- ``ar1``: e_t | e_(t-1) ~ N(rho e_(t-1), (1 - rho^2) sigma2), rho = ``autocorrelation`` ~ Uniform(-1, 1); the first row
+  is stationary, e_1 ~ N(0, sigma2), and sigma2 is the variance of every row.
+
+So sigma2, and with it the prior, means the same throughout: large nu and rho = 0 are the normal model.
+
+References
+----------
+Juarez & Steel (2010), Model-based clustering of non-Gaussian panel data, JBES 28(1):52, doi:10.1198/jbes.2009.07145
+(the prior of nu); Prais & Winsten (1954), Cowles Commission discussion paper 383 (the first row).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.machine.arguments import check_choice
+
+_LOG_2PI = math.log(2.0 * math.pi)
+NU_SHAPE, NU_RATE = 2.0, 0.1
+"""Gamma prior of the degrees of freedom."""
+
+_PLUG_IN_NU = 4.0
+
+
+@dataclass(frozen=True)
+class ErrorLaw:
+    """What differs between the laws; arrays of the parameter have shape (...), of rows (..., n_rows).
+
+    Attributes
+    ----------
+    parameter : str
+        Name of the parameter beside the noise variance, ``""`` for none.
+    prior : str
+        Its prior in words.
+    draw_parameter : callable
+        (rng, size) -> draws of its prior.
+    log_parameter : callable
+        parameter -> log prior density.
+    draw_errors : callable
+        (rng, noise_sd, parameter, n_rows) -> errors.
+    log_likelihood : callable
+        (residual, noise_variance, parameter) -> log density of each row; for AR(1) given the rows before it.
+    whiten : callable
+        (residual, noise_variance) -> function of rows, shape (n_rows, ...), that makes the errors nearly normal and
+        independent.
+    """
+
+    parameter: str
+    prior: str
+    draw_parameter: Callable
+    log_parameter: Callable
+    draw_errors: Callable
+    log_likelihood: Callable
+    whiten: Callable
+
+
+def _normal_log_likelihood(residual, noise_variance, _):
+    return -0.5 * (_LOG_2PI + np.log(noise_variance)[..., None] + residual**2 / noise_variance[..., None])
+
+
+def _student_t_log_likelihood(residual, noise_variance, nu):
+    from scipy.special import gammaln
+
+    constant = gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu) - 0.5 * np.log(math.pi * nu * noise_variance)
+    tail = np.log1p(residual**2 / (nu * noise_variance)[..., None])
+    return constant[..., None] - 0.5 * (nu + 1.0)[..., None] * tail
+
+
+def _ar1_log_likelihood(residual, noise_variance, rho):
+    innovation = residual.copy()
+    innovation[..., 1:] -= rho[..., None] * residual[..., :-1]
+    variance = np.repeat(noise_variance[..., None], residual.shape[-1], axis=-1)
+    variance[..., 1:] *= (1.0 - rho**2)[..., None]
+    return -0.5 * (_LOG_2PI + np.log(variance) + innovation**2 / variance)
+
+
+def _draw_ar1(rng, noise_sd, rho, n_rows):
+    errors = noise_sd[..., None] * rng.standard_normal((*np.shape(noise_sd), n_rows))
+    errors[..., 1:] *= np.sqrt(1.0 - rho**2)[..., None]
+    for t in range(1, n_rows):
+        errors[..., t] += rho * errors[..., t - 1]
+    return errors
+
+
+def _whiten_student_t(residual, noise_variance):
+    weight = np.sqrt((_PLUG_IN_NU + 1.0) / (_PLUG_IN_NU + residual**2 / noise_variance))
+    return lambda rows: (rows.T * weight).T
+
+
+def plug_in_autocorrelation(residual: np.ndarray) -> float:
+    """Autocorrelation of residuals, shape (n_rows,), kept off the bounds."""
+    square = residual @ residual
+    return float(np.clip(residual[1:] @ residual[:-1] / square if square > 0.0 else 0.0, -0.995, 0.995))
+
+
+def _whiten_ar1(residual, _):
+    """Prais-Winsten transformation at the autocorrelation of the residuals."""
+    rho = plug_in_autocorrelation(residual)
+    root = math.sqrt(1.0 - rho**2)
+    return lambda rows: np.concatenate([rows[:1], (rows[1:] - rho * rows[:-1]) / root])
+
+
+ERRORS = {
+    "normal": ErrorLaw(
+        parameter="",
+        prior="",
+        draw_parameter=lambda rng, size: np.zeros(size),
+        log_parameter=np.zeros_like,
+        draw_errors=lambda rng, sd, _, n_rows: sd[..., None] * rng.standard_normal((*np.shape(sd), n_rows)),
+        log_likelihood=_normal_log_likelihood,
+        whiten=lambda residual, noise_variance: lambda rows: rows,
+    ),
+    "student_t": ErrorLaw(
+        parameter="degrees_of_freedom",
+        prior="Gamma(shape 2, rate 0.1)",
+        draw_parameter=lambda rng, size: rng.gamma(NU_SHAPE, 1.0 / NU_RATE, size),
+        log_parameter=lambda nu: 2.0 * math.log(NU_RATE) + np.log(nu) - NU_RATE * nu,
+        draw_errors=lambda rng, sd, nu, n_rows: sd[..., None] * rng.standard_t(nu[..., None], (*np.shape(sd), n_rows)),
+        log_likelihood=_student_t_log_likelihood,
+        whiten=_whiten_student_t,
+    ),
+    "ar1": ErrorLaw(
+        parameter="autocorrelation",
+        prior="Uniform(-1, 1)",
+        draw_parameter=lambda rng, size: rng.uniform(-1.0, 1.0, size),
+        log_parameter=lambda rho: np.full_like(rho, -math.log(2.0)),
+        draw_errors=_draw_ar1,
+        log_likelihood=_ar1_log_likelihood,
+        whiten=_whiten_ar1,
+    ),
+}
+"""Error laws by name."""
+
+
+_CITED = {
+    "student_t": ["Juarez & Steel (2010), JBES 28(1):52, doi:10.1198/jbes.2009.07145"],
+    "ar1": ["Prais & Winsten (1954), Cowles Commission discussion paper 383"],
+}
+
+
+def error_law(errors: str, data: RegressionData | None = None) -> ErrorLaw:
+    """Error law of a name, checked against the data.
+
+    Raises
+    ------
+    ValueError
+        For a name that is none.
+    RegressionDataError
+        For AR(1) errors on rows that are not uniformly spaced in time.
+    """
+    check_choice("The law of the errors", errors, ERRORS)
+    if errors == "ar1" and data is not None:
+        steps = np.diff(data.time)
+        if steps.size and not (steps[0] > 0.0 and np.allclose(steps, steps[0], rtol=1e-4, atol=0.0)):
+            raise RegressionDataError(
+                f"AR(1) errors need contiguous rows at uniform times, found steps from {steps.min():g} to "
+                f"{steps.max():g} s; use every row of one trial."
+            )
+    return ERRORS[errors]
+
+
+def errors_of(tree: xr.DataTree) -> str:
+    """Law of the errors that a posterior records."""
+    return tree.attrs.get("errors", "normal")
+
+
+def with_errors(tree: xr.DataTree, data: RegressionData, errors: str, parameter: np.ndarray) -> xr.DataTree:
+    """Posterior tree with the parameter of its error law and the log likelihood that belongs to it.
+
+    Parameters
+    ----------
+    tree : DataTree
+        As :func:`~pymc_ship.inference.regression.tree.draws_tree`.
+    data : RegressionData
+    errors : {"student_t", "ar1"}
+    parameter : ndarray, shape (n_chains, n_draws)
+
+    Returns
+    -------
+    DataTree
+        New; also with the log prior density of the parameter, and ``errors`` and ``error_prior`` in attrs.
+    """
+    law, sample = error_law(errors, data), ("chain", "draw")
+    groups = {name: group.to_dataset() for name, group in tree.children.items()}
+    posterior = groups["posterior"].assign({law.parameter: (sample, parameter)})
+    residual = data.response - posterior["coefficients"].to_numpy() @ data.design_matrix.T
+    density = law.log_likelihood(residual, posterior["noise_variance"].to_numpy(), parameter)
+    groups["posterior"] = posterior
+    groups["log_likelihood"] = groups["log_likelihood"].assign(response=((*sample, "row"), density))
+    groups["log_prior"] = groups["log_prior"].assign({law.parameter: (sample, law.log_parameter(parameter))})
+    cited = json.dumps([*json.loads(tree.attrs["citations"]), *_CITED[errors]])
+    attrs = tree.attrs | {"errors": errors, "error_prior": f"{law.parameter} ~ {law.prior}", "citations": cited}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})

@@ -1,0 +1,301 @@
+"""Coefficients partially pooled over groups of runs: sides, ships or facilities; pymc is imported only when called.
+
+With b_g the scaled coefficients of group g, m their mean over all groups that could be, and tau_j the spread of
+coefficient j between groups:
+
+    m_j ~ N(mean_j, kappa_j),  tau_j ~ HalfNormal(spread),  b_gj ~ N(m_j, tau_j^2),
+    sigma2_g ~ IG(shape, scale),  y ~ N(X b_g, sigma2_g) in each row of group g.
+
+:func:`hierarchical_model` states it for users to change, not centred: m and b are linear in standard normal variables
+(Papaspiliopoulos, Roberts & Skoeld 2007). NUTS is slow there, since the width of what many rows determine is as narrow
+as tau is wide. :func:`hierarchical_posterior` therefore draws tau and sigma2 from their marginal posterior, in which m
+and b are integrated out (Lindley & Smith 1972, JRSS B 34(1):1, doi:10.1111/j.2517-6161.1972.tb00885.x), and then m and
+b exactly, given these. With the triangles R of the rows of each group, S = sigma2 I + R diag(tau^2) R' is the variance
+of their projections about R m, and the rest of the rows speaks of sigma2 alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.priors import PriorError, check_prior
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.inference.sampling.own_tree import posterior_tree
+from pymc_ship.inference.sampling.regression_model import sample_model
+from pymc_ship.machine.arguments import finite_number
+from pymc_ship.machine.seeds import Seed, random_generator
+
+if TYPE_CHECKING:
+    import pymc as pm
+
+
+def hierarchical_model(
+    data: RegressionData,
+    prior: SemiConjugatePrior,
+    groups: Mapping[str, str] | None = None,
+    *,
+    spread: float = 1.0,
+) -> pm.Model:
+    """PyMC model of coefficients that are partially pooled over groups of runs.
+
+    Parameters
+    ----------
+    data : RegressionData
+        Of several trials, from :func:`pymc_ship.regression_data`.
+    prior : SemiConjugatePrior
+        Of the means over groups on the scaled columns, and of the noise variance of each group.
+    groups : mapping of str to str, optional
+        Group of each run, such as its side or facility; by default each run is a group.
+    spread : float, optional
+        Scale of the half-normal prior of the standard deviation between groups, on the scaled columns: 1 is a
+        difference that moves the response by as much as it varies.
+
+    Returns
+    -------
+    pymc.Model
+        Free variables ``standardised`` (dims level, coefficient), ``scaled_group_sd`` (coefficient) and
+        ``scaled_group_noise_variance`` (group); deterministic, on the original scale, ``coefficients`` (the means over
+        groups), ``group_coefficients`` (group, coefficient), ``group_sd`` (coefficient) and ``group_noise_variance``
+        (group); observed ``response`` (row).
+
+    Raises
+    ------
+    RegressionDataError
+        For fewer than two groups, or a run without one.
+    PriorError
+        For a prior whose coefficients depend on the noise variance, or vectors of the wrong length.
+
+    References
+    ----------
+    Gelman & Hill (2007), Data Analysis Using Regression and Multilevel/Hierarchical Models, ch. 12-13;
+    Papaspiliopoulos, Roberts & Skoeld (2007), doi:10.1214/088342307000000014.
+    """
+    import pymc as pm
+    import pytensor.tensor as pt
+
+    spread = _checked(prior, spread)
+    labels, group = group_of_rows(data, groups)
+    offset, transformation = data.transformation
+    mean, root = prior.means(data.n_terms), np.sqrt(prior.kappas(data.n_terms))
+    coords = {"coefficient": list(data.coefficients), "row": np.arange(data.n_rows), "group": labels}
+    with pm.Model(coords=coords | {"level": ["mean", *labels]}) as model:
+        design = pm.Data("design_matrix", data.design_matrix, dims=("row", "coefficient"))
+        response = pm.Data("observed_response", data.response, dims="row")
+        group_sd = pm.HalfNormal("scaled_group_sd", spread, dims="coefficient")
+        variance = pm.InverseGamma("scaled_group_noise_variance", prior.shape, prior.scale, dims="group")
+        standard = pm.Normal("standardised", 0.0, 1.0, dims=("level", "coefficient"))
+        means = mean + root * standard[0]
+        scaled = means + group_sd * standard[1:]
+        pm.Deterministic("coefficients", offset + pt.dot(transformation, means), dims="coefficient")
+        dims = ("group", "coefficient")
+        each = pm.Deterministic("group_coefficients", offset + pt.dot(scaled, transformation.T), dims=dims)
+        pm.Deterministic("group_sd", pt.sqrt(pt.dot(transformation**2, group_sd**2)), dims="coefficient")
+        noise = pm.Deterministic("group_noise_variance", data.response_scale**2 * variance, dims="group")
+        fit = (design * each[group]).sum(axis=1)
+        pm.Normal("response", fit, pt.sqrt(noise)[group], observed=response, dims="row")
+    return model
+
+
+def hierarchical_posterior(
+    data: RegressionData,
+    prior: SemiConjugatePrior,
+    groups: Mapping[str, str] | None = None,
+    *,
+    spread: float = 1.0,
+    draws: int = 1000,
+    chains: int = 4,
+    tune: int = 1000,
+    target_accept: float = 0.9,
+    rng: Seed,
+    progress: bool = False,
+) -> xr.DataTree:
+    """Draws from the posterior of :func:`hierarchical_model`, laid out as a DataTree.
+
+    NUTS draws the spreads between groups and the noise variances; the coefficients are drawn exactly, given these.
+
+    Parameters
+    ----------
+    data, prior, groups, spread
+        As :func:`hierarchical_model`.
+    draws, chains, tune, target_accept, progress : optional
+        As :func:`~pymc_ship.inference.sampling.regression_model.nuts_posterior`.
+    rng : int, SeedSequence or Generator
+
+    Returns
+    -------
+    DataTree
+        As :func:`~pymc_ship.inference.sampling.own_tree.posterior_tree`. ``coefficients`` are the means over groups;
+        ``group_coefficients``, ``group_sd`` and ``group_noise_variance`` stand beside them.
+
+    Raises
+    ------
+    RegressionDataError, PriorError
+        As :func:`hierarchical_model`.
+    ValueError
+        For counts that are not positive, or an acceptance rate outside 0 to 1.
+
+    Examples
+    --------
+    Zigzags that begin to starboard and to port:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng, sides = ps.load_vessel("kvlcc2"), np.random.default_rng(1), ("starboard", "port")
+    >>> zigzags = {side: ps.zigzag(20, 20, side=side) for side in sides}
+    >>> trials = {side: ps.simulate(vessel, zigzags[side], duration=600, step=0.5) for side in sides}
+    >>> noisy = {side: ps.pollute(trial, level=0.01, rng=rng) for side, trial in trials.items()}
+    >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
+    >>> tree = ps.hierarchical_posterior(data, ps.SemiConjugatePrior(), draws=100, tune=200, chains=2, rng=rng)
+    >>> dict(tree["posterior"]["group_coefficients"].sizes)
+    {'chain': 2, 'draw': 100, 'group': 2, 'coefficient': 12}
+    """
+    rng, spread = random_generator(rng), _checked(prior, spread)
+    labels, group = group_of_rows(data, groups)
+    reduced = reduced_groups(data, prior, group)
+    settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept}
+    seed = int(rng.integers(2**31))
+    sampled = sample_model(marginal_model(reduced, prior, spread), settings, seed, progress)
+    rng = np.random.default_rng([seed, 1])
+    tau, variance = (
+        sampled["posterior"][name].to_numpy() for name in ("scaled_group_sd", "scaled_group_noise_variance")
+    )
+    flat = standardised_draws(reduced, prior, tau.reshape(-1, data.n_terms), variance.reshape(-1, len(reduced)), rng)
+    groups_sampled = {
+        "posterior": _posterior(data, prior, labels, (tau, variance, flat)),
+        "sample_stats": sampled["sample_stats"].to_dataset(),
+    }
+    model = hierarchical_model(data, prior, groups, spread=spread)
+    return posterior_tree(xr.DataTree.from_dict(groups_sampled), data, model, rng=rng)
+
+
+def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tuple[list[str], np.ndarray]:
+    """Labels of the groups in the order of their first rows, and the number of the group of each row.
+
+    Raises
+    ------
+    RegressionDataError
+        For fewer than two groups, or a run without one.
+    """
+    runs = list(dict.fromkeys(data.run.tolist()))
+    groups = {run: run for run in runs} if groups is None else groups
+    lacking = [run for run in runs if run not in groups]
+    if lacking:
+        raise RegressionDataError(f"Every run is of a group, found none for {', '.join(lacking)}; name its group.")
+    labels = list(dict.fromkeys(str(groups[run]) for run in runs))
+    if len(labels) < 2:
+        raise RegressionDataError(
+            f"A hierarchical model compares two groups of runs or more, found {labels[0]} alone; give the trials of "
+            "several, as ps.regression_data([first, second], ...)."
+        )
+    return labels, np.array([labels.index(str(groups[run])) for run in data.run])
+
+
+def _checked(prior: SemiConjugatePrior, spread: float) -> float:
+    """Spread of a hierarchical model whose prior can be used."""
+    check_prior(prior)
+    if prior.noise_power != 0:
+        raise PriorError(
+            f"The groups of a hierarchical model have noise variances of their own, which a {prior.family} prior of "
+            "the means cannot depend on; give a SemiConjugatePrior."
+        )
+    return finite_number("The spread between groups", spread, PriorError, least=1e-12)
+
+
+class _Group(NamedTuple):
+    """Rows of a group, less the prior mean of the coefficients: triangle R, projection, and what lies outside."""
+
+    triangle: np.ndarray
+    projection: np.ndarray
+    residual_square: float
+    n_rows: int
+
+
+def reduced_groups(data: RegressionData, prior: SemiConjugatePrior, group: np.ndarray) -> list[_Group]:
+    """Triangle of the rows of each group, of n_terms rows also where the group has fewer."""
+    X, p = data.scaled_design_matrix, data.n_terms
+    y = data.scaled_response - X @ prior.means(p)
+    found = []
+    for g in range(group.max() + 1):
+        rows, target = X[group == g], y[group == g]
+        left, triangle = np.linalg.qr(rows)
+        projection, lacking = left.T @ target, max(0, p - len(rows))
+        residual = target - left @ projection
+        padded = np.pad(triangle, ((0, lacking), (0, 0))), np.pad(projection, (0, lacking))
+        found.append(_Group(*padded, float(residual @ residual), len(rows)))
+    return found
+
+
+def marginal_model(reduced: list[_Group], prior: SemiConjugatePrior, spread: float) -> pm.Model:
+    """PyMC model of tau and sigma2 with the density of the rows of all groups, coefficients integrated out."""
+    import pymc as pm
+
+    from pymc_ship.inference.sampling.operations import PooledDensity
+
+    p = reduced[0].projection.size
+    with pm.Model() as model:
+        tau = pm.HalfNormal("scaled_group_sd", spread, shape=p)
+        variance = pm.InverseGamma("scaled_group_noise_variance", prior.shape, prior.scale, shape=len(reduced))
+        # as data, so that a compiled model serves other responses of the same rows
+        projections = pm.Data("projection", np.array([one.projection for one in reduced]))
+        residuals = pm.Data("residual_square", np.array([one.residual_square for one in reduced]))
+        spare = np.array([one.n_rows - p for one in reduced], dtype=float)
+        rows = np.array([one.triangle for one in reduced]), projections, residuals, spare
+        pm.Potential("rows", PooledDensity()(tau, variance, *rows, 1.0 / prior.kappas(p)))
+    return model
+
+
+def standardised_draws(
+    reduced: list[_Group], prior: SemiConjugatePrior, tau: np.ndarray, variance: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Exact draws of the standard normal variables, shape (n_draws, 1 + n_groups, n_terms), given tau and sigma2."""
+    n_draws, p = tau.shape
+    eye, root_kappa = np.eye(p), np.sqrt(prior.kappas(p))
+    precision, shift = np.tile(np.diag(1.0 / prior.kappas(p)), (n_draws, 1, 1)), np.zeros((n_draws, p))
+    for g, one in enumerate(reduced):
+        own = one.triangle * tau[:, None, :]
+        root = np.linalg.cholesky(variance[:, g, None, None] * eye + own @ own.transpose(0, 2, 1))
+        whitened = np.linalg.solve(root, np.column_stack([one.triangle, one.projection]))
+        rows, target = whitened[..., :-1], whitened[..., -1]
+        precision += rows.transpose(0, 2, 1) @ rows
+        shift += np.einsum("nij,ni->nj", rows, target)
+    out = np.empty((n_draws, 1 + len(reduced), p))
+    means = _normal(precision, shift, rng)
+    out[:, 0] = means / root_kappa
+    for g, one in enumerate(reduced):
+        own = one.triangle * tau[:, None, :] / np.sqrt(variance[:, g, None, None])
+        error = (one.projection - means @ one.triangle.T) / np.sqrt(variance[:, g, None])
+        out[:, 1 + g] = _normal(eye + own.transpose(0, 2, 1) @ own, np.einsum("nij,ni->nj", own, error), rng)
+    return out
+
+
+def _normal(precision: np.ndarray, shift: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """One draw each of normal vectors with these precisions, and the precisions times the means."""
+    root = np.linalg.cholesky(precision)
+    half = np.linalg.solve(root, shift[..., None]) + rng.standard_normal((*shift.shape, 1))
+    return np.linalg.solve(root.transpose(0, 2, 1), half)[..., 0]
+
+
+def _posterior(data: RegressionData, prior: SemiConjugatePrior, labels: list[str], drawn: tuple) -> xr.Dataset:
+    """Free and deterministic variables of :func:`hierarchical_model`, from draws of tau, sigma2 and standard values."""
+    tau, variance, flat = drawn
+    standard = flat.reshape(*tau.shape[:2], *flat.shape[1:])
+    means = prior.means(data.n_terms) + np.sqrt(prior.kappas(data.n_terms)) * standard[:, :, 0]
+    scaled = means[:, :, None] + tau[:, :, None] * standard[:, :, 1:]
+    sample, of_group = ("chain", "draw"), ("group", "coefficient")
+    values = {
+        "standardised": ((*sample, "level", "coefficient"), standard),
+        "scaled_group_sd": ((*sample, "coefficient"), tau),
+        "scaled_group_noise_variance": ((*sample, "group"), variance),
+        "coefficients": ((*sample, "coefficient"), data.to_original(means)),
+        "group_coefficients": ((*sample, *of_group), data.to_original(scaled)),
+        "group_sd": ((*sample, "coefficient"), np.sqrt(tau**2 @ (data.transformation[1] ** 2).T)),
+        "group_noise_variance": ((*sample, "group"), data.response_scale**2 * variance),
+    }
+    coords = {"chain": np.arange(tau.shape[0]), "draw": np.arange(tau.shape[1]), "group": labels}
+    return xr.Dataset(values, coords | {"level": ["mean", *labels], "coefficient": list(data.coefficients)})

@@ -1,0 +1,190 @@
+"""Operations of PyTensor with their gradients: the simulated motion of a run, and the density of pooled groups."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytensor.tensor as pt
+from numba import njit
+from pytensor.gradient import DisconnectedType, disconnected_type, grad_not_implemented
+from pytensor.graph.basic import Apply
+from pytensor.graph.op import Op
+from pytensor.link.numba.dispatch.basic import (
+    generate_fallback_impl,
+    numba_funcify,
+    numba_njit,
+    register_funcify_default_op_cache_key,
+)
+
+from pymc_ship.inference.trajectory.runs import Run
+from pymc_ship.physics.motion.sensitivities import sensitivities
+from pymc_ship.physics.vessel.vessel import Vessel
+
+_jit = njit(cache=True, nogil=True, error_model="numpy")
+
+
+class SimulatedMotion(Op):
+    """Block means of the states along the rudder of a run, shape (n_states, n_blocks), and their derivatives.
+
+    Inputs are the coefficients (n_coefficients,) and the initial state (n_states,). Where the ship leaves the model's
+    range, the motion is NaN throughout and its derivatives are 0.
+
+    Parameters
+    ----------
+    run : Run
+    vessel : Vessel
+    """
+
+    default_output = 0
+
+    def __init__(self, run: Run, vessel: Vessel):
+        self.run, self.vessel = run, vessel
+
+    def make_node(self, coefficients, initial_state):
+        """Apply the operation to two vectors; the second output is the Jacobian, which the gradient needs."""
+        inputs = [pt.as_tensor_variable(coefficients), pt.as_tensor_variable(initial_state)]
+        return Apply(self, inputs, [pt.dmatrix(), pt.dtensor3()])
+
+    def perform(self, node, inputs, output_storage):
+        """Simulate once, with sensitivities: one evaluation serves density and gradient."""
+        coefficients, initial_state = inputs
+        run = self.run
+        motion, jacobian = sensitivities(
+            self.vessel, run.inputs, initial_state, coefficients, block=run.block, **run.integration
+        )
+        if not np.isfinite(motion).all():
+            jacobian[:] = 0.0
+        output_storage[0][0], output_storage[1][0] = motion, jacobian
+
+    def infer_shape(self, node, input_shapes):
+        """States, blocks and unknowns of the run."""
+        (n_coefficients,), (n_states,) = input_shapes
+        n_blocks = pt.constant(self.run.n_blocks)
+        return [(n_states, n_blocks), (n_states, n_blocks, n_coefficients + n_states)]
+
+    def pullback(self, inputs, outputs, cotangents):
+        """Product of the cotangent of the motion with the Jacobian."""
+        of_motion, of_jacobian = cotangents
+        if not isinstance(of_jacobian.type, DisconnectedType):
+            return [grad_not_implemented(self, k, value) for k, value in enumerate(inputs)]
+        if isinstance(of_motion.type, DisconnectedType):
+            return [disconnected_type(), disconnected_type()]
+        slope = pt.dot(of_motion.ravel(), outputs[1].reshape((-1, outputs[1].shape[2])))
+        n_coefficients = inputs[0].shape[0]
+        return [slope[:n_coefficients], slope[n_coefficients:]]
+
+
+@numba_funcify.register(SimulatedMotion)
+def _called_from_numba(op, node, **kwargs):
+    """Python within compiled graphs, without the warning: the simulation itself is compiled and releases the GIL."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Numba will use object mode", category=UserWarning)
+        return generate_fallback_impl(op, node, **kwargs)
+
+
+class PooledDensity(Op):
+    """Log density of the rows of all groups, coefficients integrated out, and its derivatives by tau and sigma2.
+
+    With S = sigma2 I + R diag(tau^2) R' of a group, D its inverse, M the covariance of the mean over groups given the
+    rows, and e the projection less R times that mean, the log density changes by half the trace of
+    (D e e' D - D + D R M R' D) dS.
+
+    Inputs are tau (n_terms,), sigma2 (n_groups,), the triangles (n_groups, n_terms, n_terms), projections
+    (n_groups, n_terms) and residual sums of squares (n_groups,) of the groups, their numbers of rows less n_terms
+    (n_groups,), and the precisions of the means over groups (n_terms,). The density is NaN where tau or sigma2 are too
+    large or too small for a triangle.
+    """
+
+    __props__ = ()
+    default_output = 0
+
+    def make_node(self, *inputs):
+        """Apply the operation to the seven arrays; the other two outputs are what the gradient needs."""
+        return Apply(self, list(map(pt.as_tensor_variable, inputs)), [pt.dscalar(), pt.dvector(), pt.dvector()])
+
+    def perform(self, node, inputs, output_storage):
+        """One evaluation serves density and gradient."""
+        density, of_tau, of_variance = pooled_density(*inputs)
+        output_storage[0][0], output_storage[1][0], output_storage[2][0] = np.asarray(density), of_tau, of_variance
+
+    def infer_shape(self, node, input_shapes):
+        """Terms and groups."""
+        return [(), input_shapes[0], input_shapes[1]]
+
+    def pullback(self, inputs, outputs, cotangents):
+        """Product of the cotangent of the density with its derivatives by tau and sigma2."""
+        of_density, *of_derivatives = cotangents
+        unknown = [grad_not_implemented(self, k, value) for k, value in enumerate(inputs)]
+        if not all(isinstance(one.type, DisconnectedType) for one in of_derivatives):
+            return unknown
+        return [of_density * outputs[1], of_density * outputs[2], *unknown[2:]]
+
+
+@register_funcify_default_op_cache_key(PooledDensity)
+def _compiled_in_numba(op, node, **kwargs):
+    @numba_njit
+    def called(*inputs):
+        density, of_tau, of_variance = pooled_density(*inputs)
+        return np.asarray(density), of_tau, of_variance
+
+    return called
+
+
+@_jit
+def _inverse_root(matrix):
+    """Inverse W of the lower triangle of a positive definite matrix, W'W its inverse, and half its log determinant."""
+    p = matrix.shape[0]
+    root, inverse, half = np.zeros((p, p)), np.zeros((p, p)), 0.0
+    for i in range(p):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= root[i, k] * root[j, k]
+            root[i, j] = np.sqrt(total) if i == j else total / root[j, j]
+        half += np.log(root[i, i])
+        inverse[i, i] = 1.0 / root[i, i]
+        for j in range(i):
+            total = 0.0
+            for k in range(j, i):
+                total -= root[i, k] * inverse[k, j]
+            inverse[i, j] = total / root[i, i]
+    return inverse, half
+
+
+@_jit
+def pooled_density(tau, variance, triangles, projections, residual_squares, spare_rows, precision):
+    """Log density and its derivatives by tau and sigma2; arguments as the inputs of :class:`PooledDensity`.
+
+    Returns
+    -------
+    density : float
+    of_tau : ndarray, shape (n_terms,)
+    of_variance : ndarray, shape (n_groups,)
+    """
+    n_groups, p = projections.shape
+    eye, density = np.eye(p), 0.0
+    whiteners, whitened = np.empty((n_groups, p, p)), np.empty((n_groups, p, p))  # W and W R
+    targets = np.empty((n_groups, p))
+    total, shift = np.diag(precision), np.zeros(p)
+    for g in range(n_groups):
+        own = triangles[g] * tau
+        whiteners[g], half = _inverse_root(variance[g] * eye + own @ own.T)
+        whitened[g], targets[g] = whiteners[g] @ triangles[g], whiteners[g] @ projections[g]
+        total += whitened[g].T @ whitened[g]
+        shift += whitened[g].T @ targets[g]
+        # a group of fewer rows than terms has rows of zeros; their density is taken off again here
+        rest = spare_rows[g] * np.log(variance[g]) + residual_squares[g] / variance[g]
+        density -= half + 0.5 * (targets[g] @ targets[g]) + 0.5 * rest
+    inverse, half = _inverse_root(total)
+    covariance, center = inverse.T @ inverse, inverse @ shift
+    density += 0.5 * (center @ center) - half
+    means, of_tau, of_variance = inverse.T @ center, np.zeros(p), np.empty(n_groups)
+    for g in range(n_groups):
+        error = targets[g] - whitened[g] @ means
+        square, slope = whitened[g].T @ whitened[g], whitened[g].T @ error
+        of_tau += tau * (slope**2 - np.diag(square) + np.sum((square @ covariance) * square, axis=1))
+        pulled, spread = whiteners[g].T @ error, whiteners[g].T @ whitened[g]
+        trace = pulled @ pulled - np.sum(whiteners[g] ** 2) + np.sum((spread @ covariance) * spread)
+        of_variance[g] = 0.5 * (trace - spare_rows[g] / variance[g] + residual_squares[g] / variance[g] ** 2)
+    return density, of_tau, of_variance

@@ -1,0 +1,184 @@
+"""Draws of a PyMC model of one's own, laid out as every posterior of the package is."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.priors import Prior, check_prior
+from pymc_ship.inference.regression.tree import data_groups, rng_state, tree_attrs
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS
+from pymc_ship.machine.seeds import Seed, random_generator
+
+if TYPE_CHECKING:
+    import pymc as pm
+
+OWN = "own"
+"""Family of a prior that only its model states."""
+
+_SAMPLE = ("chain", "draw")
+
+
+def posterior_tree(
+    sampled: xr.DataTree,
+    data: RegressionData,
+    model: pm.Model | None = None,
+    *,
+    prior: Prior | None = None,
+    rng: Seed | None = None,
+) -> xr.DataTree:
+    """Lay out the draws of your own PyMC model as a posterior of this package.
+
+    The tree can then be written, diagnosed, compared with the exact posterior and carried into forecasts. What it does
+    not hold is left out there.
+
+    Parameters
+    ----------
+    sampled : DataTree
+        As ``pm.sample`` returns it. Its posterior has ``coefficients`` on the scale of the original columns, or
+        ``scaled_coefficients`` on the scaled ones, with dims chain, draw and one more in the order of the data; and
+        ``noise_variance`` or ``scaled_noise_variance`` likewise, if the model has one. Other variables are kept, and so
+        are sample_stats, log_likelihood, log_prior and the prior and predictive groups.
+    data : RegressionData
+        What the model was fitted to.
+    model : pymc.Model, optional
+        From it come the groups that ``sampled`` lacks: log_likelihood, log_prior, prior, prior_predictive and
+        posterior_predictive. Its one observed variable becomes ``response``; it is to be on the original scale.
+    prior : Prior, optional
+        Where the model states exactly this prior; its draws are then compared with its exact posterior.
+    rng : int, SeedSequence or Generator, optional
+        Needed with a model, for its predictive draws.
+
+    Returns
+    -------
+    DataTree
+        As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with those groups that ``sampled`` or the model has;
+        the attr ``method`` is ``nuts``.
+
+    Raises
+    ------
+    ValueError
+        For a tree without coefficients, or with others than the data have; for a model of several observed variables,
+        or without ``rng``.
+
+    Examples
+    --------
+    A model of one's own, and its draws beside the exact posterior:
+
+    >>> import numpy as np
+    >>> import pymc as pm
+    >>> import pymc_ship as ps
+    >>> rng, x = np.random.default_rng(1), np.linspace(0.0, 1.0, 40)
+    >>> columns = np.column_stack([np.ones(40), x])
+    >>> data = ps.RegressionData.from_arrays(columns, columns @ [1.0, 2.0] + 0.1 * rng.standard_normal(40))
+    >>> with pm.Model(coords={"coefficient": data.coefficients}) as model:
+    ...     b = pm.Normal("coefficients", 0.0, 10.0, dims="coefficient")
+    ...     s2 = pm.Deterministic("noise_variance", pm.HalfNormal("sigma", 1.0) ** 2)
+    ...     y = pm.Normal("y", columns @ b, s2**0.5, observed=data.response)
+    ...     sampled = pm.sample(200, tune=200, chains=2, cores=1, random_seed=1, progressbar=False, quiet=True)
+    >>> tree = ps.posterior_tree(sampled, data, model, rng=rng)
+    >>> dict(tree["log_likelihood"]["response"].sizes)
+    {'chain': 2, 'draw': 200, 'row': 40}
+    """
+    rng = None if rng is None else random_generator(rng)
+    if prior is not None:
+        check_prior(prior)
+    if model is not None and rng is None:
+        raise ValueError("Predictive draws of a model need a generator, found none; give rng.")
+    groups = {name: node.to_dataset() for name, node in sampled.children.items() if name in _KEPT}
+    groups["posterior"] = _posterior(groups.get("posterior", xr.Dataset()), data)
+    state = "" if rng is None else rng_state(rng)
+    if model is not None:
+        groups = _from_model(groups, model, int(rng.integers(2**31))) | groups
+        groups = {name: _posterior(group, data) if name == "prior" else group for name, group in groups.items()}
+    groups = {name: _named_rows(group, name, data) for name, group in groups.items()}
+    hyperparameters = {"family": OWN} if prior is None else prior.hyperparameters()
+    root = xr.Dataset(attrs=tree_attrs(data, hyperparameters, "nuts", state))
+    return xr.DataTree.from_dict({"/": root, **groups, **data_groups(data)})
+
+
+_KEPT = ("posterior", "sample_stats", "log_likelihood", "log_prior", "prior", "prior_predictive")
+_KEPT += ("posterior_predictive",)
+_BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
+
+
+def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:
+    """Group with ``coefficients`` and, where it is known, ``noise_variance`` on the original scale."""
+    found = next((name for name in ("coefficients", "scaled_coefficients") if name in group), None)
+    if found is None or group[found].ndim != 3 or group[found].shape[-1] != data.n_terms:
+        raise ValueError(
+            f"The posterior must hold 'coefficients' with dims chain, draw and {data.n_terms} terms, found "
+            f"{', '.join(map(str, group.data_vars)) or 'no variable'}; add pm.Deterministic('coefficients', ...)."
+        )
+    draws, names = group[found].transpose(*_SAMPLE, ...), list(data.coefficients)
+    dim = draws.dims[-1]
+    given = [str(name) for name in draws[dim].values]
+    if dim == "coefficient" and given not in (names, [str(k) for k in range(data.n_terms)]):
+        raise ValueError(
+            f"The posterior must hold the coefficients of the data, {', '.join(names)}, in order, found "
+            f"{', '.join(given)}; give the data that the model was fitted to."
+        )
+    values = draws.to_numpy() if found == "coefficients" else data.to_original(draws.to_numpy())
+    named = group.rename({} if dim == "coefficient" else {dim: "coefficient"}).assign_coords(coefficient=names)
+    if "noise_variance" not in named and "scaled_noise_variance" in named:
+        named = named.assign(noise_variance=data.response_scale**2 * named["scaled_noise_variance"])
+    return named.assign(coefficients=((*_SAMPLE, "coefficient"), values))
+
+
+def _from_model(groups: dict[str, xr.Dataset], model: pm.Model, seed: int) -> dict[str, xr.Dataset]:
+    """Groups that PyMC computes from a model and its draws."""
+    import pymc as pm
+
+    observed = [variable.name for variable in model.observed_RVs]
+    if len(observed) != 1:
+        raise ValueError(
+            f"A regression has one observed variable, found {', '.join(observed) or 'none'}; give the groups of such a "
+            "model in the tree and leave the model out."
+        )
+    draws, silent = xr.DataTree.from_dict({"posterior": groups["posterior"]}), {"progressbar": False}
+    as_it_stands = {"compile_kwargs": {"mode": "FAST_COMPILE"}}  # compiling takes a minute and saves seconds
+    with model, _quiet():
+        likelihood = pm.stats.compute_log_likelihood(draws, extend_inferencedata=False, **silent, **as_it_stands)
+        prior = pm.stats.compute_log_prior(draws, extend_inferencedata=False, **silent, **as_it_stands)
+        predictive = pm.sample_posterior_predictive(
+            draws, var_names=observed, random_seed=seed, **silent, **as_it_stands
+        )
+        from_prior = pm.sample_prior_predictive(PREDICTIVE_DRAWS, random_seed=seed + 1, **as_it_stands)
+    return {
+        "log_likelihood": _dataset(likelihood, "log_likelihood"),
+        "log_prior": _dataset(prior, "log_prior"),
+        "posterior_predictive": predictive["posterior_predictive"].to_dataset(),
+        "prior": from_prior["prior"].to_dataset(),
+        "prior_predictive": from_prior["prior_predictive"].to_dataset(),
+    }
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without the remarks on what is drawn."""
+    log = logging.getLogger("pymc")
+    level = log.level
+    log.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+
+
+def _dataset(result: xr.DataTree | xr.Dataset, group: str) -> xr.Dataset:
+    return result if isinstance(result, xr.Dataset) else result[group].to_dataset()
+
+
+def _named_rows(group: xr.Dataset, name: str, data: RegressionData) -> xr.Dataset:
+    """Group of values by row, its one variable called ``response`` with dim row."""
+    if name not in _BY_ROW or len(group.data_vars) != 1:
+        return group
+    values = next(iter(group.data_vars.values())).transpose(*_SAMPLE, ...)
+    coords = {dim: group[dim].values for dim in _SAMPLE} | {"row": np.arange(data.n_rows)}
+    return xr.Dataset({"response": ((*_SAMPLE, "row"), values.to_numpy())}, coords)

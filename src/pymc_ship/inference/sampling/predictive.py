@@ -1,0 +1,225 @@
+"""Draws from the prior, and responses that prior and posterior predict for the rows of the data: ArviZ's checks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.priors import Prior, check_prior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.frames import new_design
+from pymc_ship.inference.sampling.error_laws import error_law, errors_of
+from pymc_ship.machine.seeds import Seed, random_generator
+
+PREDICTIVE_DRAWS = 500
+"""Draws from the prior that a posterior is seen beside: enough for the curves of a check."""
+
+
+def prior_draws(
+    data: RegressionData,
+    prior: Prior,
+    draws: int,
+    *,
+    rng: np.random.Generator,
+    errors: str = "normal",
+) -> xr.Dataset:
+    """Independent draws from the prior, on the original scale.
+
+    Parameters
+    ----------
+    data : RegressionData
+        Gives the scaling that the prior lives on, and the names.
+    prior : Prior
+    draws : int
+    rng : numpy.random.Generator
+    errors : {"normal", "student_t", "ar1"}, optional
+        See :mod:`pymc_ship.inference.sampling.error_laws`.
+
+    Returns
+    -------
+    Dataset
+        Dims chain (1), draw, coefficient; the variables of a posterior.
+
+    Raises
+    ------
+    PriorError
+        For hyperparameter vectors of the wrong length.
+    ValueError
+        For errors of another name.
+    """
+    law = error_law(errors)
+    scaled, scaled_variance = prior.draw(data.n_terms, rng, (1, draws))
+    sample = ("chain", "draw")
+    values = {
+        "coefficients": ((*sample, "coefficient"), data.to_original(scaled)),
+        "noise_variance": (sample, data.response_scale**2 * scaled_variance),
+    }
+    if law.parameter:
+        values[law.parameter] = (sample, law.draw_parameter(rng, (1, draws)))
+    return xr.Dataset(values, {"chain": [0], "draw": np.arange(draws), "coefficient": list(data.coefficients)})
+
+
+def predictive(
+    data: RegressionData, parameters: xr.Dataset, *, rng: np.random.Generator, errors: str = "normal"
+) -> xr.Dataset:
+    """Draw one response of every row, original scale, for each draw of the parameters.
+
+    Parameters
+    ----------
+    data : RegressionData
+        Its design matrix is used, not its response.
+    parameters : Dataset
+        A group prior or posterior: ``coefficients``, ``noise_variance`` and the parameter of the error law.
+    rng : numpy.random.Generator
+    errors : {"normal", "student_t", "ar1"}, optional
+
+    Returns
+    -------
+    Dataset
+        ``response`` with dims chain, draw, row.
+
+    Raises
+    ------
+    ValueError
+        For errors of another name.
+    """
+    law = error_law(errors)
+    sd = np.sqrt(parameters["noise_variance"].to_numpy())
+    parameter = parameters[law.parameter].to_numpy() if law.parameter else np.zeros_like(sd)
+    response = law.draw_errors(rng, sd, parameter, data.n_rows)
+    response += parameters["coefficients"].to_numpy() @ data.design_matrix.T
+    coords = {"chain": parameters["chain"].values, "draw": parameters["draw"].values, "row": np.arange(data.n_rows)}
+    return xr.Dataset({"response": (("chain", "draw", "row"), response)}, coords)
+
+
+def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = None, rng: Seed) -> xr.Dataset:
+    """Predict the response of new rows by every draw of a posterior.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Posterior of a regression, by any path. Its errors are those that it records, normal where it records none.
+    new_rows : array_like, shape (n_new, n_terms), or DataFrame
+        The columns of the fitted data, in their order; or a table with them in any order or, for data from a formula,
+        with the variables of the formula. Columns that are not needed are left aside.
+    data : RegressionData, optional
+        What was fitted; needed for the variables of a formula, which no tree holds.
+    rng : int, SeedSequence or Generator
+
+    Returns
+    -------
+    Dataset
+        ``expected`` (dims chain, draw, row), the response without its error; ``response`` (likewise), with an error
+        drawn for each row; ``mean`` and ``sd`` (dims row) of the response over the draws.
+
+    Raises
+    ------
+    RegressionDataError
+        For new rows of another shape, columns that are missing, values that are no finite numbers.
+    ValueError
+        For a posterior of something else than the regression of one response, or other data.
+
+    Examples
+    --------
+    The yaw moment of a ship in rows that were not fitted, and the share of them inside intervals of 90 %:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> trial = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(ps.pollute(trial, level=0.01, rng=1), "kvlcc2", "yaw", derivative="weak")
+    >>> old, new = data.rows(np.arange(100)), data.rows(np.arange(100, data.n_rows))
+    >>> prior, _ = ps.maximise_evidence(old)
+    >>> tree = ps.conjugate_posterior(old, prior, rng=1)
+    >>> found = ps.predict(tree, new.design_matrix, rng=1)
+    >>> lower, upper = found["response"].quantile([0.05, 0.95], ("chain", "draw"))
+    >>> print(f"{np.mean((lower < new.response) & (new.response < upper)):.2f}")
+    1.00
+    """
+    rng, posterior = random_generator(rng), tree["posterior"].to_dataset()
+    dims = posterior["coefficients"].dims if "coefficients" in posterior else ()
+    if dims != ("chain", "draw", "coefficient") or "noise_variance" not in posterior:
+        raise ValueError(
+            "A prediction needs coefficients (dims chain, draw, coefficient) and a noise_variance in the posterior, "
+            f"found {', '.join(map(str, posterior.data_vars))}; give the posterior of a regression."
+        )
+    names = [str(name) for name in posterior["coefficient"].values]
+    if data is not None and list(data.coefficients) != names:
+        raise ValueError(
+            f"The data must be those of the posterior, of {', '.join(names)}, found {', '.join(data.coefficients)}; "
+            "give the data that it was fitted to."
+        )
+    design_matrix = new_design(new_rows, names, None if data is None else data.formula)
+    rows = RegressionData.from_arrays(design_matrix, np.zeros(len(design_matrix)), names)
+    found = predictive(rows, posterior, rng=rng, errors=errors_of(tree))
+    expected = found["response"].copy(data=posterior["coefficients"].to_numpy() @ design_matrix.T)
+    sample = ("chain", "draw")
+    return found.assign(expected=expected, mean=expected.mean(sample), sd=found["response"].std(sample))
+
+
+def with_predictive(
+    tree: xr.DataTree,
+    data: RegressionData,
+    prior: Prior,
+    *,
+    rng: Seed,
+    draws: int = PREDICTIVE_DRAWS,
+) -> xr.DataTree:
+    """Posterior with the groups of ArviZ's prior and posterior predictive checks.
+
+    Parameters
+    ----------
+    tree : DataTree
+        A posterior by any path, laid out by :func:`~pymc_ship.inference.regression.tree.draws_tree`; it is not changed.
+    data : RegressionData
+        What it was fitted to.
+    prior : Prior
+        What it was fitted with.
+    rng : int, SeedSequence or Generator
+    draws : int, optional
+        Draws from the prior. Every draw of the posterior makes a prediction, so that ArviZ finds the same chains and
+        draws in all groups of the posterior.
+
+    Returns
+    -------
+    DataTree
+        With the groups prior (the variables of the posterior; one chain), prior_predictive and posterior_predictive
+        (``response`` with dims chain, draw, row).
+
+    Raises
+    ------
+    ValueError
+        When draws is not positive, or the data are not those of the tree.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data, prior = ps.regression_data(trial, vessel, "yaw", interval=2.0), ps.ConjugatePrior()
+    >>> tree = ps.conjugate_posterior(data, prior, draws=200, rng=rng)
+    >>> checked = ps.with_predictive(tree, data, prior, rng=rng, draws=100)
+    >>> dict(checked["posterior_predictive"]["response"].sizes)
+    {'chain': 4, 'draw': 50, 'row': 300}
+    """
+    rng = random_generator(rng)
+    check_prior(prior)
+    if draws < 1:
+        raise ValueError(f"The predictive draws must be positive, found {draws}; raise them to 1 or more.")
+    posterior, fitted = tree["posterior"].to_dataset(), tree["observed_data"].dataset
+    if list(posterior["coefficient"].values) != list(data.coefficients) or fitted.sizes["row"] != data.n_rows:
+        raise ValueError(
+            f"Predictions need the data of the posterior, {posterior.sizes['coefficient']} terms and "
+            f"{fitted.sizes['row']} rows, found {data.n_terms} and {data.n_rows}; give the data it was fitted to."
+        )
+    errors = errors_of(tree)
+    from_prior = prior_draws(data, prior, draws, rng=rng, errors=errors)
+    groups = {
+        "prior": from_prior,
+        "prior_predictive": predictive(data, from_prior, rng=rng, errors=errors),
+        "posterior_predictive": predictive(data, posterior, rng=rng, errors=errors),
+    }
+    own = {name: group.to_dataset() for name, group in tree.children.items()}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=tree.attrs), **own, **groups})

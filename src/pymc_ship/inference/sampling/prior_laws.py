@@ -1,0 +1,123 @@
+"""Priors of coefficients that no formula integrates: horseshoe, R2-D2 and Student-t, as functions for the direct model.
+
+Each is what a prior of one's own is, a function ``prior(data, given)`` of
+:mod:`pymc_ship.inference.sampling.direct_model`. All live on the scaled columns; sigma2, the noise variance on the
+scaled response, is a priori inverse gamma of shape 2 and scale 1, as in the default priors of the two conjugate
+families. Other hyperparameters come by ``functools.partial``.
+"""
+
+from __future__ import annotations
+
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.rows.data import RegressionData
+
+
+def student_t_prior(data: RegressionData, given: dict, *, nu: float = 4.0, scale: float = 10.0) -> tuple:
+    """Coefficients b ~ t(nu, 0, scale sigma): most are small, a few may be large.
+
+    Parameters
+    ----------
+    data : RegressionData
+    given : dict
+        What the variable of the coefficients takes besides.
+    nu, scale : float, optional
+        Degrees of freedom, and scale in units of sigma; 10 is that of the conjugate prior's kappa of 100.
+
+    Returns
+    -------
+    tuple of pytensor variables
+        Scaled coefficients and noise variance on the scaled response.
+    """
+    import pymc as pm
+
+    sigma2 = _noise_variance()
+    return pm.StudentT("scaled_coefficients", nu=nu, mu=0.0, sigma=scale * pm.math.sqrt(sigma2), **given), sigma2
+
+
+def horseshoe(data: RegressionData, given: dict, *, effective: float | None = None, slab: float = 10.0) -> tuple:
+    """Regularised horseshoe: shrinks most coefficients to zero, leaves the rest alone up to a slab.
+
+    b_j ~ N(0, tau^2 l_j^2), l_j^2 = c^2 lambda_j^2 / (c^2 + tau^2 lambda_j^2), lambda_j ~ C+(0, 1),
+    tau ~ C+(0, tau_0), c^2 ~ IG(2, 2 slab^2 sigma2), tau_0 = p_0 / (p - p_0) sigma / sqrt(n).
+
+    Parameters
+    ----------
+    data : RegressionData
+    given : dict
+        What the variable of the coefficients takes besides.
+    effective : float, optional
+        p_0, the number of coefficients that are thought to differ from zero, between 0 and the number of terms; half
+        of them by default.
+    slab : float, optional
+        Scale of a coefficient that is not shrunk, in units of sigma.
+
+    Returns
+    -------
+    tuple of pytensor variables
+        Scaled coefficients and noise variance on the scaled response.
+
+    Raises
+    ------
+    PriorError
+        For an effective number that is not between 0 and the number of terms.
+
+    References
+    ----------
+    Piironen & Vehtari (2017), Electronic Journal of Statistics 11(2):5018, doi:10.1214/17-EJS1337SI, Eq. 2.8, 3.12.
+    """
+    import pymc as pm
+
+    sigma2 = _noise_variance()
+    expected = 0.5 * data.n_terms if effective is None else effective
+    if not 0.0 < expected < data.n_terms:
+        raise PriorError(
+            f"The effective number of coefficients lies between 0 and {data.n_terms}, the number of terms, found "
+            f"{expected}; give one in between."
+        )
+    size = expected / (data.n_terms - expected) / data.n_rows**0.5
+    tau = pm.HalfCauchy("global_scale", 1.0)
+    local = pm.HalfCauchy("local_scale", 1.0, dims="coefficient")
+    width = pm.InverseGamma("slab_variance", 2.0, 2.0) * slab**2
+    shrunk = (size * tau * local) ** 2
+    variance = sigma2 * width * shrunk / (width + shrunk)
+    return pm.Normal("scaled_coefficients", 0.0, pm.math.sqrt(variance), **given), sigma2
+
+
+def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: float = 2.0, share: float = 0.5) -> tuple:
+    """R2-D2: a beta prior of the coefficient of determination, dealt to the coefficients by a Dirichlet.
+
+    R2 ~ Beta(mean precision, (1 - mean) precision), phi ~ Dirichlet(share, ...), b_j ~ N(0, sigma2 phi_j R2/(1 - R2)).
+
+    Parameters
+    ----------
+    data : RegressionData
+    given : dict
+        What the variable of the coefficients takes besides.
+    mean, precision : float, optional
+        Of R2.
+    share : float, optional
+        Concentration of the Dirichlet; below 1 few coefficients have most of R2.
+
+    Returns
+    -------
+    tuple of pytensor variables
+        Scaled coefficients and noise variance on the scaled response.
+
+    References
+    ----------
+    Zhang, Naughton, Bondell & Reich (2022), JASA 117(538):862, doi:10.1080/01621459.2020.1825449.
+    """
+    import numpy as np
+    import pymc as pm
+
+    sigma2 = _noise_variance()
+    explained = pm.Beta("r2", mean * precision, (1.0 - mean) * precision)
+    shares = pm.Dirichlet("share", np.full(data.n_terms, share), dims="coefficient")
+    variance = sigma2 * shares * explained / (1.0 - explained)
+    return pm.Normal("scaled_coefficients", 0.0, pm.math.sqrt(variance), **given), sigma2
+
+
+def _noise_variance():
+    import pymc as pm
+
+    return pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)

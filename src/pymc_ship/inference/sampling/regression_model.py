@@ -1,0 +1,320 @@
+"""The PyMC models of a regression and their sampling by NUTS; pymc is imported only when called.
+
+Two forms of one posterior. ``direct`` states it as the paper does, one density a row; users change it, and it takes
+priors and likelihoods of their own (:mod:`pymc_ship.inference.sampling.direct_model`). ``whitened`` is the quick path:
+what it costs does not grow with the rows (:mod:`pymc_ship.inference.sampling.whitened_model`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import version
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.priors import Prior, check_prior, warn_of_uneven_columns
+from pymc_ship.inference.regression.tree import draws_tree, rng_state
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling import whitened_model
+from pymc_ship.inference.sampling.direct_model import direct_model
+from pymc_ship.inference.sampling.error_laws import error_law, with_errors
+from pymc_ship.inference.sampling.own_tree import posterior_tree
+from pymc_ship.inference.sampling.predictive import with_predictive
+from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.seeds import Seed, random_generator
+
+if TYPE_CHECKING:
+    import pymc as pm
+
+PARAMETRISATIONS = ("direct", "whitened")
+"""Forms of the model of a regression."""
+
+NUTS_SAMPLERS = ("nutpie", "pymc", "numpyro", "blackjax")
+"""Programs that draw by NUTS, each where it is installed."""
+
+_SAMPLE_STATS = dict.fromkeys(("lp", "energy", "energy_error", "step_size", "step_size_bar", "acceptance_rate"), float)
+_SAMPLE_STATS |= {"tree_depth": np.int64, "n_steps": np.int64, "reached_max_treedepth": bool, "diverging": bool}
+"""Statistics that are kept, by their ArviZ names."""
+
+_NUTPIE_NAMES = {"logp": "lp", "depth": "tree_depth", "mean_tree_accept": "acceptance_rate"}
+_NUTPIE_NAMES |= {"maxdepth_reached": "reached_max_treedepth"}
+
+
+def pymc_model(
+    data: RegressionData,
+    prior: Prior | Callable,
+    parametrisation: str = "direct",
+    errors: str | Callable = "normal",
+) -> pm.Model:
+    """PyMC model of the regression; its log density is exactly that of prior and original response.
+
+    Parameters
+    ----------
+    data : RegressionData
+    prior : Prior or callable
+        On the scaled columns; mean and kappa may be vectors. A prior of your own is a function ``prior(data, given)``,
+        called inside the direct model: it makes and returns the scaled coefficients (dims coefficient, with
+        ``**given``) and the noise variance on the scaled response.
+    parametrisation : {"direct", "whitened"}, optional
+        ``direct``: free variables ``scaled_coefficients`` and ``scaled_noise_variance``, the rows as data
+        ``design_matrix`` and ``observed_response``, and the observed variable ``response`` (dims row). NUTS moves in
+        linear coordinates of a plug-in fit. ``whitened``: free variables ``direction_coordinate`` (dims direction) and
+        ``noise_coordinate``, which are close to independent standard normal a posteriori, and the data as sufficient
+        statistics (normal errors) or as rotated rows.
+    errors : {"normal", "student_t", "ar1"} or callable, optional
+        Student-t errors have the free variable ``degrees_of_freedom``, AR(1) errors ``autocorrelation``; see
+        :mod:`pymc_ship.inference.sampling.error_laws` for their priors. A likelihood of your own is a function
+        ``errors(name, mu, sigma, given)`` that makes the observed variable ``name`` with ``**given``; direct model
+        only.
+
+    Returns
+    -------
+    pymc.Model
+        With dims coefficient and row, and the deterministic variables ``coefficients`` (dims coefficient) and
+        ``noise_variance`` on the original scale.
+
+    Raises
+    ------
+    ValueError
+        For another parametrisation or other errors, or what is your own in the whitened form.
+    RegressionDataError
+        For AR(1) errors on rows that are not uniformly spaced in time.
+    PriorError
+        For hyperparameter vectors of the wrong length.
+
+    References
+    ----------
+    Xue et al. (2020), Eq. 12 and 18, doi:10.1016/j.oceaneng.2019.106612; Abril-Pla et al. (2023), PyMC,
+    doi:10.7717/peerj-cs.1516; Papaspiliopoulos, Roberts & Skoeld (2007), A general framework for the parametrization
+    of hierarchical models, doi:10.1214/088342307000000014.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> model = ps.pymc_model(data, ps.SemiConjugatePrior())
+    >>> sorted(variable.name for variable in model.free_RVs)
+    ['scaled_coefficients', 'scaled_noise_variance']
+    """
+    if not _is_own(prior):
+        warn_of_uneven_columns(data, prior)
+    check_choice("A parametrisation", parametrisation, PARAMETRISATIONS)
+    if not callable(errors):
+        error_law(errors, data)
+    if parametrisation == "direct":
+        return direct_model(data, prior, errors)
+    if callable(prior) or callable(errors):
+        raise ValueError(
+            "The whitened model knows the priors and errors of this package, found a function; leave parametrisation "
+            "at 'direct'."
+        )
+    return whitened_model.whitened_model(data, prior, errors)
+
+
+def nuts_posterior(
+    data: RegressionData,
+    prior: Prior | Callable,
+    *,
+    draws: int = 1000,
+    chains: int = 4,
+    tune: int = 1000,
+    rng: Seed,
+    parametrisation: str | None = None,
+    errors: str | Callable = "normal",
+    sampler: str | None = None,
+    target_accept: float = 0.8,
+    cores: int | None = None,
+    progress: bool = False,
+) -> xr.DataTree:
+    """Draws of the No-U-Turn sampler from the posterior, laid out as a DataTree.
+
+    Parameters
+    ----------
+    data : RegressionData
+    prior : Prior or callable
+        As :func:`pymc_model`.
+    draws : int, optional
+        Draws of each chain that are kept.
+    chains : int, optional
+    tune : int, optional
+        Draws of each chain that adapt step size and mass matrix and are dropped.
+    rng : int, SeedSequence or Generator
+        Gives the integer seed of the sampler, from which the predictive draws are seeded too.
+    parametrisation : {"whitened", "direct"}, optional
+        See :func:`pymc_model`; whitened for the priors and errors of this package, direct for your own. The whitened
+        model is compiled once for each number of terms, whatever data and prior.
+    errors : {"normal", "student_t", "ar1"} or callable, optional
+        See :func:`pymc_model`.
+    sampler : {"nutpie", "pymc", "numpyro", "blackjax"}, optional
+        One that is installed; nutpie where it is, else the sampler of PyMC.
+    target_accept : float, optional
+        Acceptance rate that the step size is adapted to, between 0 and 1; nearer 1 where draws diverge.
+    cores : int, optional
+        Chains drawn at the same time; by default all that the machine can for nutpie, 1 for the others.
+    progress : bool, optional
+        Whether to show a progress bar; silent otherwise.
+
+    Returns
+    -------
+    DataTree
+        As :func:`~pymc_ship.inference.regression.tree.draws_tree`, with the group sample_stats (dims chain, draw):
+        ``lp``, ``energy``, ``energy_error``, ``tree_depth``, ``reached_max_treedepth``, ``n_steps``, ``step_size``,
+        ``step_size_bar``, ``acceptance_rate``, ``diverging``, as far as the sampler tells them; and prior,
+        prior_predictive and posterior_predictive as :func:`~pymc_ship.inference.sampling.predictive.with_predictive`.
+        For errors that are not normal the posterior also holds ``degrees_of_freedom`` or ``autocorrelation``, and the
+        log likelihood of AR(1) is that of a row given those before it. The direct form keeps its free variables, too,
+        from which ``pm.sample_posterior_predictive`` starts. Under a prior or likelihood of your own it is as
+        :func:`~pymc_ship.inference.sampling.own_tree.posterior_tree`.
+
+    Raises
+    ------
+    ValueError
+        For counts that are not positive, an acceptance rate outside 0 to 1, another parametrisation, other errors, or a
+        sampler that is unknown or not installed.
+    RegressionDataError
+        For AR(1) errors on rows that are not uniformly spaced in time.
+    PriorError
+        For hyperparameter vectors of the wrong length.
+
+    References
+    ----------
+    Hoffman & Gelman (2014), JMLR 15:1593; Abril-Pla et al. (2023), PyMC, doi:10.7717/peerj-cs.1516.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
+    >>> tree = ps.nuts_posterior(data, ps.ConjugatePrior(), draws=200, chains=2, tune=200, rng=rng)
+    >>> tree["sample_stats"]["diverging"].sum().item()
+    0
+    """
+    rng = random_generator(rng)
+    sampler = _installed(sampler)
+    own = _is_own(prior) or callable(errors)
+    parametrisation = parametrisation or ("direct" if own else "whitened")
+    check_choice("A parametrisation", parametrisation, PARAMETRISATIONS)
+    state, seed = rng_state(rng), int(rng.integers(2**31))
+    settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept, "cores": cores}
+    if parametrisation == "whitened" and sampler == "nutpie" and not own:
+        check_settings(settings)
+        drawn = _sample_nutpie(_compiled_whitened(data, prior, errors), settings, seed, progress)
+        sampled = _with_named_statistics(drawn, tune, sampler)
+    else:
+        model = pymc_model(data, prior, parametrisation, errors)
+        sampled = sample_model(model, settings, seed, progress, sampler)
+    sampled["sample_stats"].attrs["parametrisation"] = parametrisation
+    if own:
+        return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
+    posterior, law = sampled["posterior"].dataset, error_law(errors, data)
+    tree = draws_tree(
+        data,
+        prior,
+        posterior["coefficients"].transpose("chain", "draw", "coefficient").to_numpy(),
+        posterior["noise_variance"].transpose("chain", "draw").to_numpy(),
+        method="nuts",
+        rng_state=state,
+        groups={"sample_stats": sampled["sample_stats"].to_dataset()},
+    )
+    if law.parameter:
+        tree = with_errors(tree, data, errors, posterior[law.parameter].transpose("chain", "draw").to_numpy())
+    if parametrisation == "direct":  # what pm.sample_posterior_predictive starts from
+        free = {name: posterior[name].variable for name in ("scaled_coefficients", "scaled_noise_variance")}
+        tree["posterior"] = tree["posterior"].to_dataset().assign(free)
+    return with_predictive(tree, data, prior, rng=np.random.default_rng([seed, 1]))
+
+
+def sample_model(model: pm.Model, settings: dict, seed: int, progress: bool, sampler: str | None = None) -> xr.DataTree:
+    """Draws of NUTS from a model: groups posterior and sample_stats, the latter by ArviZ names.
+
+    ``settings`` has draws, chains, tune, target_accept and, if wanted, cores.
+    """
+    sampler = _installed(sampler)
+    check_settings(settings)
+    if sampler == "nutpie":
+        import nutpie
+
+        drawn = _sample_nutpie(nutpie.compile_pymc_model(model), settings, seed, progress)
+    else:
+        drawn = _sample_pymc(model, sampler, settings, seed, progress)
+    return _with_named_statistics(drawn, settings["tune"], sampler)
+
+
+def check_settings(settings: dict) -> None:
+    """Refuse draws, chains and tune that are not positive and a target_accept that is no rate."""
+    draws, chains, tune = (settings[name] for name in ("draws", "chains", "tune"))
+    if min(draws, chains, tune) < 1:
+        raise ValueError(f"Counts of {draws=}, {chains=}, {tune=} must be positive; raise them to 1 or more.")
+    rate = settings.get("target_accept", 0.8)
+    if not 0.0 < rate < 1.0:
+        raise ValueError(f"An acceptance rate lies between 0 and 1, found {rate}; give one such as 0.9.")
+
+
+def _with_named_statistics(drawn: xr.DataTree, tune: int, sampler: str) -> xr.DataTree:
+    attrs = {"tuning_steps": tune, "inference_library": sampler, "inference_library_version": version(sampler)}
+    statistics = nuts_sample_stats(drawn["sample_stats"].dataset, attrs)
+    return xr.DataTree.from_dict({"posterior": drawn["posterior"].to_dataset(), "sample_stats": statistics})
+
+
+def _is_own(prior: Prior | Callable) -> bool:
+    """Whether a prior is a function; PriorError for what is neither a prior nor a function, such as a name or class."""
+    own = callable(prior) and not isinstance(prior, type)
+    if not own:
+        check_prior(prior, own=" or a function prior(data, given)")
+    return own
+
+
+def _installed(sampler: str | None) -> str:
+    """Name of a sampler that is installed."""
+    if sampler is None:
+        return "nutpie" if find_spec("nutpie") else "pymc"
+    check_choice("The NUTS sampler", sampler, NUTS_SAMPLERS)
+    if not find_spec(sampler):
+        here = ", ".join(name for name in NUTS_SAMPLERS if find_spec(name))
+        raise ValueError(f"The NUTS sampler {sampler} is not installed here; install it, or take one of {here}.")
+    return sampler
+
+
+def _compiled_whitened(data: RegressionData, prior: Prior, errors: str):
+    """Whitened model with data and prior, compiled once for a number of terms and a law of the errors."""
+    warn_of_uneven_columns(data, prior)
+    error_law(errors, data)
+    known = whitened_model.statistics(data, prior, errors)
+    return whitened_model.compiled(data.n_terms, errors).with_data(**known)
+
+
+def _sample_nutpie(compiled, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+    import nutpie
+
+    return nutpie.sample(compiled, **settings, seed=seed, progress_bar=progress, save_warmup=False)
+
+
+def _sample_pymc(model: pm.Model, sampler: str, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+    import pymc as pm
+
+    settings = settings | {"cores": settings.get("cores") or 1}
+    with model:
+        return pm.sample(
+            **settings,
+            random_seed=seed,
+            nuts_sampler=sampler,
+            progressbar=progress,
+            quiet=not progress,
+            compute_convergence_checks=False,
+        )
+
+
+def nuts_sample_stats(raw: xr.Dataset, attrs: dict) -> xr.Dataset:
+    """Statistics that the sampler tells, under their ArviZ names, as plain arrays of bool, int64 or float64."""
+    named = raw.rename({given: name for given, name in _NUTPIE_NAMES.items() if given in raw})
+    kept = {name: kind for name, kind in _SAMPLE_STATS.items() if name in named}
+    values = {name: (("chain", "draw"), named[name].to_numpy().astype(kind)) for name, kind in kept.items()}
+    coords = {dim: np.arange(raw.sizes[dim]) for dim in ("chain", "draw")}
+    return xr.Dataset(values, coords, attrs)

@@ -1,0 +1,394 @@
+"""Fit of the simulated trajectory to raw records: Levenberg-Marquardt on the posterior density (output-error method).
+
+Unknowns are the coefficients, the initial state of each run and, where asked for, a constant offset of each sensor.
+All are in units of their prior, so that one damping serves all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
+from pymc_ship.inference.trajectory.runs import Run, whiten
+from pymc_ship.physics.motion.sensitivities import sensitivities
+from pymc_ship.physics.vessel.vessel import Vessel, places_of_run
+
+CHANGE = 1e-4
+"""The fit has converged when the next step promises to lower the negative log posterior by less."""
+
+TAU_RANGE = (0.05, 20.0)
+"""Bounds of the factors of the prior scales."""
+
+_LOG_2PI = np.log(2.0 * np.pi)
+_MOST_STEPS = 400
+_MOST_REFITS = 6
+_MOST_TAU_UPDATES = 100
+_LEAST_SINGULAR_VALUE = 1e-12
+
+
+class TrajectoryError(ValueError):
+    """A trajectory fit that cannot be trusted or started; the sentence says why."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the blocks of one run: sd (n_channels,), lag-one correlation (n_channels,), sensor offsets or not.
+
+    ``values`` (n_channels, n_blocks) are the block means, or what stands for them under another error law.
+    """
+
+    sd: np.ndarray
+    correlation: np.ndarray
+    offsets: bool
+    values: np.ndarray
+
+
+def white_noise(run: Run, *, offsets: bool = False) -> Noise:
+    """White normal noise with the sample sd of the run."""
+    return Noise(run.sample_sd / np.sqrt(run.block), np.zeros(len(run.channels)), offsets, run.means)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All that a fit needs: runs, vessel, prior, the noise of each run and the factors tau of the prior by DOF.
+
+    ``sailed`` is the trial that each run is a piece of; a trial has its own current. Without it runs share it.
+    """
+
+    runs: tuple[Run, ...]
+    vessel: Vessel
+    prior: CoefficientPrior
+    noise: tuple[Noise, ...]
+    tau: np.ndarray
+    sailed: tuple[int, ...] = ()
+
+    @property
+    def of_run(self) -> np.ndarray:
+        """Places among the coefficients of those that every trial has its own of."""
+        return np.array(places_of_run(self.vessel) if self.sailed else [], dtype=int)
+
+    @property
+    def n_shared(self) -> int:
+        """Coefficients and the constants of all trials: the unknowns that runs share."""
+        return self.n_coefficients + self.of_run.size * len(set(self.sailed))
+
+    @property
+    def columns(self) -> list[np.ndarray]:
+        """Places of the coefficients of each run among the unknowns, (n_coefficients,)."""
+        own, found = self.of_run, []
+        for trial in self.sailed or [0] * len(self.runs):
+            found.append(np.arange(self.n_coefficients))
+            found[-1][own] = self.n_coefficients + own.size * trial + np.arange(own.size)
+        return found
+
+    @property
+    def n_coefficients(self) -> int:
+        """Coefficients of all DOFs."""
+        return self.prior.mean.size
+
+    @property
+    def nuisances(self) -> list[slice]:
+        """Place of each run's initial state and offsets among the unknowns."""
+        places, begin = [], self.n_shared
+        for run, noise in zip(self.runs, self.noise, strict=True):
+            size = run.n_states + (len(run.channels) if noise.offsets else 0)
+            places.append(slice(begin, begin + size))
+            begin += size
+        return places
+
+    @property
+    def center(self) -> np.ndarray:
+        """Prior mean of every unknown, physical units."""
+        parts = [self.prior.mean, np.tile(self.prior.mean[self.of_run], len(set(self.sailed)))]
+        for run, noise in zip(self.runs, self.noise, strict=True):
+            parts += [run.initial_state[0], np.zeros(len(run.channels) if noise.offsets else 0)]
+        return np.concatenate(parts)
+
+    @property
+    def unit(self) -> np.ndarray:
+        """Unit in which every unknown is measured, physical units."""
+        parts = [self.prior.unit, np.tile(self.prior.unit[self.of_run], len(set(self.sailed)))]
+        for run, noise in zip(self.runs, self.noise, strict=True):
+            parts += [run.initial_state[1], 0.1 * np.ptp(run.means, axis=1) if noise.offsets else np.empty(0)]
+        return np.concatenate(parts)
+
+    @property
+    def precision(self) -> np.ndarray:
+        """Prior precision of every unknown in its unit; 0 where the prior is flat."""
+        tau = np.where(self.prior.tuned, self.tau[coefficient_dofs(self.vessel)], 1.0)
+        precision = np.ones(self.unit.size)
+        precision[: self.n_coefficients] = (self.prior.unit / (tau * self.prior.scale)) ** 2
+        own = (self.prior.unit[self.of_run] / self.prior.scale[self.of_run]) ** 2
+        precision[self.n_coefficients : self.n_shared] = np.tile(own, len(set(self.sailed)))
+        return precision
+
+    @property
+    def stated(self) -> np.ndarray:
+        """Rows of the prior's statement over all unknowns, (n_rows, n_unknowns)."""
+        rows = self.prior.stated.rows
+        return np.pad(rows, ((0, 0), (0, self.unit.size - rows.shape[1])))
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Misfit at one point: log likelihood, and gradient and Gauss-Newton matrix of its negative in the problem's units.
+
+    ``residuals`` holds, for each run, the whitened misfit (n_channels, n_blocks) in standard deviations.
+    """
+
+    log_likelihood: float
+    gradient: np.ndarray
+    matrix: np.ndarray
+    residuals: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True)
+class TrajectoryFit:
+    """Posterior mode and its normal approximation.
+
+    Attributes
+    ----------
+    problem : Problem
+    unknowns : ndarray, shape (n_unknowns,)
+        Coefficients, then initial state and offsets of each run, physical units.
+    square_root : ndarray, shape (n_unknowns, n_unknowns)
+        ``square_root @ square_root.T`` is the posterior covariance, physical units.
+    residuals : tuple of ndarray, shape (n_channels, n_blocks)
+        Whitened misfit of each run in standard deviations.
+    log_likelihood, log_evidence : float
+        The evidence of a partly flat prior is up to a constant that is the same for every noise model.
+    n_steps : int
+        Steps of Levenberg and Marquardt.
+    """
+
+    problem: Problem
+    unknowns: np.ndarray
+    square_root: np.ndarray
+    residuals: tuple[np.ndarray, ...]
+    log_likelihood: float
+    log_evidence: float
+    n_steps: int
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Posterior mode of the coefficients, shape (n_coefficients,)."""
+        return self.unknowns[: self.problem.n_coefficients]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Posterior covariance of the coefficients, shape (n_coefficients, n_coefficients)."""
+        root = self.square_root[: self.problem.n_coefficients]
+        return root @ root.T
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Posterior standard deviation of the coefficients, shape (n_coefficients,)."""
+        return np.sqrt(np.sum(self.square_root[: self.problem.n_coefficients] ** 2, axis=1))
+
+    @property
+    def chi2(self) -> float:
+        """Mean square of the whitened misfit; 1 where model and noise are right."""
+        return float(np.mean(np.concatenate([values.ravel() for values in self.residuals]) ** 2))
+
+
+def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
+    """Simulate all runs with their sensitivities and compare them with the records; None where a ship diverged."""
+    unit, rows = problem.unit, problem.stated
+    misfit = problem.prior.stated.misfit(unknowns[: problem.n_coefficients])
+    gradient, matrix, residuals = -rows.T @ misfit, rows.T @ rows, []
+    log_likelihood = -0.5 * float(misfit @ misfit)
+    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
+    for run, noise, columns, place in pieces:
+        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[place])
+        if rows is None:
+            return None
+        which = np.r_[columns, place]
+        local = np.zeros((which.size, which.size))
+        for misfit, design in rows:
+            gradient[which] -= design.T @ misfit
+            local += design.T @ design
+        matrix[np.ix_(which, which)] += local
+        residuals.append(np.array([misfit for misfit, _ in rows]))
+        log_likelihood += _log_normal(residuals[-1], noise)
+    return Linearisation(log_likelihood, gradient * unit, matrix * np.outer(unit, unit), tuple(residuals))
+
+
+def run_rows(vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray):
+    """Whitened misfit (n_blocks,) and design (n_blocks, n_local) of each channel of a run; None where it diverged."""
+    start = nuisances[: run.n_states]
+    motion, jacobian = sensitivities(vessel, run.inputs, start, coefficients, block=run.block, **run.integration)
+    if not np.isfinite(motion).all():
+        return None
+    rows = []
+    for c, row in enumerate(run.rows):
+        misfit, design = noise.values[c] - motion[row], jacobian[row]
+        if noise.offsets:
+            columns = np.zeros((run.n_blocks, len(run.channels)))
+            columns[:, c] = 1.0
+            misfit, design = misfit - nuisances[run.n_states + c], np.hstack([design, columns])
+        rows.append(
+            (whiten(misfit, noise.sd[c], noise.correlation[c]), whiten(design, noise.sd[c], noise.correlation[c]))
+        )
+    return rows
+
+
+def _log_normal(white: np.ndarray, noise: Noise) -> float:
+    """Log density of the block means from their whitened misfit (n_channels, n_blocks)."""
+    n_blocks = white.shape[1]
+    log_sd = n_blocks * np.log(noise.sd) + 0.5 * (n_blocks - 1) * np.log1p(-(noise.correlation**2))
+    return float(-0.5 * (np.sum(white**2) + white.size * _LOG_2PI) - np.sum(log_sd))
+
+
+@dataclass(frozen=True)
+class _Mode:
+    """Where a descent ended: the unknowns, the linearisation there and the steps taken."""
+
+    problem: Problem
+    unknowns: np.ndarray
+    point: Linearisation
+    n_steps: int
+
+
+def _cost(problem: Problem, unknowns: np.ndarray, point: Linearisation | None) -> float:
+    if point is None:
+        return np.inf
+    distance = (unknowns - problem.center) / problem.unit
+    return -point.log_likelihood + 0.5 * float(np.sum(problem.precision * distance**2))
+
+
+def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
+    """Levenberg-Marquardt with the damping in units of the prior."""
+    unknowns, unit, center, precision = start.copy(), problem.unit, problem.center, problem.precision
+    point = linearise(problem, unknowns)
+    cost = _cost(problem, unknowns, point)
+    if not np.isfinite(cost):
+        raise TrajectoryError(
+            "The simulated ship leaves the model's range at the start of the fit: the first estimate from these "
+            "records is no stable ship; add a run that turns less hard, or a prior nearer to the ship."
+        )
+    damping, growth = 1e-3, 2.0
+    for n_steps in range(_MOST_STEPS):
+        slope = point.gradient + precision * (unknowns - center) / unit
+        step = -_solve(point.matrix + np.diag(precision + damping), slope)
+        expected = 0.5 * step @ (damping * step - slope)
+        if growth == 2.0 and expected < change:
+            return _Mode(problem, unknowns, point, n_steps)
+        trial = unknowns + unit * step
+        ahead = linearise(problem, trial)
+        gain = cost - _cost(problem, trial, ahead)
+        if gain > 0.0:
+            damping *= max(1.0 / 8.0, 1.0 - (2.0 * gain / expected - 1.0) ** 3)
+            unknowns, point, cost, growth = trial, ahead, cost - gain, 2.0
+        else:
+            damping, growth = damping * growth, 2.0 * growth
+        if damping > 1e12:
+            return _Mode(problem, unknowns, point, n_steps)
+    raise TrajectoryError(f"No minimum was found in {_MOST_STEPS} steps; give more runs or a prior nearer to the ship.")
+
+
+def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Solution of a symmetric system after scaling its diagonal to one."""
+    size = np.sqrt(np.diag(matrix))
+    return np.linalg.solve(matrix / np.outer(size, size), vector / size) / size
+
+
+def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) -> TrajectoryFit:
+    """Posterior mode from a start, with the factors tau of the prior by evidence, and its normal approximation.
+
+    Levenberg-Marquardt in units of the prior; then, where the prior has scales to tune, tau of each DOF by MacKay's
+    fixed point on the linearised problem and a descent from there, until tau stays.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : ndarray, shape (n_unknowns,)
+        Coefficients, then initial state and offsets of each run.
+    change : float, optional
+
+    Returns
+    -------
+    TrajectoryFit
+
+    Raises
+    ------
+    TrajectoryError
+        When the start diverges, no minimum is found or, under a flat prior, it is none in every direction.
+
+    References
+    ----------
+    Marquardt (1963), doi:10.1137/0111030, with the damping of Nielsen (1999), IMM-REP-1999-05; Maine & Iliff (1986),
+    NASA RP-1168, for the output-error method; MacKay (1992), doi:10.1162/neco.1992.4.3.415, for the scales.
+    """
+    mode = _descend(problem, start, change)
+    n_steps = mode.n_steps
+    for _ in range(_MOST_REFITS if problem.prior.tuned.any() else 0):
+        tau = _tuned_tau(mode)
+        settled = np.max(np.abs(np.log(tau / mode.problem.tau))) < 0.02
+        mode = _descend(replace(mode.problem, tau=tau), mode.unknowns, change)
+        n_steps += mode.n_steps
+        if settled:
+            break
+    return _approximation(replace(mode, n_steps=n_steps))
+
+
+def _tuned_tau(mode: _Mode) -> np.ndarray:
+    """Factors tau at which the linearised problem has its greatest evidence."""
+    problem, dofs, M = mode.problem, coefficient_dofs(mode.problem.vessel), mode.point.matrix
+    at = (mode.unknowns - problem.center) / problem.unit
+    pull = M @ at - mode.point.gradient
+    for _ in range(_MOST_TAU_UPDATES):
+        precision = problem.precision
+        size = np.sqrt(np.diag(M) + precision)
+        covariance = np.linalg.inv((M + np.diag(precision)) / np.outer(size, size)) / np.outer(size, size)
+        at, tau = covariance @ pull, problem.tau.copy()
+        known = precision * np.diag(covariance)
+        for g in range(tau.size):
+            mine = np.flatnonzero(problem.prior.tuned & (dofs == g))
+            if mine.size:
+                gamma = max(np.sum(1.0 - known[mine]), 1e-3)
+                tau[g] = np.clip(tau[g] * np.sqrt(np.sum(precision[mine] * at[mine] ** 2) / gamma), *TAU_RANGE)
+        change = np.max(np.abs(np.log(tau / problem.tau)))
+        problem = replace(problem, tau=tau)
+        if change < 1e-3:
+            break
+    return problem.tau
+
+
+def _approximation(mode: _Mode) -> TrajectoryFit:
+    """Normal approximation from the singular values of the whitened design, prior rows included."""
+    problem, unknowns = mode.problem, mode.unknowns
+    unit, precision = problem.unit, problem.precision
+    blocks = [np.diag(np.sqrt(precision)), problem.stated * unit]
+    pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
+    for run, noise, columns, place in pieces:
+        which = np.r_[columns, place]
+        rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[place])
+        triangle = np.linalg.qr(np.vstack([design for _, design in rows]) * unit[which], mode="r")
+        blocks.append(np.zeros((len(triangle), unit.size)))
+        blocks[-1][:, which] = triangle
+    _, s, right = np.linalg.svd(np.linalg.qr(np.vstack(blocks), mode="r"))
+    if s[-1] < _LEAST_SINGULAR_VALUE * s[0]:
+        raise TrajectoryError("The records leave combinations of the coefficients wholly unknown; give them a prior.")
+    distance = (unknowns - problem.center) / unit
+    log_precision = np.log(np.where(precision > 0.0, precision, 1.0))
+    log_prior = 0.5 * np.sum(log_precision - _LOG_2PI - precision * distance**2)
+    log_evidence = mode.point.log_likelihood + log_prior + 0.5 * unit.size * _LOG_2PI - np.sum(np.log(s))
+    root, point = unit[:, None] * right.T / s, mode.point
+    return TrajectoryFit(
+        problem=problem,
+        unknowns=unknowns,
+        square_root=root,
+        residuals=point.residuals,
+        log_likelihood=point.log_likelihood,
+        log_evidence=float(log_evidence),
+        n_steps=mode.n_steps,
+    )
+
+
+def initial_problem(runs: Sequence[Run], vessel: Vessel, prior: CoefficientPrior, *, offsets: bool = False) -> Problem:
+    """Problem with white noise and all factors tau at 1."""
+    noise = tuple(white_noise(run, offsets=offsets) for run in runs)
+    return Problem(tuple(runs), vessel, prior, noise, np.ones(len(vessel.dofs)))

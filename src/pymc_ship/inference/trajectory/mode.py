@@ -1,0 +1,119 @@
+"""Posterior mode of whole trajectories from several weak-form starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.rows.weak_form import weak_form_start
+from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory
+from pymc_ship.inference.trajectory.noise import NoiseChoice, fit_with_noise
+from pymc_ship.inference.trajectory.prior import KINDS, CoefficientPrior, coefficient_prior
+from pymc_ship.inference.trajectory.runs import Run, trajectory_run
+from pymc_ship.machine.arguments import shown
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.records.files.judgement import judgement
+from pymc_ship.trial.record import trial_list
+
+_SAME_MODE = 0.5  # posterior standard deviations
+
+
+@dataclass(frozen=True)
+class TrajectoryMode:
+    """Best mode found from several starts.
+
+    Attributes
+    ----------
+    choice : NoiseChoice
+        Fit, noise model and tests.
+    n_starts, n_agreeing : int
+        Starts that ran, and those that ended at this mode.
+    judgement : dict of str to str
+        What the checks said of the records, see :func:`pymc_ship.records.files.judgement.judgement`.
+    """
+
+    choice: NoiseChoice
+    n_starts: int
+    n_agreeing: int
+    judgement: dict[str, str]
+
+
+def trajectory_mode(
+    trials: xr.Dataset | Sequence[xr.Dataset],
+    vessel: Vessel,
+    prior: str | CoefficientPrior = "order_damped",
+    *,
+    channels: Sequence[str] | None = None,
+    noise_sd: Mapping[str, float] | None = None,
+    noise: str = "auto",
+    offsets: bool | None = None,
+    method: str = "rk4",
+) -> TrajectoryMode:
+    """Posterior mode from weak-form starts, under the noise model the residuals call for.
+
+    The weak form under the prior is the first start, that without damping by order the second; its descent runs under
+    the noise model that the first one chose.
+
+    Parameters, errors and references as :func:`pymc_ship.trajectory_posterior`.
+
+    Returns
+    -------
+    TrajectoryMode
+    """
+    trials = trial_list(trials)
+    if not trials:
+        raise TrajectoryError("A trajectory fit needs at least one trial, found none; give one.")
+    said = judgement(trials)
+    runs = [trajectory_run(trial, vessel, channels=channels, noise_sd=noise_sd, method=method) for trial in trials]
+    trials = [_completed(trial, run, vessel) for trial, run in zip(trials, runs, strict=True)]
+    if isinstance(prior, str):
+        prior = coefficient_prior(trials, vessel, prior)
+    if not isinstance(prior, CoefficientPrior):
+        raise PriorError(
+            f"The prior of a trajectory fit is a CoefficientPrior or one of {', '.join(KINDS)}, found "
+            f"{shown(type(prior))}; make one by coefficient_prior."
+        )
+    damped = prior if np.isfinite(prior.scale).all() else coefficient_prior(trials, vessel)
+    scales = damped.scale, coefficient_prior(trials, vessel, damping=1.0).scale
+    first, second = (weak_form_start(trials, vessel, damped.mean, scale, method=method) for scale in scales)
+    try:
+        choice = fit_with_noise(runs, vessel, prior, first, noise=noise, offsets=offsets)
+    except TrajectoryError:
+        return TrajectoryMode(fit_with_noise(runs, vessel, prior, second, noise=noise, offsets=offsets), 2, 1, said)
+    return _checked(choice, second, said)
+
+
+def _checked(choice: NoiseChoice, start: np.ndarray, said: dict[str, str]) -> TrajectoryMode:
+    """Better of a fit and another from a second start under the same noise, and whether they are the same."""
+    fit = choice.fit
+    unknowns = fit.unknowns.copy()
+    unknowns[: start.size] = start
+    try:
+        other = fit_trajectory(fit.problem, unknowns)
+    except TrajectoryError:
+        return TrajectoryMode(choice, 2, 1, said)
+    apart = np.max(np.abs(other.coefficients - fit.coefficients) / fit.sd)
+    if other.log_evidence > fit.log_evidence and apart >= _SAME_MODE:
+        choice = replace(choice, fit=other)
+    return TrajectoryMode(choice, 2, 2 if apart < _SAME_MODE else 1, said)
+
+
+def _completed(trial: xr.Dataset, run: Run, vessel: Vessel) -> xr.Dataset:
+    """Trial whose states that are not fitted come from the vessel file's own ship along the same rudder."""
+    missing = [name for name in STATE[: 5 if run.rolls else 3] if name not in run.channels]
+    if not missing:
+        return trial
+    start, theta = run.initial_state[0], reference_coefficients(vessel)
+    motion = replay(vessel, run.inputs, start, theta, **run.integration)[:, 0]
+    if not np.isfinite(motion).all():
+        raise TrajectoryError(
+            f"A fit starts from u, v, r (and p, phi where the ship rolls); {', '.join(missing)} not fitted and the "
+            "vessel file's own ship leaves the model's range along this rudder: give it a similar ship's coefficients."
+        )
+    return trial.assign({name: ("time", motion[STATE.index(name)]) for name in missing})

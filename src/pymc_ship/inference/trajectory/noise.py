@@ -1,0 +1,355 @@
+"""Which noise the residuals of a trajectory fit show, and the fit under it.
+
+White normal noise of the sd given (or of second differences) is tried first. What it leaves is tested: for serial
+correlation (Ljung and Box), for constant sensor offsets (score test), for heavy tails (kurtosis) and for its size.
+Where a test fails, the noise model that mends it is fitted: to ignore it would leave intervals that cover 20 to 50 % in
+place of 90 %.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from pymc_ship.inference.trajectory.fit import (
+    Noise,
+    Problem,
+    TrajectoryError,
+    TrajectoryFit,
+    fit_trajectory,
+    initial_problem,
+    linearise,
+    white_noise,
+)
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.inference.trajectory.runs import Run, whiten
+from pymc_ship.machine.arguments import check_choice
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.vessel import Vessel
+
+NOISE_MODELS = ("auto", "white", "ar1", "student_t")
+"""Noise models to ask for; ``auto`` tests the residuals and chooses."""
+
+ALPHA = 1e-4
+"""Probability at which a test of the residuals calls for another noise model, for all channels together."""
+
+LAGS = 10
+"""Lags of the Ljung-Box test, in blocks."""
+
+_MOST_PASSES = 5
+_SETTLED = 0.02  # posterior standard deviations
+_DEGREES_OF_FREEDOM = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
+
+
+@dataclass(frozen=True)
+class ResidualTests:
+    """Tests of white normal noise: p-values, each for all runs and channels together.
+
+    ``serial`` (Ljung-Box), ``offset`` (score test of constant offsets), ``tails`` (kurtosis of the samples), ``size``
+    (mean square against the sd assumed).
+    """
+
+    serial: float
+    offset: float
+    tails: float
+    size: float
+
+
+@dataclass(frozen=True)
+class NoiseChoice:
+    """Fit under the chosen noise model and how it was chosen.
+
+    Attributes
+    ----------
+    fit : TrajectoryFit
+    kind : {"white", "ar1", "student_t"}
+    offsets : bool
+        Whether each sensor of each run has a constant offset among the unknowns.
+    degrees_of_freedom : float
+        Of Student's t; infinite otherwise.
+    tests : ResidualTests
+        Of the fit with white noise and without offsets.
+    sentence : str
+    """
+
+    fit: TrajectoryFit
+    kind: str
+    offsets: bool
+    degrees_of_freedom: float
+    tests: ResidualTests
+    sentence: str
+
+
+def fit_with_noise(
+    runs: Sequence[Run],
+    vessel: Vessel,
+    prior: CoefficientPrior,
+    start: np.ndarray,
+    *,
+    noise: str = "auto",
+    offsets: bool | None = None,
+) -> NoiseChoice:
+    """Fit trajectories under the noise model asked for, or the one that their residuals call for.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+    vessel : Vessel
+    prior : CoefficientPrior
+    start : ndarray, shape (n_coefficients,)
+        Coefficients to start from.
+    noise : {"auto", "white", "ar1", "student_t"}, optional
+    offsets : bool, optional
+        Constant sensor offsets as unknowns; by default where a score test finds them.
+
+    Returns
+    -------
+    NoiseChoice
+
+    Raises
+    ------
+    TrajectoryError
+        For an unknown noise model, a start that diverges, a fit that does not converge.
+
+    References
+    ----------
+    Ljung & Box (1978), doi:10.1093/biomet/65.2.297; Lange, Little & Taylor (1989), doi:10.1080/01621459.1989.10478852.
+    """
+    check_choice("The noise", noise, NOISE_MODELS, TrajectoryError)
+    problem = initial_problem(runs, vessel, prior)
+    white = _white_fit(problem, np.concatenate([start, *(run.initial_state[0] for run in runs)]))
+    tests = residual_tests(white)
+    if noise == "auto":
+        noise = "ar1" if tests.serial < ALPHA else "student_t" if tests.tails < ALPHA else "white"
+        shifted = tests.offset < ALPHA if offsets is None else offsets
+        if noise == "ar1" and shifted:
+            noise = _correlated_or_shifted(white)
+    fit, degrees_of_freedom = _fitted(white, noise, bool(offsets), tests)
+    shifted = offset_test(fit) < ALPHA if offsets is None else offsets
+    if shifted and offsets is None:
+        fit, degrees_of_freedom = _fitted(fit, noise, True, tests)
+    sentence = _sentence(noise, shifted, degrees_of_freedom, tests, fit)
+    return NoiseChoice(fit, noise, shifted, degrees_of_freedom, tests, sentence)
+
+
+def _white_fit(problem: Problem, start: np.ndarray) -> TrajectoryFit:
+    """Fit under white noise of the sd assumed or, where no minimum is found, of the residuals, with tau at 1.
+
+    Second differences miss most of a noise that is correlated over seconds. Under such an sd, and under factors tau
+    that grow with it, the cost is a valley without end.
+    """
+    try:
+        return fit_trajectory(problem, start)
+    except TrajectoryError:
+        if not all(np.isfinite(values).all() for values in _residuals(problem, start)):
+            raise
+    prior, unknowns = problem.prior, start
+    problem = replace(problem, prior=replace(prior, tuned=np.zeros_like(prior.tuned)))
+    for _ in range(_MOST_PASSES):
+        noise = []
+        for run, residuals in zip(problem.runs, _residuals(problem, unknowns), strict=True):
+            assumed, found = white_noise(run), _normal_noise(run, residuals, offsets=False, correlated=False)
+            noise.append(replace(assumed, sd=np.maximum(assumed.sd, found.sd)))
+        fit = fit_trajectory(replace(problem, noise=tuple(noise)), unknowns)
+        change, unknowns = np.max(np.abs(fit.unknowns - unknowns)[: prior.mean.size] / fit.sd), fit.unknowns
+        if change < _SETTLED:
+            break
+    return replace(fit, problem=replace(fit.problem, prior=prior))
+
+
+def _correlated_or_shifted(white: TrajectoryFit) -> str:
+    """Law of the noise where residuals are correlated: white if constant offsets alone explain it."""
+    try:
+        shifted, _ = _fitted(white, "white", True, None)
+    except TrajectoryError:
+        return "ar1"
+    return "ar1" if serial_test(shifted) < ALPHA else "white"
+
+
+def residual_tests(fit: TrajectoryFit) -> ResidualTests:
+    """Test the residuals of a fit with white noise and without offsets."""
+    p_size, p_tails, problem = [], [], fit.problem
+    for run, noise, white, samples in zip(
+        problem.runs, problem.noise, fit.residuals, sample_residuals(fit), strict=True
+    ):
+        size = np.mean(white**2, axis=1) * (noise.sd / white_noise(run).sd) ** 2
+        spread = np.sqrt(2.0 / white.shape[1] + 5.4 / run.inputs.shape[1])
+        p_size += list(2.0 * stats.norm.sf(np.abs(size - 1.0) / spread))
+        p_tails += list(stats.kurtosistest(samples, axis=1, alternative="greater").pvalue)
+    return ResidualTests(serial_test(fit), offset_test(fit), _together(p_tails), _together(p_size))
+
+
+def _together(p: Sequence[float]) -> float:
+    """Bonferroni's p-value of several tests."""
+    return float(min(1.0, len(p) * min(p)))
+
+
+def serial_test(fit: TrajectoryFit) -> float:
+    """Ljung-Box test of the block residuals of each channel of each run."""
+    p = []
+    for white in fit.residuals:
+        n = white.shape[1]
+        lags = min(LAGS, n // 4)
+        r = np.array([np.sum(white[:, k:] * white[:, : n - k], axis=1) for k in range(lags + 1)])
+        r = r[1:] / r[0]
+        box = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1, lags + 1))[:, None], axis=0)
+        p += list(stats.chi2.sf(box, lags))
+    return _together(p)
+
+
+def offset_test(fit: TrajectoryFit) -> float:
+    """Score test of one constant offset for each sensor of each run: the offsets after one Gauss-Newton step from 0.
+
+    The step moves all unknowns: offsets that an initial state can all but stand for would magnify what the fit has left
+    of its own gradient.
+    """
+    noise = tuple(replace(noise, offsets=True) for noise in fit.problem.noise)
+    problem = replace(fit.problem, noise=noise)
+    parts, is_offset = [fit.coefficients], [np.zeros(fit.coefficients.size, dtype=bool)]
+    for run, place in zip(problem.runs, fit.problem.nuisances, strict=True):
+        parts += [fit.unknowns[place][: run.n_states], np.zeros(len(run.channels))]
+        is_offset += [np.zeros(run.n_states, dtype=bool), np.ones(len(run.channels), dtype=bool)]
+    unknowns, free = np.concatenate(parts), np.concatenate(is_offset)
+    point = linearise(problem, unknowns)
+    precision = np.where(free, 0.0, problem.precision)
+    H = point.matrix + np.diag(precision)
+    size = np.sqrt(np.diag(H))
+    covariance = np.linalg.inv(H / np.outer(size, size))
+    slope = point.gradient + precision * (unknowns - problem.center) / problem.unit
+    step = (covariance @ (slope / size))[free]
+    return float(stats.chi2.sf(step @ np.linalg.solve(covariance[np.ix_(free, free)], step), free.sum()))
+
+
+def sample_residuals(fit: TrajectoryFit) -> list[np.ndarray]:
+    """Raw samples minus the fitted motion and offsets of each run, each of shape (n_channels, n_time)."""
+    return _residuals(fit.problem, fit.unknowns)
+
+
+def _residuals(problem: Problem, unknowns: np.ndarray) -> list[np.ndarray]:
+    residuals = []
+    for run, place, noise in zip(problem.runs, problem.nuisances, problem.noise, strict=True):
+        nuisances = unknowns[place]
+        start, theta = nuisances[: run.n_states], unknowns[: problem.n_coefficients]
+        motion = replay(problem.vessel, run.inputs, start, theta, **run.integration)
+        offsets = nuisances[run.n_states :, None] if noise.offsets else 0.0
+        residuals.append(run.samples - motion[list(run.rows), 0] - offsets)
+    return residuals
+
+
+def white_misfits(problem: Problem, unknowns: np.ndarray) -> Iterator[np.ndarray]:
+    """Whitened misfit of each run for many draws, (n_channels, n_draws, n_blocks); NaN where the ship left the range.
+
+    Parameters
+    ----------
+    problem : Problem
+    unknowns : ndarray, shape (n_draws, n_unknowns)
+    """
+    for run, noise, columns, place in zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True):
+        theta, nuisances = unknowns[:, columns], unknowns[:, place]
+        motion = replay(
+            problem.vessel, run.inputs, nuisances[:, : run.n_states], theta, block=run.block, **run.integration
+        )
+        offsets = nuisances[:, run.n_states :] if noise.offsets else np.zeros((len(unknowns), len(run.channels)))
+        misfit = noise.values[:, None] - motion[list(run.rows)] - offsets.T[:, :, None]
+        laws = zip(misfit, noise.sd, noise.correlation, strict=True)
+        yield np.array([whiten(values.T, sd, correlation).T for values, sd, correlation in laws])
+
+
+def _fitted(fit: TrajectoryFit, kind: str, offsets: bool, tests: ResidualTests | None) -> tuple[TrajectoryFit, float]:
+    """Fit under a noise model, warm from another, its parameters from its own residuals."""
+    degrees_of_freedom = np.inf
+    if kind == "white" and tests is not None and tests.size >= ALPHA:
+        noise = [white_noise(run, offsets=offsets) for run in fit.problem.runs]
+        return (_refitted(fit, noise) if offsets else fit), degrees_of_freedom
+    for _ in range(_MOST_PASSES):
+        if kind == "student_t":
+            degrees_of_freedom, noise = _student_noise(fit, offsets)
+        else:
+            noise = [
+                _normal_noise(run, residuals, offsets, correlated=kind == "ar1")
+                for run, residuals in zip(fit.problem.runs, sample_residuals(fit), strict=True)
+            ]
+        before, fit = fit, _refitted(fit, noise)
+        if np.max(np.abs(fit.coefficients - before.coefficients) / fit.sd) < _SETTLED:
+            break
+    return fit, degrees_of_freedom
+
+
+def _refitted(fit: TrajectoryFit, noise: Sequence[Noise]) -> TrajectoryFit:
+    """Fit with other noise, from the mode of a fit; offsets start from zero."""
+    problem = replace(fit.problem, noise=tuple(noise))
+    start = problem.center
+    start[: problem.n_coefficients] = fit.coefficients
+    for old, new in zip(fit.problem.nuisances, problem.nuisances, strict=True):
+        size = min(old.stop - old.start, new.stop - new.start)
+        start[new.start : new.start + size] = fit.unknowns[old.start : old.start + size]
+    return fit_trajectory(problem, start)
+
+
+def _normal_noise(run: Run, residuals: np.ndarray, offsets: bool, *, correlated: bool) -> Noise:
+    """Normal noise with sd and lag-one correlation of the block residuals."""
+    blocks = run.block_means(residuals)
+    sd = np.sqrt(np.mean(blocks**2, axis=1))
+    correlation = np.zeros(len(sd))
+    if correlated:
+        correlation = np.sum(blocks[:, 1:] * blocks[:, :-1], axis=1) / np.sum(blocks**2, axis=1)
+        correlation = np.clip(correlation, -0.98, 0.995)
+    return Noise(sd, correlation, offsets, run.means)
+
+
+def _student_noise(fit: TrajectoryFit, offsets: bool) -> tuple[float, list[Noise]]:
+    """Student's t for the samples: blocks whose mean and sd carry its score and its Fisher information."""
+    runs, residuals = fit.problem.runs, sample_residuals(fit)
+    rows = [values for run in residuals for values in run]
+    scales = [[_t_scale(values, nu) for values in rows] for nu in _DEGREES_OF_FREEDOM]
+    total = [
+        sum(stats.t.logpdf(values, nu, scale=scale).sum() for values, scale in zip(rows, row, strict=True))
+        for nu, row in zip(_DEGREES_OF_FREEDOM, scales, strict=True)
+    ]
+    best = int(np.argmax(total))
+    nu, scale, begin, noise = _DEGREES_OF_FREEDOM[best], np.array(scales[best]), 0, []
+    information = (nu + 1.0) / (nu + 3.0)
+    for run, values in zip(runs, residuals, strict=True):
+        sigma = scale[begin : begin + len(values), None]
+        begin += len(values)
+        score = values * (nu + 1.0) / (nu + (values / sigma) ** 2) / information
+        pseudo = run.means - run.block_means(values) + run.block_means(score)
+        sd = sigma[:, 0] / np.sqrt(information * run.block)
+        noise.append(Noise(sd, np.zeros(len(values)), offsets, pseudo))
+    return nu, noise
+
+
+def _t_scale(values: np.ndarray, nu: float) -> float:
+    """Scale of Student's t about 0 of greatest likelihood, by expectation and maximisation."""
+    scale = float(np.median(np.abs(values)) / stats.t.ppf(0.75, nu))
+    for _ in range(50):
+        weight = (nu + 1.0) / (nu + (values / scale) ** 2)
+        scale, before = float(np.sqrt(np.mean(weight * values**2))), scale
+        if abs(scale / before - 1.0) < 1e-4:
+            break
+    return scale
+
+
+def _sentence(kind: str, offsets: bool, nu: float, tests: ResidualTests, fit: TrajectoryFit) -> str:
+    """What was found in the residuals and what was done about it."""
+    law = {
+        "white": "white normal noise",
+        "ar1": "noise with a first-order autocorrelation of each channel",
+        "student_t": f"Student's t noise with {nu:g} degrees of freedom",
+    }[kind]
+    extra = " and a constant offset of each sensor" if offsets else ""
+    found = [
+        f"{name} (p = {p:.2g})"
+        for name, p in (
+            ("serial correlation", tests.serial),
+            ("sensor offsets", tests.offset),
+            ("heavy tails", tests.tails),
+            ("a size that differs from the sd assumed", tests.size),
+        )
+        if p < ALPHA
+    ]
+    reason = f"the residuals under plain white noise show {', '.join(found)}" if found else "the residuals are white"
+    return f"Fitted with {law}{extra}: {reason}; chi2 per value {fit.chi2:.2f}."

@@ -1,0 +1,317 @@
+"""Posterior of all coefficients from whole trajectories: raw records in, one DataTree out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.tree import CITATIONS, provenance, rng_state
+from pymc_ship.inference.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit
+from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
+from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfits
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.inference.trajectory.runs import Run
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.prime_record import prime_record
+from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import coefficient_names
+
+KHAT_LIMIT = 0.7
+"""Pareto k-hat above which the normal approximation is not to be trusted (Vehtari et al. 2024)."""
+
+_LOG_2PI = np.log(2.0 * np.pi)
+
+
+def trajectory_posterior(
+    trials: xr.Dataset | Sequence[xr.Dataset],
+    vessel: VesselLike,
+    prior: str | CoefficientPrior = "order_damped",
+    *,
+    draws: int = 1000,
+    chains: int = 4,
+    rng: Seed,
+    **settings,
+) -> xr.DataTree:
+    """Posterior of all coefficients of a vessel from whole trajectories (output-error method, Laplace approximation).
+
+    The simulated motion is fitted to the raw records: nothing is differentiated or smoothed. The posterior is normal
+    around its mode; importance weights of its draws give the Pareto k-hat that tells how far to trust it. Above 0.7 use
+    :func:`pymc_ship.trajectory_nuts_posterior`.
+
+    Parameters
+    ----------
+    trials : Dataset or sequence of Dataset, dims (time,)
+        Raw records with ``delta`` and any of u, v, r, p, phi, psi, x, y; each run has its own initial state.
+    vessel : Vessel, str or Path
+        Its reference coefficients are looked at under the prior ``"sister_ship"`` only.
+    prior : {"order_damped", "sister_ship", "flat"} or CoefficientPrior, optional
+        See :func:`pymc_ship.coefficient_prior`.
+    draws, chains : int, optional
+        Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
+    rng : int, SeedSequence or Generator
+    **settings
+        ``channels`` to fit (default: those of u, v, r, p, phi there are), ``noise_sd`` of single samples by channel
+        (default: from second differences), ``noise`` ("auto", "white", "ar1", "student_t"), ``offsets`` (True, False;
+        default: as the residuals call for), ``method`` ("rk4", "euler").
+
+    Returns
+    -------
+    DataTree
+        Groups posterior (``coefficients`` of all DOFs, ``initial_state`` and, with offsets, ``sensor_offset`` of each
+        run), log_likelihood (``response``, one row for each block of samples, all channels together), log_prior,
+        observed_data (block means by row and channel) and constant_data (``time``, ``run``, ``motion`` in prime
+        values, ``fitted``, ``prior_sd`` of the coefficients, ``noise_sd`` of a sample, ``block_sd`` and ``correlation``
+        of the blocks). Attrs tell the noise model and why, the mean chi2, Pareto k-hat and the verdict on it, the
+        factors tau, the starts that agree and the share of draws that diverge on the records.
+
+    Raises
+    ------
+    TrialError, PriorError
+        For trials or priors that cannot be used.
+    TrajectoryError
+        For no trial, a noise model that is not known, or when no start converges.
+    ValueError
+        When ``draws`` is no positive multiple of ``chains``.
+
+    References
+    ----------
+    Maine & Iliff (1986), NASA RP-1168; Tierney & Kadane (1986), doi:10.1080/01621459.1986.10478240; Vehtari et al.
+    (2024), Pareto smoothed importance sampling, JMLR 25(72).
+
+    Examples
+    --------
+    A fit to a noisy zigzag, and a rudder coefficient beside its reference value:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=400, step=0.5, method="rk4")
+    >>> noisy = ps.pollute(trial, level=0.01, rng=rng)
+    >>> tree = ps.trajectory_posterior(noisy, vessel, "sister_ship", draws=200, rng=rng)
+    >>> tree.attrs["noise_model"], tree.attrs["verdict"]
+    ('white', 'the normal approximation can be trusted')
+    >>> draws = tree["posterior"]["coefficients"].sel(coefficient="Ngsincos")
+    >>> print(f"{draws.mean():.5f}, {vessel.coefficients('yaw').sel(coefficient='Ngsincos'):.5f}")
+    -0.00176, -0.00176
+    """
+    rng = random_generator(rng)
+    vessel = as_vessel(vessel)
+    if draws < 1 or chains < 1 or draws % chains:
+        raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
+    mode = trajectory_mode(trials, vessel, prior, **settings)
+    return laplace_posterior(mode, draws=draws, chains=chains, rng=rng)
+
+
+def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.random.Generator) -> xr.DataTree:
+    """Independent draws from the normal approximation at a mode; see :func:`trajectory_posterior`."""
+    fit, state = mode.choice.fit, rng_state(rng)
+    standard = rng.standard_normal((draws, fit.unknowns.size))
+    unknowns = fit.unknowns + standard @ fit.square_root.T
+    log_likelihood = log_likelihood_rows(fit, unknowns)
+    log_prior = log_prior_density(fit, unknowns)
+    running = np.isfinite(log_likelihood).all(axis=1)
+    if not running.any():
+        raise TrajectoryError("Every draw of the normal approximation leaves the model's range; give a closer prior.")
+    log_weight = np.where(running, log_likelihood.sum(axis=1) + log_prior + 0.5 * np.sum(standard**2, axis=1), -np.inf)
+    khat = pareto_khat(log_weight[running])
+    attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~running))}
+    layout = (chains, draws // chains)
+    return trajectory_tree(
+        mode,
+        *(values.reshape(*layout, *values.shape[1:]) for values in (unknowns, log_likelihood, log_prior)),
+        method="trajectory",
+        attrs=attrs | {"rng_state": state},
+    )
+
+
+def pareto_khat(log_weight: np.ndarray) -> float:
+    """Shape of the generalised Pareto tail of importance weights; above 0.7 the proposal is not to be trusted."""
+    from arviz_stats.base import array_stats
+
+    return float(array_stats.psislw(log_weight.max() - log_weight)[1])
+
+
+def verdict(khat: float) -> str:
+    """Whether the normal approximation is to be trusted, and what to do where not."""
+    if khat <= KHAT_LIMIT:
+        return "the normal approximation can be trusted"
+    return "the normal approximation is not to be trusted: sample with trajectory_nuts_posterior"
+
+
+def log_likelihood_rows(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
+    """Log likelihood of every block, all channels together, shape (n_draws, n_rows); NaN where a draw diverges."""
+    pieces = zip(fit.problem.noise, white_misfits(fit.problem, unknowns), strict=True)
+    return np.hstack([_run_log_likelihood(noise, white) for noise, white in pieces])
+
+
+def _run_log_likelihood(noise: Noise, white: np.ndarray) -> np.ndarray:
+    """Log density of the blocks of one run given those before, shape (n_draws, n_blocks)."""
+    total = np.zeros(white.shape[1:])
+    for values, sd, correlation in zip(white, noise.sd, noise.correlation, strict=True):
+        total -= 0.5 * (values**2 + _LOG_2PI) + np.log(sd)
+        total[:, 1:] -= 0.5 * np.log1p(-(correlation**2))
+    return total
+
+
+def log_prior_density(fit: TrajectoryFit, unknowns: np.ndarray) -> np.ndarray:
+    """Log prior density of coefficients, initial states and offsets, shape (n_draws,); flat ones count 0."""
+    problem = fit.problem
+    precision, unit = problem.precision, problem.unit
+    proper = precision > 0.0
+    distance = precision * ((unknowns - problem.center) / unit) ** 2
+    constant = 0.5 * np.log(precision[proper]) - 0.5 * _LOG_2PI - np.log(unit[proper])
+    return constant.sum() - 0.5 * distance.sum(axis=1)
+
+
+def trajectory_tree(
+    mode: TrajectoryMode,
+    unknowns: np.ndarray,
+    log_likelihood: np.ndarray,
+    log_prior: np.ndarray,
+    *,
+    method: str,
+    attrs: Mapping[str, object],
+    groups: Mapping[str, xr.Dataset] | None = None,
+) -> xr.DataTree:
+    """Lay out draws of all unknowns as a DataTree.
+
+    Parameters
+    ----------
+    mode : TrajectoryMode
+    unknowns : ndarray, shape (n_chains, n_draws, n_unknowns)
+    log_likelihood : ndarray, shape (n_chains, n_draws, n_rows)
+    log_prior : ndarray, shape (n_chains, n_draws)
+    method : str
+        ``"trajectory"`` or ``"trajectory_nuts"``.
+    attrs : mapping
+    groups : mapping of str to Dataset, optional
+        Further groups such as ``sample_stats``.
+
+    Returns
+    -------
+    DataTree
+        As :func:`trajectory_posterior`.
+    """
+    problem = mode.choice.fit.problem
+    sample = ("chain", "draw")
+    coords = {"chain": np.arange(unknowns.shape[0]), "draw": np.arange(unknowns.shape[1])}
+    constant, observed = _records(mode.choice.fit)
+    row = {"row": constant["row"]}
+    tree = {
+        "posterior": _posterior_group(problem, unknowns, coords),
+        "log_likelihood": xr.Dataset({"response": ((*sample, "row"), log_likelihood)}, coords | row),
+        "log_prior": xr.Dataset({"coefficients": (sample, log_prior)}, coords),
+        "observed_data": observed,
+        "constant_data": constant,
+    }
+    root = xr.Dataset(attrs=_attrs(mode, method) | dict(attrs))
+    return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
+
+
+def _posterior_group(problem, unknowns: np.ndarray, coords: Mapping) -> xr.Dataset:
+    sample, n = ("chain", "draw"), problem.n_coefficients
+    most = max(run.n_states for run in problem.runs)
+    channels = list(dict.fromkeys(name for run in problem.runs for name in run.channels))
+    initial = np.full((*unknowns.shape[:2], len(problem.runs), most), np.nan)
+    offset = np.full((*unknowns.shape[:2], len(problem.runs), len(channels)), np.nan)
+    for k, (run, noise, place) in enumerate(zip(problem.runs, problem.noise, problem.nuisances, strict=True)):
+        nuisances = unknowns[..., place]
+        initial[..., k, : run.n_states] = nuisances[..., : run.n_states]
+        if noise.offsets:
+            offset[..., k, [channels.index(name) for name in run.channels]] = nuisances[..., run.n_states :]
+    variables = {
+        "coefficients": ((*sample, "coefficient"), unknowns[..., :n]),
+        "initial_state": ((*sample, "run", "state"), initial),
+    }
+    labels = {
+        "coefficient": coefficient_names(problem.vessel),
+        "run": np.arange(len(problem.runs)),
+        "state": list(STATE[:most]),
+    }
+    if any(noise.offsets for noise in problem.noise):
+        variables["sensor_offset"] = ((*sample, "run", "channel"), offset)
+        labels["channel"] = channels
+    return xr.Dataset(variables, dict(coords) | labels)
+
+
+def _records(fit: TrajectoryFit) -> tuple[xr.Dataset, xr.Dataset]:
+    """What was measured and fitted, block by block, and the noise of the sensors."""
+    problem = fit.problem
+    channels = list(dict.fromkeys(name for run in problem.runs for name in run.channels))
+    parts, noise = [], np.full((3, len(problem.runs), len(channels)), np.nan)
+    residuals = sample_residuals(fit)
+    for k, (run, law, place) in enumerate(zip(problem.runs, problem.noise, problem.nuisances, strict=True)):
+        parts.append(_record(fit, run, place, channels, k))
+        columns = [channels.index(name) for name in run.channels]
+        noise[:, k, columns] = np.sqrt(np.mean(residuals[k] ** 2, axis=1)), law.sd, law.correlation
+    whole = xr.concat(parts, "row").assign_coords(row=np.arange(sum(run.n_blocks for run in problem.runs)))
+    constant = whole[["time", "run", "motion", "fitted"]]
+    constant["prior_sd"] = _prior_sd(problem)
+    constant["noise_sd"] = ("channel", np.sqrt(np.nanmean(noise[0] ** 2, axis=0)))
+    constant["block_sd"], constant["correlation"] = (
+        (("run_index", "channel"), noise[1]),
+        (("run_index", "channel"), noise[2]),
+    )
+    return constant, whole[["response"]]
+
+
+def _prior_sd(problem: Problem) -> xr.DataArray:
+    """Prior standard deviation of every coefficient, factors tau included; infinite where the prior is flat."""
+    n = problem.n_coefficients
+    with np.errstate(divide="ignore"):
+        sd = problem.unit[:n] / np.sqrt(problem.precision[:n])
+    return xr.DataArray(sd, {"coefficient": coefficient_names(problem.vessel)}, ("coefficient",))
+
+
+def _record(fit: TrajectoryFit, run: Run, place: slice, channels: list[str], index: int) -> xr.Dataset:
+    problem = fit.problem
+    start = fit.unknowns[place][: run.n_states]
+    motion = replay(problem.vessel, run.inputs, start, fit.coefficients, block=run.block, **run.integration)[:, 0]
+    prime, _, _ = prime_record(
+        problem.vessel, dict(zip(STATE[:5], motion, strict=False)) | {"delta": run.block_means(run.inputs[0])}
+    )
+    response, fitted = np.full((2, run.n_blocks, len(channels)), np.nan)
+    columns = [channels.index(name) for name in run.channels]
+    response[:, columns], fitted[:, columns] = run.means.T, motion[list(run.rows)].T
+    return xr.Dataset(
+        {
+            "time": ("row", run.time, {"units": "s"}),
+            "run": ("row", np.full(run.n_blocks, index)),
+            "motion": (("row", "symbol"), np.column_stack([prime[symbol] for symbol in SYMBOLS])),
+            "fitted": (("row", "channel"), fitted),
+            "response": (("row", "channel"), response),
+        },
+        {"symbol": list(SYMBOLS), "channel": channels},
+    )
+
+
+def _attrs(mode: TrajectoryMode, method: str) -> dict[str, object]:
+    choice, problem = mode.choice, mode.choice.fit.problem
+    prior = {
+        "family": problem.prior.kind,
+        "mean": problem.prior.mean.tolist(),
+        "scale": problem.prior.scale.tolist(),
+        "tau": dict(zip(problem.vessel.dofs, problem.tau.tolist(), strict=True)),
+    }
+    return {
+        "method": method,
+        "vessel": problem.vessel.name,
+        "dof": " ".join(problem.vessel.dofs),
+        "derivative": "none",
+        "integrator": problem.runs[0].method,
+        "prior": json.dumps(prior),
+        "noise_model": choice.kind + (" + offsets" if choice.offsets else ""),
+        "noise_sentence": choice.sentence,
+        "chi2": choice.fit.chi2,
+        "log_evidence": choice.fit.log_evidence,
+        **mode.judgement,
+        "starts": mode.n_starts,
+        "starts_agreeing": mode.n_agreeing,
+        **provenance(CITATIONS[method]),
+    }

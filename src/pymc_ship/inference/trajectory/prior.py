@@ -1,0 +1,248 @@
+"""Priors of all coefficients of a vessel at once, for fits of whole trajectories.
+
+theta_j ~ N(mean_j, (tau_g scale_j)^2) with one tau for each degree of freedom g, found by evidence, or 1. Fits
+to windows take the same mean and scale for those of Student's t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.rows.weak_form import coefficient_scales
+from pymc_ship.physics.forces.terms import order
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
+
+KINDS = ("flat", "order_damped", "sister_ship")
+"""Priors that need no numbers of the user's own."""
+
+FREEDOM = 4.0
+"""Degrees of freedom of a prior that is Student's t."""
+
+
+class Statement(NamedTuple):
+    """What other data say of all coefficients at once: ``values - rows @ theta`` are independent and standard normal.
+
+    ``rows`` (n_rows, n_coefficients), ``values`` (n_rows,).
+    """
+
+    rows: np.ndarray
+    values: np.ndarray
+
+    def misfit(self, coefficients: np.ndarray) -> np.ndarray:
+        """Values minus those of the coefficients, in standard deviations, (n_rows,)."""
+        return self.values - self.rows @ coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientPrior:
+    """Independent normal priors of all coefficients, in the vessel's order, prime values, and a statement on top.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (n_coefficients,)
+    scale : ndarray, shape (n_coefficients,)
+        Standard deviation before the factor tau of the degree of freedom; infinite for a flat prior.
+    unit : ndarray, shape (n_coefficients,)
+        Typical size of a coefficient: the scale where it is finite.
+    tuned : ndarray of bool, shape (n_coefficients,)
+        Whether the scale is multiplied by the factor tau found by evidence; the others are taken as stated.
+    kind : str
+    statement : Statement or None
+        What other data say on top of it, such as captive tests.
+    """
+
+    mean: np.ndarray
+    scale: np.ndarray
+    unit: np.ndarray
+    tuned: np.ndarray
+    kind: str
+    statement: Statement | None = None
+
+    @property
+    def stated(self) -> Statement:
+        """The statement; one without rows where there is none."""
+        return self.statement or Statement(np.empty((0, self.mean.size)), np.empty(0))
+
+    def as_normal_at(self, coefficients: np.ndarray, sd: np.ndarray) -> CoefficientPrior:
+        """Normal prior that stands for Student's t of these scales at a posterior.
+
+        Student's t is a mixture of normal laws; their mean precision at the posterior is (FREEDOM + 1) / (FREEDOM +
+        E z^2), z the distance from the mean in scales (Lange, Little & Taylor 1989,
+        doi:10.1080/01621459.1989.10478852). What the data leave open keeps its scale, as E z^2 is 1 there: tails that
+        no data cut are left out.
+
+        Parameters
+        ----------
+        coefficients, sd : ndarray, shape (n_coefficients,)
+            Posterior mean and standard deviation.
+        """
+        square = ((coefficients - self.mean) ** 2 + sd**2) / self.scale**2
+        return replace(self, scale=self.scale * np.sqrt((FREEDOM + square) / (FREEDOM + 1.0)))
+
+    def draw(self, draws: int, rng: np.random.Generator) -> np.ndarray:
+        """Independent draws with every factor tau at 1, shape (draws, n_coefficients), the statement left out.
+
+        Raises
+        ------
+        PriorError
+            Where a scale is infinite.
+        """
+        flat = int(np.sum(~np.isfinite(self.scale)))
+        if flat:
+            raise PriorError(
+                f"Draws need a prior with a standard deviation of every coefficient, found {flat} of {self.scale.size} "
+                f"without (prior {self.kind}); use order_damped or sister_ship, or state them in a table."
+            )
+        return self.mean + self.scale * rng.standard_normal((draws, self.mean.size))
+
+
+def coefficient_dofs(vessel: Vessel) -> np.ndarray:
+    """Index of the degree of freedom of each coefficient among ``vessel.dofs``, shape (n_coefficients,).
+
+    Parameters of parts act in all of them and count among the first; no factor tau changes them.
+    """
+    linear = [np.full(len(vessel.terms(dof)), g) for g, dof in enumerate(vessel.dofs)]
+    return np.concatenate([*linear, np.zeros(len(vessel.parameters), dtype=int)])
+
+
+def coefficient_prior(
+    trials: Sequence[xr.Dataset],
+    vessel: VesselLike,
+    kind: str = "order_damped",
+    *,
+    table: Mapping[str, tuple[float, float]] | None = None,
+    damping: float = 0.3,
+    relative_sd: float = 0.3,
+) -> CoefficientPrior:
+    """Prior of all coefficients from general knowledge and, where there is any, from a table or the vessel file.
+
+    Parameters
+    ----------
+    trials : sequence of Dataset
+        Give the typical size of each coefficient: rms force of the DOF over rms term.
+    vessel : Vessel, str or Path
+        Its reference coefficients are looked at for ``"sister_ship"`` only, but for those with an ``sd`` in the file:
+        they are N(value, sd) whatever the kind.
+    kind : {"order_damped", "sister_ship", "flat"}, optional
+        Centred on 0 with a scale of twice the typical size that falls with the order of the term; centred on the
+        vessel's reference values with ``relative_sd`` of them (and of a 20th of the typical size, so that a
+        coefficient near 0 is not taken as known); or no prior.
+    table : mapping of str to (float, float), optional
+        Mean and standard deviation of single coefficients by name, prime values; goes before the vessel file.
+    damping : float, optional
+        Factor of the scale for each order above the first.
+    relative_sd : float, optional
+        Relative standard deviation of a sister ship's coefficients.
+
+    Returns
+    -------
+    CoefficientPrior
+        With factors tau left to the evidence, but for a flat prior and for the table.
+
+    Raises
+    ------
+    PriorError
+        For an unknown kind, a damping outside (0, 1], a relative sd or a table's sd that is not positive, or unknown
+        names.
+
+    Examples
+    --------
+    A sister ship's coefficients, but for one that a table states and that no factor tau changes:
+
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> prior = ps.coefficient_prior([trial], vessel, "sister_ship", table={"XT": (0.001, 0.0001)})
+    >>> prior.mean.shape, float(prior.mean[0]), bool(prior.tuned[0])
+    ((29,), 0.001, False)
+    """
+    vessel = as_vessel(vessel)
+    if kind not in KINDS or not 0.0 < damping <= 1.0 or not 0.0 < relative_sd < np.inf:
+        raise PriorError(
+            f"A prior of coefficients is one of {', '.join(KINDS)} with damping in (0, 1] and a positive relative sd, "
+            f"found {kind!r}, {damping} and {relative_sd}; correct them."
+        )
+    known = np.array([parameter.sd for parameter in vessel.parameters])
+    typical = np.concatenate([coefficient_scales(trials, vessel) if any(vessel.forces.values()) else [], known])
+    mean, names = np.zeros(typical.size), coefficient_names(vessel)
+    if kind == "order_damped":
+        terms = [term for dof in vessel.dofs for term in vessel.terms(dof)]
+        scale = 2.0 * typical[: len(terms)] * np.array([damping ** max(order(term) - 1, 0) for term in terms])
+        scale = np.concatenate([scale, known])
+    elif kind == "sister_ship":
+        mean = reference_coefficients(vessel)
+        scale = relative_sd * np.hypot(mean, 0.05 * typical)
+    else:
+        scale = np.full(typical.size, np.inf)
+    tuned = np.isfinite(scale)
+    for name, (center, sd) in (_stated(vessel) | dict(table or {})).items():
+        if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
+            raise PriorError(
+                f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "
+                f"{name}: {center}, {sd}; correct it."
+            )
+        mean[names.index(name)], scale[names.index(name)], tuned[names.index(name)] = center, sd, False
+    unit = np.where(np.isfinite(scale), scale, typical)
+    return CoefficientPrior(mean, scale, unit, tuned, kind)
+
+
+def _stated(vessel: Vessel) -> dict[str, tuple[float, float]]:
+    """Mean and sd of the coefficients that the vessel file knows beforehand."""
+    every = [*(c for force in vessel.forces.values() for c in force), *vessel.parameters]
+    return {c.name: (c.value, c.sd) for c in every if c.sd > 0.0}
+
+
+def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel: VesselLike) -> CoefficientPrior:
+    """Prior with the means and standard deviations of the posterior of another trial.
+
+    Parameters
+    ----------
+    posteriors : DataTree or mapping of str to DataTree
+        Posterior of all coefficients of the vessel from whole trajectories, or the regression posterior of every DOF.
+        Of the same trial they would count its data twice.
+    vessel : Vessel, str or Path
+
+    Returns
+    -------
+    CoefficientPrior
+        Taken as stated, without factors tau; correlations of the posterior are left out.
+
+    Raises
+    ------
+    PriorError
+        When a DOF or a coefficient is missing, or a coefficient does not vary.
+    """
+    vessel = as_vessel(vessel)
+    trees = posteriors
+    if isinstance(posteriors, xr.DataTree):  # which is a mapping, too: of its groups
+        trees = dict.fromkeys(vessel.dofs, posteriors)
+    lacking = [dof for dof in vessel.dofs if dof not in trees]
+    if lacking:
+        raise PriorError(f"A prior from posteriors needs every DOF, {', '.join(lacking)} missing; add them.")
+    moments = [_moments(trees[dof], vessel, dof) for dof in vessel.dofs]
+    mean, scale = (np.concatenate(values) for values in zip(*moments, strict=True))
+    return CoefficientPrior(mean, scale, scale, np.zeros(mean.size, dtype=bool), "posterior")
+
+
+def _moments(tree: xr.DataTree, vessel: Vessel, dof: str) -> tuple[np.ndarray, np.ndarray]:
+    """Posterior mean and standard deviation of the coefficients of a DOF."""
+    names, draws = vessel.coefficients(dof)["coefficient"].values, tree["posterior"]["coefficients"]
+    lacking = sorted(set(names) - set(draws["coefficient"].values))
+    if lacking:
+        raise PriorError(f"A prior from a posterior needs every coefficient, {', '.join(lacking)} missing; add them.")
+    draws = draws.sel(coefficient=names)
+    mean, sd = draws.mean(("chain", "draw")).values, draws.std(("chain", "draw")).values
+    fixed = names[~(sd > 1e-12 * np.abs(mean))]
+    if fixed.size:
+        raise PriorError(
+            f"A prior from a posterior needs draws that vary, those of {', '.join(fixed)} do not; give those held "
+            "fixed a small sd in the table of coefficient_prior."
+        )
+    return mean, sd

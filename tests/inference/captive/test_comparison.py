@@ -1,0 +1,43 @@
+"""Captive tests beside the forces of ships."""
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.inference.captive.comparison import captive_forces, compared, comparison_rows, shown_comparison
+from pymc_ship.inference.trajectory.prior import coefficient_prior
+from tests.inference.captive.test_statement import PARTS, program
+
+
+@pytest.fixture(scope="module")
+def found():
+    vessel = ps.with_terms(ps.load_vessel("kvlcc2"), PARTS)
+    prior, rng = coefficient_prior([], vessel, "order_damped", damping=1.0), np.random.default_rng(3)
+    tests = program(vessel, rng, prior.mean).drop_vars("X")
+    exact = np.tile(prior.mean, (3, 1))
+    return compared(tests, vessel, {"prior alone": prior.draw(200, rng), "identified": exact})
+
+
+def test_bands_of_the_prior_hold_what_a_typical_ship_measures_and_those_of_one_ship_do_not(found):
+    rows = {(row["force"], row["drawn"]): row for row in comparison_rows(found)}
+    assert set(rows) == {(force, drawn) for force in ("Y'", "N'") for drawn in ("prior alone", "identified")}
+    for force, noise in (("Y'", 1e-4), ("N'", 4e-5)):
+        assert rows[force, "prior alone"]["inside"] > 0.9
+        assert rows[force, "identified"]["inside"] == 0.0
+        assert rows[force, "identified"]["R2"] > 0.99
+        assert rows[force, "identified"]["rms"] == pytest.approx(noise, rel=4.0 / np.sqrt(2.0 * 41))
+
+
+def test_a_page_shows_shares_of_the_force(found):
+    shown, columns = shown_comparison(comparison_rows(found))
+    assert set(columns) <= set(shown[0])
+    assert 0.0 < shown[-1]["rms"] < 10.0
+    assert shown[0]["inside"] > 90.0
+
+
+def test_the_figure_has_a_column_for_each_quantity_that_was_varied_alone(found):
+    fig = captive_forces(found)
+    labels = [ax.get_xlabel() for ax in fig.axes if ax.get_xlabel()]
+    assert labels == ["drift angle β [deg]", "yaw rate r'", "rudder δ [deg]"]
+    points = [line for line in fig.axes[0].lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(points[0].get_xdata(), np.linspace(-20, 20, 9), atol=1e-9)

@@ -1,0 +1,355 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+
+import arviz as az
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import quad
+
+from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.inference.regression.tree import rng_state
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.scaling import RegressionDataError
+from tests.inference.regression.peers import largest_z, oracle, simulated, z_limit
+
+SHAPES = [(12, 3), (3, 7), (5, 5), (1, 2)]
+"""Rows and terms: more rows, more terms, as many, and a single row."""
+
+
+def vector_prior(n_terms, seed=9):
+    rng = np.random.default_rng(seed)
+    return ConjugatePrior(mean=rng.standard_normal(n_terms), kappa=rng.uniform(0.2, 5.0, n_terms), shape=3.5, scale=0.7)
+
+
+def dense_evidence(X, y, prior):
+    """Log density of y: multivariate t with 2 A degrees of freedom and shape (b/A)(I + X V X')."""
+    n_terms = X.shape[1]
+    covariance = np.eye(len(y)) + (X * prior.kappas(n_terms)) @ X.T
+    return stats.multivariate_t.logpdf(
+        y, X @ prior.means(n_terms), prior.scale / prior.shape * covariance, df=2.0 * prior.shape
+    )
+
+
+class TestOracle:
+    @pytest.mark.parametrize("name", ["ds1", "ds2"])
+    def test_posterior_and_evidence(self, name):
+        known = oracle(name)
+        exact = conjugate(known.data, ConjugatePrior(kappa=known.kappa, shape=known.shape, scale=known.scale))
+        np.testing.assert_allclose(exact.mean, known.conjugate["mean"], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(exact.t_scale, known.conjugate["t_scale"], rtol=1e-9)
+        assert exact.degrees_of_freedom == known.conjugate["df"]
+        assert exact.log_evidence == pytest.approx(known.conjugate["logml"], abs=1e-9)
+        assert exact.noise_variance_mean == pytest.approx(known.conjugate["sigma2_mean"], rel=1e-9)
+
+    def test_least_squares_is_another_answer(self):
+        """The broken twin: ds2 without its prior lies several posterior standard deviations off."""
+        known = oracle("ds2")
+        least_squares = np.linalg.lstsq(known.data.design_matrix, known.data.response, rcond=None)[0]
+        assert np.abs((least_squares - known.conjugate["mean"]) / known.conjugate["t_scale"]).max() > 1.0
+
+
+class TestEvidence:
+    @pytest.mark.parametrize(("n_rows", "n_terms"), SHAPES)
+    def test_it_is_the_multivariate_t_density_of_the_response(self, n_rows, n_terms):
+        data, prior = simulated(n_rows, n_terms, seed=1), vector_prior(n_terms)
+        known = dense_evidence(data.design_matrix, data.response, prior)
+        assert conjugate(data, prior).log_evidence == pytest.approx(known, abs=1e-10)
+
+    def test_the_reciprocal_scale_of_the_paper_is_told_apart(self):
+        data, prior = simulated(12, 3, seed=1), vector_prior(3)
+        twin = replace(prior, scale=1.0 / prior.scale)
+        assert abs(conjugate(data, twin).log_evidence - dense_evidence(data.design_matrix, data.response, prior)) > 0.1
+
+    @pytest.mark.parametrize(("n_rows", "n_terms"), [(12, 3), (4, 7)])
+    def test_it_is_the_product_of_one_step_ahead_predictives(self, n_rows, n_terms):
+        data, prior = simulated(n_rows, n_terms, seed=2), vector_prior(n_terms)
+        total = conjugate(data.rows(np.arange(1)), prior).log_evidence
+        for k in range(1, n_rows):
+            step = data.rows(np.arange(k, k + 1))
+            exact = conjugate(data.rows(np.arange(k)), prior)
+            total += exact.log_predictive_density(step.design_matrix, step.response)
+        assert total == pytest.approx(conjugate(data, prior).log_evidence, abs=1e-10)
+
+    @pytest.mark.parametrize(("n_rows", "n_terms"), [(12, 3), (6, 7)])
+    def test_the_joint_predictive_is_a_ratio_of_evidences(self, n_rows, n_terms):
+        data, prior = simulated(n_rows, n_terms, seed=3), vector_prior(n_terms)
+        old, new = data.rows(np.arange(5)), data.rows(np.arange(5, n_rows))
+        joint = conjugate(old, prior).log_predictive_density(new.design_matrix, new.response)
+        assert joint == pytest.approx(
+            conjugate(data, prior).log_evidence - conjugate(old, prior).log_evidence, abs=1e-10
+        )
+
+
+class TestUpdating:
+    def test_two_batches_give_the_posterior_of_one(self):
+        """The posterior of the first rows, diagonal in rotated coordinates, is the prior of the rest."""
+        data, prior = simulated(40, 6, seed=4), vector_prior(6)
+        first = conjugate(data.rows(np.arange(15)), prior)
+        rest = data.rows(np.arange(15, 40))
+        rotated = RegressionData.from_arrays(
+            rest.design_matrix @ first.basis.T, rest.response - rest.design_matrix @ first.center
+        )
+        update = ConjugatePrior(mean=first.location, kappa=first.spread, shape=first.shape, scale=first.scale)
+        second, whole = conjugate(rotated, update), conjugate(data, prior)
+        np.testing.assert_allclose(first.center + second.mean @ first.basis, whole.mean, rtol=0.0, atol=1e-10)
+        np.testing.assert_allclose(
+            first.basis.T @ second.covariance @ first.basis, whole.covariance, rtol=0.0, atol=1e-10
+        )
+        assert (second.shape, second.scale) == pytest.approx((whole.shape, whole.scale), rel=1e-10)
+
+
+class TestScaling:
+    def test_scaled_columns_with_the_equivalent_prior_give_the_same_posterior(self):
+        rng = np.random.default_rng(5)
+        X = rng.standard_normal((30, 4)) * [1.0, 1e-3, 50.0, 1e4]
+        y = 1e-5 * (X @ [1.0, 2e3, 0.1, 1e-4] + rng.standard_normal(30))
+        scaled = RegressionData.from_arrays(X, y, scaling="zscore")
+        assert scaled.constant == -1
+        prior = vector_prior(4)
+        plain_prior = ConjugatePrior(
+            mean=prior.mean * scaled.response_scale / scaled.column_scale,
+            kappa=prior.kappa / scaled.column_scale**2,
+            shape=prior.shape,
+            scale=prior.scale * scaled.response_scale**2,
+        )
+        one, other = conjugate(scaled, prior), conjugate(RegressionData.from_arrays(X, y), plain_prior)
+        np.testing.assert_allclose(one.mean, other.mean, rtol=1e-10)
+        np.testing.assert_allclose(one.sd, other.sd, rtol=1e-10)
+        assert one.noise_variance_mean == pytest.approx(other.noise_variance_mean, rel=1e-10)
+        assert one.log_evidence == pytest.approx(other.log_evidence, abs=1e-9)
+
+    def test_centred_data_give_the_posterior_of_the_centred_arrays_and_its_jacobian(self):
+        rng = np.random.default_rng(6)
+        X = np.column_stack([rng.normal([3.0, -8.0], 1.0, (30, 2)), np.full(30, 2.0)])
+        data = RegressionData.from_arrays(X, 1e-4 * (X @ [1.0, 2.0, 3.0] + rng.standard_normal(30)), scaling="zscore")
+        plain = RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response)
+        prior = vector_prior(3)
+        one, other = conjugate(data, prior), conjugate(plain, prior)
+        np.testing.assert_allclose(one.mean, data.to_original(other.mean), rtol=1e-10)
+        T = data.transformation[1]
+        np.testing.assert_allclose(one.covariance, T @ other.covariance @ T.T, rtol=1e-9, atol=1e-20)
+        jacobian = 30 * np.log(data.response_scale)
+        assert one.log_evidence == pytest.approx(other.log_evidence - jacobian, abs=1e-9)
+        assert abs(jacobian) > 100.0
+
+    def test_columns_a_million_times_larger_with_the_equivalent_prior(self):
+        data, prior = simulated(30, 4, seed=7), vector_prior(4)
+        large = RegressionData.from_arrays(data.design_matrix * [1e6, 1.0, 1e6, 1.0], data.response)
+        factor = np.array([1e6, 1.0, 1e6, 1.0])
+        one = conjugate(data, prior)
+        other = conjugate(large, replace(prior, mean=prior.mean / factor, kappa=prior.kappa / factor**2))
+        np.testing.assert_allclose(other.mean * factor, one.mean, rtol=1e-10)
+        assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-10)
+
+
+def rational_posterior(X, y, kappa):
+    """Posterior mean, and fit = b_n - b, in exact rational arithmetic (Gauss-Jordan on V^-1 + X'X)."""
+    X = [[Fraction(value) for value in row] for row in X.tolist()]
+    y = [Fraction(value) for value in y.tolist()]
+    n_terms = len(X[0])
+    rows = [
+        [sum(r[i] * r[j] for r in X) + (Fraction(1) / Fraction(kappa) if i == j else 0) for j in range(n_terms)]
+        + [sum(r[i] * v for r, v in zip(X, y, strict=True))]
+        for i in range(n_terms)
+    ]
+    for i in range(n_terms):
+        rows[i] = [value / rows[i][i] for value in rows[i]]
+        for k in set(range(n_terms)) - {i}:
+            rows[k] = [a - rows[k][i] * b for a, b in zip(rows[k], rows[i], strict=True)]
+    mean = [row[-1] for row in rows]
+    residual = [v - sum(b * x for b, x in zip(mean, r, strict=True)) for r, v in zip(X, y, strict=True)]
+    square = sum(value**2 for value in residual) + sum(value**2 for value in mean) / Fraction(kappa)
+    return np.array([float(value) for value in mean]), float(square / 2)
+
+
+class TestNumerics:
+    def offset_data(self):
+        rng = np.random.default_rng(8)
+        X = np.column_stack([np.ones(15), rng.standard_normal((15, 3))])
+        return X, 1e6 + X[:, 1:] @ [1.0, -2.0, 0.5] + 0.1 * rng.standard_normal(15)
+
+    def test_an_offset_of_a_million_is_harmless(self):
+        X, y = self.offset_data()
+        mean, fit = rational_posterior(X, y, 1e13)
+        exact = conjugate(RegressionData.from_arrays(X, y), ConjugatePrior(kappa=1e13, shape=2.0, scale=1e-3))
+        np.testing.assert_allclose(exact.mean, mean, rtol=1e-8)
+        assert exact.scale - 1e-3 == pytest.approx(fit, rel=1e-6)
+
+    def test_the_textbook_sum_of_squares_would_not_do(self):
+        """The broken twin: y'y - m'(V^-1 + X'X)m loses the fit to cancellation."""
+        X, y = self.offset_data()
+        mean, fit = rational_posterior(X, y, 1e13)
+        assert 0.5 * (y @ y - mean @ (X.T @ X + 1e-13 * np.eye(4)) @ mean) != pytest.approx(fit, rel=1e-3)
+
+    def test_a_prior_mean_at_the_offset_leaves_the_posterior_where_it_was(self):
+        X, y = self.offset_data()
+        low = conjugate(RegressionData.from_arrays(X, y - 1e6), ConjugatePrior(kappa=10.0))
+        high = conjugate(RegressionData.from_arrays(X, y), ConjugatePrior(mean=[1e6, 0.0, 0.0, 0.0], kappa=10.0))
+        np.testing.assert_allclose(high.mean - [1e6, 0.0, 0.0, 0.0], low.mean, atol=1e-8)
+        assert high.log_evidence == pytest.approx(low.log_evidence, abs=1e-7)
+
+
+class TestLimits:
+    def test_a_vague_prior_gives_least_squares(self):
+        data = simulated(50, 4, seed=10)
+        least_squares = np.linalg.lstsq(data.design_matrix, data.response, rcond=None)[0]
+        np.testing.assert_allclose(conjugate(data, ConjugatePrior(kappa=1e12)).mean, least_squares, rtol=1e-8)
+
+    def test_a_firm_prior_gives_its_mean(self):
+        exact = conjugate(simulated(50, 4, seed=10), ConjugatePrior(mean=[1.0, 2.0, 3.0, 4.0], kappa=1e-12))
+        np.testing.assert_allclose(exact.mean, [1.0, 2.0, 3.0, 4.0], rtol=1e-8)
+
+    @pytest.mark.parametrize(("n_rows", "n_terms"), SHAPES[:3])
+    def test_moments_are_those_of_the_normal_equations(self, n_rows, n_terms):
+        data, prior = simulated(n_rows, n_terms, seed=11), vector_prior(n_terms)
+        X, y, exact = data.design_matrix, data.response, conjugate(data, prior)
+        covariance = np.linalg.inv(np.diag(1.0 / prior.kappa) + X.T @ X)
+        mean = covariance @ (prior.mean / prior.kappa + X.T @ y)
+        np.testing.assert_allclose(exact.mean, mean, atol=1e-10)
+        np.testing.assert_allclose(exact.covariance, exact.noise_variance_mean * covariance, atol=1e-10)
+        square = np.sum((y - X @ mean) ** 2) + np.sum((mean - prior.mean) ** 2 / prior.kappa)
+        assert exact.scale == pytest.approx(prior.scale + 0.5 * square, rel=1e-12)
+
+    def test_moments_that_do_not_exist_are_infinite(self):
+        exact = conjugate(simulated(1, 2, seed=1), ConjugatePrior(shape=0.25))
+        assert exact.noise_variance_mean == exact.noise_variance_sd == np.inf
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return conjugate(simulated(20, 3, seed=12), vector_prior(3))
+
+
+class TestDistributions:
+    def test_quantiles_of_the_coefficients_are_those_of_a_t(self, exact):
+        probabilities = [0.01, 0.3, 0.5, 0.99]
+        found = exact.quantiles(probabilities)
+        assert found.shape == (4, 3)
+        t = stats.t(exact.degrees_of_freedom, exact.mean, exact.t_scale)
+        np.testing.assert_allclose(t.cdf(found), np.repeat(np.c_[probabilities], 3, axis=1), rtol=1e-10)
+
+    def test_quantiles_of_the_noise_variance_are_those_of_an_inverse_gamma(self, exact):
+        found = exact.noise_variance_quantiles([0.01, 0.5, 0.99])
+        known = stats.invgamma(exact.shape, scale=exact.scale)
+        np.testing.assert_allclose(known.cdf(found), [0.01, 0.5, 0.99], rtol=1e-10)
+        assert exact.noise_variance_mean == pytest.approx(known.mean(), rel=1e-12)
+        assert exact.noise_variance_sd == pytest.approx(known.std(), rel=1e-12)
+
+    @pytest.mark.parametrize("density", ["noise_variance_density", "prior_noise_variance_density"])
+    def test_densities_integrate_to_one(self, exact, density):
+        function = getattr(exact, density)
+        assert quad(lambda t: function(np.exp(t)) * np.exp(t), -12.0, 12.0, epsabs=1e-12)[0] == pytest.approx(1.0)
+
+    def test_the_pointwise_density_is_that_of_single_rows(self, exact):
+        new = simulated(4, 3, seed=13)
+        found = exact.log_predictive_density(new.design_matrix, new.response, pointwise=True)
+        single = [exact.log_predictive_density(new.design_matrix[k : k + 1], new.response[k : k + 1]) for k in range(4)]
+        np.testing.assert_allclose(found, single, atol=1e-12)
+        assert abs(found.sum() - exact.log_predictive_density(new.design_matrix, new.response)) > 1e-3
+
+    def test_prediction_adds_noise_to_the_spread_of_the_coefficients(self, exact):
+        X = simulated(4, 3, seed=13).design_matrix
+        mean, sd = exact.predict(X)
+        np.testing.assert_allclose(mean, X @ exact.mean, rtol=1e-12)
+        variance = exact.noise_variance_mean + np.einsum("ki,ij,kj->k", X, exact.covariance, X)
+        np.testing.assert_allclose(sd, np.sqrt(variance), rtol=1e-12)
+
+
+def case():
+    return simulated(20, 3, seed=14), vector_prior(3)
+
+
+class TestDraws:
+    def z(self, drawn, seed=1, draws=40_000):
+        coefficients, noise_variance = drawn.draw(draws, np.random.default_rng(seed))
+        layout = coefficients.reshape(4, -1, 3), noise_variance.reshape(4, -1)
+        return largest_z(*layout, conjugate(*case()))
+
+    def test_their_moments_are_exact(self):
+        z, comparisons = self.z(conjugate(*case()))
+        assert z < z_limit(comparisons)
+
+    @pytest.mark.parametrize(
+        "broken",
+        [
+            lambda data, prior: replace(conjugate(data, prior), shape=prior.shape + 0.5 * (20 + 3)),
+            lambda data, prior: conjugate(data, replace(prior, scale=1.0 / prior.scale)),
+            lambda data, prior: conjugate(data.rows(np.arange(19)), prior),
+        ],
+        ids=["full conditional as marginal", "reciprocal scale", "a row short"],
+    )
+    def test_broken_ones_are_told_apart(self, broken):
+        z, comparisons = self.z(broken(*case()))
+        assert z > z_limit(comparisons)
+
+    def test_coefficients_and_noise_variance_belong_together(self):
+        """Given its sigma2, a standardised draw is standard normal: kurtosis 3, while marginally it is that of a t."""
+        exact = conjugate(*case())
+        coefficients, noise_variance = exact.draw(40_000, np.random.default_rng(3))
+        scale = np.sqrt(exact.spread @ exact.basis**2)
+        standard = (coefficients - exact.mean) / scale / np.sqrt(noise_variance)[:, None]
+        fourth = standard**4
+        error = fourth.std(axis=0) / np.sqrt(40_000)
+        assert np.abs((fourth.mean(axis=0) - 3.0) / error).max() < z_limit(3)
+        shuffled = standard * np.sqrt(noise_variance / np.roll(noise_variance, 1))[:, None]
+        fourth = shuffled**4
+        assert np.abs((fourth.mean(axis=0) - 3.0) / (fourth.std(axis=0) / np.sqrt(40_000))).max() > z_limit(3)
+
+
+class TestTree:
+    def test_draws_are_dealt_to_chains_and_worth_their_number(self):
+        tree = conjugate_posterior(*case(), draws=4000, rng=np.random.default_rng(1))
+        posterior = tree["posterior"]
+        assert dict(posterior.sizes) == {"chain": 4, "draw": 1000, "coefficient": 3}
+        ess = az.ess(posterior.dataset)
+        assert 0.85 * 4000 < float(ess["coefficients"].min()) < 1.3 * 4000
+        assert 0.85 * 4000 < float(ess["noise_variance"]) < 1.3 * 4000
+        assert float(az.rhat(posterior.dataset)["noise_variance"]) < 1.01
+        assert tree.attrs["method"] == "conjugate"
+
+    def test_the_recorded_state_repeats_the_draws(self):
+        rng = np.random.default_rng(2)
+        rng.standard_normal(7)
+        state = rng_state(rng)
+        one = conjugate_posterior(*case(), draws=40, rng=rng)
+        other = conjugate_posterior(*case(), draws=40, rng=rng)
+        assert one.attrs["rng_state"] == state != other.attrs["rng_state"]
+        again = np.random.default_rng()
+        again.bit_generator.state = json.loads(state)
+        repeated = conjugate_posterior(*case(), draws=40, rng=again)
+        assert repeated.identical(one)
+        assert not one["posterior"].identical(other["posterior"])
+
+    @pytest.mark.parametrize(("draws", "chains"), [(10, 4), (0, 4), (4, 0), (-4, 2)])
+    def test_draws_are_a_multiple_of_the_chains(self, draws, chains):
+        with pytest.raises(ValueError, match=f"found {draws} for {chains}; give a multiple"):
+            conjugate_posterior(*case(), draws=draws, chains=chains, rng=np.random.default_rng(1))
+
+
+class TestErrors:
+    def test_a_prior_of_the_other_family(self):
+        with pytest.raises(PriorError, match="takes a ConjugatePrior, found SemiConjugatePrior; give one or use"):
+            conjugate(case()[0], SemiConjugatePrior())
+
+    @pytest.mark.parametrize("name", ["mean", "kappa"])
+    def test_vectors_have_one_value_for_each_term(self, name):
+        with pytest.raises(PriorError, match=f"The prior's {name} is one value or 3, one for each term; found 2"):
+            conjugate(case()[0], ConjugatePrior(**{name: [1.0, 2.0]}))
+
+    @pytest.mark.parametrize("rows", [np.ones((2, 4)), np.ones(3), np.full((2, 3), np.nan)])
+    def test_new_rows_have_the_columns_of_the_data(self, rows):
+        exact = conjugate(case()[0], ConjugatePrior())
+        with pytest.raises(RegressionDataError, match=r"New rows are finite, of shape \(rows, 3\), found"):
+            exact.predict(rows)
+
+    @pytest.mark.parametrize("response", [np.ones(3), np.ones((2, 1)), np.array([1.0, np.inf])])
+    def test_new_responses_match_the_rows(self, response):
+        exact = conjugate(case()[0], ConjugatePrior())
+        with pytest.raises(RegressionDataError, match="one finite value for each of 2 rows"):
+            exact.log_predictive_density(np.ones((2, 3)), response)

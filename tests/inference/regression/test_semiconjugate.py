@@ -1,0 +1,315 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import arviz as az
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+
+from pymc_ship.inference.regression.conjugate import ConjugatePrior
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, semiconjugate, semiconjugate_posterior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.scaling import RegressionDataError
+from tests.inference.regression.cases import case, dense, two_modes, vector_prior
+from tests.inference.regression.peers import largest_z, oracle, simulated, z_limit
+
+
+def more_terms():
+    return simulated(3, 7, seed=1), vector_prior(7)
+
+
+@pytest.fixture(scope="module", params=["ds1", "ds2"])
+def known(request):
+    return oracle(request.param)
+
+
+@pytest.fixture(scope="module", params=[case, two_modes, more_terms], ids=lambda function: function.__name__)
+def exact(request):
+    return semiconjugate(*request.param())
+
+
+class TestOracle:
+    def posterior(self, known):
+        prior = SemiConjugatePrior(kappa=known.kappa, shape=known.shape, scale=known.scale)
+        return semiconjugate(known.data, prior)
+
+    def test_moments(self, known):
+        exact = self.posterior(known)
+        np.testing.assert_allclose(exact.mean, known.mean, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(exact.sd, known.sd, rtol=1e-9)
+        np.testing.assert_allclose(exact.covariance, known.covariance, rtol=1e-8, atol=1e-8)
+        assert exact.noise_variance_mean == pytest.approx(known.noise_variance[0], rel=1e-9)
+        assert exact.noise_variance_sd == pytest.approx(known.noise_variance[1], rel=1e-9)
+
+    def test_evidence(self, known):
+        exact = self.posterior(known)
+        assert exact.log_evidence == pytest.approx(known.log_evidence, abs=1e-9)
+
+    def test_quantiles(self, known):
+        exact = self.posterior(known)
+        np.testing.assert_allclose(exact.quantiles(known.probabilities), known.quantiles, rtol=1e-9, atol=1e-9)
+        noise_variance = exact.noise_variance_quantiles(known.probabilities)
+        np.testing.assert_allclose(noise_variance, known.noise_variance[2:], rtol=1e-7)
+
+    def test_the_conjugate_prior_is_another_answer(self, known):
+        """The broken twin: the other family lies within a posterior sd, yet a million times the tolerance off."""
+        assert np.abs(np.array(known.conjugate["mean"]) - known.mean).max() > 1e-5
+
+
+class TestEvidence:
+    @pytest.mark.parametrize(("n_rows", "n_terms"), [(8, 3), (4, 7)])
+    @pytest.mark.parametrize("pointwise", [False, True])
+    def test_it_is_the_product_of_one_step_ahead_predictives(self, n_rows, n_terms, pointwise):
+        """``pointwise`` goes through the mixture, a single row jointly through a ratio of evidences."""
+        data, prior = simulated(n_rows, n_terms, seed=2), vector_prior(n_terms)
+        total = semiconjugate(data.rows(np.arange(1)), prior).log_evidence
+        for k in range(1, n_rows):
+            step = data.rows(np.arange(k, k + 1))
+            exact = semiconjugate(data.rows(np.arange(k)), prior)
+            total += np.sum(exact.log_predictive_density(step.design_matrix, step.response, pointwise=pointwise))
+        assert total == pytest.approx(semiconjugate(data, prior).log_evidence, abs=1e-10)
+
+    @pytest.mark.parametrize(("n_rows", "n_terms"), [(12, 3), (6, 9)])
+    def test_the_joint_predictive_is_a_ratio_of_evidences(self, n_rows, n_terms):
+        data, prior = simulated(n_rows, n_terms, seed=3), vector_prior(n_terms)
+        old, new = data.rows(np.arange(4)), data.rows(np.arange(4, n_rows))
+        joint = semiconjugate(old, prior).log_predictive_density(new.design_matrix, new.response)
+        ratio = semiconjugate(data, prior).log_evidence - semiconjugate(old, prior).log_evidence
+        assert joint == pytest.approx(ratio, abs=1e-10)
+
+    def test_a_known_noise_variance_leaves_a_normal_density(self):
+        data = simulated(12, 3, seed=4)
+        X, y = data.design_matrix, data.response
+        known = stats.multivariate_normal.logpdf(y, np.zeros(12), 2.0 * X @ X.T + 0.8 * np.eye(12))
+        exact = semiconjugate(data, SemiConjugatePrior(kappa=2.0, shape=1e9, scale=0.8e9))
+        assert exact.log_evidence == pytest.approx(known, abs=1e-5)
+        ridge = np.linalg.solve(X.T @ X / 0.8 + np.eye(3) / 2.0, X.T @ y / 0.8)
+        np.testing.assert_allclose(exact.mean, ridge, rtol=1e-7)
+
+
+class TestScaling:
+    def test_scaled_columns_with_the_equivalent_prior_give_the_same_posterior(self):
+        rng = np.random.default_rng(5)
+        X = rng.standard_normal((30, 4)) * [1.0, 1e-3, 50.0, 1e4]
+        y = 1e-5 * (X @ [1.0, 2e3, 0.1, 1e-4] + rng.standard_normal(30))
+        scaled = RegressionData.from_arrays(X, y, scaling="zscore")
+        prior, factor = vector_prior(4), scaled.response_scale / scaled.column_scale
+        plain_prior = SemiConjugatePrior(
+            mean=prior.mean * factor,
+            kappa=prior.kappa * factor**2,
+            shape=prior.shape,
+            scale=prior.scale * scaled.response_scale**2,
+        )
+        one, other = semiconjugate(scaled, prior), semiconjugate(RegressionData.from_arrays(X, y), plain_prior)
+        np.testing.assert_allclose(one.mean, other.mean, rtol=1e-10)
+        np.testing.assert_allclose(one.sd, other.sd, rtol=1e-10)
+        assert one.noise_variance_mean == pytest.approx(other.noise_variance_mean, rel=1e-10)
+        assert one.log_evidence == pytest.approx(other.log_evidence, abs=1e-9)
+
+    def test_centred_data_give_the_posterior_of_the_centred_arrays_and_its_jacobian(self):
+        rng = np.random.default_rng(6)
+        X = np.column_stack([rng.normal([3.0, -8.0], 1.0, (30, 2)), np.full(30, 2.0)])
+        data = RegressionData.from_arrays(X, 1e-4 * (X @ [1.0, 2.0, 3.0] + rng.standard_normal(30)), scaling="zscore")
+        plain = RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response)
+        one, other = semiconjugate(data, vector_prior(3)), semiconjugate(plain, vector_prior(3))
+        np.testing.assert_allclose(one.mean, data.to_original(other.mean), rtol=1e-10)
+        T = data.transformation[1]
+        np.testing.assert_allclose(one.covariance, T @ other.covariance @ T.T, rtol=1e-9, atol=1e-20)
+        assert one.log_evidence == pytest.approx(other.log_evidence - 30 * np.log(data.response_scale), abs=1e-9)
+
+    def test_an_offset_and_columns_of_a_million_are_harmless(self):
+        rng = np.random.default_rng(8)
+        X = np.column_stack([np.ones(15), rng.standard_normal((15, 3))])
+        y = X[:, 1:] @ [1.0, -2.0, 0.5] + 0.1 * rng.standard_normal(15)
+        offset, factor = np.array([1e6, 0.0, 0.0, 0.0]), np.array([1.0, 1e6, 1e6, 1.0])
+        one = semiconjugate(RegressionData.from_arrays(X, y), SemiConjugatePrior(kappa=4.0))
+        prior = SemiConjugatePrior(mean=offset, kappa=4.0 / factor**2)
+        other = semiconjugate(RegressionData.from_arrays(X * factor, y + 1e6), prior)
+        np.testing.assert_allclose(other.mean * factor - offset, one.mean, atol=1e-8)
+        np.testing.assert_allclose(other.sd * factor, one.sd, rtol=1e-8)
+        assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-6)
+
+    def test_a_vague_intercept_takes_up_an_offset_of_a_million(self):
+        rng = np.random.default_rng(8)
+        X = np.column_stack([np.ones(15), rng.standard_normal((15, 3))])
+        y = X[:, 1:] @ [1.0, -2.0, 0.5] + 0.1 * rng.standard_normal(15)
+        prior = SemiConjugatePrior(kappa=[1e22, 4.0, 4.0, 4.0])
+        one = semiconjugate(RegressionData.from_arrays(X, y), prior)
+        other = semiconjugate(RegressionData.from_arrays(X, y + 1e6), prior)
+        np.testing.assert_allclose(other.mean - [1e6, 0.0, 0.0, 0.0], one.mean, atol=1e-6)
+        np.testing.assert_allclose(other.sd, one.sd, rtol=1e-6)
+        assert other.noise_variance_mean == pytest.approx(one.noise_variance_mean, rel=1e-6)
+
+
+class TestLimits:
+    def test_a_vague_prior_gives_least_squares(self):
+        data = simulated(50, 4, seed=10)
+        least_squares = np.linalg.lstsq(data.design_matrix, data.response, rcond=None)[0]
+        np.testing.assert_allclose(semiconjugate(data, SemiConjugatePrior(kappa=1e12)).mean, least_squares, rtol=1e-8)
+
+    def test_a_firm_prior_gives_its_mean_and_an_inverse_gamma(self):
+        data = simulated(50, 4, seed=10)
+        exact = semiconjugate(data, SemiConjugatePrior(mean=[1.0, 2.0, 3.0, 4.0], kappa=1e-14, shape=2.0, scale=1.0))
+        np.testing.assert_allclose(exact.mean, [1.0, 2.0, 3.0, 4.0], rtol=1e-8)
+        square = np.sum((data.response - data.design_matrix @ [1.0, 2.0, 3.0, 4.0]) ** 2)
+        known = stats.invgamma(27.0, scale=1.0 + 0.5 * square)
+        assert exact.noise_variance_mean == pytest.approx(known.mean(), rel=1e-9)
+        assert exact.noise_variance_sd == pytest.approx(known.std(), rel=1e-9)
+        probabilities = [1e-6, 0.01, 0.5, 0.99, 1.0 - 1e-6]
+        np.testing.assert_allclose(known.cdf(exact.noise_variance_quantiles(probabilities)), probabilities, rtol=1e-8)
+
+    def test_moments_with_more_terms_than_rows(self):
+        """Mean and covariance by dense conditionals over a fine grid of sigma2."""
+        data, prior = simulated(3, 5, seed=11), vector_prior(5)
+        X, y, exact = data.design_matrix, data.response, semiconjugate(data, prior)
+        t = np.linspace(-12.0, 14.0, 4001)
+        log_density = dense(X, y, prior, t)
+        weights = np.exp(log_density - logsumexp(log_density))
+        S = np.linalg.inv(np.diag(1.0 / prior.kappa) + np.exp(-t)[:, None, None] * (X.T @ X))
+        means = np.einsum("kij,kj->ki", S, prior.mean / prior.kappa + np.exp(-t)[:, None] * (X.T @ y))
+        mean = weights @ means
+        np.testing.assert_allclose(exact.mean, mean, atol=1e-9)
+        covariance = np.einsum("k,kij->ij", weights, S) + (means - mean).T @ (weights[:, None] * (means - mean))
+        np.testing.assert_allclose(exact.covariance, covariance, atol=1e-9)
+
+    def test_moments_that_do_not_exist_are_infinite(self):
+        exact = semiconjugate(simulated(1, 2, seed=1), SemiConjugatePrior(shape=0.25))
+        assert exact.noise_variance_mean == exact.noise_variance_sd == np.inf
+
+
+class TestDistributions:
+    def test_the_density_of_the_noise_variance_integrates_to_one(self, exact):
+        t = np.linspace(exact.log_noise_variance[0], exact.log_noise_variance[-1], 20_001)
+        total = np.sum(exact.noise_variance_density(np.exp(t)) * np.exp(t)) * (t[1] - t[0])
+        assert total == pytest.approx(1.0, abs=1e-10)
+
+    def test_the_prior_density_is_that_of_scipy(self, exact):
+        values = np.geomspace(1e-3, 1e3, 7)
+        known = stats.invgamma.pdf(values, exact.prior_shape, scale=exact.prior_scale)
+        np.testing.assert_allclose(exact.prior_noise_variance_density(values), known, rtol=1e-10)
+
+    def test_quantiles_of_the_noise_variance_invert_the_integrated_density(self, exact):
+        probabilities = [0.001, 0.3, 0.5, 0.999]
+        found = np.log(exact.noise_variance_quantiles(probabilities))
+        nodes = exact.log_noise_variance
+        inside = nodes[exact.weights > 1e-12]
+        for t, probability in zip(found, probabilities, strict=True):
+            points = np.append(inside[inside < t], t)
+            pieces = [
+                quad(lambda x: exact.noise_variance_density(np.exp(x)) * np.exp(x), a, b, epsabs=1e-14)[0]
+                for a, b in zip(np.append(nodes[0], points[:-1]), points, strict=True)
+            ]
+            assert sum(pieces) == pytest.approx(probability, abs=1e-9)
+
+    def test_quantiles_of_the_coefficients_invert_the_mixture(self, exact):
+        found = exact.quantiles([0.01, 0.5, 0.99])
+        variances = exact.noise_variances[:, None]
+        total = variances + exact.singular_values**2
+        middle = exact.center + (exact.singular_values * exact.projections / total) @ exact.basis
+        sd = np.sqrt((variances / total) @ exact.basis**2)
+        for j in range(len(exact.center)):
+            root = brentq(lambda x, j=j: exact.weights @ stats.norm.cdf(x, middle[:, j], sd[:, j]) - 0.99, -1e3, 1e3)
+            assert found[2, j] == pytest.approx(root, abs=1e-8)
+        assert (np.diff(found, axis=0) > 0.0).all()
+
+    def test_the_pointwise_density_is_that_of_single_rows(self, exact):
+        new = simulated(4, len(exact.center), seed=13)
+        found = exact.log_predictive_density(new.design_matrix, new.response, pointwise=True)
+        single = [exact.log_predictive_density(new.design_matrix[[k]], new.response[[k]]) for k in range(4)]
+        np.testing.assert_allclose(found, single, atol=1e-9)
+
+    def test_prediction_adds_noise_to_the_spread_of_the_coefficients(self, exact):
+        X = simulated(4, len(exact.center), seed=13).design_matrix
+        mean, sd = exact.predict(X)
+        np.testing.assert_allclose(mean, X @ exact.mean, rtol=1e-10)
+        variance = exact.noise_variance_mean + np.einsum("ki,ij,kj->k", X, exact.covariance, X)
+        np.testing.assert_allclose(sd, np.sqrt(variance), rtol=1e-10)
+
+
+class TestDraws:
+    def z(self, drawn, seed=1, draws=40_000):
+        coefficients, noise_variance = drawn.draw(draws, np.random.default_rng(seed))
+        layout = coefficients.reshape(4, -1, 3), noise_variance.reshape(4, -1)
+        return largest_z(*layout, semiconjugate(*case()))
+
+    def test_their_moments_are_exact(self):
+        z, comparisons = self.z(semiconjugate(*case()))
+        assert z < z_limit(comparisons)
+
+    @pytest.mark.parametrize(
+        "broken",
+        [
+            lambda data, prior: semiconjugate(data, replace(prior, scale=1.0 / prior.scale)),
+            lambda data, prior: semiconjugate(data, replace(prior, shape=prior.shape + 1.5)),
+            lambda data, prior: semiconjugate(data.rows(np.arange(19)), prior),
+            lambda data, prior: replace(semiconjugate(data, prior), residual_square=0.0),
+        ],
+        ids=["reciprocal scale", "full conditional as marginal", "a row short", "no residual"],
+    )
+    def test_broken_ones_are_told_apart(self, broken):
+        z, comparisons = self.z(broken(*case()))
+        assert z > z_limit(comparisons)
+
+    @pytest.mark.parametrize("made", [case, two_modes])
+    def test_the_noise_variance_falls_evenly_between_its_quantiles(self, made):
+        exact, draws, probabilities = semiconjugate(*made()), 100_000, np.array([0.001, 0.05, 0.5, 0.95, 0.999])
+        noise_variance = exact.draw(draws, np.random.default_rng(2))[1]
+        below = np.mean(noise_variance[:, None] < exact.noise_variance_quantiles(probabilities), axis=0)
+        z = (below - probabilities) / np.sqrt(probabilities * (1.0 - probabilities) / draws)
+        assert np.abs(z).max() < z_limit(z.size)
+        twin = np.mean(1.01 * noise_variance[:, None] < exact.noise_variance_quantiles(probabilities), axis=0)
+        assert (twin[2] - 0.5) / np.sqrt(0.25 / draws) < -z_limit(1) or made is two_modes
+
+    def test_coefficients_and_noise_variance_belong_together(self):
+        """Given its sigma2 a draw is normal with the conditional's moments, so its standardised square averages 1."""
+        exact = semiconjugate(*case())
+        coefficients, noise_variance = exact.draw(40_000, np.random.default_rng(3))
+        total = noise_variance[:, None] + exact.singular_values**2
+        middle = exact.center + (exact.singular_values * exact.projections / total) @ exact.basis
+        sd = np.sqrt((noise_variance[:, None] / total) @ exact.basis**2)
+        square = ((coefficients - middle) / sd) ** 2
+        assert np.abs((square.mean(axis=0) - 1.0) / (square.std(axis=0) / 200.0)).max() < z_limit(3)
+        twin = ((coefficients - middle) / np.roll(sd, 1, axis=0)) ** 2
+        assert np.abs((twin.mean(axis=0) - 1.0) / (twin.std(axis=0) / 200.0)).max() > z_limit(3)
+
+
+class TestTree:
+    def test_draws_are_dealt_to_chains_and_worth_their_number(self):
+        tree = semiconjugate_posterior(*case(), draws=4000, rng=np.random.default_rng(1))
+        posterior = tree["posterior"]
+        assert dict(posterior.sizes) == {"chain": 4, "draw": 1000, "coefficient": 3}
+        ess = az.ess(posterior.dataset)
+        assert 0.85 * 4000 < float(ess["coefficients"].min()) < 1.3 * 4000
+        assert 0.85 * 4000 < float(ess["noise_variance"]) < 1.3 * 4000
+        assert tree.attrs["method"] == "semiconjugate"
+
+    @pytest.mark.parametrize(("draws", "chains"), [(10, 4), (0, 4), (4, 0)])
+    def test_draws_are_a_multiple_of_the_chains(self, draws, chains):
+        with pytest.raises(ValueError, match=f"found {draws} for {chains}; give a multiple"):
+            semiconjugate_posterior(*case(), draws=draws, chains=chains, rng=np.random.default_rng(1))
+
+
+class TestErrors:
+    def test_a_prior_of_the_other_family(self):
+        with pytest.raises(PriorError, match="takes a SemiConjugatePrior, found ConjugatePrior; give one or use"):
+            semiconjugate(case()[0], ConjugatePrior())
+
+    @pytest.mark.parametrize("name", ["mean", "kappa"])
+    def test_vectors_have_one_value_for_each_term(self, name):
+        with pytest.raises(PriorError, match=f"The prior's {name} is one value or 3, one for each term; found 2"):
+            semiconjugate(case()[0], SemiConjugatePrior(**{name: [1.0, 2.0]}))
+
+    @pytest.mark.parametrize("rows", [np.ones((2, 4)), np.ones(3), np.full((2, 3), np.nan)])
+    def test_new_rows_have_the_columns_of_the_data(self, rows):
+        with pytest.raises(RegressionDataError, match=r"New rows are finite, of shape \(rows, 3\), found"):
+            semiconjugate(*case()).predict(rows)
+
+    @pytest.mark.parametrize("response", [np.ones(3), np.ones((2, 1)), np.array([1.0, np.inf])])
+    def test_new_responses_match_the_rows(self, response):
+        with pytest.raises(RegressionDataError, match="one finite value for each of 2 rows"):
+            semiconjugate(*case()).log_predictive_density(np.ones((2, 3)), response)

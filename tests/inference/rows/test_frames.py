@@ -1,0 +1,256 @@
+"""Rows from DataFrames and from formulas, and new rows for what was fitted to them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from tests.inference.rows.frames import Table, motion
+
+FORMULA = "Y ~ v + r + v:r + I(delta**2)"
+NAMES = ("Intercept", "v", "r", "v:r", "I(delta ** 2)")
+
+
+@pytest.fixture
+def frame():
+    return pytest.importorskip("pandas").DataFrame(motion())
+
+
+@pytest.fixture
+def formulae():
+    return pytest.importorskip("formulae", reason="installed by pymc-ship[formula]")
+
+
+# tables ---------------------------------------------------------------------------------------------------------------
+
+
+def test_the_columns_of_a_table_name_the_coefficients(frame):
+    data = ps.RegressionData.from_arrays(frame[["v", "r"]], frame["Y"])
+    assert data.coefficients == ("v", "r")
+    np.testing.assert_array_equal(data.design_matrix, frame[["v", "r"]].to_numpy())
+    np.testing.assert_array_equal(data.response, frame["Y"].to_numpy())
+
+
+def test_names_choose_columns_of_a_table(frame):
+    data = ps.RegressionData.from_arrays(frame, frame["Y"], ["r", "v"], scaling="zscore")
+    assert data.coefficients == ("r", "v")
+    np.testing.assert_array_equal(data.design_matrix[:, 0], frame["r"])
+
+
+def test_pandas_is_not_imported_for_a_table():
+    code = (
+        "import sys, numpy as np, pymc_ship as ps; from tests.inference.rows.frames import Table, motion; values = motion(); "
+        "y = values.pop('Y'); found = ps.RegressionData.from_arrays(Table(**values), y).coefficients; "
+        "import ast, pathlib; text = pathlib.Path(ps.__file__).parent.joinpath('rows', 'frames.py').read_text(); "
+        "print(found, 'import pandas' in text)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "('v', 'r', 'delta') False"
+
+
+@pytest.mark.parametrize(
+    ("columns", "names", "sentence"),
+    [
+        ({"v": [1.0, 2.0]}, ["v", "r"], "The rows need the columns v, r, each of them once; found v; add or rename r."),
+        ({"v": ["a", "b"]}, None, "The rows need numbers, found none in the column v; convert it."),
+        ({"v": [1.0, np.nan]}, None, "Regression data must be finite, found NaN or infinity in v; clean the trial."),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_refused_with_a_sentence(columns, names, sentence):
+    with pytest.raises(ps.RegressionDataError) as found:
+        ps.RegressionData.from_arrays(Table(**columns), [1.0, 2.0], names)
+    assert str(found.value) == sentence
+
+
+def test_columns_of_one_name_are_refused(frame):
+    twice = frame.rename(columns={"r": "v"})
+    with pytest.raises(
+        ps.RegressionDataError, match=r"^The rows need the columns v, each of them once; found Y, v, v,"
+    ):
+        ps.RegressionData.from_arrays(twice, frame["Y"], ["v"])
+
+
+def test_a_response_with_another_index_is_refused(frame):
+    shuffled = frame["Y"].iloc[::-1]
+    with pytest.raises(ps.RegressionDataError, match=r"^The table and the response must have the same index"):
+        ps.RegressionData.from_arrays(frame[["v", "r"]], shuffled)
+
+
+# formulas -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_formula_makes_named_columns(formulae, frame):
+    data = ps.RegressionData.from_formula(FORMULA, frame)
+    values = motion()
+    assert data.coefficients == NAMES
+    assert data.constant == 0
+    np.testing.assert_allclose(data.design_matrix[:, 3], values["v"] * values["r"])
+    np.testing.assert_allclose(data.design_matrix[:, 4], values["delta"] ** 2)
+    np.testing.assert_allclose(data.least_squares, [1.0, 2.0, -3.0, 4.0, 5.0], atol=0.1)
+
+
+def test_a_formula_calls_functions_from_where_it_is_written(formulae, frame):
+    def bent(values):
+        return values * np.abs(values)
+
+    data = ps.RegressionData.from_formula("Y ~ 0 + bent(v)", frame)
+    np.testing.assert_array_equal(data.design_matrix[:, 0], bent(frame["v"].to_numpy()))
+
+
+def test_a_formula_without_its_parser_is_refused_with_a_sentence(monkeypatch):
+    monkeypatch.setitem(sys.modules, "formulae", None)
+    with pytest.raises(ps.RegressionDataError) as found:
+        ps.RegressionData.from_formula("Y ~ v", Table(**motion()))
+    assert str(found.value) == (
+        "Formulas need the package formulae, which is not installed; install pymc-ship[formula]."
+    )
+
+
+@pytest.mark.parametrize(
+    ("formula", "reason"),
+    [
+        ("Y ~ v + u", "^The formula 'Y ~ v [+] u' must hold for the table, found: no variable 'u'; correct one of th"),
+        ("Y ~ v +* r", r"must hold for the table, found: Don't know how to parse '\*'; correct"),
+        ("Y ~ v + (1|side)", "found terms that vary by group in "),
+        ("side ~ v", "found a response that is no number in 'side ~ v'; change it."),
+        ("v + r", "found no response in 'v [+] r'; change it."),
+        ("Y ~ 0", "found no term in 'Y ~ 0'; change it."),
+        (3, "The formula 3 must hold for the table, found: 'formula' must be a string; correct"),
+    ],
+)
+def test_a_formula_that_cannot_be_read_is_refused_with_a_sentence(formulae, frame, formula, reason):
+    with pytest.raises(ps.RegressionDataError, match=reason):
+        ps.RegressionData.from_formula(formula, frame.assign(side=["port", "starboard"] * 30))
+
+
+def test_gaps_and_what_is_no_table_are_refused_with_a_sentence(formulae, frame):
+    frame.loc[3, "v"] = np.nan
+    with pytest.raises(ps.RegressionDataError, match="found: 'data' contains 1 incomplete rows; correct one of them"):
+        ps.RegressionData.from_formula(FORMULA, frame)
+    with pytest.raises(
+        ps.RegressionDataError, match=r"^A formula needs a table, found <class 'dict'>; give a DataFrame"
+    ):
+        ps.RegressionData.from_formula(FORMULA, motion())
+
+
+# new rows -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("prior", [ps.ConjugatePrior(), ps.SemiConjugatePrior()])
+def test_predictions_take_new_rows_as_their_users_have_them(frame, prior):
+    data = ps.RegressionData.from_arrays(frame[["v", "r"]], frame["Y"], scaling="zscore")
+    exact, new = prior.exact(data), frame.iloc[:5]
+    plain = exact.predict(new[["v", "r"]].to_numpy())
+    for table in (new[["v", "r"]], new[["r", "v"]], new):
+        np.testing.assert_array_equal(exact.predict(table), plain)
+    assert not np.allclose(exact.predict(new[["r", "v"]].to_numpy())[0], plain[0])
+
+
+@pytest.mark.parametrize("prior", [ps.ConjugatePrior(), ps.SemiConjugatePrior()])
+@pytest.mark.parametrize("scaling", ["none", "zscore"])
+def test_a_formula_is_evaluated_for_new_rows(formulae, frame, prior, scaling):
+    """What a transformation took from the fitted table holds for the new one."""
+    formula = FORMULA + " + scale(v)" if scaling == "none" else FORMULA + " + scale(delta)"
+    data = ps.RegressionData.from_formula(formula, frame, scaling=scaling)
+    exact = prior.exact(data)
+    for given in (frame.iloc[:5], frame.iloc[:5][["delta", "r", "v"]]):
+        found = exact.predict(given)
+        np.testing.assert_allclose(found, exact.predict(data.design_matrix[:5]), rtol=1e-12)
+    assert np.abs(found[0] - frame["Y"][:5]).max() < 1.0
+
+
+def test_held_coefficients_are_left_out_of_new_rows(formulae, frame):
+    data = ps.hold_fixed(ps.RegressionData.from_formula(FORMULA, frame), {"r": -3.0})
+    exact = ps.ConjugatePrior().exact(data)
+    np.testing.assert_allclose(exact.predict(frame.iloc[:5]), exact.predict(data.design_matrix[:5]), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"columns": ["v"]}, "New rows need the columns v, r, each of them once; found v; add or rename r."),
+        ({"columns": ["V", "R"]}, "New rows need the columns v, r, each of them once; found V, R; add or rename v, r."),
+        ({"r": np.nan}, "New rows are finite, of shape (rows, 2), found NaN or infinity in r; check them."),
+        ({"r": "fast"}, "New rows need numbers, found none in the column r; convert it."),
+        ({"array": [[1.0]]}, "New rows are finite, of shape (rows, 2), found shape (1, 1); check them."),
+        ({"array": "v.csv"}, "New rows are numbers, an array or a DataFrame, found 'v.csv'; convert them."),
+    ],
+)
+def test_new_rows_that_do_not_fit_are_refused_with_a_sentence(change, sentence):
+    values = motion()
+    y = values.pop("Y")
+    data = ps.RegressionData.from_arrays(Table(v=values["v"], r=values["r"]), y)
+    columns = {name: [1.0] for name in change.get("columns", ["v", "r"])}
+    new = Table(**columns | ({"r": [change["r"]]} if "r" in change else {}))
+    tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
+    for predict in (ps.ConjugatePrior().exact(data).predict, lambda rows: ps.predict(tree, rows, rng=1)):
+        with pytest.raises(ps.RegressionDataError) as found:
+            predict(change.get("array", new))
+        assert str(found.value) == sentence
+
+
+def test_new_rows_that_do_not_fit_a_formula_are_refused_with_a_sentence(formulae, frame):
+    exact = ps.ConjugatePrior().exact(ps.RegressionData.from_formula(FORMULA, frame))
+    for new, sentence in (
+        (frame[["v", "r"]], "^New rows need the columns v, r, delta, each of them once; found v, r; add or rename de"),
+        (frame.assign(v=np.nan), r"^New rows are finite, of shape \(rows, 5\), found NaN or infinity in v, v:r; check"),
+        (frame.assign(v="fast"), "^The formula 'Y ~ v .*' must hold for the new rows, found: .*; correct one of them"),
+    ):
+        with pytest.raises(ps.RegressionDataError, match=sentence):
+            exact.predict(new)
+
+
+# uneven columns -------------------------------------------------------------------------------------------------------
+
+
+def uneven(ratio, scaling="none"):
+    values = motion()
+    table = Table(v=values["v"], r=ratio * values["r"] * np.std(values["v"]) / np.std(values["r"]))
+    return ps.RegressionData.from_arrays(table, values["Y"], scaling=scaling)
+
+
+def test_a_default_prior_of_uneven_columns_is_warned_of():
+    data = uneven(1000.0)
+    sentence = (
+        r"^The columns must be of one size where all have the same prior, found v of .* and r of .*; take scaling="
+    )
+    assert "remark    The columns must be of one size" in repr(data)
+    for fit in (
+        lambda: ps.conjugate(data, ps.ConjugatePrior()),
+        lambda: ps.SemiConjugatePrior().exact(data),
+        lambda: ps.gibbs_posterior(data, ps.ConjugatePrior(), draws=10, rng=1),
+        lambda: ps.pymc_model(data, ps.ConjugatePrior()),
+    ):
+        with pytest.warns(UserWarning, match=sentence):
+            fit()
+
+
+@pytest.mark.parametrize(
+    ("data", "prior"),
+    [
+        (uneven(1000.0), ps.ConjugatePrior(kappa=1e4)),
+        (uneven(1000.0), ps.ConjugatePrior(kappa=[100.0, 1e-4])),
+        (uneven(1000.0, "zscore"), ps.ConjugatePrior()),
+        (uneven(20.0), ps.ConjugatePrior()),
+    ],
+)
+def test_a_chosen_prior_or_even_columns_are_not_warned_of(data, prior):
+    """A warning is an error in the tests."""
+    prior.exact(data)
+
+
+def test_few_rows_of_even_columns_are_not_uneven():
+    """Of single rows four in five have two of 28 columns a factor of 30 apart."""
+    X = np.random.default_rng(2).standard_normal((200, 28))
+    data = ps.RegressionData.from_arrays(X, X[:, 0])
+    assert [k for k in range(200) if data.rows(np.array([k])).uneven] == []
+    assert [n for n in range(1, 200) if data.rows(np.arange(n)).uneven] == []
+    assert uneven(1000.0).rows(np.arange(4)).uneven.startswith("The columns must be of one size")
+
+
+def test_an_empty_column_is_not_uneven():
+    assert ps.RegressionData.from_arrays(np.eye(3)[:, :2] * [1.0, 0.0], np.ones(3)).uneven == ""

@@ -1,0 +1,88 @@
+"""The density of pooled groups against that of the normal law of all rows, and its derivatives against differences."""
+
+import numpy as np
+import pytensor
+import pytensor.tensor as pt
+import pytest
+from scipy import stats
+from scipy.linalg import block_diag
+from scipy.optimize import approx_fprime
+
+from pymc_ship.inference.sampling.hierarchical_model import reduced_groups
+from pymc_ship.inference.sampling.operations import PooledDensity, pooled_density
+from tests.inference.sampling.test_hierarchical_model import GROUPS, PRIOR, columns, data_of, truth
+
+P = 2
+WORSE = pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+
+
+def drawn(size=1.0):
+    rng = np.random.default_rng(8)
+    _, _, each, variance = truth(rng)
+    data = data_of(rng, each, variance)
+    return data, np.abs(rng.standard_normal(P)) * size, stats.invgamma(4.0).rvs(GROUPS, random_state=rng)
+
+
+def rows_of(data):
+    """What is given of the rows of all groups, in the order of the inputs."""
+    reduced = reduced_groups(data, PRIOR, columns()[1])
+    found = [
+        np.array([getattr(one, name) for one in reduced]) for name in ("triangle", "projection", "residual_square")
+    ]
+    return [*found, np.array([one.n_rows - P for one in reduced], dtype=float), 1.0 / PRIOR.kappas(P)]
+
+
+def evaluated(data, tau, variance):
+    return pooled_density(tau, variance, *rows_of(data))
+
+
+def of_all_rows(data, tau, variance):
+    """Log density of the scaled response under the normal law that coefficients of groups and means leave it."""
+    X, group = data.scaled_design_matrix, columns()[1]
+    by_group = block_diag(*(X[group == g] for g in range(GROUPS)))
+    between = np.kron(np.eye(GROUPS), np.diag(tau**2)) + np.kron(np.ones((GROUPS, GROUPS)), np.diag(PRIOR.kappas(P)))
+    covariance = np.diag(variance[group]) + by_group @ between @ by_group.T
+    return stats.multivariate_normal(X @ PRIOR.means(P), covariance).logpdf(data.scaled_response)
+
+
+@WORSE
+def test_it_is_that_of_the_normal_law_of_all_rows_but_for_a_constant(size):
+    data, tau, variance = drawn(size)
+    constant = [
+        evaluated(data, tau * k, variance * k)[0] - of_all_rows(data, tau * k, variance * k) for k in (1.0, 0.3)
+    ]
+    assert constant[0] == pytest.approx(constant[1], abs=1e-6)
+    assert evaluated(data, tau, variance)[0] - of_all_rows(data, tau, 2.0 * variance) != pytest.approx(
+        constant[0], abs=1e-3
+    )
+
+
+@WORSE
+def test_its_derivatives_are_those_of_differences(size):
+    data, tau, variance = drawn(size)
+    _, of_tau, of_variance = evaluated(data, tau, variance)
+    step = 1e-6
+    np.testing.assert_allclose(
+        of_tau * tau,
+        approx_fprime(np.log(tau), lambda t: evaluated(data, np.exp(t), variance)[0], step),
+        atol=1e-4,
+    )
+    np.testing.assert_allclose(
+        of_variance * variance,
+        approx_fprime(np.log(variance), lambda v: evaluated(data, tau, np.exp(v))[0], step),
+        atol=1e-4,
+    )
+
+
+def test_a_spread_beyond_all_numbers_has_no_density():
+    data, tau, variance = drawn()
+    assert np.isnan(evaluated(data, tau * 1e200, variance)[0])
+
+
+def test_the_operation_is_the_density():
+    data, tau, variance = drawn()
+    t, v = pt.dvector(), pt.dvector()
+    density = PooledDensity()(t, v, *rows_of(data))
+    found = pytensor.function([t, v], [3.0 * density, *pytensor.grad(3.0 * density, [t, v])], mode="FAST_COMPILE")
+    for one, other in zip(found(tau, variance), evaluated(data, tau, variance), strict=True):
+        np.testing.assert_allclose(one, 3.0 * other)

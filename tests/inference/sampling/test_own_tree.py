@@ -1,0 +1,174 @@
+"""Models of one's own: their draws in every function that takes a posterior, and in those of ArviZ that docs name."""
+
+from functools import cache, partial
+
+import arviz as az
+import matplotlib.pyplot as plt
+import numpy as np
+import pymc as pm
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.inference.sampling.own_tree import posterior_tree
+from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
+from tests.inference.sampling.cases import hyperparameters, regression
+
+SETTINGS = {"draws": 500, "tune": 500, "chains": 4}
+DATA, PRIOR = regression("zscored"), ps.ConjugatePrior(**hyperparameters())
+HORSESHOE = pytest.param("horseshoe", marks=pytest.mark.consistency)  # docs/how_to/change_the_model.md draws one
+DIRECT = pytest.param("direct", marks=pytest.mark.consistency)  # laid out by the same code as the whitened form
+PATHS = ("conjugate", "gibbs", "nuts", DIRECT, "own", HORSESHOE)
+
+
+def laplace(name, mu, sigma, given):
+    return pm.Laplace(name, mu, sigma / np.sqrt(2.0), **given)
+
+
+def plain_model():
+    """The model of the package, as a user writes it."""
+    with pm.Model(coords={"coefficient": DATA.coefficients}) as model:
+        sigma2 = pm.InverseGamma("scaled_noise_variance", PRIOR.shape, PRIOR.scale)
+        sd = np.sqrt(PRIOR.kappas(DATA.n_terms)) * pm.math.sqrt(sigma2)
+        b = pm.Normal("scaled_coefficients", PRIOR.means(DATA.n_terms), sd, dims="coefficient")
+        mu = DATA.response_center + DATA.response_scale * (DATA.scaled_design_matrix @ b)
+        pm.Normal("y", mu, DATA.response_scale * pm.math.sqrt(sigma2), observed=DATA.response)
+    return model
+
+
+@cache
+def sampled():
+    with plain_model():
+        return pm.sample(500, tune=500, chains=4, cores=1, random_seed=1, progressbar=False, quiet=True)
+
+
+@cache
+def tree_by(path):
+    rng = np.random.default_rng(2)
+    if path == "own":
+        return posterior_tree(sampled(), DATA, plain_model(), prior=PRIOR, rng=rng)
+    if path == "nuts":
+        return nuts_posterior(DATA, PRIOR, rng=rng, **SETTINGS)
+    if path == "direct":
+        return nuts_posterior(DATA, PRIOR, rng=rng, parametrisation="direct", **SETTINGS)
+    if path == "horseshoe":
+        return nuts_posterior(DATA, ps.horseshoe, errors=laplace, rng=rng, target_accept=0.95, **SETTINGS)
+    draw = {"conjugate": ps.conjugate_posterior, "gibbs": ps.gibbs_posterior}[path]
+    tree = draw(DATA, PRIOR, draws=2000 if path == "conjugate" else 500, rng=rng)
+    return ps.with_predictive(tree, DATA, PRIOR, rng=rng)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_arviz_takes_the_tree(path):
+    """Every function of ArviZ that the docs and the report name."""
+    tree = tree_by(path)
+    groups = [tree[name] for name in ("posterior", "log_likelihood", "posterior_predictive")]
+    assert {(group.sizes["chain"], group.sizes["draw"]) for group in groups} == {(4, 500)}
+    az.summary(tree, var_names=["coefficients"])
+    assert az.loo(tree, var_name="response").elpd < np.inf
+    pit = az.loo_pit(tree, var_names="response")["response"]
+    assert dict(pit.sizes) == {"row": DATA.n_rows}
+    assert ((pit >= 0.0) & (pit <= 1.0)).all()
+    sensed = az.psense(tree, group="likelihood", var_names=["coefficients"])
+    assert np.isfinite(sensed["coefficients"]).all()
+    az.plot_ppc_dist(tree, group="posterior_predictive", num_samples=10)
+    az.plot_loo_pit(tree)
+    plt.close("all")
+    assert az.rhat(tree, var_names=["coefficients"])["coefficients"].max() < 1.05
+
+
+@pytest.mark.parametrize("path", ["own", HORSESHOE])
+def test_the_tree_is_reported(path, tmp_path):
+    page = ps.diagnostic_report({path: tree_by(path)}, tmp_path)
+    text = page.read_text(encoding="utf-8")
+    assert ("of its own model" in text) == (path == "horseshoe")
+    assert ("that of a normal prior with the same central 95 %" in text) == (path == "horseshoe")
+    assert "quantities move with the prior" in text
+    assert "no prior/coefficients" not in text
+    assert "no posterior_predictive" not in text
+
+
+def test_own_draws_agree_with_the_exact_posterior():
+    exact = ps.conjugate(DATA, PRIOR)
+    table = ps.agreement(exact, {"own": tree_by("own")})
+    assert table["agrees"].all(), table.attrs["verdict"]
+    wrong = tree_by("own").copy()
+    wrong["posterior"] = wrong["posterior"].to_dataset().assign(coefficients=lambda group: 1.05 * group["coefficients"])
+    assert not ps.agreement(exact, {"own": wrong})["agrees"].any()
+
+
+def test_agreement_skips_a_noise_variance_that_is_not_there():
+    tree = tree_by("own").copy()
+    tree["posterior"] = tree["posterior"].to_dataset().drop_vars(["noise_variance", "scaled_noise_variance"])
+    table = ps.agreement(ps.conjugate(DATA, PRIOR), {"own": tree})
+    assert list(table["quantity"].values) == list(DATA.coefficients)
+    assert table["agrees"].all()
+
+
+def test_the_log_likelihood_is_that_of_the_rows():
+    own = tree_by("own")
+    b, s2 = own["posterior"]["coefficients"].values, own["posterior"]["noise_variance"].values
+    residual = DATA.response - b @ DATA.design_matrix.T
+    density = -0.5 * (np.log(2.0 * np.pi * s2)[..., None] + residual**2 / s2[..., None])
+    np.testing.assert_allclose(own["log_likelihood"]["response"], density, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.consistency  # docs/how_to/change_the_model.md does, too
+def test_new_rows_are_predicted_by_pymc():
+    """From the tree of the direct model, at rows that it was not fitted to."""
+    tree, new = tree_by("direct"), DATA.design_matrix[::7] + 0.1
+    with pymc_model(DATA, PRIOR):
+        rows = np.arange(len(new))
+        pm.set_data({"design_matrix": new, "observed_response": np.zeros(len(new))}, coords={"row": rows})
+        predicted = pm.sample_posterior_predictive(tree, predictions=True, random_seed=1, progressbar=False)
+    drawn = predicted["predictions"]["response"].values.reshape(-1, len(new))
+    mean, sd = ps.conjugate(DATA, PRIOR).predict(new)
+    error = sd / np.sqrt(float(az.ess(tree["posterior"]["coefficients"]).min()))
+    assert np.max(np.abs(drawn.mean(0) - mean) / error) < 4.5
+    np.testing.assert_allclose(drawn.std(0), sd, rtol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("broken", "sentence"),
+    [
+        (lambda group: group.drop_vars("scaled_coefficients"), "must hold 'coefficients' with dims chain, draw and"),
+        (lambda group: group.isel(coefficient=slice(1, None)), "must hold 'coefficients' with dims chain, draw and"),
+        (lambda group: group.isel(coefficient=slice(None, None, -1)), "must hold the coefficients of the data"),
+    ],
+)
+def test_a_tree_without_the_coefficients_is_refused(broken, sentence):
+    tree = sampled().copy()
+    tree["posterior"] = broken(tree["posterior"].to_dataset())
+    with pytest.raises(ValueError, match=sentence):
+        posterior_tree(tree, DATA)
+
+
+def test_own_priors_have_the_direct_form_only():
+    with pytest.raises(ValueError, match="The whitened model knows the priors and errors of this package"):
+        pymc_model(DATA, ps.horseshoe, "whitened")
+    with pytest.raises(ValueError, match="need a generator"):
+        posterior_tree(sampled(), DATA, plain_model())
+
+
+@pytest.mark.parametrize("prior", [ps.horseshoe, ps.r2d2, ps.student_t_prior])
+def test_shipped_priors_are_centred(prior):
+    """Draws of the prior are symmetric about zero, and vary."""
+    with pymc_model(DATA, prior):
+        drawn = pm.sample_prior_predictive(2000, random_seed=3)["prior"]["scaled_coefficients"].values[0]
+    share = (drawn > 0.0).mean(axis=0)
+    assert np.all(np.abs(share - 0.5) < 4.5 * np.sqrt(0.25 / 2000))
+    assert np.all(drawn.std(axis=0) > 0.0)
+
+
+@pytest.mark.parametrize("effective", [0.0, DATA.n_terms, float("nan")])
+def test_a_horseshoe_expects_some_coefficients_but_not_all(effective):
+    with pytest.raises(ps.PriorError, match=rf"lies between 0 and {DATA.n_terms}, the number of terms, found "):
+        pymc_model(DATA, partial(ps.horseshoe, effective=effective))
+
+
+def test_settings_of_the_sampler_are_checked():
+    rng = np.random.default_rng(1)
+    for form in ("whitened", "direct"):
+        with pytest.raises(ValueError, match=r"An acceptance rate lies between 0 and 1, found 1\.0; give one such as"):
+            nuts_posterior(DATA, PRIOR, rng=rng, parametrisation=form, target_accept=1.0)
+    with pytest.raises(ValueError, match=r"The NUTS sampler is one of nutpie, pymc, numpyro, blackjax; found 'stan'"):
+        nuts_posterior(DATA, PRIOR, rng=rng, sampler="stan")

@@ -1,0 +1,85 @@
+"""New rows, predicted by the draws of a posterior."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+
+from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.inference.sampling.predictive import predict
+from tests.inference.rows.frames import motion
+from tests.inference.sampling.test_predictive import EXACT, LIMIT, tree_of, z_of_moments
+
+
+@pytest.mark.parametrize("case", ["tall", "zscored", "wide"])
+@pytest.mark.parametrize("family", EXACT)
+def test_predictions_of_new_rows_have_the_exact_mean_and_variance(family, case):
+    data, prior, tree = tree_of(family, case)
+    new = np.random.default_rng(3).normal(size=(6, 5))
+    mean, sd = EXACT[family][0](data, prior).predict(new)
+    found = predict(tree, new, rng=2)
+    z_mean, z_variance = z_of_moments(found["response"].values.reshape(4000, -1), mean, sd)
+    assert max(z_mean.max(), z_variance.max()) < LIMIT
+    np.testing.assert_allclose(found["expected"].values, tree["posterior"]["coefficients"].values @ new.T)
+    np.testing.assert_allclose(found["sd"], found["response"].values.std((0, 1)))
+    assert np.abs(found["mean"] - mean).max() < LIMIT * sd.max() / np.sqrt(4000)
+    assert {name: value.dims for name, value in found.items()} == {
+        "response": ("chain", "draw", "row"),
+        "expected": ("chain", "draw", "row"),
+        "mean": ("row",),
+        "sd": ("row",),
+    }
+
+
+def test_predictions_without_noise_or_of_other_rows_are_caught():
+    data, prior, tree = tree_of(ConjugatePrior)
+    new = np.random.default_rng(3).normal(size=(6, 5))
+    mean, sd = conjugate(data, prior).predict(new)
+    found = predict(tree, new, rng=2)
+    assert z_of_moments(found["expected"].values.reshape(4000, -1), mean, sd)[1].max() > LIMIT
+    found = predict(tree, new[::-1], rng=2)
+    assert z_of_moments(found["response"].values.reshape(4000, -1), mean, sd)[0].max() > LIMIT
+
+
+def test_predictions_follow_from_the_seed():
+    _, _, tree = tree_of(ConjugatePrior, draws=40)
+    assert predict(tree, np.ones((1, 5)), rng=2).identical(predict(tree, np.ones((1, 5)), rng=np.random.default_rng(2)))
+    assert not predict(tree, np.ones((1, 5)), rng=2).identical(predict(tree, np.ones((1, 5)), rng=3))
+
+
+def test_predictions_have_the_errors_of_the_posterior():
+    _, _, tree = tree_of(ConjugatePrior)
+    posterior = tree["posterior"].to_dataset()
+    nu = xr.full_like(posterior["noise_variance"], 2.5)
+    heavy = xr.DataTree.from_dict({"/posterior": posterior.assign(degrees_of_freedom=nu)})
+    heavy.attrs["errors"] = "student_t"
+    kurtosis = [
+        stats.kurtosis((found["response"] - found["expected"]).values, axis=None)
+        for found in (predict(one, np.ones((1, 5)), rng=2) for one in (tree, heavy))
+    ]
+    assert kurtosis[0] < 1.0 < 10.0 < kurtosis[1]
+
+
+def test_a_formula_is_evaluated_for_a_tree():
+    pytest.importorskip("formulae", reason="installed by pymc-ship[formula]")
+    frame = pytest.importorskip("pandas").DataFrame(motion())
+    data = RegressionData.from_formula("Y ~ v + v:r + I(delta**2)", frame)
+    tree = conjugate_posterior(data, ConjugatePrior(), draws=40, rng=1)
+    found = predict(tree, frame[["delta", "v", "r"]].iloc[:3], data=data, rng=2)
+    assert found.identical(predict(tree, data.design_matrix[:3], rng=2))
+    with pytest.raises(RegressionDataError, match=r"^New rows need the columns Intercept, v, v:r, I"):
+        predict(tree, frame, rng=2)
+
+
+def test_a_posterior_that_predicts_no_rows_is_refused_with_a_sentence():
+    _, _, tree = tree_of(ConjugatePrior, draws=40)
+    known = xr.DataTree.from_dict({"/posterior": tree["posterior"].to_dataset().drop_vars("noise_variance")})
+    with pytest.raises(ValueError, match=r"^A prediction needs coefficients .*, found coefficients; give the"):
+        predict(known, np.ones((1, 5)), rng=2)
+    other = RegressionData.from_arrays(np.eye(5)[:, :2], np.ones(5))
+    with pytest.raises(ValueError, match=r"^The data must be those of the posterior, of x1, .*, found x1, x2; give"):
+        predict(tree, np.ones((1, 5)), data=other, rng=2)

@@ -1,0 +1,177 @@
+"""Priors of all coefficients at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+
+import pymc_ship as ps
+from pymc_ship.inference.trajectory.prior import FREEDOM, CoefficientPrior, coefficient_dofs
+from pymc_ship.physics.forces.terms import order
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from tests.inference.trajectory.cases import record
+
+
+@pytest.fixture(scope="module")
+def trial(container):
+    return record(container, ps.zigzag(20.0, 20.0))
+
+
+@pytest.fixture(scope="module")
+def typical(container, trial):
+    return ps.coefficient_scales([trial], container)
+
+
+def tree_of(names, mean, sd, draws=500):
+    """Posterior with given moments of its draws."""
+    standard = np.random.default_rng(1).standard_normal((4, draws, len(names)))
+    standard = (standard - standard.mean(axis=(0, 1))) / standard.std(axis=(0, 1))
+    posterior = xr.Dataset(
+        {"coefficients": (("chain", "draw", "coefficient"), mean + sd * standard)}, {"coefficient": names}
+    )
+    return xr.DataTree.from_dict({"posterior": posterior, "observed_data": xr.Dataset()})
+
+
+def test_names_and_dofs_are_in_the_vessels_order(container):
+    names, dofs = coefficient_names(container), coefficient_dofs(container)
+    assert len(names) == len(dofs) == reference_coefficients(container).size
+    letters = {"surge": "X", "sway": "Y", "yaw": "N", "roll": "K"}
+    assert [name[0] for name in names] == [letters[container.dofs[g]] for g in dofs]
+
+
+class TestKinds:
+    @pytest.mark.parametrize("damping", [0.3, 0.5, 1.0])
+    def test_scales_fall_with_the_order_of_the_term(self, container, trial, typical, damping):
+        prior = ps.coefficient_prior([trial], container, damping=damping)
+        names = coefficient_names(container)
+        orders = np.array([max(order(name[1:]), 1) for name in names])
+        assert set(orders) == {1, 2, 3, 4}
+        assert orders[names.index("Yv|v|")] == 2
+        np.testing.assert_allclose(prior.scale, 2.0 * typical * damping ** (orders - 1.0), rtol=1e-12)
+        assert (prior.mean == 0.0).all()
+        assert prior.tuned.all()
+
+    def test_a_sister_ship_is_trusted_to_a_share_of_each_value_and_of_the_typical_size(self, container, trial, typical):
+        prior, reference = ps.coefficient_prior([trial], container, "sister_ship"), reference_coefficients(container)
+        np.testing.assert_array_equal(prior.mean, reference)
+        np.testing.assert_allclose(prior.scale**2, 0.09 * (reference**2 + 0.0025 * typical**2), rtol=1e-12)
+        assert (reference == 0.0).any()
+        assert (prior.scale > 0.0).all()
+        closer = ps.coefficient_prior([trial], container, "sister_ship", relative_sd=0.1)
+        np.testing.assert_allclose(closer.scale, prior.scale / 3.0, rtol=1e-12)
+
+    def test_a_flat_one_has_typical_sizes_as_units_and_nothing_to_tune(self, container, trial, typical):
+        prior = ps.coefficient_prior([trial], container, "flat")
+        assert np.isinf(prior.scale).all()
+        assert not prior.tuned.any()
+        np.testing.assert_array_equal(prior.unit, typical)
+
+    @pytest.mark.parametrize("kind", ["flat", "order_damped", "sister_ship"])
+    def test_entries_of_a_table_are_taken_as_stated(self, container, trial, kind):
+        names = coefficient_names(container)
+        at, others = names.index("Nr"), np.arange(len(names)) != names.index("Nr")
+        plain = ps.coefficient_prior([trial], container, kind)
+        prior = ps.coefficient_prior([trial], container, kind, table={"Nr": (-0.002, 1e-4)})
+        assert (prior.mean[at], prior.scale[at], prior.unit[at], prior.tuned[at]) == (-0.002, 1e-4, 1e-4, False)
+        for name in ("mean", "scale", "unit", "tuned"):
+            np.testing.assert_array_equal(getattr(prior, name)[others], getattr(plain, name)[others])
+
+    def test_a_table_leaves_the_vessel_as_it_was(self, container, trial):
+        before = reference_coefficients(container)
+        ps.coefficient_prior([trial], container, "sister_ship", table={"Nr": (7.0, 1.0)})
+        np.testing.assert_array_equal(reference_coefficients(container), before)
+
+
+class TestFromPosteriors:
+    def test_of_every_dof_they_are_their_moments_one_after_the_other(self, container):
+        reference = reference_coefficients(container)
+        sd = 0.1 * np.abs(reference) + 1e-6
+        names, dofs = np.array(coefficient_names(container)), coefficient_dofs(container)
+        trees = {
+            dof: tree_of(names[dofs == g], reference[dofs == g], sd[dofs == g]) for g, dof in enumerate(container.dofs)
+        }
+        prior = ps.posterior_prior(trees, container)
+        np.testing.assert_allclose(prior.mean, reference, atol=1e-12)
+        np.testing.assert_allclose(prior.scale, sd, rtol=1e-9)
+        assert not prior.tuned.any()
+        assert prior.kind == "posterior"
+
+    def test_one_tree_of_all_coefficients_in_any_order_is_the_same(self, container):
+        reference, names = reference_coefficients(container), np.array(coefficient_names(container))
+        sd = 0.1 * np.abs(reference) + 1e-6
+        shuffle = np.random.default_rng(2).permutation(names.size)
+        prior = ps.posterior_prior(tree_of(names[shuffle], reference[shuffle], sd[shuffle]), container)
+        np.testing.assert_allclose(prior.mean, reference, atol=1e-12)
+        np.testing.assert_allclose(prior.scale, sd, rtol=1e-9)
+
+    def test_what_is_missing_is_named(self, container):
+        names = coefficient_names(container)
+        with pytest.raises(ps.PriorError, match="every DOF, surge, sway, yaw, roll missing"):
+            ps.posterior_prior({}, container)
+        lacking = [name for name in names if name not in ("Xu", "Xvv")]
+        with pytest.raises(ps.PriorError, match="every coefficient, Xu, Xvv missing; add them"):
+            ps.posterior_prior(tree_of(lacking, np.zeros(len(lacking)), 1.0), container)
+
+    def test_a_coefficient_that_was_held_fixed_is_named(self, container):
+        names = coefficient_names(container)
+        sd = np.where(np.array(names) == "Yv", 0.0, 1.0)
+        with pytest.raises(ps.PriorError, match="draws that vary, those of Yv do not; give those held fixed"):
+            ps.posterior_prior(tree_of(names, np.full(len(names), 0.1), sd), container)
+
+
+class TestErrors:
+    @pytest.mark.parametrize(
+        ("settings", "found"),
+        [
+            ({"kind": "horseshoe"}, "found 'horseshoe', 0.3 and 0.3"),
+            ({"damping": 0.0}, "found 'order_damped', 0.0"),
+            ({"damping": 1.1}, "found 'order_damped', 1.1"),
+            ({"relative_sd": np.inf}, "0.3 and inf"),
+            ({"table": {"Yw": (0.0, 1.0)}}, "found Yw: 0.0, 1.0; correct it"),
+            ({"table": {"Yv": (0.0, 0.0)}}, "found Yv: 0.0, 0.0; correct it"),
+            ({"table": {"Yv": (np.nan, 1.0)}}, "found Yv: nan, 1.0; correct it"),
+        ],
+    )
+    def test_priors_that_are_none(self, container, trial, settings, found):
+        with pytest.raises(ps.PriorError, match=found):
+            ps.coefficient_prior([trial], container, **settings)
+
+
+class TestNormalForStudent:
+    @staticmethod
+    def settled(measured, sd):
+        """Posterior mean and sd of a coefficient with Student's t about 0, scale 1, that was measured, by turns."""
+        stated = CoefficientPrior(np.zeros(1), np.ones(1), np.ones(1), np.zeros(1, dtype=bool), "stated")
+        normal = stated
+        for _ in range(60):
+            precision = sd**-2.0 + normal.scale**-2.0
+            mean, spread = measured / sd**2 / precision, precision**-0.5
+            normal = stated.as_normal_at(mean, spread)
+        return float(mean[0]), float(spread[0])
+
+    @staticmethod
+    def exact(measured, sd):
+        """The same by the trapezium rule."""
+        at = np.linspace(measured - 40.0 * sd, measured + 40.0 * sd, 80_001)
+        weight = stats.t.pdf(at, FREEDOM) * stats.norm.pdf(at, measured, sd)
+        mean = np.sum(weight * at) / weight.sum()
+        return mean, np.sqrt(np.sum(weight * (at - mean) ** 2) / weight.sum())
+
+    @pytest.mark.parametrize("measured", [0.0, 1.0, 2.0, 5.0, 20.0])
+    def test_a_posterior_is_that_of_students_t_where_the_data_tell_as_much(self, measured):
+        for sd, off, share in ((0.1, 0.001, 0.005), (0.3, 0.01, 0.03), (1.0, 0.1, 0.16)):
+            (mean, spread), (true_mean, true_spread) = self.settled(measured, sd), self.exact(measured, sd)
+            assert abs(mean - true_mean) < off * true_spread
+            assert abs(spread / true_spread - 1.0) < share
+
+    def test_the_normal_law_holds_on_where_student_lets_go(self):
+        mean, spread = self.exact(20.0, 1.0)
+        assert abs(20.0 / 2.0 - mean) > 9.0 * spread
+        assert abs(self.settled(20.0, 1.0)[0] - mean) < 0.01 * spread
+
+    def test_what_no_data_tell_keeps_its_scale(self):
+        mean, scale = np.array([0.1, -3.0]), np.array([0.02, 7.0])
+        stated = CoefficientPrior(mean, scale, scale, np.zeros(2, dtype=bool), "stated")
+        np.testing.assert_allclose(stated.as_normal_at(mean, scale).scale, scale, rtol=1e-15)
