@@ -9,13 +9,13 @@ from scipy.optimize import least_squares
 
 import pymc_ship as ps
 from benchmarks.table import Row, median_seconds
-from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.ships.forecasting.draws import coefficient_draws
 
 
 def trajectory(vessel, noisy) -> Iterator[Row]:

@@ -24,7 +24,7 @@ from pymc_ship.records.denoising import denoise
 from pymc_ship.records.denoising.derivative import DERIVATIVES
 from pymc_ship.records.denoising.ebayes import PRIORS
 from pymc_ship.records.files import instruments
-from pymc_ship.ship import candidates as ship_candidates
+from pymc_ship.ships.identification import candidates as ship_candidates
 from tests.journeys.cases import program
 
 COMMANDS = ("study", "simulate", "denoise", "regress", "tune", "forecast", "report")

@@ -13,7 +13,7 @@ from pymc_ship.diagnostics.regression import data_of, prior_of
 from pymc_ship.diagnostics.regression_parts import _ships as of_regression
 from pymc_ship.diagnostics.trajectory import prior_of as trajectory_prior
 from pymc_ship.diagnostics.trajectory_parts import _ships as of_trajectories
-from pymc_ship.forecasting.prior_ships import index_row, share_row
+from pymc_ship.ships.forecasting.prior_ships import index_row, share_row
 from tests.diagnostics.cases import hull, short_posterior, without
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -9,8 +9,8 @@ import pytest
 
 from pymc_ship.experiments import coverage
 from pymc_ship.experiments.figures import coverage_by_index, motion_by_lead, reliability
-from pymc_ship.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
-from pymc_ship.forecasting.motion_error import TYPICAL as OF_MOTION
+from pymc_ship.ships.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
+from pymc_ship.ships.forecasting.motion_error import TYPICAL as OF_MOTION
 from tests.experiments.ships import columns
 
 

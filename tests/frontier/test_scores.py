@@ -6,7 +6,6 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.forecasting.forecast import BANDS
 from pymc_ship.frontier.scores import (
     coefficient_rows,
     error_summary,
@@ -16,6 +15,7 @@ from pymc_ship.frontier.scores import (
     summary_rows,
     with_error,
 )
+from pymc_ship.ships.forecasting.forecast import BANDS
 
 SCORED = ("u", "v", "r", "phi", "psi")
 ZIGZAG = ps.zigzag(20.0, 20.0)

@@ -9,13 +9,13 @@ import xarray as xr
 
 from pymc_ship.experiments.run import read_study
 from pymc_ship.experiments.store import opened
-from pymc_ship.forecasting.motion_error import motion_error
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.inference.trajectory.prior import Statement
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
-from pymc_ship.ship.files import load_ship, save_ship
+from pymc_ship.ships.forecasting.motion_error import motion_error
+from pymc_ship.ships.identification.files import load_ship, save_ship
 from tests.experiments.folders import run
 
 AGAIN = "done again"

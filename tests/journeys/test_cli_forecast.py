@@ -3,9 +3,9 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.forecasting.forecast import NO_ROLL
 from pymc_ship.inference.regression import identify as identification
 from pymc_ship.physics.motion.prime_record import prime_record
+from pymc_ship.ships.forecasting.forecast import NO_ROLL
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from tests.journeys.cases import column, files, rows, run
 

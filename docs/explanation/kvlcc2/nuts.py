@@ -18,14 +18,14 @@ import arviz as az
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.forecasting.forecast import pooled_forecast
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.sampling.trajectory_model import mode_nuts_posterior
 from pymc_ship.inference.trajectory.carried import carried_draws
 from pymc_ship.inference.trajectory.posterior import laplace_posterior
 from pymc_ship.inference.trajectory.windows import fit_windows, normal_draws, prepared_windows, thinned, window_mode
 from pymc_ship.physics.vessel.term_sets import with_terms
-from pymc_ship.ship.candidates import as_recorded, stated_prior
+from pymc_ship.ships.forecasting.forecast import pooled_forecast
+from pymc_ship.ships.identification.candidates import as_recorded, stated_prior
 
 SET = "modular"
 FORMAT = Path(__file__).parent / "hsva.toml"

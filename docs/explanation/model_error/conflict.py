@@ -22,7 +22,7 @@ from pymc_ship.experiments.run import read_study
 from pymc_ship.inference.trajectory import prior
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.physics.vessel.vessel import coefficient_names
-from pymc_ship.ship import candidates
+from pymc_ship.ships.identification import candidates
 
 STUDY = "studies/ships.toml"
 TRIALS = "20/20 and 10/10"

@@ -49,13 +49,13 @@ from pymc_ship.cli.texts import (
     trajectory_text,
     tuning_text,
 )
-from pymc_ship.forecasting.forecast import BANDS, stated_shares
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.machine.files import staged, staged_files, writable_folder
 from pymc_ship.machine.text import utf8
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.ships.forecasting.forecast import BANDS, stated_shares
 from pymc_ship.trial.channels import CHANNELS, without_roll
 from pymc_ship.trial.record import TrialError, moving
 

@@ -31,7 +31,6 @@ from pymc_ship.cli.texts import (
     score_text,
     term_set_text,
 )
-from pymc_ship.forecasting.index_error import BEYOND, error_rows
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -40,8 +39,9 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.format import load_format
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised
-from pymc_ship.ship.files import FOLDER, forecast_ship, load_ship, save_ship
-from pymc_ship.ship.model import IdentifiedShip
+from pymc_ship.ships.forecasting.index_error import BEYOND, error_rows
+from pymc_ship.ships.identification.files import FOLDER, forecast_ship, load_ship, save_ship
+from pymc_ship.ships.identification.model import IdentifiedShip
 from pymc_ship.trial.record import facility_of
 
 SIDES = ("port", "starboard")
@@ -49,11 +49,11 @@ SIDES = ("port", "starboard")
 
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Identify a ship from her trials, report on it and save it."""
-    from pymc_ship.ship.candidates import TermSetsRefusedError
-    from pymc_ship.ship.model import identify_ship
-    from pymc_ship.ship.page import PAGE, write_ship_report
-    from pymc_ship.ship.paths import compare_paths
-    from pymc_ship.ship.refusal_page import write_refusal_page
+    from pymc_ship.ships.identification.candidates import TermSetsRefusedError
+    from pymc_ship.ships.identification.model import identify_ship
+    from pymc_ship.ships.identification.page import PAGE, write_ship_report
+    from pymc_ship.ships.identification.paths import compare_paths
+    from pymc_ship.ships.identification.refusal_page import write_refusal_page
 
     vessel = vessel_argument(args.vessel, progress)
     any_speed = takes_part_sets(vessel) and not args.terms
@@ -133,9 +133,9 @@ def holds_ship(path: str) -> bool:
 
 def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Forecast manoeuvres of an identified ship and write the page; the text has indices and IMO verdicts."""
-    from pymc_ship.forecasting.page import write_forecast_page
-    from pymc_ship.forecasting.steady_turns import spiral_sentence, steady_turns
-    from pymc_ship.forecasting.stopping import stopping, stopping_sentence
+    from pymc_ship.ships.forecasting.page import write_forecast_page
+    from pymc_ship.ships.forecasting.steady_turns import spiral_sentence, steady_turns
+    from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
 
     ship = load_ship(args.posterior)
     vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
@@ -212,7 +212,7 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     text = "\n\n".join(filter(None, [score_text(found), index_text(rows)]))
     if out is None:
         return text, None
-    from pymc_ship.ship.score_page import write_score_page
+    from pymc_ship.ships.identification.score_page import write_score_page
 
     return text, write_score_page(ship, trials, found, rows, out, draws=args.draws, command=made_by(args))
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forecasting.forecast import BANDS, NO_ROLL, rolls, stated_shares
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.ships.forecasting.forecast import BANDS, NO_ROLL, rolls, stated_shares
 
 if TYPE_CHECKING:
     from pymc_ship.inference.regression.tune import TunedPrior
     from pymc_ship.records.checks.verdicts import Check
-    from pymc_ship.ship.model import ShipModel
+    from pymc_ship.ships.identification.model import ShipModel
 
 
 class CoefficientRow(NamedTuple):
@@ -219,7 +219,7 @@ def term_set_text(model: ShipModel) -> str:
 
 def score_text(found: xr.Dataset) -> str:
     """Errors of every channel of every run, then windows and score of each run and of all."""
-    from pymc_ship.ship.replayed import channel_rows, run_rows
+    from pymc_ship.ships.identification.replayed import channel_rows, run_rows
 
     channels, runs = channel_rows(found), run_rows(found)
     total = found.attrs["score"]
@@ -238,7 +238,7 @@ def index_text(rows: Sequence[Mapping]) -> str:
     """Indices of recorded manoeuvres beside the forecasts; empty where there are none."""
     if not rows:
         return ""
-    from pymc_ship.ship.replayed import index_errors
+    from pymc_ship.ships.identification.replayed import index_errors
 
     header = ("run", "manoeuvre", "index", "measured", "forecast", "error", "± sd", "inside")
     keys = ("run", "manoeuvre", "index", "measured", "forecast", "error", "sd", "inside")

@@ -12,8 +12,11 @@ from matplotlib.figure import Figure
 from pymc_ship.diagnostics import figures, numbers
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, ENVELOPE
-from pymc_ship.forecasting.draws import coefficient_draws
-from pymc_ship.forecasting.prior_ships import (
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.pages.tables import Table, fixed, number, percent, table
+from pymc_ship.physics.vessel.vessel import Vessel, VesselError
+from pymc_ship.ships.forecasting.draws import coefficient_draws
+from pymc_ship.ships.forecasting.prior_ships import (
     STANDARD,
     RegressionPrior,
     index_row,
@@ -21,9 +24,6 @@ from pymc_ship.forecasting.prior_ships import (
     share_row,
     simulated_ships,
 )
-from pymc_ship.inference.trajectory.prior import CoefficientPrior
-from pymc_ship.pages.tables import Table, fixed, number, percent, table
-from pymc_ship.physics.vessel.vessel import Vessel, VesselError
 
 SHIPS = 200
 """Ships of the prior, and of the posterior, in each manoeuvre of a section: a share of a half is known to 3.5 %."""

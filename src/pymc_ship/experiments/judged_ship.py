@@ -18,10 +18,6 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.experiments.task import MonteCarloError, timed
-from pymc_ship.forecasting.draws import robust_sd
-from pymc_ship.forecasting.index_error import index_scale, scaled
-from pymc_ship.forecasting.motion_error import ERRING, prime_units, time_beyond
-from pymc_ship.forecasting.stopping import LONGEST, StoppingTest, stopped, stopping
 from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
@@ -33,9 +29,13 @@ from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET, takes_part_sets, w
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.trial_checks import judged_trial
 from pymc_ship.records.steering.stopping_tests import INDICES
-from pymc_ship.ship.files import forecast_ship
-from pymc_ship.ship.model import ShipModel, identify_ship
-from pymc_ship.ship.replayed import beyond_runs, crps, replay
+from pymc_ship.ships.forecasting.draws import robust_sd
+from pymc_ship.ships.forecasting.index_error import index_scale, scaled
+from pymc_ship.ships.forecasting.motion_error import ERRING, prime_units, time_beyond
+from pymc_ship.ships.forecasting.stopping import LONGEST, StoppingTest, stopped, stopping
+from pymc_ship.ships.identification.files import forecast_ship
+from pymc_ship.ships.identification.model import ShipModel, identify_ship
+from pymc_ship.ships.identification.replayed import beyond_runs, crps, replay
 
 PARTS = ("draw", "identify", "forecast", "replay", "stop")
 """Parts of a task that are timed [s]; the motion that is forecast is sailed as part of ``forecast`` and of ``stop``."""

@@ -12,10 +12,10 @@ from pymc_ship import __version__
 from pymc_ship.experiments.grid import changed, manoeuvres_of, seed_parts
 from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STOP, Draw, ShipTask, judge, unjudged
 from pymc_ship.experiments.methods import check_handed_on, digest, import_path, imported
-from pymc_ship.forecasting.stopping import MOST_ASTERN
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.toml import Entry
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.ships.forecasting.stopping import MOST_ASTERN
 
 _KEYS = ("title", "population", "trials", "forecasts", "astern", "ships", "root_seed")
 _OPTIONAL = ("title", "astern")

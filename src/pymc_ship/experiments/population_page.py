@@ -13,10 +13,10 @@ from pymc_ship.experiments.coverage import Columns, columns_of, where
 from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STATUSES, STOP
 from pymc_ship.experiments.store import Store
 from pymc_ship.experiments.tables import Costs, group_rows, session_rows
-from pymc_ship.forecasting.stopping import REVERSAL
 from pymc_ship.machine.files import staged_files
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.ships.forecasting.stopping import REVERSAL
 
 PAGE = Page(
     "index.html",

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.design.trial_design import candidate_trials
 from pymc_ship.frontier.bound import cramer_rao_bound
 from pymc_ship.machine.seeds import generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, zigzag
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.files.noise import RECORD_STEP, noisy_trial
+from pymc_ship.ships.design.trial_design import candidate_trials
 from pymc_ship.trial.channels import sensors
 
 LEVELS = (0.001, 0.01, 0.05)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.forecasting.forecast import forecast
 from pymc_ship.frontier.bound import errors_on_bound
 from pymc_ship.frontier.data_sets import CELLS, Cell, DataSet, data_set
 from pymc_ship.frontier.estimates import DIFFERENCES
@@ -28,6 +27,7 @@ from pymc_ship.physics.manoeuvre.standard import turning_circle, zigzag
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import denoise
+from pymc_ship.ships.forecasting.forecast import forecast
 
 FORECASTS = {
     "10/10 zigzag": (zigzag(10, 10), 400.0),

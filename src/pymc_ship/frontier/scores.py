@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forecasting.forecast import BANDS
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.ships.forecasting.forecast import BANDS
 from pymc_ship.trial.channels import channel_names
 
 SHARES = (5.0, 20.0, 50.0)

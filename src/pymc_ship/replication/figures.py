@@ -9,11 +9,11 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from pymc_ship.forecasting.forecast import stated_shares
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.pages.drawing import DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, RUST, styled, subplots
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.ships.forecasting.forecast import stated_shares
 from pymc_ship.trial.channels import CHANNELS, sensors
 
 

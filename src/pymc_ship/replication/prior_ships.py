@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
-from pymc_ship.forecasting.draws import coefficient_draws
-from pymc_ship.forecasting.prior_ships import STANDARD, index_row, prior_ships, share_row, simulated_ships
 from pymc_ship.inference.regression.identify import Identification
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.replication.measurements import published_prior
+from pymc_ship.ships.forecasting.draws import coefficient_draws
+from pymc_ship.ships.forecasting.prior_ships import STANDARD, index_row, prior_ships, share_row, simulated_ships
 
 SHIPS = 200
 """Ships of each prior in each manoeuvre: a share of a half has a standard error of 3.5 %."""
@@ -77,8 +77,9 @@ def prior_ship_rows(
     Returns
     -------
     list of dict
-        ``family``, ``choice``, those of :func:`pymc_ship.forecasting.prior_ships.share_row`, and the first index of the
-        manoeuvre that IMO limits, ``index``, with those of :func:`pymc_ship.forecasting.prior_ships.index_row`.
+        ``family``, ``choice``, those of :func:`pymc_ship.ships.forecasting.prior_ships.share_row`, and the first index
+        of the manoeuvre that IMO limits, ``index``, with those of
+        :func:`pymc_ship.ships.forecasting.prior_ships.index_row`.
     """
     rows = []
     for (family, choice), prior in study_priors(vessel, found, trial).items():

@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics.agreement import Comparison, agreement
-from pymc_ship.forecasting.forecast import forecast
 from pymc_ship.frontier.bound import cramer_rao_bound
 from pymc_ship.frontier.estimates import trajectory_modes
 from pymc_ship.frontier.scores import forecast_row, published_rows, summary_rows
@@ -31,6 +30,7 @@ from pymc_ship.replication import denoisers
 from pymc_ship.replication import measurements as replication
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.prior_ships import prior_ship_rows
+from pymc_ship.ships.forecasting.forecast import forecast
 from pymc_ship.trial.channels import sensors
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)

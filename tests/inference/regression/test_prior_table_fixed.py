@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.forecasting.draws import coefficient_draws
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.prior_table import hold_fixed, informed_prior, restore_fixed, sister_ship_table
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, semiconjugate_posterior
@@ -16,6 +15,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
+from pymc_ship.ships.forecasting.draws import coefficient_draws
 from tests.inference.regression.plain_algebra import HELD, NAMES, agree, base, plain, ship
 
 

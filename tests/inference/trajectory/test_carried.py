@@ -15,7 +15,7 @@ from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, normal_draws, prepared_windows, restarted
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
-from tests.ship.cases import RUNS, tanker, trial
+from tests.ships.identification.cases import RUNS, tanker, trial
 
 N = 60
 CIRCLE, ZIGZAG = ps.turning_circle(35.0), ps.zigzag(15.0, 15.0)

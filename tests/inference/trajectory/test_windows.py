@@ -36,7 +36,7 @@ from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coeffic
 from pymc_ship.trial.record import TrialError
 from tests.inference.trajectory.cases import correlated
 from tests.physics.vessel.cases import small_vessel
-from tests.ship.cases import RUNS, TRUE_TERMS, tanker, trial, wide_prior, with_values
+from tests.ships.identification.cases import RUNS, TRUE_TERMS, tanker, trial, wide_prior, with_values
 
 UNIT = 320.0 / 7.974  # s
 FEW = {"surge": ("Xuu",), "sway": ("Yv", "Yr", "Ydelta"), "yaw": ("Nv", "Nr", "Ndelta")}

@@ -18,17 +18,17 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import parser
-from pymc_ship.design.closed_loop import STEP, closed_loop_sensitivities
 from pymc_ship.experiments.run import read_study
-from pymc_ship.forecasting.page import index_rows, write_forecast_page
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.kinds import SIDES, Index, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, register
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre, written_manoeuvre
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.ship.held_out import index_rows as held_out_rows
-from pymc_ship.ship.model import IdentifiedShip
-from tests.forecasting.cases import SETTINGS, forecast, posterior, scattered, trial
+from pymc_ship.ships.design.closed_loop import STEP, closed_loop_sensitivities
+from pymc_ship.ships.forecasting.page import index_rows, write_forecast_page
+from pymc_ship.ships.identification.held_out import index_rows as held_out_rows
+from pymc_ship.ships.identification.model import IdentifiedShip
+from tests.ships.forecasting.cases import SETTINGS, forecast, posterior, scattered, trial
 
 DURATION, SHORT = 200.0, 90.0
 """Durations [s]: in the first every ship loses half her yaw rate, in the second some of a forecast do."""

@@ -12,7 +12,7 @@ from pymc_ship.physics.forces.hull_database import SOURCE, STRIPS, TYPICAL_RUDDE
 from pymc_ship.physics.vessel.hull_database import hull_coefficients, with_hull_database, with_typical_rudder
 from pymc_ship.physics.vessel.term_sets import TERM_SETS, with_terms
 from pymc_ship.physics.vessel.vessel import LETTER, Coefficient, VesselError
-from tests.ship.cases import tanker
+from tests.ships.identification.cases import tanker
 
 CAPTIVE = {LETTER[dof] + term: value for dof, row in kvlcc2.HULL.items() for term, value in row.items()}
 CAPTIVE |= {"Xvr": CAPTIVE["Xvr"] + kvlcc2.ADDED["y"], "Yr": CAPTIVE["Yr"] - kvlcc2.ADDED["x"]}

@@ -12,7 +12,7 @@ import pymc_ship as ps
 from pymc_ship.physics.forces.terms import factors, loaded
 from pymc_ship.physics.vessel.term_sets import AHEAD_SET, OWN, TERM_SETS, term_sets, with_terms
 from pymc_ship.physics.vessel.vessel import Coefficient, VesselError, coefficient_names, reference_coefficients
-from tests.ship.cases import TRUE_TERMS, tanker, trial
+from tests.ships.identification.cases import TRUE_TERMS, tanker, trial
 
 LOADED = tuple(name for name, terms in TERM_SETS.items() if terms.propeller)
 PLAIN = tuple(name for name in TERM_SETS if name not in LOADED)

@@ -8,9 +8,9 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.records.steering.measured import aligned, measured_indices
-from tests.forecasting.cases import MANOEUVRES, case, trial
 from tests.physics.manoeuvre.cases import measured as noisy_record
 from tests.physics.manoeuvre.cases import scaled, simulated, steered_by_hand
+from tests.ships.forecasting.cases import MANOEUVRES, case, trial
 
 
 class TestAligned:

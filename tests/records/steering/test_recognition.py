@@ -11,10 +11,10 @@ import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.helm import Swings, approach_speed, execution, rudder_reversals
 from pymc_ship.records.steering.measured import aligned
 from pymc_ship.records.steering.recognition import Steering, recognise, with_steering
-from pymc_ship.ship.held_out import scored_indices
+from pymc_ship.ships.identification.held_out import scored_indices
 from pymc_ship.trial.record import TrialError
 from tests.physics.manoeuvre.cases import measured, scaled, simulated
-from tests.ship.cases import tanker, trial, with_delay
+from tests.ships.identification.cases import tanker, trial, with_delay
 
 ZIGZAGS = (
     ps.zigzag(10.0, 10.0),

@@ -1,0 +1,162 @@
+"""Figures of a forecast manoeuvre beside a measured trial, as naval architects expect them, and force curves."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.tables import percent
+from pymc_ship.physics.manoeuvre.kinds import OVERSHOOTS, SIDES
+from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.measured import aligned
+from pymc_ship.ships.forecasting.track import median_ship, track
+from pymc_ship.trial.channels import CHANNELS, sensors
+
+_FALLEN = 0.5
+"""Heading change [deg] after which an overshoot has had its peak."""
+
+_POINTS = 400
+
+
+def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> dict[str, Figure]:
+    """Every figure of a forecast, by name: ``track``, ``heading_and_rudder`` and ``motion``."""
+    return {
+        "track": track(tree, vessel, measured),
+        "heading_and_rudder": heading_and_rudder(tree, measured),
+        "motion": motion(tree, measured),
+    }
+
+
+@styled
+def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
+    """Heading and rudder [deg] against time: band, median and, where there is one, the measured trial.
+
+    Parameters
+    ----------
+    tree : DataTree
+        From :func:`pymc_ship.forecast`.
+    measured : Dataset, dims (time,), optional
+        Trial, see :func:`pymc_ship.records.steering.measured.aligned`; any of its channels may be missing.
+
+    Returns
+    -------
+    Figure
+        A manoeuvre that swings, such as a zigzag, has both on one axis, the switching headings dashed and the peaks of
+        the overshoots marked: the forecast's overshoot angle with its interval at the peak of the median ship, and the
+        measured peak.
+    """
+    swings = kind_named(tree.attrs["manoeuvre"]).swings
+    trial = None if measured is None else aligned(measured)
+    fig, axes = subplots(8.0, 4.2 if swings else 4.6, 1 if swings else 2, 1, sharex=True)
+    upper, lower = axes[0, 0], axes[-1, 0]
+    if swings:
+        _panel(upper, tree, "psi", trial, mark="heading: ")
+        _panel(upper, tree, "delta", trial, colour=RUST, mark="rudder: ")
+        _overshoots(upper, tree, trial)
+        upper.set_ylabel(f"{CHANNELS['psi'].label} and {CHANNELS['delta'].axis}")
+    else:
+        _panel(upper, tree, "psi", trial)
+        _panel(lower, tree, "delta", trial)
+        upper.set_ylabel(CHANNELS["psi"].axis)
+        lower.set_ylabel(CHANNELS["delta"].axis)
+    lower.set_xlabel("time from the rudder's execution [s]")
+    lower.set_xlim(0.0, float(tree["bands"]["time"][-1]))
+    handles = dict(zip(*upper.get_legend_handles_labels()[::-1], strict=True))
+    if "measured" in handles:
+        handles["measured"] = handles.pop("measured")
+    fig.legend(handles.values(), handles, loc="outside upper center", ncols=4)
+    return fig
+
+
+def overshoot_peaks(ship: xr.Dataset, heading_deg: float, side: str) -> list[tuple[float, float]]:
+    """Time [s] and heading [deg] of the peaks beyond the switching heading, turns to alternate sides in order.
+
+    A peak counts once the heading has come back from it by half a degree, more than the noise of a gyro.
+    """
+    good = np.isfinite(ship["psi"].values)
+    time, psi, found = ship["time"].values[good], np.rad2deg(ship["psi"].values[good]), []
+    sign, begin = SIDES[side], 0
+    while (beyond := np.flatnonzero(sign * psi[begin:] >= heading_deg)).size:
+        begin += int(beyond[0])
+        beyond = sign * psi[begin:]
+        back = np.flatnonzero(np.maximum.accumulate(beyond) - beyond > _FALLEN)
+        if not back.size:
+            break
+        peak = begin + int(np.argmax(beyond[: back[0]]))
+        found.append((float(time[peak]), float(psi[peak])))
+        begin, sign = begin + int(back[0]), -sign
+    return found
+
+
+def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
+    """Switching headings, overshoots of the forecast with their intervals, and the measured peaks."""
+    heading, side = tree.attrs["heading_deg"], tree.attrs["side"]
+    for k, level in enumerate((heading, -heading)):
+        label = "switching headings" if k == 0 else None
+        ax.axhline(level, color=REFERENCE, lw=0.7, ls="--", label=label)
+    ship = tree["trajectories"].to_dataset().isel(draw=median_ship(tree))
+    sign, bands = SIDES[side], tree["index_bands"].to_dataset()
+    for k, (name, (when, _)) in enumerate(zip(OVERSHOOTS, overshoot_peaks(ship, heading, side), strict=False)):
+        values = bands[name]
+        lower, median, upper = (heading + float(values.sel(band=band)) for band in ("lower", "median", "upper"))
+        error = np.array([[median - lower], [upper - median]])[:: int(sign)]
+        label = "overshoot with its interval" if k == 0 else None
+        style = {"fmt": "o", "ms": 5, "color": BLUE, "mec": "white", "capsize": 3, "zorder": 4}
+        ax.errorbar(when, sign * median, error, label=label, **style)
+        text, away = f"{float(values.sel(band='median')):.1f}°", 8 if sign > 0.0 else -8
+        settings = {"ha": "center", "va": "bottom" if sign > 0.0 else "top", "fontsize": 8.0, "color": BLUE}
+        ax.annotate(text, (when, sign * upper), (0, away), textcoords="offset points", **settings)
+        sign = -sign
+    if trial is not None and "psi" in trial:
+        until = trial.sel(time=trial["time"] <= float(tree["bands"]["time"][-1]))
+        peaks = overshoot_peaks(until, heading, side)
+        label = "measured peak"
+        if peaks:
+            ax.plot(*zip(*peaks, strict=True), "D", ms=5, color=REFERENCE, mec="white", label=label, zorder=5)
+    ax.margins(y=0.12)
+
+
+@styled
+def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
+    """Velocities, yaw rate and roll against time: band, median and measured trial; parameters as of the figures above.
+
+    The roll of a ship that does not roll is left out; the rudder stands last.
+    """
+    bands = tree["bands"].to_dataset()
+    names = [*(name for name in sensors() if name in bands), "delta"]
+    trial = None if measured is None else aligned(measured)
+    rows = len(names) // 2
+    fig, axes = subplots(8.0, 1.9 * rows + 0.6, rows, 2, sharex=True)
+    for ax, name in zip(axes.flat, names, strict=True):
+        _panel(ax, tree, name, trial)
+        ax.set_ylabel(CHANNELS[name].axis)
+        ax.set_xlim(0.0, float(bands["time"][-1]))
+    for ax in axes[-1]:
+        ax.set_xlabel("time from the rudder's execution [s]")
+    handles = {label: handle for ax in axes.flat for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    fig.legend(handles.values(), handles, loc="outside upper center", ncols=3)
+    return fig
+
+
+def _panel(
+    ax: Axes, tree: xr.DataTree, name: str, trial: xr.Dataset | None, *, colour: str = BLUE, mark: str = ""
+) -> None:
+    """Band, median and measured values of a channel against time, angles in degrees."""
+    bands = _thinned(tree["bands"].to_dataset()[[name]])
+    factor = CHANNELS[name].unit.shown_factor
+    lower, median, upper = (factor * bands[name].sel(band=band).values for band in ("lower", "median", "upper"))
+    share = f"{percent(tree.attrs['ci_prob'])} band"
+    ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{mark}{share}")
+    ax.plot(bands["time"], median, color=colour, label=f"{mark}median")
+    if trial is not None and name in trial:
+        seen = _thinned(trial[[name]].sel(time=trial["time"] <= float(bands["time"][-1])))
+        ax.plot(seen["time"], factor * seen[name], color=REFERENCE, lw=1.0, label="measured")
+
+
+def _thinned(record: xr.Dataset) -> xr.Dataset:
+    """Every n-th sample of a record, so that the page stays small."""
+    return record.isel(time=slice(None, None, max(1, record.sizes["time"] // _POINTS)))

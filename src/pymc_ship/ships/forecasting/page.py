@@ -1,0 +1,298 @@
+"""Page of forecasts for naval architects: the verdict, and every manoeuvre in numbers and figures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.machine.files import writable_folder
+from pymc_ship.pages.page import Content, Page, write_page
+from pymc_ship.pages.tables import Table, fixed, number, percent, table
+from pymc_ship.physics.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
+from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.steering.measured import measured_indices
+from pymc_ship.ships.forecasting.figures import manoeuvre_figures
+from pymc_ship.ships.forecasting.force_curves import force_curves
+from pymc_ship.ships.forecasting.forecast import NO_ROLL, rolls
+from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence
+from pymc_ship.ships.forecasting.stopping import COLUMNS as STOPPING_COLUMNS
+from pymc_ship.ships.forecasting.stopping import stopping_rows, stopping_sentence, stopping_tracks
+
+PAGE = Page(
+    "forecast.html",
+    Path(__file__).with_name("page.html.j2"),
+    own=("figures/forecast_*.png", "tables/forecast_*.csv"),
+    packages=("pymc-ship", "numpy", "xarray", "numba", "matplotlib"),
+    digits=6,
+)
+"""The page of forecasts, which may share its folder with the page of the ship."""
+
+SOURCES = ("IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76)",)
+
+_CAPTIONS = {
+    "track": "Track seen from above, in ship lengths: thin lines are single ships of the forecast, the median ship is "
+    "the one whose indices are nearest their medians; outlines are to scale.",
+    "heading_and_rudder": "Heading and rudder; a positive rudder angle turns to port.",
+    "motion": "Velocities, rates, roll and rudder.",
+}
+_SWINGS = (
+    " Bands and medians are those of each instant, so that the median of ships which turn at different instants is "
+    "flatter than any of them; the marks are the overshoots themselves."
+)
+_DECIMALS = {"deg": 2, "L": 2, "s": 1, "m/s": 2, "deg/s": 3}
+"""Decimals of an index by its unit."""
+
+_FORCES = (
+    "Prime hydrodynamic force and moment of the model, one quantity at a time at the nominal speed, all others zero. "
+    "Outside the shaded range of the training record a curve is extrapolated."
+)
+
+
+def write_forecast_page(
+    forecasts: Mapping[str, xr.DataTree],
+    vessel: Vessel,
+    out: str | Path,
+    *,
+    measured: Mapping[str, xr.Dataset] | None = None,
+    models: Sequence[tuple[Vessel, np.ndarray]] = (),
+    motion: xr.DataArray | None = None,
+    turns: xr.Dataset | None = None,
+    stop: xr.Dataset | None = None,
+    remarks: Sequence[str] = (),
+    command: str = "",
+    progress: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Write the page of forecasts with its figures and tables; each appears under its name when complete.
+
+    Parameters
+    ----------
+    forecasts : mapping of str to DataTree
+        Forecasts from :func:`pymc_ship.forecast` by the name of their section, such as ``"zigzag 10/10 port"``.
+    vessel : Vessel
+    out : str or Path
+        Folder of the page; created where it is missing. What else is in it stays.
+    measured : mapping of str to Dataset, optional
+        Measured trials by the name of the forecast they belong to; see
+        :func:`pymc_ship.records.steering.measured.aligned`.
+    models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients)), optional
+        Draws whose force curves are shown, pooled over the vessels.
+    motion : DataArray, dims (row, symbol), optional
+        Prime motion of the training record, shaded in the force curves.
+    turns : Dataset, dims (draw, rate), optional
+        From :func:`pymc_ship.steady_turns`: adds a section on steady turns and course stability.
+    stop : Dataset, dims (draw, time), optional
+        From :func:`pymc_ship.stopping`: adds a section on the stopping test.
+    remarks : sequence of str, optional
+        How the intervals were made, a paragraph each.
+    command : str, optional
+        What repeats the page.
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    Path
+        The page, ``out/forecast.html``, which is moved into place last, after ``figures/forecast_*.png`` and
+        ``tables/forecast_*.csv``.
+
+    Raises
+    ------
+    ValueError
+        For nothing to show, a trial of none of them, or draws that do not fit their vessel.
+    OutputError
+        When the folder cannot be written.
+    """
+    measured = dict(measured or {})
+    if not forecasts and turns is None and stop is None:
+        raise ValueError("A page of forecasts needs at least one, found none; forecast a manoeuvre.")
+    _check(forecasts, measured)
+    out = writable_folder(out)
+    verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
+    rows, drawn, sections = {"forecast_verdict": verdicts} if verdicts else {}, {}, []
+    for slug, (name, tree) in zip(_slugs(forecasts), forecasts.items(), strict=True):
+        progress(f"drawing {name}")
+        trial = measured.get(name)
+        drawn |= {f"{slug}_{kind}": figure for kind, figure in manoeuvre_figures(tree, vessel, trial).items()}
+        lines = index_rows(tree, vessel, trial)
+        rows |= {slug: lines} if lines else {}
+        mine = [row["verdict"] for row in verdicts if row["manoeuvre"] == name]
+        sections.append(_section(slug, name, tree, lines, mine))
+    if models:
+        progress("drawing the force curves")
+        drawn["forecast_forces"] = force_curves(models, motion)
+    if turns is not None:
+        drawn["forecast_spiral"] = spiral_curve(turns)
+    if stop is not None:
+        drawn["forecast_stopping"] = stopping_tracks(stop)
+        rows["forecast_stopping"] = stopping_rows(stop)
+    progress("writing the page")
+    values = _head(forecasts, vessel) | {
+        "verdicts": verdict_table(verdicts) if verdicts else None,
+        "sections": sections,
+        "forces": _FORCES if models else "",
+        "spiral": spiral_sentence(turns) if turns is not None else "",
+        "stopping": stopping_sentence(stop) if stop is not None else "",
+        "stopping_table": table(rows["forecast_stopping"], STOPPING_COLUMNS) if stop is not None else None,
+        "remarks": [*remarks, *([] if all(map(rolls, forecasts.values())) else [NO_ROLL])],
+        "command": command,
+    }
+    return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
+
+
+def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
+    """What heads the page: the ship, and what intervals and verdicts are."""
+    return {
+        "title": f"{vessel.name}: forecast of its manoeuvres",
+        "vessel_title": vessel.title or vessel.name,
+        "particulars": vessel.particulars,
+        "bands": " and ".join(dict.fromkeys(percent(tree.attrs["ci_prob"]) for tree in forecasts.values())),
+        "sure": f"{SURE:g}",
+        "unsure": f"{1.0 - SURE:.2g}",
+    }
+
+
+def verdict_rows(name: str, tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:
+    """Rows of :func:`pymc_ship.imo_probabilities` with the name of the manoeuvre and the measured value [deg, L]."""
+    found = {} if measured is None else measured_indices(measured, tree.attrs)
+    rows = []
+    for row in imo_probabilities(tree, vessel):
+        unit = vessel.particulars.L if row["units"] == "L" else 1.0
+        value = found.get(row["criterion"].replace(" ", "_"), np.nan) / unit
+        rows.append({"manoeuvre": name, **row, "measured": value})
+    return rows
+
+
+def index_rows(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> list[dict]:
+    """Indices of a forecast beside the measured ones; distances in ship lengths.
+
+    Parameters
+    ----------
+    tree : DataTree
+    vessel : Vessel
+    measured : Dataset, dims (time,), optional
+
+    Returns
+    -------
+    list of dict
+        ``index``, ``units``, ``median``, ``lower``, ``upper``, ``reached`` (share of the draws) and, with a trial,
+        ``measured``, ``error`` of the median, ``error_units`` (deg for angles, % otherwise) and ``covered`` (yes, no
+        or nothing where there is no measurement). Empty where the manoeuvre has no indices; without roll for a ship
+        that does not roll.
+    """
+    if "index_bands" not in tree.children:
+        return []
+    bands, draws = tree["index_bands"].to_dataset(), tree["indices"].to_dataset()
+    found = {} if measured is None else measured_indices(measured, tree.attrs)
+    rows = []
+    for name in map(str, bands.data_vars):
+        units = bands[name].attrs["units"]
+        unit, units = (vessel.particulars.L, "L") if units == "m" else (1.0, units)
+        row = {"index": name.replace("_", " "), "units": units}
+        row |= {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}
+        row["reached"] = float(np.isfinite(draws[name].values).mean())
+        rows.append(row | ({} if measured is None else _beside(row, found.get(name, np.nan) / unit)))
+    return rows
+
+
+def _beside(row: Mapping, value: float) -> dict:
+    """Measured value of an index, error of the forecast median, and whether the interval holds the measured value."""
+    error = (
+        row["median"] - value if row["units"] == "deg" else 100.0 * (row["median"] / value - 1.0) if value else np.nan
+    )
+    known = np.isfinite(value) and np.isfinite(row["median"])
+    covered = ("no", "yes")[row["lower"] <= value <= row["upper"]] if known else ""
+    units = "deg" if row["units"] == "deg" else "%"
+    return {"measured": value, "error": float(error), "error_units": units, "covered": covered}
+
+
+def _check(forecasts: Mapping, measured: Mapping) -> None:
+    if unknown := [name for name in measured if name not in forecasts]:
+        raise ValueError(
+            f"A measured trial belongs to one of the forecasts {', '.join(forecasts)}; found {unknown[0]!r}; rename it."
+        )
+
+
+def _slugs(names: Iterable[str]) -> list[str]:
+    """Names of files such as ``forecast_zigzag_10_10_port``; a number is added where two names would be the same."""
+    found: list[str] = []
+    for name in names:
+        slug = "forecast_" + (re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "manoeuvre")
+        taken = {"forecast_verdict", "forecast_forces", *found}
+        found.append(next(s for s in (slug, *(f"{slug}_{k}" for k in range(2, len(taken) + 3))) if s not in taken))
+    return found
+
+
+def _section(slug: str, name: str, tree: xr.DataTree, rows: list[dict], verdicts: list[str]) -> dict:
+    """What the template shows of one manoeuvre."""
+    swings = kind_named(tree.attrs["manoeuvre"]).swings
+    return {
+        "id": slug,
+        "name": _capital(name),
+        "shares": f"{tree.attrs['draws']} ships, {100.0 * tree.attrs['share_diverged']:.3g} % diverged",
+        "speed": f"{tree.attrs['approach_speed']:.4g}",
+        "extrapolation": tree.attrs["extrapolation"],
+        "verdicts": [_capital(sentence) for sentence in verdicts],
+        "table": index_table(rows, tree.attrs["ci_prob"]) if rows else None,
+        "captions": {
+            f"{slug}_{kind}": caption + (_SWINGS if kind == "heading_and_rudder" and swings else "")
+            for kind, caption in _CAPTIONS.items()
+        },
+    }
+
+
+def _formatted(value: object) -> str:
+    """Formatter of a column of numbers that are formatted already."""
+    return str(value)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def index_table(rows: Sequence[Mapping], ci_prob: float) -> Table:
+    """Table of :func:`index_rows`."""
+    lines = []
+    for row in rows:
+        n = fixed(_DECIMALS[row["units"]])
+        shown = {key: n(row[key]) for key in ("median", "measured") if key in row}
+        lines.append(dict(row) | shown | {"interval": _interval(row, n), "reached": 100.0 * row["reached"]})
+    columns = {"index": ("index", str), "units": ("", str), "median": ("median", _formatted)}
+    columns |= {"interval": (f"interval of {percent(ci_prob)}", str)}
+    if "measured" in rows[0]:
+        for line in lines:
+            shown = fixed(2 if line["error_units"] == "deg" else 1)(line["error"])
+            line["error"] = shown if shown == "–" else f"{'' if shown[0] == '−' else '+'}{shown} {line['error_units']}"
+        columns |= {
+            "measured": ("measured", _formatted),
+            "error": ("error of the median", str),
+            "covered": ("covered", str),
+        }
+    if any(row["reached"] < 1.0 for row in rows):
+        columns["reached"] = ("reached by % of the ships", number(3))
+    return table(lines, columns)
+
+
+def _interval(row: Mapping, shown: Callable[[object], str]) -> str:
+    return f"{shown(row['lower'])} to {shown(row['upper'])}" if np.isfinite(row["median"]) else "–"
+
+
+def verdict_table(rows: Sequence[Mapping]) -> Table:
+    """Table of :func:`verdict_rows`."""
+    lines = []
+    for row in rows:
+        n, se = fixed(1 if row["units"] == "deg" else 2), row["standard_error"]
+        known = [key for key in ("limit", "median", "measured") if np.isfinite(row[key])]
+        shown = {"median": "–", "measured": "–"} | {key: f"{n(row[key])} {row['units']}" for key in known}
+        probability = shown_probability(row["probability"]) + (f" ± {fixed(2)(se)}" if se >= 0.005 else "")
+        lines.append(dict(row) | shown | {"interval": _interval(row, n), "probability": probability})
+    columns = {"manoeuvre": ("manoeuvre", str), "criterion": ("criterion", str), "limit": ("limit", str)}
+    columns |= {"median": ("median", str), "interval": ("interval", str)}
+    columns |= {"probability": ("probability of passing", str), "judgement": ("verdict", str)}
+    if any(np.isfinite(row["measured"]) for row in rows):
+        columns["measured"] = ("measured", str)
+    return table(lines, columns)

@@ -1,0 +1,202 @@
+"""Figures of an identified ship: held-out windows, held-out overshoots and how the term sets compare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from pymc_ship.inference.trajectory.windows import restarted, thinned
+from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.tables import percent
+from pymc_ship.ships.identification.candidates import Candidate, held_together, held_windows
+from pymc_ship.ships.identification.paths import QUANTILES
+from pymc_ship.trial.channels import CHANNELS
+
+BARS = 0.9
+"""Probability inside the bars of the term sets."""
+
+_BOOTSTRAPS = 2000
+
+
+@dataclass(frozen=True)
+class HeldOutWindow:
+    """A window of a run.
+
+    Time [s] (n_blocks,), and record and forecast (n_channels, n_blocks) by fits to the other runs.
+    """
+
+    channels: tuple[str, ...]
+    time: np.ndarray
+    record: np.ndarray
+    forecast: np.ndarray
+
+
+def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int) -> list[HeldOutWindow]:
+    """Windows of run ``k``, each restarted from its measured state and simulated by the fit that did not see it.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Of a model of these trials.
+    trials : sequence of Dataset, dims (time,)
+        As they were fitted.
+    k : int
+        Number of the run, from 0.
+
+    Returns
+    -------
+    list of HeldOutWindow
+        The forecast is NaN where the ship left the model's range.
+    """
+    windows = held_windows(thinned(trials[k], candidate.vessel), candidate.vessel)
+    fits = [candidate.held_out.fits[k]] * len(windows)
+    if len(trials) == 1:
+        groups = zip(candidate.held_out.fits, held_together([windows]), strict=True)
+        fits = [fit for fit, group in groups for _ in group]
+    found = []
+    for window, fit in zip(windows, fits, strict=True):
+        run = window.run
+        misfit = restarted(window, candidate.vessel, fit.coefficients)
+        found.append(HeldOutWindow(run.channels, run.time, run.means, run.means - misfit))
+    return found
+
+
+@styled
+def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
+    """Measured motion of runs against time, and the windows forecast without the run.
+
+    Parameters
+    ----------
+    runs : mapping of str to sequence of HeldOutWindow
+        By the name of the run, which heads its column.
+
+    Returns
+    -------
+    Figure
+        A dot marks each restart.
+    """
+    channels = next(iter(runs.values()))[0].channels
+    fig, axes = subplots(8.0, 1.75 * len(channels) + 0.7, len(channels), len(runs), sharex="col", sharey="row")
+    for column, (name, windows) in enumerate(runs.items()):
+        axes[0, column].set_title(name, parse_math=False)
+        axes[-1, column].set_xlabel("time [s]")
+        for row, channel in enumerate(channels):
+            ax, factor = axes[row, column], CHANNELS[channel].unit.shown_factor
+            time = np.concatenate([window.time for window in windows])
+            record = np.concatenate([window.record[row] for window in windows])
+            ax.plot(time, factor * record, color=REFERENCE, lw=0.9, label="measured")
+            for k, window in enumerate(windows):
+                labels = ("forecast by the fit to the other runs", "restart") if k == 0 else (None, None)
+                ax.plot(window.time, factor * window.forecast[row], color=RUST, label=labels[0])
+                ax.plot(window.time[0], factor * window.forecast[row, 0], "o", ms=3, color=RUST, label=labels[1])
+            if column == 0:
+                ax.set_ylabel(CHANNELS[channel].axis)
+    fig.align_ylabels(axes[:, 0])
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return fig
+
+
+@styled
+def held_out_overshoots(rows: Sequence[Mapping]) -> Figure:
+    """Forecast of held-out overshoots against what was measured: angles, and times from reversal to peak.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        ``index_rows`` of a :class:`pymc_ship.ships.identification.model.ShipModel`.
+
+    Returns
+    -------
+    Figure
+        Bars of 95 %; on the diagonal a forecast is right.
+    """
+    fig, axes = subplots(8.0, 4.3, 1, 2)
+    panels = (("angle", "overshoot angle", "deg"), ("time", "time to overshoot", "s"))
+    for ax, (kind, title, unit) in zip(axes[0], panels, strict=True):
+        ends = []
+        for name, colour, marker in (("first", BLUE, "o"), ("second", RUST, "s")):
+            mine = [row for row in rows if row["index"] == f"{name}_overshoot_{kind}"]
+            measured, forecast, sd = (np.array([row[key] for row in mine]) for key in ("measured", "forecast", "sd"))
+            style = {"fmt": marker, "ms": 4.5, "color": colour, "capsize": 2.5, "elinewidth": 0.9}
+            ax.errorbar(measured, forecast, QUANTILES["95"] * sd, label=f"{name} overshoot", **style)
+            ends += [*measured, *(forecast - QUANTILES["95"] * sd), *(forecast + QUANTILES["95"] * sd)]
+        low, high = (min(ends), max(ends)) if ends else (0.0, 1.0)
+        reach = 0.06 * (high - low) or 1.0
+        limits = (low - reach, high + reach)
+        ax.plot(limits, limits, color=REFERENCE, ls="--", lw=0.9, label="forecast = measured")
+        ax.set(xlim=limits, ylim=limits, aspect="equal", title=f"{title}, held-out runs")
+        ax.set_xlabel(f"measured [{unit}]")
+        ax.set_ylabel(f"forecast, bars of 95 % [{unit}]")
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return fig
+
+
+def score_differences(candidates: Sequence[Candidate], rng: np.random.Generator) -> list[dict]:
+    """Held-out score of each term set less that of the first, per run.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+    rng : numpy.random.Generator
+        Of the Bayesian bootstrap over runs.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``differences`` (ndarray, (n_runs,)), ``mean``, ``lower`` and ``upper``; NaN for a set that ran away.
+    """
+    first = candidates[0].held_out.log_density
+    shares = rng.dirichlet(np.ones(first.size), _BOOTSTRAPS)
+    found = []
+    for candidate in candidates[1:]:
+        apart = candidate.held_out.log_density - first
+        row = {"name": candidate.name, "differences": apart, "mean": np.nan, "lower": np.nan, "upper": np.nan}
+        if np.isfinite(apart).all():
+            ends = np.quantile(shares @ apart, [0.5 - 0.5 * BARS, 0.5 + 0.5 * BARS])
+            row |= {"mean": float(apart.mean()), "lower": float(ends[0]), "upper": float(ends[1])}
+        found.append(row)
+    return found
+
+
+@styled
+def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
+    """Score of each term set less that of the best, in every held-out run, with the mean and its bar.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        From :func:`score_differences`.
+    best : str
+        Name of the set at 0.
+
+    Returns
+    -------
+    Figure
+    """
+    fig, axes = subplots(8.0, 1.5 + 0.42 * len(rows))
+    ax, colour = axes[0, 0], DOF_COLOURS["surge"]
+    ax.axvline(0.0, color=REFERENCE, ls="--", lw=0.9)
+    for place, row in enumerate(rows):
+        if not np.isfinite(row["mean"]):
+            settings = {"xycoords": ("axes fraction", "data"), "va": "center", "color": RUST}
+            ax.annotate("a window ran away", (0.02, place), **settings)
+            continue
+        ax.plot(row["differences"], np.full(len(row["differences"]), place - 0.16), "|", ms=9, color=RUST)
+        bar = [[row["mean"] - row["lower"]], [row["upper"] - row["mean"]]]
+        ax.errorbar(row["mean"], place + 0.12, xerr=bar, fmt="o", ms=5, color=colour, capsize=3)
+    ax.set_yticks(range(len(rows)), [row["name"] for row in rows])
+    ax.set_ylim(len(rows) - 0.4, -0.6)
+    if not np.isfinite([row["mean"] for row in rows]).any():
+        ax.set_xlim(-1.0, 0.1)
+    ax.set_xlabel(f"score less that of “{best}” [nats per run]; to the left is worse")
+    marks = [
+        Line2D([], [], ls="", marker="o", ms=5, color=colour, label=f"mean over the runs, bar of {percent(BARS)}"),
+        Line2D([], [], ls="", marker="|", ms=9, color=RUST, label="single runs"),
+    ]
+    fig.legend(handles=marks, loc="outside upper center", ncols=2)
+    return fig

@@ -1,0 +1,399 @@
+"""Identification of a real ship from several trials: an ensemble of models, weighted and widened by held-out runs.
+
+No polynomial is the true force of a ship. Several term sets are fitted to windows of all runs; each is weighted by the
+log predictive density of runs it was not fitted to (pseudo-BMA+, Yao et al. 2018, doi:10.1214/17-BA1091): each channel
+of a run counts as one observation, since what a term set cannot do it cannot do in all windows of a run. The spread
+between the sets is one part of the model error, the other is what the indices of held-out manoeuvres show beyond it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.captive.comparison import compared
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.trajectory.carried import carried_draws
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.inference.trajectory.windows import LENGTH, thinned
+from pymc_ship.machine.seeds import Seed, random_generator
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, fullest
+from pymc_ship.records.files.judgement import judgement
+from pymc_ship.records.steering.recognition import Steering, recognise_by_facility, with_steering
+from pymc_ship.ships.design.outlook import outlook
+from pymc_ship.ships.forecasting.index_error import index_sd, model_error
+from pymc_ship.ships.forecasting.motion_error import LEADS, Replayed, motion_error
+from pymc_ship.ships.identification.along import measured_states, reading_noise, sailed_along
+from pymc_ship.ships.identification.candidates import (
+    Candidate,
+    Training,
+    beside_earlier,
+    candidates_of,
+    chosen_prior,
+    cut_runs,
+    default_sets,
+)
+from pymc_ship.ships.identification.held_out import index_rows, left_out, readings_sd
+from pymc_ship.ships.identification.soundness import sound
+from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
+
+_REPLAYS = 40  # draws of a held-out run from each window on
+_FORECASTS = 100  # draws of a held-out forecast
+_COUNTED = 0.01  # least weight of a term set that takes part in it
+_BOOTSTRAPS = 2000
+_PRIOR_DRAWS = 500  # beside captive tests
+_ATTEMPTS = 50
+
+
+@dataclass(frozen=True)
+class ShipModel:
+    """A ship identified from trials.
+
+    Attributes
+    ----------
+    vessel : Vessel
+        As given, with the steering gear as it was measured, at the first facility.
+    prior : {"hull_database", "order_damped", "sister_ship"}
+    names : tuple of str
+        Of the runs.
+    manoeuvres : tuple of Manoeuvre or None
+        What each run was recognised as.
+    facilities : dict of str to Steering
+        How the rudder was steered at each facility, by name, that with the most trials first; the name is empty where
+        the trials state none.
+    candidates : tuple of Candidate
+        By falling weight; those of weight 0 have no draws.
+    index_rows : list of dict
+        Indices of held-out manoeuvres, see :func:`pymc_ship.ships.identification.held_out.index_rows`, and the ``sd``
+        of each error, model error and all.
+    model_error : dict of str to ndarray
+        Equally probable sizes of the error of indices beyond the draws by kind, see
+        :func:`pymc_ship.ships.forecasting.index_error.model_error`.
+    motion_error : dict of str to ndarray
+        Equally probable sizes of the error of the motion beyond the draws by state, see
+        :func:`pymc_ship.ships.forecasting.motion_error.motion_error`.
+    motion : DataArray, dims (row, symbol)
+        Prime motion of all runs.
+    remarks : tuple of str
+    outlook : tuple of str
+        What she does in hard turns, and which manoeuvre would tell most next.
+    judgement : dict of str to str
+        Of the records, see :func:`pymc_ship.records.files.judgement.judgement`.
+    said : dict of str to Earlier
+        What all runs so far have said of each term set, for runs to come.
+    known_rows : list of dict
+        Index rows of all runs so far.
+    held_tests : bool
+        Whether captive tests have said something of her so far.
+    captive : Dataset or None
+        Captive tests beside the forces of the candidate that weighs most, see
+        :func:`pymc_ship.inference.captive.comparison.compared`, drawn by "prior alone" and as "identified".
+    """
+
+    vessel: Vessel
+    prior: str
+    names: tuple[str, ...]
+    manoeuvres: tuple[Manoeuvre | None, ...]
+    facilities: dict[str, Steering]
+    candidates: tuple[Candidate, ...]
+    index_rows: list[dict]
+    model_error: dict[str, np.ndarray]
+    motion_error: dict[str, np.ndarray]
+    motion: xr.DataArray
+    remarks: tuple[str, ...]
+    outlook: tuple[str, ...]
+    judgement: dict[str, str]
+    said: dict[str, Earlier] = field(default_factory=dict)
+    known_rows: list[dict] = field(default_factory=list)
+    held_tests: bool = False
+    captive: xr.Dataset | None = None
+
+    @property
+    def models(self) -> list[tuple[Vessel, np.ndarray]]:
+        """Vessel and draws of each candidate that counts, as a pooled forecast takes them."""
+        return [(c.vessel, c.draws) for c in self.candidates if len(c.draws)]
+
+
+@dataclass(frozen=True)
+class IdentifiedShip:
+    """What forecasts and later runs need of an identified ship; part of a :class:`ShipModel`, whose names it has.
+
+    ``models`` holds vessel and coefficient draws of each term set, ``motion`` the prime motion of the runs,
+    ``model_error`` the sizes of the error of indices by kind, ``motion_error`` that of the motion by state, ``remarks``
+    how the intervals came about and ``facilities`` how the rudder was steered at each facility, the first being that
+    of the models' vessels. ``prior``, ``said``, ``known_rows`` and ``held_tests`` are for runs to come.
+    """
+
+    models: list[tuple[Vessel, np.ndarray]]
+    motion: xr.DataArray
+    model_error: dict[str, np.ndarray]
+    motion_error: dict[str, np.ndarray]
+    remarks: tuple[str, ...]
+    facilities: dict[str, Steering] = field(default_factory=dict)
+    prior: str = ""
+    said: dict[str, Earlier] = field(default_factory=dict)
+    known_rows: list[dict] = field(default_factory=list)
+    held_tests: bool = False
+
+    @property
+    def vessel(self) -> Vessel:
+        """Vessel of the term set that weighs most, of those that roll where some do."""
+        return fullest(vessel for vessel, _ in self.models)
+
+
+def identify_ship(
+    trials: Sequence[xr.Dataset],
+    vessel: VesselLike,
+    *,
+    names: Sequence[str] | None = None,
+    terms: Sequence[str] | None = None,
+    prior: str | IdentifiedShip | ShipModel | None = None,
+    captive: xr.Dataset | None = None,
+    draws: int = 1000,
+    rng: Seed,
+    progress: Callable[[str], None] = lambda _: None,
+) -> ShipModel:
+    """Identify a real ship from several trials, with intervals that hold model error.
+
+    Parameters
+    ----------
+    trials : sequence of Dataset, dims (time,)
+        Checked and corrected records with u, v, r, psi and delta; p and phi where the vessel rolls.
+    vessel : Vessel, str or Path
+        Particulars, inertia, propeller. Coefficients with an ``sd`` are taken as known so far.
+    names : sequence of str, optional
+        Of the trials; numbers by default.
+    terms : sequence of str, optional
+        Of :func:`pymc_ship.physics.vessel.term_sets.term_sets` or "own terms"; by default all sets the vessel can have.
+    prior : {"hull_database", "order_damped", "sister_ship"}, IdentifiedShip or ShipModel, optional
+        Of the coefficients without an ``sd``: what captive tests of other ships say of the hull, see
+        :func:`pymc_ship.physics.vessel.hull_database.hull_coefficients`, and wide about 0 for the rest; wide about 0
+        for all; or about the values of the vessel file. By default the first where the vessel states her draught, the
+        second else. Or the ship as earlier runs identified her: their term sets, with what they said beside their
+        prior. Her coefficients may have changed since, each by a share of its prior sd, the most probable one.
+    captive : Dataset, dims (test,), optional
+        Captive tests of her model, from :func:`pymc_ship.read_captive`: they stand beside the prior of every term set
+        with a noise of their own, that of the term set on them.
+    draws : int, optional
+        Of the whole ensemble.
+    rng : int, SeedSequence or Generator
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    ShipModel
+
+    Raises
+    ------
+    TrialError
+        For trials that are too short or lack a channel, or none.
+    TrajectoryError
+        When no term set can be fitted, or all of them run away.
+    VesselError, PriorError
+        For unknown term sets or priors, the hull database without a draught, or term sets or captive tests that do not
+        go with an earlier ship.
+
+    Examples
+    --------
+    Two zigzags of a tanker, one term set:
+
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
+    >>> runs = [ps.simulate(vessel, ps.zigzag(angle, angle), duration=400, step=0.5) for angle in (10, 20)]
+    >>> runs = [ps.pollute(run, level=0.005, rng=rng) for run in runs]
+    >>> ship = ps.identify_ship(runs, vessel, terms=["hull and loading"], draws=100, rng=rng)
+    >>> [(manoeuvre.kind, manoeuvre.rudder_deg) for manoeuvre in ship.manoeuvres]
+    [('zigzag', 10.0), ('zigzag', 20.0)]
+    """
+    rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)
+    before = prior if isinstance(prior, IdentifiedShip | ShipModel) else _nothing_known(prior or "")
+    kind = chosen_prior(vessel, before.prior or None)
+    names = tuple(names or (str(k + 1) for k in range(len(trials))))
+    if not trials or len(names) != len(trials) or draws < 2:
+        raise TrialError(
+            f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
+            f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
+        )
+    training = _after(before, replace(_prepared(trials, vessel, kind), captive=captive))
+    wanted = tuple(dict.fromkeys(terms or before.said or default_sets(training)))
+    _check_goes_with(before, wanted, captive)
+    progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
+    found, refused = candidates_of(wanted, training)
+    fullest_vessel = fullest(candidate.vessel for candidate in found)
+    remarks = [*vessel_remarks(fullest_vessel), *refused, *cut_runs(names, training, found)]
+    progress("weights and model error from held-out runs")
+    found = _weighted(found, training.earlier, rng)
+    rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
+    known_rows = [*before.known_rows, *rows]
+    errors = model_error(known_rows)
+    rows = [row | {"sd": index_sd(row, errors)} for row in rows]
+    remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
+    if not known_rows:
+        remarks.append(
+            "No run of a standard manoeuvre was held out: beside the spread of the term sets and of the windows, the "
+            "intervals hold the error of a whole manoeuvre that is typical of other ships, not that of this one."
+        )
+    progress("draws that do not run away")
+    found = sorted(_drawn(found, draws, rng), key=lambda candidate: -candidate.weight)
+    if captive is not None:
+        remarks.append(
+            f"{captive.sizes['test']} captive tests stand beside the prior of every term set; held-out runs are "
+            "forecast with them, too. Each coefficient differs between carriage and ship by "
+            f"{found[0].captive.apart:.2g} of its prior sd ({found[0].name})."
+        )
+    if before.said:
+        remarks.append(beside_earlier(found[0], training))
+    moved = motion_error(_held_out_motion(found, training, rng), vessel)
+    moved = moved if len(trials) > 1 or not before.said else before.motion_error
+    motion = _motion(training, fullest_vessel, before)
+    models = [(c.vessel, c.draws) for c in found if len(c.draws)]
+    progress("outlook on standard manoeuvres")
+    return ShipModel(
+        vessel=training.vessel,
+        prior=training.prior,
+        names=names,
+        manoeuvres=tuple(training.manoeuvres),
+        facilities=training.facilities | {k: v for k, v in before.facilities.items() if k not in training.facilities},
+        candidates=tuple(found),
+        index_rows=rows,
+        model_error=errors,
+        motion_error=moved,
+        motion=motion,
+        remarks=tuple(remarks),
+        outlook=outlook(IdentifiedShip(models, motion, errors, moved, (), known_rows=known_rows), rng),
+        judgement=judgement(trials, names),
+        said={c.name: c.told(training.earlier) for c in found},
+        known_rows=known_rows,
+        held_tests=captive is not None or before.held_tests,
+        captive=None if captive is None else _compared(captive, found[0], rng),
+    )
+
+
+def _compared(tests: xr.Dataset, best: Candidate, rng: np.random.Generator) -> xr.Dataset:
+    """Captive tests beside the best candidate before and after it was fitted."""
+    draws = {"prior alone": best.prior.draw(_PRIOR_DRAWS, rng), "identified": best.draws}
+    return compared(tests, best.vessel, draws, revolutions=best.captive.revolutions)
+
+
+def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Training:
+    for trial in trials:
+        motion_record(trial, vessel)
+    manoeuvres, facilities = recognise_by_facility(trials, vessel)
+    vessel = with_steering(vessel, next(iter(facilities.values())))
+    return Training([thinned(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
+
+
+def _after(before: IdentifiedShip | ShipModel, training: Training) -> Training:
+    """Training with what earlier runs said, and whether facility and draught are theirs."""
+    if not before.said:
+        return training
+    here, there = (ship.vessel.particulars for ship in (training, before))
+    reloaded = (here.d, here.volume) != (there.d, there.volume)
+    elsewhere = not set(before.facilities) & set(training.facilities)
+    return replace(training, earlier=before.said, reloaded=reloaded, elsewhere=elsewhere)
+
+
+def _nothing_known(prior: str) -> IdentifiedShip:
+    """A ship of whom no run has said anything."""
+    motion = xr.DataArray(np.empty((0, len(SYMBOLS))), {"symbol": list(SYMBOLS)}, ("row", "symbol"))
+    return IdentifiedShip([], motion, {}, {}, (), prior=prior)
+
+
+def _check_goes_with(before: IdentifiedShip | ShipModel, wanted: Sequence[str], captive: xr.Dataset | None) -> None:
+    """Refuse term sets that earlier runs said nothing of, and captive tests that stand beside them already."""
+    unknown = [name for name in wanted if name not in before.said]
+    if before.said and unknown:
+        raise PriorError(
+            f"Earlier runs were identified with {'; '.join(before.said)}, found {unknown[0]!r} asked for; choose of "
+            "theirs, or identify all runs together."
+        )
+    if captive is not None and before.held_tests:
+        raise PriorError("Captive tests stand beside the earlier runs already; leave them out.")
+
+
+def _weighted(found: Sequence[Candidate], earlier: Mapping[str, Earlier], rng: np.random.Generator) -> list[Candidate]:
+    """Pseudo-BMA+: mean over Bayesian bootstraps of the runs of weights proportional to the predictive density."""
+    density = np.array([candidate.densities(earlier) for candidate in found])
+    shares = rng.dirichlet(np.ones(density.shape[1]), _BOOTSTRAPS)
+    finite = np.where(np.isfinite(density), density, -1e9)
+    total = density.shape[1] * shares @ finite.T
+    weight = np.exp(total - total.max(axis=1, keepdims=True))
+    weight = np.mean(weight / weight.sum(axis=1, keepdims=True), axis=0)
+    return [replace(candidate, weight=float(w)) for candidate, w in zip(found, weight, strict=True)]
+
+
+def _held_out_indices(
+    found: Sequence[Candidate], training: Training, names: Sequence[str], rng: np.random.Generator
+) -> list[dict]:
+    """Indices of every recognised manoeuvre, forecast by the fits that were made without it."""
+    counted = [candidate for candidate in found if candidate.weight > _COUNTED]
+    weight = np.array([candidate.weight for candidate in counted])
+    rows = []
+    for k, (trial, manoeuvre) in enumerate(zip(training.trials, training.manoeuvres, strict=True)):
+        if manoeuvre is not None:
+            gear, models = training.facilities[facility_of(trial)], []
+            for candidate in counted:
+                coefficients = np.vstack(
+                    [candidate.held_out.coefficients[k], candidate.held_out.drawn(k, _FORECASTS, rng)]
+                )
+                models.append((with_steering(candidate.vessel, gear), coefficients))
+            noise = readings_sd(trial, manoeuvre, models[0][0].particulars.rudder_delay, rng)
+            rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum(), noise)
+    return rows
+
+
+def _held_out_motion(found: Sequence[Candidate], training: Training, rng: np.random.Generator) -> Iterator[Replayed]:
+    """Every run from each window on, sailed by the fits that were made without it."""
+    if len(training.trials) < 2:
+        return
+    unit = training.vessel.particulars.ship_time
+    for k, trial in enumerate(training.trials):
+        drawn = [(c.vessel, c.held_out.drawn(k, round(_REPLAYS * c.weight), rng)) for c in found]
+        time, noise = trial["time"].values, reading_noise(trial)
+        for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
+            place = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
+            if place.stop - place.start > 1:
+                states = [sailed_along(vessel, draws, trial, place) for vessel, draws in drawn if len(draws)]
+                since, seen = time[place] - time[begin], measured_states(trial, place)
+                yield Replayed(since, np.concatenate(states, axis=1), seen, noise)
+
+
+def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> list[Candidate]:
+    """Deal the draws to the candidates by weight and draw until as many are sound."""
+    exact = draws * np.array([candidate.weight for candidate in found])
+    counts = np.floor(exact).astype(int)
+    counts[np.argsort(counts - exact)[: draws - counts.sum()]] += 1
+    drawn = []
+    for candidate, count in zip(found, counts, strict=True):
+        kept, tried = np.empty((0, candidate.fit.coefficients.size)), 0
+        while len(kept) < count and tried < _ATTEMPTS * count:
+            batch = carried_draws(candidate.fit, int(count), rng)
+            kept, tried = np.vstack([kept, batch[sound(candidate.vessel, batch)]]), tried + int(count)
+        if len(kept) < count:
+            raise TrajectoryError(
+                f"Of the draws of the {candidate.name} terms, {len(kept)} of {tried} do not run away in a standard "
+                "manoeuvre; give more trials or a prior."
+            )
+        share = 1.0 - len(kept) / tried if tried else 0.0
+        drawn.append(replace(candidate, draws=kept[:count], share_unsound=share))
+    return drawn
+
+
+def _motion(training: Training, vessel: Vessel, before: IdentifiedShip | ShipModel) -> xr.DataArray:
+    """Prime motion of all runs so far at every fifth sample."""
+    rows = [before.motion.values]
+    for trial in training.trials:
+        prime, _, _ = prime_record(vessel, motion_record(trial.isel(time=slice(None, None, 5)), vessel))
+        rows.append(np.column_stack([prime[symbol] for symbol in SYMBOLS]))
+    return xr.DataArray(np.vstack(rows), {"symbol": list(SYMBOLS)}, ("row", "symbol"))

@@ -1,0 +1,400 @@
+"""Report of a ship identified from trials: runs, term sets, held-out manoeuvres, paths, coefficients and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from pymc_ship.inference.captive.comparison import captive_forces, comparison_rows, shown_comparison
+from pymc_ship.inference.trajectory.windows import LENGTH, thinned
+from pymc_ship.machine.files import writable_folder
+from pymc_ship.pages.page import Content, Page, write_page
+from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.physics.manoeuvre.helm import approach_speed
+from pymc_ship.physics.manoeuvre.kinds import UNITS
+from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.term_sets import PART_SETS, TERM_SETS
+from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, fullest
+from pymc_ship.records.checks.trial_checks import worst_verdict
+from pymc_ship.records.checks.verdicts import Check
+from pymc_ship.ships.forecasting.force_curves import force_curves
+from pymc_ship.ships.forecasting.index_error import error_rows
+from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
+from pymc_ship.ships.identification.candidates import Candidate
+from pymc_ship.ships.identification.figures import (
+    held_out_overshoots,
+    held_out_windows,
+    restarted_motion,
+    score_differences,
+    term_set_scores,
+)
+from pymc_ship.ships.identification.model import ShipModel
+from pymc_ship.ships.identification.paths import coverage, held_out_rows, overshoot_errors
+from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.record import sampling_interval
+
+CORRELATED = 0.95
+"""Correlation of two coefficients from which the page warns of it."""
+
+DISAGREE = 2.0
+"""Prior standard deviations beyond which an estimate and what was known beforehand disagree."""
+
+SOURCES = (
+    "Yao, Vehtari, Simpson & Gelman (2018), Using stacking to average Bayesian predictive distributions, "
+    "doi:10.1214/17-BA1091",
+    "White (1982), Maximum likelihood estimation of misspecified models, doi:10.2307/1912526",
+    "Bortz, Messenger & Dukic (2023), Direct estimation of parameters in ODE models using WENDy, "
+    "doi:10.1007/s11538-023-01208-6",
+)
+
+_FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves", "captive_forces", "spiral")
+_OF_PARAMETER = ("estimate", "sd", "known_value", "known_sd")
+_TABLES = (
+    *("runs", "checks", "term_sets", "held_out_indices", "model_error", "paths", "coefficients", "correlations"),
+    "captive",
+)
+
+PAGE = Page(
+    "index.html",
+    Path(__file__).with_name("page.html.j2"),
+    own=(*(f"figures/{name}.png" for name in _FIGURES), *(f"tables/{name}.csv" for name in _TABLES)),
+    packages=("pymc-ship", "numpy", "scipy", "xarray", "numba", "matplotlib"),
+)
+"""The page of a ship, which may share its folder with the page of her forecasts."""
+
+_LEFT_OUT = " terms were left out: "
+_WORDS = {"first": "First overshoot angle", "second": "Second overshoot angle"}
+
+
+def write_ship_report(
+    model: ShipModel,
+    trials: Mapping[str, xr.Dataset],
+    checks: Mapping[str, Sequence[Check]],
+    paths: Sequence[Mapping],
+    out: str | Path,
+    *,
+    command: str,
+    seed: int,
+    given: Vessel | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Write the page of an identified ship with its figures and tables; each appears under its name when complete.
+
+    Parameters
+    ----------
+    model : ShipModel
+    trials : mapping of str to Dataset, dims (time,)
+        As they were fitted, by the names of the model's runs.
+    checks : mapping of str to sequence of Check
+        Of the same runs, see :func:`pymc_ship.trial_checks`; a run without checks says so.
+    paths : sequence of mapping
+        From :func:`pymc_ship.ships.identification.paths.compare_paths`; may be empty.
+    out : str or Path
+        Folder, created where it is missing.
+    command : str
+        What repeats the page.
+    seed : int
+        Root of every random number.
+    given : Vessel, optional
+        As in its file: its steering gear is set beside the measured one.
+    progress : callable, optional
+        Called with a short text before each step.
+
+    Returns
+    -------
+    Path
+        ``out/index.html``, which is moved into place last, after ``out/figures`` and ``out/tables``.
+
+    Raises
+    ------
+    ValueError
+        For trials that are not those of the model.
+    OutputError
+        When the folder cannot be written.
+    """
+    if tuple(trials) != model.names:
+        raise ValueError(
+            f"The report takes the trials of the model, {', '.join(model.names)}, in this order; found "
+            f"{', '.join(trials) or 'none'}."
+        )
+    out = writable_folder(out)
+    rows = {
+        "runs": run_rows(model, trials, checks),
+        "checks": check_rows(checks),
+        "term_sets": term_set_rows(model),
+        "held_out_indices": held_out_rows(model.index_rows),
+        "model_error": error_rows(model.model_error, fullest(c.vessel for c in model.candidates)),
+        "paths": [dict(row) for row in paths],
+        "coefficients": coefficient_rows(model.candidates[0]),
+        "correlations": correlation_rows(model.candidates[0]),
+        "captive": comparison_rows(model.captive) if model.captive is not None else [],
+    }
+    progress("drawing the figures")
+    turns = steady_turns(model.models)
+    drawn = _figures(model, list(trials.values()), seed) | {"spiral": spiral_curve(turns)}
+    progress("writing the page")
+    values = _values(model, trials, rows) | {"steering": _steering(model, given), "command": command, "seed": seed}
+    values["spiral"] = spiral_sentence(turns)
+    return write_page(PAGE, out, Content(values, drawn, rows, sources=(*model.vessel.sources, *SOURCES)))
+
+
+def run_rows(model: ShipModel, trials: Mapping[str, xr.Dataset], checks: Mapping[str, Sequence[Check]]) -> list[dict]:
+    """What each run is: manoeuvre, duration [s and L/U], approach speed [m/s], sampling [s], verdict of its checks."""
+    unit, rows = model.vessel.particulars.ship_time, []
+    for (name, trial), manoeuvre in zip(trials.items(), model.manoeuvres, strict=True):
+        duration = float(np.ptp(trial["time"].values))
+        row = {"run": name, "manoeuvre": "none recognised" if manoeuvre is None else manoeuvre.label}
+        row |= {"duration": duration, "duration_L_U": duration / unit, "approach_speed": approach_speed(trial)}
+        row |= {"sampling": sampling_interval(trial), "fitted_at": sampling_interval(thinned(trial, model.vessel))}
+        made = [check for check in checks.get(name, ()) if check.verdict != "not checked"]
+        rows.append(row | {"checks": len(made), "verdict": worst_verdict(made) if made else "not checked"})
+    return rows
+
+
+def check_rows(checks: Mapping[str, Sequence[Check]]) -> list[dict]:
+    """Every check of every run: ``run``, ``check``, ``verdict``, ``sentence``."""
+    return [
+        {"run": run, "check": check.name, "verdict": check.verdict, "sentence": check.sentence}
+        for run, made in checks.items()
+        for check in made
+    ]
+
+
+def term_set_rows(model: ShipModel) -> list[dict]:
+    """Weight, held-out score, rms of each channel [SI], inflation and draws of each term set, by falling weight."""
+    best = model.candidates[0].held_out.log_density.sum()
+    rows = []
+    for candidate in model.candidates:
+        score = candidate.held_out.log_density.sum()
+        lost = not np.isfinite(score)
+        row = {"terms": candidate.name, "coefficients": candidate.fit.coefficients.size, "weight": candidate.weight}
+        row |= {"score": -np.inf if lost else float(score), "to_best": -np.inf if lost else float(score - best)}
+        row |= {f"rms_{channel}": np.nan if lost else sd for channel, sd in candidate.held_out.rms.items()}
+        row |= {"inflation": candidate.inflation, "dispersion": candidate.fit.dispersion, "draws": len(candidate.draws)}
+        row["share_unsound"] = candidate.share_unsound if len(candidate.draws) else np.nan
+        known = TERM_SETS | PART_SETS
+        about = known[candidate.name].about if candidate.name in known else "terms of the vessel file"
+        rows.append(row | {"about": about.replace("`", '"')})
+    return rows
+
+
+def coefficient_rows(candidate: Candidate) -> list[dict]:
+    """Estimate and sd (sandwich, widened) of each coefficient, its prior, and how far that gave way, prime values."""
+    vessel, sd = candidate.vessel, np.sqrt(np.diag(candidate.fit.covariance))
+    held = {c.name: c for c in (*(c for force in vessel.forces.values() for c in force), *vessel.parameters)}
+    pairs, given_way = correlation_rows(candidate), candidate.fit.mode.problem.prior.scale / candidate.prior.scale
+    columns, rows = (coefficient_names(vessel), candidate.fit.coefficients, sd, given_way), []
+    for name, value, spread, factor in zip(*columns, strict=True):
+        center, width = (held[name].value, held[name].sd) if held[name].sd > 0.0 else (np.nan, np.nan)
+        partners = [row["second" if row["first"] == name else "first"] for row in pairs if name in row.values()]
+        row = {"coefficient": name, "estimate": float(value), "sd": float(spread)}
+        row |= {"known_value": center, "known_sd": width, "apart": float((value - center) / width)}
+        row |= {"given_way": float(factor), "unit": held[name].unit, "source": held[name].source}
+        rows.append(row | {"correlated_with": " ".join(partners)})
+    return rows
+
+
+def correlation_rows(candidate: Candidate) -> list[dict]:
+    """Pairs of coefficients whose estimates are correlated by more than :data:`CORRELATED`."""
+    sd = np.sqrt(np.diag(candidate.fit.covariance))
+    correlation = candidate.fit.covariance / np.outer(sd, sd)
+    names = coefficient_names(candidate.vessel)
+    return [
+        {"first": names[i], "second": names[j], "correlation": float(correlation[i, j])}
+        for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
+        if abs(correlation[i, j]) > CORRELATED
+    ]
+
+
+def _figures(model: ShipModel, trials: Sequence[xr.Dataset], seed: int) -> dict[str, Figure]:
+    best, drawn = model.candidates[0], {}
+    density = np.where(np.isfinite(best.held_out.log_density), best.held_out.log_density, -np.inf)
+    order = np.argsort(density, kind="stable").tolist()
+    ends = {order[-1]: "best", order[0]: "worst"} if len(trials) > 1 else {0: "only"}
+    heads = {f"{model.names[k]}, the {word} forecast run": k for k, word in ends.items()}
+    drawn["held_out_windows"] = restarted_motion({head: held_out_windows(best, trials, k) for head, k in heads.items()})
+    if any("overshoot" in row["index"] for row in model.index_rows):
+        drawn["held_out_overshoots"] = held_out_overshoots(model.index_rows)
+    if len(model.candidates) > 1:
+        differences = score_differences(model.candidates, np.random.default_rng(seed))
+        drawn["term_set_scores"] = term_set_scores(differences, best.name)
+    drawn["force_curves"] = force_curves(model.models, model.motion)
+    if model.captive is not None:
+        drawn["captive_forces"] = captive_forces(model.captive)
+    return drawn
+
+
+def _values(model: ShipModel, trials: Mapping[str, xr.Dataset], rows: Mapping[str, list[dict]]) -> dict:
+    """What the template shows of the model and its runs."""
+    left_out = [remark for remark in model.remarks if _LEFT_OUT in remark]
+    return {
+        "vessel": model.vessel,
+        "n_runs": len(trials),
+        "length": f"{LENGTH:g}",
+        "correlated": f"{CORRELATED:g}",
+        "short": _short(model, rows),
+        "prior": _PRIORS[model.prior],
+        "corrections": {name: list(trial.attrs.get("corrections", ())) for name, trial in trials.items()},
+        "doubtful": [row for row in rows["checks"] if row["verdict"] in ("doubtful", "bad")],
+        "unchecked": _unchecked(rows["checks"]),
+        "left_out": left_out,
+        "best": model.candidates[0],
+        "path_terms": next((c.name for c in model.candidates if not c.vessel.modular), ""),
+        "apart": [row for row in rows["coefficients"] if abs(row["apart"]) > DISAGREE],
+        "disagree": f"{DISAGREE:g}",
+        "n_coefficients": len(rows["coefficients"]),
+        "summary": _summary(rows["held_out_indices"]),
+        "failed_paths": [row for row in rows["paths"] if row["remark"]],
+        "tables": _tables(model, rows),
+        "remarks": [remark for remark in model.remarks if remark not in left_out],
+    }
+
+
+def _short(model: ShipModel, rows: Mapping[str, list[dict]]) -> list[str]:
+    """What the page says in a few sentences."""
+    best, drawn = model.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
+    share = sum(row["weight"] * row["share_unsound"] for row in drawn)
+    worst = [row["run"] for row in rows["runs"] if row["verdict"] in ("doubtful", "bad")]
+    found = [
+        f"{len(model.candidates)} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %.",
+        *_summary(rows["held_out_indices"]),
+        f"Runs with a doubtful check: {', '.join(worst)}." if worst else "No check of a run is doubtful.",
+    ]
+    text = f"{100.0 * share:.2g} % ran away and were drawn anew, none of those kept does" if share else "none ran away"
+    return [*found, f"Every draw of the coefficients was tried in six standard manoeuvres; {text}.", *model.outlook]
+
+
+_PRIORS = {
+    "hull_database": "the hull by captive tests of other ships (Yoshimura & Masumoto 2012), all else wide about 0",
+    "order_damped": "wide about 0",
+    "sister_ship": "about the values of the vessel file, with 30 % of them as sd",
+}
+
+
+def _steering(model: ShipModel, given: Vessel | None) -> list[str]:
+    """The steering gear as measured, beside the vessel file."""
+    found, first = [], next(iter(model.facilities))
+    main = first or "the runs that name no facility"
+    for name, gear in model.facilities.items():
+        where = f" at {name}" if name else ""
+        if not gear.n_reversals:
+            whose = "the vessel file" if name == first or not model.facilities[first].n_reversals else main
+            found.append(f"No run{where} reverses its rudder: the steering gear is that of {whose}.")
+            continue
+        for key, word, unit in (("rudder_rate_deg", "rate", "deg/s"), ("rudder_delay", "delay", "s")):
+            text = f"Rudder {word}{where} measured over {gear.n_reversals} movements: {getattr(gear, key):.3g} {unit}"
+            stated = "" if given is None else f"; the vessel file says {getattr(given.particulars, key):.3g} {unit}"
+            found.append(f"{text}{stated}.")
+    if len(model.facilities) > 1:
+        return [*found, f"Forecasts use the gear of {main} where no other facility is asked for."]
+    return [*found, "Fits and forecasts use the measured values."] if model.facilities[first].n_reversals else found
+
+
+def _unchecked(rows: Sequence[Mapping]) -> str:
+    """Names of the checks that were not made, with the number of runs."""
+    names = [row["check"] for row in rows if row["verdict"] == "not checked"]
+    return ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
+
+
+def _summary(rows: Sequence[Mapping]) -> list[str]:
+    """Overshoots, times and coverage of held-out manoeuvres in words; nothing without any."""
+    if not rows:
+        return []
+    errors, n = overshoot_errors(rows), number(2)
+    found = [
+        f"{word} of held-out zigzags: error {n(errors[f'{name}_overshoot_angle_mean'])} deg in the mean, "
+        f"{n(errors[f'{name}_overshoot_angle_max'])} deg at most."
+        for name, word in _WORDS.items()
+        if np.isfinite(errors[f"{name}_overshoot_angle_mean"])
+    ]
+    if np.isfinite(errors["overshoot_time_median"]):
+        found.append(f"Time to overshoot: error {n(errors['overshoot_time_median'])} % in the median.")
+    covered = coverage(rows)
+    text = f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of {len(rows)} held-out indices"
+    apart = f"; {covered['90_apart']} and {covered['95_apart']} where the model error comes from the other runs alone"
+    known = all(np.isfinite(row["apart_sd"]) for row in rows)
+    return [*found, f"{text}{apart if known else ''}."]
+
+
+def _tables(model: ShipModel, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
+    """Tables of the page, by name; those without rows are left out."""
+    n = number(3)
+    channels = tuple(dict.fromkeys(name for candidate in model.candidates for name in candidate.held_out.rms))
+    runs = {"run": ("run", str), "manoeuvre": ("recognised as", str), "duration": ("duration s", fixed(0))}
+    runs |= {"duration_L_U": ("in L/U", fixed(1)), "approach_speed": ("approach speed m/s", fixed(2))}
+    runs |= {"sampling": ("sampled every s", n), "fitted_at": ("fitted every s", n)}
+    runs |= {"checks": ("checks made", fixed(0)), "verdict": ("worst of them", str)}
+    sets = {"terms": ("term set", str), "coefficients": ("coefficients", fixed(0)), "weight": ("weight %", fixed(1))}
+    sets |= {"score": ("held-out score", _score), "to_best": ("to the best", _score)}
+    sets |= _rms_columns(channels) | {"inflation": ("sd inflation", fixed(2)), "dispersion": ("count 1 in", fixed(0))}
+    sets |= {"draws": ("draws", fixed(0)), "share_unsound": ("ran away %", fixed(1)), "about": ("what it is", str)}
+    held = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "unit": ("", str)}
+    held |= {key: (key, fixed(2)) for key in ("measured", "forecast", "error", "sd", "z")}
+    known = {"known_value": ("known beforehand", fixed(1)), "known_sd": ("± sd", fixed(1))}
+    known |= {"apart": ("sd away", fixed(1))}
+    coefficients = {"coefficient": ("coefficient", str), "estimate": ("estimate", fixed(1)), "sd": ("sd", fixed(1))}
+    coefficients |= known | {"correlated_with": (f"correlated beyond {CORRELATED:g} with", str)}
+    pairs = {"first": ("coefficient", str), "second": ("with", str), "correlation": ("correlation", fixed(3))}
+    heads = {"median": "sd [%]", "upper": "95 % below"}
+    sizes = {key: (head, lambda value: fixed(1)(100.0 * value)) for key, head in heads.items()}
+    found = {
+        "runs": (rows["runs"], runs),
+        "term_sets": ([_shown(row, channels) for row in rows["term_sets"]], sets),
+        "held_out_indices": ([_named(row) for row in rows["held_out_indices"]], held),
+        "model_error": (rows["model_error"], {"kind": ("kind", str)} | sizes | {"unit": ("of", str)}),
+        "paths": ([_shown(row, channels) for row in rows["paths"]], _path_columns(channels)),
+        "correlations": (rows["correlations"], pairs),
+        "captive": shown_comparison(rows["captive"]),
+    }
+    if model.candidates[0].vessel.modular:
+        four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}
+        four = {"coefficient": ("parameter", str)} | four | {"apart": ("sd away", fixed(1))}
+        free = [row for row in rows["coefficients"] if row["known_sd"] > HELD]
+        found["parameters"] = (free, four | {"unit": ("unit, or what it is", str), "source": ("known from", str)})
+    for dof in model.candidates[0].vessel.dofs if not model.candidates[0].vessel.modular else ():
+        mine = [row for row in rows["coefficients"] if row["coefficient"][0] == LETTER[dof]]
+        found[f"coefficients_{dof}"] = ([_prime(row) for row in mine], coefficients)
+    return {name: table(lines, columns) for name, (lines, columns) in found.items() if lines}
+
+
+def _rms_columns(channels: Sequence[str]) -> dict:
+    return {f"rms_{channel}": (f"rms {channel} {CHANNELS[channel].unit.shown}", _three_digits) for channel in channels}
+
+
+def _path_columns(channels: Sequence[str]) -> dict:
+    columns = {"path": ("path", str), "log_density": ("held-out score", _score)} | _rms_columns(channels)
+    for name in ("first", "second"):
+        for key, head in (("mean", "mean"), ("max", "max")):
+            columns[f"{name}_overshoot_angle_{key}"] = (f"{name} overshoot, {head} |error| deg", fixed(2))
+    columns["overshoot_time_median"] = ("time to overshoot, median error %", fixed(1))
+    return columns | {"events": ("events reached", str)}
+
+
+def _three_digits(value: float) -> str:
+    return f"{value:#.3g}".rstrip(".") if np.isfinite(value) else "–"
+
+
+def _score(value: object) -> str:
+    return "−∞" if value == -np.inf else fixed(1)(value)
+
+
+def _shown(row: Mapping, channels: Sequence[str]) -> dict:
+    """Row of a term set or a path with rates in degrees and shares in percent."""
+    found = dict(row)
+    for channel in channels:
+        found[f"rms_{channel}"] = CHANNELS[channel].unit.shown_factor * row.get(f"rms_{channel}", np.nan)
+    found |= {key: 100.0 * row[key] for key in ("weight", "share_unsound") if key in row}
+    return found | ({"events": f"{row['reached']} of {row['measured']}"} if "reached" in row else {})
+
+
+def _named(row: Mapping) -> dict:
+    return dict(row) | {"index": row["index"].replace("_", " "), "unit": UNITS[row["kind"]]}
+
+
+def _prime(row: Mapping) -> dict:
+    """Prime values times 1e5."""
+    return dict(row) | {key: 1e5 * row[key] for key in ("estimate", "sd", "known_value", "known_sd")}

@@ -1,0 +1,374 @@
+"""Motion of a ship along the measured inputs of a record, from a measured state, and how well it fits the record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+from scipy.special import ndtri
+
+from pymc_ship.machine.seeds import random_generator
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
+from pymc_ship.ships.forecasting.draws import thinned_draws
+from pymc_ship.ships.forecasting.extrapolation import extrapolation
+from pymc_ship.ships.forecasting.forecast import BANDS, quantile_bands
+from pymc_ship.ships.forecasting.index_error import index_sd
+from pymc_ship.ships.forecasting.motion_error import with_motion_error
+from pymc_ship.ships.identification.along import reading_noise, sailed_along
+from pymc_ship.ships.identification.held_out import index_rows, readings_sd
+from pymc_ship.ships.identification.model import IdentifiedShip, ShipModel
+from pymc_ship.ships.identification.paths import QUANTILES
+from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.record import TrialError, check_trial, facility_of, one_trial, trial_list
+
+SCORED = ("u", "v", "r", "psi", "position")
+"""Channels of a score; the position is the distance between the tracks."""
+
+_VELOCITIES = SCORED[:3]
+_OF_WINDOW = ("square", "coverage", "crps")
+_MEASURED = ("u", "v", "r", "psi", "delta")
+
+
+def replay(
+    ship: ShipModel | IdentifiedShip | VesselLike,
+    trial: xr.Dataset,
+    *,
+    start: float | None = None,
+    duration: float | None = None,
+    draws: int = 200,
+    ci_prob: float = 0.9,
+) -> xr.DataTree:
+    """Motion along a record's measured inputs from its measured state.
+
+    Parameters
+    ----------
+    ship : ShipModel, IdentifiedShip, Vessel, str or Path
+        An identified ship, or a vessel with her own coefficients.
+    trial : Dataset, dims (time,)
+        u, v, r, psi and delta; n, wind_speed and wind_direction count where the ship has parts for them; x and y where
+        the track is to be compared.
+    start : float, optional
+        Time [s] of the record at which the ship begins; its first sample by default.
+    duration : float, optional
+        [s]; to the end of the record by default.
+    draws : int, optional
+        Ships at most; a vessel is one.
+    ci_prob : float, optional
+        Probability inside the equal-tailed bands.
+
+    Returns
+    -------
+    DataTree
+        ``trajectories`` (dims draw, time), ``predictive``, the same with the model error that held-out runs of an
+        identified ship have shown, ``bands`` (dims band, time) of these, and ``measured`` (dims time). x and y begin at
+        0 where the record has no track. Draws that run away are NaN; ``share_diverged`` in attrs.
+
+    Raises
+    ------
+    TrialError
+        For missing channels, or a start or duration outside the record.
+    ValueError
+        For no draws, or ``ci_prob`` not in (0, 1).
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> tree = ps.replay(vessel, trial, start=100, duration=200)
+    >>> bool(abs(tree["bands"]["u"].sel(band="median") - tree["measured"]["u"]).max() < 0.05)
+    True
+    """
+    if draws < 1 or not 0.0 < ci_prob < 1.0:
+        raise ValueError(f"A replay needs a draw and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
+    trial = one_trial(trial)
+    place = _place(trial, start, duration)
+    piece = trial.isel(time=place)
+    states = np.concatenate([sailed_along(vessel, rows, trial, place) for vessel, rows in _models(ship, draws)], axis=1)
+    coords = {"draw": np.arange(states.shape[1]), "time": piece["time"].values}
+    units = {name: {"units": CHANNELS[name].unit.name} for name in STATE}
+
+    def motion(values: np.ndarray) -> xr.Dataset:
+        return xr.Dataset({n: (("draw", "time"), values[k], units[n]) for k, n in enumerate(STATE)}, coords)
+
+    ships = motion(states)
+    predictive = ships
+    if isinstance(ship, ShipModel | IdentifiedShip):
+        since = piece["time"].values - piece["time"].values[0]
+        beyond = beyond_runs(ship, ships.median("draw"), piece)
+        predictive = motion(with_motion_error(states, since, ship.motion_error, ship.vessel, beyond))
+    measured = piece[[name for name in STATE if name in piece]]
+    attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
+    attrs["share_diverged"] = float(np.isnan(states[0, :, -1]).mean())
+    groups = {"trajectories": ships, "predictive": predictive, "measured": measured}
+    groups["bands"] = quantile_bands(predictive, ci_prob)
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
+
+
+def beyond_runs(ship: ShipModel | IdentifiedShip, median: xr.Dataset, piece: xr.Dataset) -> np.ndarray | None:
+    """Distance of the median ship from the motion of the runs that a ship was identified from, by instant."""
+    if not ship.motion.sizes["row"]:
+        return None
+    return extrapolation(ship.vessel, median.assign(delta=piece["delta"]), ship.motion)["distance"].values
+
+
+def score(
+    ship: ShipModel | IdentifiedShip | VesselLike,
+    trials: xr.Dataset | Sequence[xr.Dataset],
+    *,
+    names: Sequence[str] | None = None,
+    length: float | None = None,
+    every: float | None = None,
+    draws: int = 100,
+    ci_prob: float = 0.9,
+) -> xr.Dataset:
+    """How well replays restarted from the measured state fit records.
+
+    Parameters
+    ----------
+    ship : ShipModel, IdentifiedShip, Vessel, str or Path
+    trials : Dataset or sequence of Dataset
+        Records as for :func:`replay`.
+    names : sequence of str, optional
+        Of the records; numbers by default.
+    length : float, optional
+        Of a window [s]; 5 L/U by default.
+    every : float, optional
+        From the start of a window to the next [s]; a window's length by default.
+    draws, ci_prob
+        As :func:`replay`.
+
+    Returns
+    -------
+    Dataset, dims (run, channel)
+        ``rmse`` (SI) of the median ship, ``relative``, over the standard deviation of the channel in all records (for
+        psi and position over the deviation from the start of the windows), ``coverage`` of the bands of readings, which
+        are those of the motion with the noise of the record, ``crps`` (SI; of the position the mean distance of the
+        draws); by run ``windows``, ``ran_away`` and ``score``, the mean of
+        ``relative``; attrs ``score``, the mean over the runs. A window whose median ship runs away has no error: it is
+        counted in ``ran_away``, and its run has no score.
+
+    Raises
+    ------
+    TrialError
+        For a record shorter than a window, and as :func:`replay`.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> found = ps.score(vessel, trial)
+    >>> bool(found.attrs["score"] < 0.05), int(found["ran_away"].sum())
+    (True, 0)
+    """
+    trials = trial_list(trials)
+    for trial in trials:
+        check_trial(trial, (*_MEASURED, "x", "y"))
+    names = tuple(names or (str(k + 1) for k in range(len(trials))))
+    unit = _first_vessel(ship).particulars.ship_time
+    length = 5.0 * unit if length is None else length
+    every = length if every is None else every
+    if not trials or len(names) != len(trials) or not 0.0 < length < np.inf or not 0.0 < every < np.inf:
+        raise TrialError(
+            f"A score needs a record or more, each with its name, and windows of a positive length and distance, found "
+            f"{len(trials)} records, {len(names)} names, {length} s and {every} s; correct them."
+        )
+    middle = {name: float(np.mean(np.concatenate([trial[name].values for trial in trials]))) for name in _VELOCITIES}
+    settings = {"windows": (length, every), "middle": middle, "draws": draws, "ci_prob": ci_prob}
+    rows = {name: _scored(ship, trial, **settings) for name, trial in zip(names, trials, strict=True)}
+    table = {
+        key: (("run", "channel"), np.array([row[key] for row in rows.values()])) for key in ("rmse", "coverage", "crps")
+    }
+    moved = np.array([row["moved"] for row in rows.values()])
+    table["relative"] = ("run", "channel"), table["rmse"][1] / np.sqrt(np.mean(moved, axis=0))
+    by_run = {key: ("run", [row[key] for row in rows.values()]) for key in ("windows", "ran_away")}
+    found = xr.Dataset(table | by_run, {"run": list(rows), "channel": list(SCORED)})
+    found["score"] = found["relative"].mean("channel", skipna=False)
+    attrs = {"score": float(found["score"].mean(skipna=False)), "length": length, "every": every, "ci_prob": ci_prob}
+    return found.assign_attrs(attrs)
+
+
+def score_indices(
+    ship: ShipModel | IdentifiedShip | VesselLike,
+    trials: xr.Dataset | Sequence[xr.Dataset],
+    *,
+    names: Sequence[str] | None = None,
+    draws: int = 200,
+    seed: int = 2020,
+) -> list[dict]:
+    """Indices of recorded standard manoeuvres beside the forecasts of a ship.
+
+    Parameters
+    ----------
+    ship, trials, names
+        As for :func:`score`.
+    draws : int, optional
+        At most; term sets keep their share of them.
+    seed : int, optional
+        Of the draws of the denoised records, by which ``measured_sd`` is found.
+
+    Returns
+    -------
+    list of dict
+        ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast`` [deg, s or m], ``parameter_sd``,
+        ``model_sd`` (between the term sets), ``measured_sd`` (what the noise of the readings leaves open), ``scale``,
+        and ``sd`` of the error, which holds these and the model error of an identified ship; all are 0 for a vessel,
+        which is one ship. A record that is no standard manoeuvre has no row; one of a facility that the ship was
+        identified at is steered as there.
+
+    Raises
+    ------
+    TrialError
+        For a trial that lacks a channel.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5, method="rk4")
+    >>> rows = ps.score_indices(vessel, trial)
+    >>> print(rows[0]["index"], bool(abs(rows[0]["forecast"] - rows[0]["measured"]) < 0.5))
+    first_overshoot_angle True
+    """
+    trials = trial_list(trials)
+    names = names or [str(k + 1) for k in range(len(trials))]
+    found, rng = _models(ship, draws), random_generator(seed)
+    weight = np.array([len(rows) for _, rows in found], dtype=float)
+    identified = isinstance(ship, ShipModel | IdentifiedShip)
+    errors, known = (ship.model_error, ship.facilities) if identified else ({}, {})
+    manoeuvres, _ = recognise_by_facility(trials, _first_vessel(ship))
+    rows = []
+    for name, trial, manoeuvre in zip(names, trials, manoeuvres, strict=True):
+        if manoeuvre is not None:
+            gear = known.get(facility_of(trial))
+            models = [
+                (with_steering(vessel, gear) if gear else vessel, np.vstack([drawn.mean(axis=0), drawn]))
+                for vessel, drawn in found
+            ]
+            delay = models[0][0].particulars.rudder_delay
+            noise = readings_sd(trial, manoeuvre, delay, rng) if identified else {}
+            rows += index_rows(name, trial, manoeuvre, models, weight / weight.sum(), noise)
+    return [row | {"sd": index_sd(row, errors)} for row in rows]
+
+
+def _scored(ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: float) -> dict:
+    """Errors, coverage and CRPS of the windows of one record, each list in the order of :data:`SCORED`."""
+    time, (length, every) = trial["time"].values, windows
+    begins = np.arange(time[0], time[-1] - length + 1e-9, every)
+    if not begins.size:
+        raise TrialError(f"A score needs a record of a window of {length:g} s, found {np.ptp(time):.4g} s; shorten it.")
+    trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
+    stayed = [tree for tree in trees if np.isfinite(tree["bands"]["u"].values[:, -1]).all()]
+    noise = dict(zip(STATE, reading_noise(trial).tolist(), strict=True))
+    found = [_window(tree, noise) for tree in stayed]
+    nothing = np.full(len(SCORED), np.nan)
+    mean = {key: np.mean([one[key] for one in found], axis=0) if found else nothing for key in _OF_WINDOW}
+    lost = len(trees) - len(stayed)
+    rmse = nothing if lost else np.sqrt(mean["square"])
+    counts = {"windows": len(trees), "ran_away": lost}
+    moved = np.mean([_moved(tree["measured"], middle) for tree in trees], axis=0)
+    return {"rmse": rmse, "moved": moved, **mean, **counts}
+
+
+def _moved(measured: xr.DataTree, middle: dict[str, float]) -> list[float]:
+    """Mean square of the motion of a window, in the order of :data:`SCORED`: of what an error is a share."""
+    found = []
+    for name in SCORED[:-1]:
+        seen = measured[name].values
+        found.append(float(np.mean((seen - middle.get(name, seen[0])) ** 2)))
+    track = (measured[name].values for name in "xy")
+    return [*found, float(sum(np.mean((values - values[0]) ** 2) for values in track))]
+
+
+def _window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[float]]:
+    """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`; ``noise`` is that of readings."""
+    ships, measured, ci_prob = tree["predictive"], tree["measured"], tree.attrs["ci_prob"]
+    median = tree["trajectories"].dataset.median("draw")
+    found: dict[str, list[float]] = {key: [] for key in _OF_WINDOW}
+    for name in SCORED[:-1]:
+        seen = measured[name].values
+        low, middle, high = (tree["bands"][name].sel(band=band).values for band in BANDS)
+        reach = ndtri(0.5 + 0.5 * ci_prob) * noise[name]
+        half = np.where(seen < middle, middle - low, high - middle)
+        found["square"].append(float(np.mean((median[name].values - seen) ** 2)))
+        found["coverage"].append(float(np.mean(np.abs(seen - middle) <= np.hypot(half, reach))))
+        found["crps"].append(crps(ships[name].values, seen))
+    apart = np.hypot(*(median[name].values - measured[name].values for name in "xy"))
+    reach = np.nanquantile(np.hypot(*(ships[name].values - median[name].values for name in "xy")), ci_prob, axis=0)
+    blurred = np.sqrt(-2.0 * np.log1p(-ci_prob)) * np.sqrt(0.5 * (noise["x"] ** 2 + noise["y"] ** 2))
+    found["square"].append(float(np.mean(apart**2)))
+    found["coverage"].append(float(np.mean(apart <= np.hypot(reach, blurred))))
+    found["crps"].append(float(np.nanmean(np.hypot(*(ships[name].values - measured[name].values for name in "xy")))))
+    return found
+
+
+def crps(drawn: np.ndarray, seen: np.ndarray) -> float:
+    """Continuous ranked probability score of an ensemble (n_draws, n_time), mean over time.
+
+    Gneiting & Raftery (2007), doi:10.1198/016214506000001437, Eq. 20, with the spread of a sorted ensemble.
+    """
+    held = np.sort(drawn[np.isfinite(drawn[:, -1])], axis=0)
+    n = len(held)
+    weight = (2.0 * np.arange(1, n + 1) - n - 1.0) / (n * n)
+    return float(np.mean(np.mean(np.abs(held - seen), axis=0) - weight @ held))
+
+
+def _models(ship, draws: int) -> list[tuple[Vessel, np.ndarray]]:
+    """Vessels with rows of coefficients; models of an identified ship keep their shares of the draws."""
+    if not isinstance(ship, ShipModel | IdentifiedShip):
+        vessel = as_vessel(ship)
+        return [(vessel, reference_coefficients(vessel)[None])]
+    return thinned_draws(ship.models, draws)
+
+
+def _first_vessel(ship) -> Vessel:
+    return ship.vessel if isinstance(ship, ShipModel | IdentifiedShip) else as_vessel(ship)
+
+
+def _place(trial: xr.Dataset, start: float | None, duration: float | None) -> slice:
+    """Samples of a record between two times."""
+    check_trial(trial, _MEASURED)
+    time = trial["time"].values
+    begin = float(time[0]) if start is None else float(start)
+    end = float(time[-1]) if duration is None else begin + float(duration)
+    if not time[0] <= begin < end <= time[-1] + 1e-9:
+        raise TrialError(
+            f"A replay begins and ends inside the record, {time[0]:g} to {time[-1]:g} s, found {begin:g} to {end:g} s; "
+            "correct start and duration."
+        )
+    return slice(*np.searchsorted(time, (begin - 1e-9, end + 1e-9)).tolist())
+
+
+def channel_rows(found: xr.Dataset) -> list[dict]:
+    """One row for each channel of each run of a score."""
+    keys = ("rmse", "relative", "coverage", "crps")
+    return [
+        {"run": run, "channel": channel, **{key: float(found[key].sel(run=run, channel=channel)) for key in keys}}
+        for run in found["run"].values.tolist()
+        for channel in found["channel"].values.tolist()
+    ]
+
+
+def run_rows(found: xr.Dataset) -> list[dict]:
+    """One row for each run of a score."""
+    keys = ("windows", "ran_away", "score")
+    return [
+        {"run": run, **{key: float(found[key].sel(run=run)) for key in keys}} for run in found["run"].values.tolist()
+    ]
+
+
+def index_errors(indices: Sequence[Mapping]) -> list[dict]:
+    """Rows of :func:`pymc_ship.score_indices` with the error of the forecast and whether its interval of 95 % holds."""
+    found = []
+    for row in indices:
+        error = row["forecast"] - row["measured"]
+        inside = ("yes" if abs(error) <= QUANTILES["95"] * row["sd"] else "no") if row["sd"] > 0.0 else ""
+        names = {"run": row["run"], "manoeuvre": row["manoeuvre"], "index": row["index"].replace("_", " ")}
+        numbers = {key: row[key] for key in ("measured", "forecast", "sd")}
+        found.append(names | numbers | {"error": error, "inside": inside})
+    return found

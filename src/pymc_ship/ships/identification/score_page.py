@@ -1,0 +1,193 @@
+"""Page of a score: a ship restarted from the measured state of records she has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.page import Content, Page, write_page
+from pymc_ship.pages.tables import fixed, number, table
+from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.ships.identification.model import IdentifiedShip
+from pymc_ship.ships.identification.replayed import SCORED, channel_rows, index_errors, replay, run_rows
+from pymc_ship.trial.channels import CHANNELS
+
+PAGE = Page(
+    "score.html",
+    Path(__file__).with_name("score_page.html.j2"),
+    own=("figures/score_*.png", "tables/score_*.csv"),
+    packages=("pymc-ship", "numpy", "xarray", "numba", "matplotlib"),
+)
+"""The page can stand beside that of the identification."""
+
+SHOWN = 4
+"""Runs whose windows are drawn."""
+
+_DRAWN = SCORED[:-1]
+
+
+def write_score_page(
+    ship: IdentifiedShip | Vessel,
+    trials: Mapping[str, xr.Dataset],
+    found: xr.Dataset,
+    indices: Sequence[Mapping],
+    out: str | Path,
+    *,
+    draws: int,
+    command: str,
+) -> Path:
+    """Write the page of a score.
+
+    Parameters
+    ----------
+    ship : IdentifiedShip or Vessel
+    trials : mapping of str to Dataset
+        The records that were scored, by name.
+    found : Dataset
+        From :func:`pymc_ship.score`.
+    indices : sequence of mapping
+        From :func:`pymc_ship.score_indices`.
+    out : str or Path
+        Folder, created where it is missing.
+    draws : int
+        Ships of the windows that are drawn.
+    command : str
+        What repeats the page.
+
+    Returns
+    -------
+    Path
+        ``out/score.html``, with its figures and tables beside it.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+    """
+    vessel = ship.vessel if isinstance(ship, IdentifiedShip) else ship
+    rows, runs = channel_rows(found), run_rows(found)
+    unit, percent = number(3), fixed(0)
+    channels = {"run": ("run", str), "channel": ("channel", str), "rmse": ("RMSE [SI]", unit)}
+    channels |= {"relative": ("RMSE over motion", unit), "coverage": ("inside %", percent), "crps": ("CRPS [SI]", unit)}
+    by_run = {"run": ("run", str), "windows": ("windows", percent), "ran_away": ("ran away", percent)}
+    by_run |= {"score": ("score", unit)}
+    heads = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str)}
+    heads |= {name: (name, unit) for name in ("measured", "forecast", "error")}
+    heads |= {"sd": ("± sd", unit), "inside": ("inside 95 %", str)}
+    beside = index_errors(indices)
+    values = {
+        "vessel": vessel,
+        "attrs": found.attrs,
+        "covered": 100.0 * float(found["coverage"].mean()),
+        "tables": {
+            "channels": table([_in_percent(row) for row in rows], channels),
+            "runs": table(runs, by_run),
+            "indices": table(beside, heads),
+        },
+        "shown": list(trials)[:SHOWN],
+        "command": command,
+    }
+    length = max(found.attrs["length"], found.attrs["every"])
+    figures = {"score_channels": errors_by_channel(found)}
+    drawn = {name: trials[name] for name in values["shown"]}
+    figures["score_windows"] = windows_of(
+        ship, drawn, found.attrs["length"], length, draws, ci_prob=found.attrs["ci_prob"]
+    )
+    tables = {"score_channels": rows, "score_runs": runs, "score_indices": beside}
+    return write_page(PAGE, out, Content(values, figures, tables))
+
+
+def _in_percent(row: Mapping) -> dict:
+    return {**row, "coverage": 100.0 * row["coverage"]}
+
+
+@styled
+def errors_by_channel(found: xr.Dataset) -> Figure:
+    """Error over the motion and coverage of the bands by channel, a dot for each run.
+
+    Parameters
+    ----------
+    found : Dataset
+        From :func:`pymc_ship.score`.
+
+    Returns
+    -------
+    Figure
+    """
+    fig, axes = subplots(8.0, 3.2, 1, 2)
+    place = np.arange(found.sizes["channel"])
+    spread = np.linspace(-0.2, 0.2, found.sizes["run"]) if found.sizes["run"] > 1 else np.zeros(1)
+    for ax, key, factor, label in zip(
+        axes[0],
+        ("relative", "coverage"),
+        (1.0, 100.0),
+        ("RMSE over motion", "instants inside the bands [%]"),
+        strict=True,
+    ):
+        values = factor * found[key].values
+        for aside, row in zip(spread, values, strict=True):
+            ax.plot(place + aside, row, "o", ms=4, color=BLUE, alpha=0.7)
+        ax.plot(
+            place, factor * found[key].mean("run").values, "_", ms=22, mew=1.6, color=RUST, label="mean of the runs"
+        )
+        ax.set_xticks(place, found["channel"].values.tolist())
+        ax.set_ylabel(label)
+        ax.set_ylim(0.0, None if key == "relative" else 104.0)
+    axes[0, 1].axhline(100.0 * found.attrs["ci_prob"], color=REFERENCE, ls="--", lw=0.9, label="promised")
+    fig.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return fig
+
+
+@styled
+def windows_of(
+    ship: IdentifiedShip | Vessel,
+    trials: Mapping[str, xr.Dataset],
+    length: float,
+    every: float,
+    draws: int,
+    *,
+    ci_prob: float,
+) -> Figure:
+    """Measured motion of runs, and the ship restarted in windows with her bands.
+
+    Parameters
+    ----------
+    ship : IdentifiedShip or Vessel
+    trials : mapping of str to Dataset
+        By the name that heads the column.
+    length, every : float
+        Length of a window and from its start to that of the next one [s].
+    draws : int
+    ci_prob : float
+        Probability inside the bands.
+
+    Returns
+    -------
+    Figure
+    """
+    fig, axes = subplots(8.0, 1.75 * len(_DRAWN) + 0.7, len(_DRAWN), len(trials), sharex="col", sharey="row")
+    for column, (name, trial) in enumerate(trials.items()):
+        axes[0, column].set_title(name, parse_math=False)
+        axes[-1, column].set_xlabel("time [s]")
+        time = trial["time"].values
+        begins = np.arange(time[0], time[-1] - length + 1e-9, every)
+        trees = [replay(ship, trial, start=float(at), duration=length, draws=draws, ci_prob=ci_prob) for at in begins]
+        for row, channel in enumerate(_DRAWN):
+            ax, factor = axes[row, column], CHANNELS[channel].unit.shown_factor
+            ax.plot(time, factor * trial[channel].values, color=REFERENCE, lw=0.9, label="measured")
+            for k, tree in enumerate(trees):
+                lower, median, upper = factor * tree["bands"][channel].values
+                at, labels = tree["bands"]["time"].values, ("ship", "band", "restart") if k == 0 else (None,) * 3
+                ax.plot(at, median, color=RUST, label=labels[0])
+                ax.fill_between(at, lower, upper, color=RUST, alpha=0.25, lw=0.0, label=labels[1])
+                ax.plot(at[0], median[0], "o", ms=3, color=RUST, label=labels[2])
+            if column == 0:
+                ax.set_ylabel(CHANNELS[channel].axis)
+    fig.align_ylabels(axes[:, 0])
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return fig

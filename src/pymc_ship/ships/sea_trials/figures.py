@@ -1,0 +1,88 @@
+"""Figures of a sea trial: tracks of turning circles, headings of zigzags, steady turns of spiral tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import cycle
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, styled, subplots
+from pymc_ship.records.steering.measured import aligned, smoothed
+from pymc_ship.ships.forecasting.steady_turns import draw_curve
+from pymc_ship.ships.sea_trials.corrections import without_current
+from pymc_ship.ships.sea_trials.current import DriftCurrent
+
+_COLUMNS = 3
+
+
+@styled
+def circles(trials: Mapping[str, xr.Dataset], currents: Mapping[str, DriftCurrent], L: float) -> Figure:
+    """Tracks of turning circles from the execution on [L], as measured and without the current."""
+    fig, axes = _grid(len(trials), 3.0)
+    for ax, (name, trial) in zip(axes, trials.items(), strict=False):
+        smooth = smoothed(trial)
+        track = aligned(smooth)
+        if name in currents:
+            ax.plot(track["y"] / L, track["x"] / L, color=NOISE, label="as measured")
+            track = aligned(without_current(smooth, currents[name].velocity))
+        ax.plot(
+            track["y"] / L,
+            track["x"] / L,
+            color=BLUE,
+            label="without the current" if name in currents else "as measured",
+        )
+        ax.plot(0.0, 0.0, "o", ms=4, color=RUST, label="rudder put over")
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.set_title(name, parse_math=False)
+        ax.set_xlabel("transfer to starboard [L]")
+        ax.set_ylabel("advance [L]")
+    _legend(fig, axes)
+    return fig
+
+
+@styled
+def swings(trials: Mapping[str, xr.Dataset], switching: Mapping[str, float]) -> Figure:
+    """Heading and rudder angle of zigzags against time from the execution, with the switching headings."""
+    fig, axes = _grid(len(trials), 2.4)
+    for ax, (name, trial) in zip(axes, trials.items(), strict=False):
+        run = aligned(smoothed(trial))
+        for level in (-switching[name], switching[name]):
+            ax.axhline(level, color=REFERENCE, ls="--", lw=0.8, label="switching heading" if level > 0.0 else None)
+        ax.plot(run["time"], np.rad2deg(run["psi"]), color=BLUE, label="heading")
+        ax.plot(run["time"], np.rad2deg(run["delta"]), color=RUST, lw=0.9, label="rudder angle")
+        ax.set_title(name, parse_math=False)
+        ax.set_xlabel("time [s]")
+        ax.set_ylabel("angle [deg]")
+    _legend(fig, axes)
+    return fig
+
+
+@styled
+def spirals(measured: Mapping[str, xr.Dataset], turns: xr.Dataset | None) -> Figure:
+    """Steady rates of spiral tests against the rudder angle, joined as they were sailed, and those of a known ship."""
+    fig, axes = subplots(8.0, 4.4)
+    ax = axes[0, 0]
+    draw_curve(ax, turns, 0.95)
+    for (name, sailed), colour in zip(measured.items(), cycle((RUST, REFERENCE)), strict=False):
+        ax.plot(sailed["delta"], sailed["r"], "o-", ms=4, lw=0.7, color=colour, label=f"{name}, as sailed")
+    ax.legend(loc="upper right")
+    return fig
+
+
+def _grid(n: int, height: float) -> tuple[Figure, list]:
+    """Figure with an axis for each run, in rows of three, and nothing where a row has fewer."""
+    columns = min(n, _COLUMNS)
+    rows = -(-n // columns)
+    fig, axes = subplots(8.0, height * rows + 0.4, rows, columns)
+    flat = list(axes.ravel())
+    for ax in flat[n:]:
+        ax.set_axis_off()
+    return fig, flat
+
+
+def _legend(fig: Figure, axes: list) -> None:
+    named = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    fig.legend(named.values(), named, loc="outside upper center", ncols=len(named))

@@ -1,0 +1,127 @@
+"""The page of a sea trial: the form of IMO MSC/Circ.1053, conditions, corrections with their uncertainty, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from pymc_ship.pages.page import Content, Page, write_page
+from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.ships.sea_trials.current import DriftCurrent
+from pymc_ship.ships.sea_trials.figures import circles, spirals, swings
+from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
+
+PAGE = Page(
+    "sea_trial.html",
+    Path(__file__).with_name("page.html.j2"),
+    own=("figures/sea_trial_*.png", "tables/sea_trial_*.csv"),
+    packages=("pymc-ship", "numpy", "scipy", "pywavelets", "xarray", "matplotlib"),
+)
+"""The page can stand beside that of an identification."""
+
+SOURCES = (
+    "IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76).",
+    "IMO (2002), Explanatory notes to the standards for ship manoeuvrability, MSC/Circ.1053.",
+    "JCGM 100:2008, Evaluation of measurement data: guide to the expression of uncertainty in measurement.",
+)
+
+_INDEX = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "units": ("", str)}
+
+
+def trial_report(found: SeaTrial, out: str | Path, *, command: str = "pymc_ship.trial_report(...)") -> Path:
+    """Write the report of a sea trial.
+
+    Parameters
+    ----------
+    found : SeaTrial
+        From :func:`pymc_ship.sea_trial`.
+    out : str or Path
+        Folder, created where it is missing.
+    command : str, optional
+        What repeats the page.
+
+    Returns
+    -------
+    Path
+        ``out/sea_trial.html``, with its figures and tables beside it.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+
+    Examples
+    --------
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> circle = ps.simulate(vessel, ps.turning_circle(35), duration=2400, step=0.5, current=(0.5, 90))
+    >>> print(ps.trial_report(ps.sea_trial({"circle": circle}, vessel, rng=1), "report").name)
+    sea_trial.html
+    """
+    three = number(3)
+    values = {"raw": ("as measured", three), "less_current": ("less current", three), "ratio": ("F / B", fixed(3))}
+    values |= {"corrected": ("corrected", three), "U": ("U = 2 u_c", number(2))}
+    values |= {"lower": ("95 % from", three), "upper": ("to", three), "limit": ("limit", three)}
+    parts = {"u_record": "record", "u_current": "current", "u_model": "model", "u_runs": "runs", "u_c": "u_c"}
+    flows = _flows(found.currents)
+    shown = [row | {"index": row["index"].replace("_", " ")} for row in found.indices]
+    content = {
+        "vessel": found.vessel,
+        "command": command,
+        "remarks": found.remarks,
+        "lines": [row for row in found.form if row["judgement"]],
+        "tables": {
+            "ship": table(found.ship_data, {"item": ("item", str), "value": ("", str)}),
+            "form": table(
+                found.form, {key: (key, str) for key in ("item", "port", "starboard", "criterion", "judgement")}
+            ),
+            "conditions": table(
+                found.conditions, {key: (key, str) for key in ("condition", "found", "limit", "judgement")}
+            ),
+            "indices": table(shown, _INDEX | values | {"judgement": ("judgement", str)}),
+            "parts": table(shown, _INDEX | {key: (head, number(2)) for key, head in parts.items()}),
+            "currents": _currents_table(flows),
+            "winds": _winds_table(found.winds),
+        },
+    }
+    drawn = {name: found.trials[name] for name in found.manoeuvres}
+    turning = {name: trial for name, trial in drawn.items() if found.manoeuvres[name].traits.circles}
+    swinging = {name: trial for name, trial in drawn.items() if found.manoeuvres[name].traits.swings}
+    figures = {}
+    if turning:
+        figures["sea_trial_circles"] = circles(turning, found.currents, found.vessel.particulars.L)
+    if swinging:
+        switching = {name: found.manoeuvres[name].heading_deg for name in swinging}
+        figures["sea_trial_zigzags"] = swings(swinging, switching)
+    if found.spirals:
+        figures["sea_trial_spirals"] = spirals(found.spirals, found.turns)
+    rows = {"sea_trial_indices": found.indices, "sea_trial_form": [*found.ship_data, *found.form]}
+    rows |= {"sea_trial_conditions": found.conditions, "sea_trial_currents": flows}
+    return write_page(PAGE, out, Content(content, figures, rows, sources=SOURCES))
+
+
+def _flows(currents: Mapping[str, DriftCurrent]) -> list[dict]:
+    return [
+        {
+            "run": name,
+            "speed": current.speed,
+            "direction": current.direction,
+            "u_north": current.sd[0],
+            "u_east": current.sd[1],
+            "pairs": len(current.local),
+        }
+        for name, current in currents.items()
+    ]
+
+
+def _currents_table(flows: list[dict]) -> Table:
+    heads = {"run": ("run", str), "speed": ("speed [m/s]", fixed(3)), "direction": ("to [deg]", fixed(0))}
+    heads |= {"u_north": ("u, north [m/s]", fixed(3)), "u_east": ("u, east [m/s]", fixed(3)), "pairs": ("pairs", str)}
+    return table(flows, heads)
+
+
+def _winds_table(winds: Mapping[str, tuple[float, float]]) -> Table:
+    rows = [{"run": name, "speed": speed, "from": np.mod(come, 360.0)} for name, (speed, come) in winds.items()]
+    return table(rows, {"run": ("run", str), "speed": ("speed [m/s]", fixed(1)), "from": ("from [deg]", fixed(0))})

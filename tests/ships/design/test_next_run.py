@@ -1,0 +1,325 @@
+"""Which run to sail next of an identified ship: exact laws, the edge of what is known, sea room, and what is kept."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.manoeuvre.standard import STANDARD
+from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.ships.design.next_run import CANDIDATES, _Run, next_runs, share_left
+from pymc_ship.ships.design.outlook import outlook
+from pymc_ship.ships.forecasting.index_error import model_error
+from tests.ships.identification.cases import RUNS, tanker, trial
+
+CIRCLE = ps.turning_circle(35)
+
+
+def motion_of(manoeuvres):
+    """Prime motion of exact runs, as that of trials."""
+    rows = [prime_record(tanker(), motion_record(trial(one), tanker()))[0] for one in manoeuvres]
+    values = np.vstack([np.column_stack([row[symbol] for symbol in SYMBOLS]) for row in rows])
+    return xr.DataArray(values, {"symbol": list(SYMBOLS)}, ("row", "symbol"))
+
+
+def ship_of(rows, motion, errors=None):
+    return SimpleNamespace(
+        models=[(tanker(), rows)], motion=motion, model_error=errors or {}, motion_error={}, known_rows=[]
+    )
+
+
+@pytest.fixture(scope="module")
+def zigzags():
+    return motion_of(RUNS)
+
+
+@pytest.fixture(scope="module")
+def ship(zigzags):
+    """A tanker whose coefficients are known to half a percent."""
+    values = reference_coefficients(tanker())
+    rows = values * (1.0 + 0.005 * np.random.default_rng(2).standard_normal((60, values.size)))
+    return ship_of(
+        rows, zigzags, {"angle": np.full(1, 0.001), "distance": np.full(1, 0.002), "time": np.full(1, 0.002)}
+    )
+
+
+# the linear Bayes estimate --------------------------------------------------------------------------------------------
+
+N = 4000
+MIXING = np.random.default_rng(8).standard_normal((6, 9))
+NOISE = np.array([0.3, 0.0, 2.0, 1.0])
+ENSEMBLE = np.random.default_rng(9).standard_normal((N, 6)) @ MIXING
+ASKED, SEEN = ENSEMBLE[:, :5], ENSEMBLE[:, 5:]
+
+
+def exact(noise=NOISE):
+    """Share that the last four columns, measured with noise, leave of the variance of the first five: a normal law."""
+    whole = MIXING.T @ MIXING
+    shared = whole[5:, 5:] + np.diag(noise**2)
+    told = np.sum(whole[:5, 5:] * np.linalg.solve(shared, whole[5:, :5]).T, axis=1)
+    return 1.0 - told / np.diag(whole)[:5]
+
+
+def test_what_is_left_is_that_of_the_conditional_normal_law():
+    """A sample variance has a relative error of sqrt(2 / n), clipping at 95 % takes a few per cent of all columns.
+
+    Broken twin: the noise of the measurement left out.
+    """
+    tolerance = 0.03 + 5.0 * np.sqrt(2.0 / N)
+    np.testing.assert_allclose(share_left(ASKED, SEEN, NOISE), exact(), atol=tolerance)
+    twin = share_left(ASKED, SEEN, 0.0 * NOISE)
+    assert (twin < exact() - tolerance).any()
+
+
+def test_draws_that_reach_no_index_do_not_count():
+    asked, seen = ASKED.copy(), SEEN.copy()
+    asked[::7, 0], seen[::5, 1] = np.nan, np.nan
+    whole = (np.arange(N) % 7 > 0) & (np.arange(N) % 5 > 0)
+    np.testing.assert_allclose(share_left(asked, seen, NOISE), share_left(ASKED[whole], SEEN[whole], NOISE), rtol=1e-12)
+
+
+def test_which_draws_reach_an_index_is_no_measurement():
+    """Those that miss it are the largest tenth of what is asked; the index itself has nothing to do with it."""
+    rng = np.random.default_rng(5)
+    asked, seen = rng.standard_normal((N, 1)), rng.standard_normal((N, 1))
+    seen[asked[:, 0] > np.quantile(asked, 0.9)] = np.nan
+    assert share_left(asked, seen, np.ones(1))[0] == pytest.approx(1.0, abs=5.0 / np.sqrt(N))
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1.0])
+def test_a_few_draws_explain_nothing_by_chance(noise):
+    """Columns that have nothing to do with each other, 30 draws: all of the variance is left on average.
+
+    A share is at most 1, which takes a little of the mean. Broken twin: the share that is not corrected.
+    """
+    rng, left, plain = np.random.default_rng(3), [], []
+    for _ in range(300):
+        asked, seen = rng.standard_normal((30, 1)), rng.standard_normal((30, 9))
+        left.append(share_left(asked, seen, np.full(9, noise))[0])
+        a, s = asked - asked.mean(), seen - seen.mean(axis=0)
+        gain = np.linalg.solve(s.T @ s + 30 * noise**2 * np.eye(9), s.T @ a)
+        plain.append(1.0 - float(np.sum(a * (s @ gain)) / np.sum(a**2)))
+    assert np.mean(left) > 0.9
+    assert np.mean(plain) < 0.88
+
+
+def test_nothing_is_told_by_nothing_by_what_is_the_same_for_all_or_by_too_few_draws():
+    np.testing.assert_array_equal(share_left(ASKED, np.empty((N, 0)), np.empty(0)), np.ones(5))
+    np.testing.assert_allclose(share_left(ASKED, np.ones((N, 1)), np.zeros(1)), np.ones(5), rtol=1e-3)
+    np.testing.assert_array_equal(share_left(ASKED[:6], ENSEMBLE[:6], np.full(9, 1e-9)), np.ones(5))
+
+
+# the choice -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def plan(ship):
+    return next_runs(ship, STANDARD, 2)
+
+
+def test_after_zigzags_a_circle_tells_of_circles(ship):
+    plan = next_runs(ship, [ps.zigzag(10, 10), CIRCLE], interest=[CIRCLE])
+    assert plan["chosen"].item() == CIRCLE.label
+    assert list(plan["target"].values) == [
+        f"{CIRCLE.label}, {name}" for name in ("advance", "transfer", "tactical diameter")
+    ]
+    assert set(plan["units"].values) == {"m"}
+    first, then = plan["half_width"].values
+    assert (then < 0.5 * first).all()
+    ratio = float(plan["width_ratio"].sel(step=1, candidate=CIRCLE.label))
+    assert ratio == pytest.approx(np.exp(np.mean(np.log(then / first))), rel=1e-12)
+
+
+def test_each_run_that_is_added_leaves_less(plan):
+    widths = plan["half_width"].values
+    assert (widths[1] <= widths[0]).all()
+    assert (widths[2] <= 1.1 * widths[1]).all()  # a correction for chance may raise what is known well
+    best = plan["width_ratio"].min("candidate").values
+    assert best[1] < best[0] < 1.0
+    for step, label in zip(plan["step"].values, plan["chosen"].values, strict=True):
+        assert float(plan["width_ratio"].sel(step=step, candidate=label)) == best[step - 1]
+
+
+def test_the_first_half_width_is_that_of_the_forecast(ship, plan):
+    """1.96 sd of draws and model error beside half the interval of 95 % of a forecast; 60 draws."""
+    tree = ps.forecast_ship(ps.IdentifiedShip(ship.models, ship.motion, ship.model_error, {}, ()), CIRCLE, rng=1)
+    lower, _, upper = tree["index_bands"]["advance"].values
+    found = plan["half_width"].sel(stage=0, target=f"{CIRCLE.label}, advance")
+    assert float(found) == pytest.approx(0.5 * (upper - lower), rel=0.35)
+
+
+def test_half_widths_hold_the_whole_law_of_the_model_error():
+    """Ships that are all alike, nothing held out: a half-Cauchy law, whose interval of 95 % is wide.
+
+    Broken twin: 1.96 of its median.
+    """
+    rows, errors, zigzag = np.tile(reference_coefficients(tanker()), (20, 1)), model_error([]), ps.zigzag(10, 10)
+    plan = next_runs(ship_of(rows, motion_of([zigzag]), errors), [zigzag], interest=[zigzag])
+    found = float(plan["half_width"].sel(stage=0, target="zigzag 10/10 port, initial turning distance"))
+    size = 320.0 * errors["distance"]
+    draws = np.random.default_rng(6).choice(size, 200_000) * np.random.default_rng(7).standard_normal(200_000)
+    assert found == pytest.approx(np.quantile(np.abs(draws), 0.95), rel=0.03)
+    assert found > 3.0 * 1.96 * np.median(size)
+
+
+def test_errors_beyond_the_runs_end_where_the_next_run_goes(zigzags):
+    """Ships that are all alike: what is left is the model error, which grows beyond the motion of the runs.
+
+    Broken twin: a zigzag does not go where the circle goes.
+    """
+    rows = np.tile(reference_coefficients(tanker()), (20, 1))
+    plan = next_runs(ship_of(rows, zigzags), [CIRCLE, ps.zigzag(10, 10)], interest=[CIRCLE])
+    first, then = plan["half_width"].values
+    assert (first > 3.0).all()
+    assert (then < 1e-6).all()
+    twin = next_runs(ship_of(rows, zigzags), [ps.zigzag(10, 10)], interest=[CIRCLE])
+    np.testing.assert_allclose(twin["half_width"].values[1], first, rtol=0.02)
+
+
+def test_the_noise_of_a_run_leaves_more(ship):
+    """A zigzag is asked about, whose angles keep their error; the noise of a circle is in times and distances."""
+    asked = [ps.zigzag(20, 20)]
+    noisy = SimpleNamespace(**vars(ship))
+    noisy.model_error = ship.model_error | {kind: np.full(1, 0.1) for kind in ("time", "distance")}
+    angles = [f"{asked[0].label}, {name} overshoot angle" for name in ("first", "second")]
+    quiet, loud = (next_runs(one, [CIRCLE], interest=asked)["half_width"].sel(target=angles) for one in (ship, noisy))
+    np.testing.assert_allclose(quiet.sel(stage=0), loud.sel(stage=0), rtol=1e-9)
+    assert (loud.sel(stage=1) > 1.1 * quiet.sel(stage=1)).all()
+
+
+def test_sensors_as_noisy_as_those_of_held_out_runs_leave_more(ship):
+    """They are no error of the ship: what is asked about is as sure as before until a run was sailed."""
+    asked = [ps.turning_circle(35, side="port")]
+    noisy = SimpleNamespace(**vars(ship))
+    sides = [("distance", 320.0), ("time", 320.0 / 7.974)]
+    noisy.known_rows = [{"kind": kind, "measured_sd": 0.1 * scale, "scale": scale} for kind, scale in sides]
+    quiet, loud = (next_runs(one, [CIRCLE], interest=asked)["half_width"] for one in (ship, noisy))
+    np.testing.assert_allclose(quiet.sel(stage=0), loud.sel(stage=0), rtol=1e-9)
+    assert (loud.sel(stage=1) > 1.1 * quiet.sel(stage=1)).all()
+
+
+def test_steady_values_tell_nothing_while_nobody_knows_their_error(ship):
+    """The error of a steady yaw rate is that of held-out motion: without any its index is left out."""
+    sure = SimpleNamespace(**vars(ship))
+    sure.motion_error = dict.fromkeys(("u", "v", "r"), np.array([1e-6]))
+    unknown, known = (next_runs(one, [ps.pull_out(20, 90)], interest=[CIRCLE]) for one in (ship, sure))
+    assert float(known["width_ratio"][0, 0]) < 0.98 * float(unknown["width_ratio"][0, 0])
+
+
+def test_a_run_whose_indices_no_draw_reaches_tells_of_the_edge_alone(ship, monkeypatch):
+    monkeypatch.setattr(_Run, "reached", lambda run, names: names if run.manoeuvre == CIRCLE else [])
+    plan = next_runs(ship, [ps.zigzag(10, 10)], interest=[CIRCLE])
+    np.testing.assert_allclose(plan["half_width"][1], plan["half_width"][0], rtol=0.02)
+
+
+# sea room -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_sea_room_of_a_circle_is_the_width_of_its_track(plan):
+    run = trial(CIRCLE, duration=1600.0)
+    turned = np.abs(run["psi"].values) < np.deg2rad(540.0)
+    track = run["x"].values[turned] + 1j * run["y"].values[turned]
+    widest = np.abs(track[:, None] - track).max()
+    assert float(plan["sea_room"].sel(candidate=CIRCLE.label)) == pytest.approx(widest, rel=0.05)
+
+
+def test_a_zigzag_ends_with_its_third_swing(plan):
+    run = trial(ps.zigzag(20, 20), duration=1600.0)
+    returned = np.flatnonzero(np.diff(np.sign(run["psi"].values)) != 0)
+    track = run["x"].values + 1j * run["y"].values
+    end = [k for k in returned if run["time"].values[k] > 10.0][2]
+    room = float(plan["sea_room"].sel(candidate="zigzag 20/20 port"))
+    assert room == pytest.approx(np.abs(track[end] - track[0]), rel=0.05)
+
+
+def test_a_run_without_sea_room_is_not_chosen(ship, plan):
+    room = 0.5 * float(
+        plan["sea_room"].sel(candidate="zigzag 20/20 port") + plan["sea_room"].sel(candidate=CIRCLE.label)
+    )
+    near = next_runs(ship, STANDARD, sea_room=room)
+    fits = near["sea_room"].values <= room
+    np.testing.assert_array_equal(np.isnan(near["width_ratio"].values[0]), ~fits)
+    assert 0 < fits.sum() < fits.size
+    assert near["chosen"].item().startswith("turning circle")
+
+
+def test_no_sea_room_at_all_is_said(ship):
+    with pytest.raises(ps.TrialDesignError, match=r"in 100 m: the turning circle 35 \w+ takes \d+ m; give more"):
+        next_runs(ship, [CIRCLE, ps.zigzag(20, 20)], sea_room=100.0)
+
+
+# what is refused ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("candidates", "n", "interest"),
+    [
+        ([], 1, [CIRCLE]),
+        ([ps.rudder_programme([0, 10], [0, 0.1])], 1, [CIRCLE]),
+        ([ps.StoppingTest(1.0)], 1, [CIRCLE]),
+        ([CIRCLE], 0, [CIRCLE]),
+        ([CIRCLE], 1, []),
+        ([CIRCLE], 1, [ps.rudder_programme([0, 10], [0, 0.1])]),
+    ],
+)
+def test_what_cannot_be_chosen_from_or_for_is_refused(ship, candidates, n, interest):
+    with pytest.raises(ps.TrialDesignError, match="one manoeuvre or more that have indices"):
+        next_runs(ship, candidates, n, interest=interest)
+
+
+def test_indices_that_hardly_any_draw_reaches_cannot_be_asked_for(ship, monkeypatch):
+    monkeypatch.setattr(_Run, "reached", lambda run, names: [])
+    with pytest.raises(ps.TrialDesignError, match="that nine tenths of the draws reach, found none of"):
+        next_runs(ship, [CIRCLE], interest=[ps.zigzag(10, 10)])
+
+
+def test_wind_asks_for_forces_that_know_it(ship):
+    with pytest.raises(ps.SimulationError, match="knows wind"):
+        next_runs(ship, [CIRCLE], wind=(10.0, 90.0))
+
+
+def test_wind_drifts_the_candidates_and_not_what_is_asked(zigzags):
+    from tests.ships.sea_trials.cases import tanker as of_parts
+
+    vessel = of_parts()
+    values, k = reference_coefficients(vessel), coefficient_names(vessel).index("Nv")
+    rows = np.tile(values, (20, 1))
+    rows[:, k] *= np.linspace(0.95, 1.05, 20)
+    one = SimpleNamespace(models=[(vessel, rows)], motion=zigzags, model_error={}, motion_error={}, known_rows=[])
+    calm, windy = (next_runs(one, [CIRCLE], interest=[CIRCLE], wind=wind) for wind in (None, (15.0, 0.0)))
+    np.testing.assert_array_equal(windy["half_width"].values[0], calm["half_width"].values[0])
+    assert abs(float(windy["sea_room"][0]) / float(calm["sea_room"][0]) - 1.0) > 0.02
+
+
+# the outlook of an identified ship ------------------------------------------------------------------------------------
+
+
+def test_the_outlook_says_what_the_circle_is_and_which_run_tells_most(ship, plan):
+    turns, advice = outlook(ship, np.random.default_rng(1))
+    truth = float(ps.indices(trial(CIRCLE, duration=900.0))["tactical_diameter"])
+    median, lower, upper = map(float, re.search(r"(\S+) L \((\S+) to (\S+)\) to port", turns).groups())
+    assert lower < truth / tanker().particulars.L < upper
+    assert lower < median < upper
+    best = plan["chosen"].values[0]
+    ratio, room = (float(plan[name].sel(candidate=best).values.flat[0]) for name in ("width_ratio", "sea_room"))
+    assert f"As the next run the {best} would tell most" in advice
+    assert f"would be {ratio:.2f} times as wide as now" in advice
+    assert re.search(r", that of the .* of the .* ± \S+ in place of ± \S+ (L|deg)\.", advice)
+    assert f"The run takes {room / tanker().particulars.L:.1f} L of sea room." in advice
+
+
+def test_the_same_seed_gives_the_same_sentences(ship):
+    first, again = (outlook(ship, np.random.default_rng(3)) for _ in range(2))
+    assert first == again
+
+
+def test_the_candidates_are_those_of_both_sides():
+    assert {one.side for one in CANDIDATES} == {"port", "starboard"}
+    assert set(STANDARD) < set(CANDIDATES)

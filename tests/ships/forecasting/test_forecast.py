@@ -1,0 +1,291 @@
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.ships.forecasting.draws import fitted_motion, sensor_noise
+from pymc_ship.ships.forecasting.extrapolation import extrapolation
+from pymc_ship.ships.forecasting.forecast import _quantiles, forecast, pooled_forecast, rolls, stated_shares
+from pymc_ship.trial.channels import SIMULATED
+from tests.inference.trajectory.cases import without_roll
+from tests.ships.forecasting.posteriors import joint, posterior, scattered
+
+ZIGZAG = ps.zigzag(20.0, 20.0)
+STEPS = ps.rudder_programme([0.0, 20.0, 60.0], [0.0, 0.3, -0.3])
+BANDS = ("lower", "median", "upper")
+
+
+@pytest.fixture(scope="module")
+def fan(container):
+    """41 ships with coefficients scattered by 1 %."""
+    rng = np.random.default_rng(1)
+    posteriors = {dof: scattered(container, dof, 41, rng) for dof in container.dofs}
+    return forecast(container, posteriors, ZIGZAG, draws=41, rng=rng, duration=150.0)
+
+
+SAME = {"rtol": 1e-11, "atol": 1e-12}
+"""Up to the last bits: ships in a batch are computed in vector registers, one ship alone is not."""
+
+
+@pytest.mark.parametrize("manoeuvre", [ZIGZAG, ps.turning_circle(35.0, side="starboard")], ids=lambda m: m.kind)
+def test_certainty_about_the_reference_forecasts_the_reference_ship(container, manoeuvre):
+    posteriors = {
+        dof: posterior(container.coefficients(dof)["coefficient"].values, np.tile(container.coefficients(dof), (20, 1)))
+        for dof in container.dofs
+    }
+    tree = forecast(container, posteriors, manoeuvre, draws=20, rng=np.random.default_rng(1), duration=300.0)
+    ship = ps.simulate(container, manoeuvre, duration=300.0, step=0.02, record_interval=0.5)
+    found = ps.indices(ship)
+    for band in BANDS:
+        for name in SIMULATED:
+            np.testing.assert_allclose(tree["bands"][name].sel(band=band), ship[name], **SAME)
+        for name in found.data_vars:
+            np.testing.assert_allclose(tree["index_bands"][name].sel(band=band), found[name], **SAME)
+    assert tree.attrs["share_diverged"] == 0.0
+
+
+def test_every_instant_of_every_channel_has_the_band_asked_for(fan):
+    """The 5 and 95 % quantiles of 41 ships are the third from either end, so 37 lie between; the median is the 21st."""
+    moving = fan["trajectories"].to_dataset().sel(time=slice(60.0, None))
+    bands = fan["bands"].to_dataset().sel(time=slice(60.0, None))
+    for name in ("u", "v", "r", "p", "phi", "psi", "x", "y"):
+        lower, median, upper = (bands[name].sel(band=band) for band in BANDS)
+        assert (lower < median).all()
+        assert (median < upper).all()
+        inside = ((moving[name] >= lower - 1e-12) & (moving[name] <= upper + 1e-12)).sum("draw")
+        below = (moving[name] <= median + 1e-12).sum("draw")
+        np.testing.assert_array_equal(inside, 37)
+        np.testing.assert_array_equal(below, 21)
+
+
+def test_index_bands_are_quantiles_of_the_ships(fan):
+    angles = fan["indices"]["first_overshoot_angle"]
+    assert angles.sizes == {"draw": 41}
+    expected = np.quantile(angles, [0.05, 0.5, 0.95])
+    np.testing.assert_allclose(fan["index_bands"]["first_overshoot_angle"], expected, rtol=1e-12)
+    assert np.ptp(expected) > 0.1
+    assert fan["index_bands"]["first_overshoot_angle"].attrs["units"] == "deg"
+
+
+def test_a_wider_probability_gives_wider_bands(container):
+    posteriors = {"yaw": scattered(container, "yaw", 40, np.random.default_rng(2))}
+    settings = {"draws": 40, "duration": 60.0}
+    half, most = (
+        forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(3), ci_prob=prob, **settings)["bands"]["psi"]
+        for prob in (0.5, 0.9)
+    )
+    assert float(most[2, -1] - most[0, -1]) > 1.5 * float(half[2, -1] - half[0, -1]) > 0.0
+    np.testing.assert_array_equal(most[1], half[1])
+
+
+def test_the_share_of_diverged_ships_is_counted_and_bands_are_of_the_others(container):
+    reference = container.coefficients("surge")
+    draws = np.tile(reference.values, (10, 1))
+    draws[[1, 4, 8], 0] = 5.0
+    draws[:, 0] *= 1.0 + 0.01 * np.arange(10)
+    posteriors = {"surge": posterior(reference["coefficient"].values, draws)}
+    tree = forecast(container, posteriors, ZIGZAG, draws=10, rng=np.random.default_rng(4), duration=200.0)
+    ships = tree["trajectories"].to_dataset()
+    assert tree.attrs["share_diverged"] == 0.3
+    assert int(ships["diverged"].sum()) == 3
+    assert int(np.isnan(ships["u"].isel(time=-1)).sum()) == 3
+    expected = np.nanquantile(ships["u"], [0.05, 0.5, 0.95], axis=0)
+    np.testing.assert_allclose(tree["bands"]["u"], expected, rtol=1e-12)
+    assert np.isfinite(tree["bands"]["u"]).all()
+
+
+def test_the_same_generator_gives_the_same_forecast(container):
+    posteriors = {"yaw": scattered(container, "yaw", 100, np.random.default_rng(9))}
+    one, two, other = (
+        forecast(container, posteriors, ZIGZAG, draws=20, rng=np.random.default_rng(seed), duration=40.0)
+        for seed in (10, 10, 11)
+    )
+    xr.testing.assert_identical(one, two)
+    assert not one["bands"].to_dataset().equals(other["bands"].to_dataset())
+
+
+def test_a_rudder_programme_has_bands_but_no_indices(container):
+    programme = ps.rudder_programme([0.0, 10.0, 20.0], [0.0, 0.2, -0.1])
+    posteriors = {"yaw": scattered(container, "yaw", 4, np.random.default_rng(12))}
+    tree = forecast(container, posteriors, programme, draws=4, rng=np.random.default_rng(1), duration=30.0)
+    assert sorted(tree.children) == ["bands", "trajectories"]
+    assert tree["bands"].sizes == {"band": 3, "time": 60}
+
+
+def test_quantiles_leave_nan_out_like_numpy():
+    rng = np.random.default_rng(13)
+    values = rng.standard_normal((31, 6, 5))
+    values[rng.random(values.shape) < 0.4] = np.nan
+    values[:, 0, 0] = [1.0, *[np.nan] * 30]
+    values[:, 1, 1] = [*[np.nan] * 29, 2.0, 1.0]
+    probabilities = [0.0, 0.05, 0.5, 0.77, 1.0]
+    np.testing.assert_allclose(
+        _quantiles(values, probabilities), np.nanquantile(values, probabilities, axis=0), rtol=1e-13
+    )
+    values[:, 2, 2] = np.nan
+    assert np.isnan(_quantiles(values, probabilities)[:, 2, 2]).all()
+
+
+@pytest.mark.parametrize("settings", [{"draws": 1}, {"ci_prob": 0.0}, {"ci_prob": 1.0}, {"ci_prob": np.nan}])
+def test_settings_without_meaning_are_refused(container, settings):
+    with pytest.raises(ValueError, match=r"needs two draws and 0 < ci_prob < 1, found"):
+        forecast(container, {}, ZIGZAG, rng=np.random.default_rng(1), duration=10.0, **settings)
+
+
+def read_back(tree, sd, instants):
+    """Half the width of the measured bands of a channel over what its noise makes of it, mean over the instants."""
+    bands = tree["measured_bands"]["v"].isel(time=instants)
+    return float((bands.sel(band="upper") - bands.sel(band="lower")).mean()) / (2.0 * 1.6448536 * sd)
+
+
+@pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (1.05, False)])
+def test_measured_bands_of_a_ship_that_is_known_are_those_of_its_noise(container, factor, holds):
+    """The 5 and 95 % quantiles of n normal draws have the sd (p (1 - p) / n)^(1/2) / density: 0.067 sd for n = 1000.
+
+    The mean of 2 x 160 of them has 0.0037 sd, that is 0.0023 of 1.645 sd; that order statistics lie a little inside
+    adds 0.003.
+    """
+    tree = joint(container, 50, np.random.default_rng(18), spread=0.0)
+    settings = {"draws": 1000, "duration": 80.0, "step": 0.1, "noise_sd": {"v": 0.05 * factor}}
+    found = forecast(container, tree, STEPS, rng=np.random.default_rng(19), **settings)
+    assert (abs(read_back(found, 0.05, slice(None)) - 1.0) < 4.0 * 0.0023 + 0.003) == holds
+    assert list(found["measured_bands"].data_vars) == ["v"]
+    assert found["measured_bands"]["v"].attrs["units"] == "m/s"
+    ship = found["bands"]["v"]
+    np.testing.assert_allclose(ship.sel(band="upper"), ship.sel(band="lower"), **SAME)
+
+
+def test_noise_of_sensors_adds_to_the_uncertainty_of_the_coefficients_in_squares(container):
+    """Where both are alike: widths of normal bands add in squares, within the error of 600 draws."""
+    tree = joint(container, 600, np.random.default_rng(20))
+    settings = {"draws": 600, "duration": 140.0, "step": 0.1}
+    known = forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={}, **settings)
+    late = slice(120.0, None)
+    sd = float(known["trajectories"]["psi"].sel(time=late).std("draw").mean())
+    found = forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={"psi": sd}, **settings)
+    only, both = (
+        (found[group]["psi"].sel(band="upper") - found[group]["psi"].sel(band="lower")).sel(time=late)
+        for group in ("bands", "measured_bands")
+    )
+    expected = np.sqrt(only**2 + (2.0 * 1.6448536 * sd) ** 2)
+    assert float((both / expected).mean()) == pytest.approx(1.0, abs=0.04)
+    assert float((only / expected).mean()) < 0.8
+
+
+def test_noise_leaves_all_else_of_a_forecast_as_it_is(container, zigzag_trial):
+    rng = np.random.default_rng(22)
+    tree = joint(container, 40, rng, trial=zigzag_trial, noise_sd={"u": 0.1, "r": 1e-3})
+    settings = {"draws": 20, "duration": 60.0}
+    held, without, other, again = (
+        forecast(container, tree, ZIGZAG, rng=np.random.default_rng(23), **settings, **noise)
+        for noise in ({}, {"noise_sd": {}}, {"noise_sd": {"r": 2e-3, "u": 0.1}}, {"noise_sd": {"u": 0.1, "r": 1e-3}})
+    )
+    assert sensor_noise(tree) == {"u": 0.1, "r": 1e-3}
+    assert sensor_noise({"sway": tree}) == {}
+    assert "measured_bands" not in without.children
+    xr.testing.assert_identical(held, again)
+    xr.testing.assert_identical(held["measured_bands"]["u"], other["measured_bands"]["u"])
+    assert not held["measured_bands"]["r"].equals(other["measured_bands"]["r"])
+    for group in without.children:
+        xr.testing.assert_identical(without[group].to_dataset(), held[group].to_dataset())
+
+
+@pytest.mark.parametrize("noise", [{"speed": 1.0}, {"u": -1.0}, {"u": np.nan}, {"u": np.inf}])
+def test_noise_without_meaning_is_refused(container, noise):
+    with pytest.raises(ValueError, match=r"standard deviation from 0 up for any of u, v, .* found"):
+        forecast(container, {}, ZIGZAG, rng=np.random.default_rng(1), duration=10.0, noise_sd=noise)
+
+
+def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(container):
+    gentle = ps.zigzag(10.0, 10.0)
+    trial = ps.simulate(container, gentle, duration=300.0)
+    tree = joint(container, 60, np.random.default_rng(24), spread=0.002, trial=trial)
+    turn, zigzag = (
+        forecast(container, tree, manoeuvre, draws=60, rng=np.random.default_rng(25), duration=300.0)
+        for manoeuvre in (ps.turning_circle(35.0), gentle)
+    )
+    assert turn.attrs["share_extrapolated"] > 0.9
+    assert zigzag.attrs["share_extrapolated"] < 0.3
+    assert float(turn["extrapolation"]["distance"].max()) > 2.0
+    assert float(zigzag["extrapolation"]["distance"].max()) < 0.01
+    assert "speed falls to" in turn.attrs["extrapolation"]
+    assert "speed falls to" not in zigzag.attrs["extrapolation"]
+    assert stated_shares(turn).startswith("60 ships, 0 % diverged, 9")
+    assert turn["extrapolation"]["share_outside"].dims == ("time",)
+    assert turn["extrapolation"]["above"].dims == ("symbol",)
+
+
+def test_shares_outside_count_the_ships_that_run(container, zigzag_trial):
+    """Three of ten ships diverge; the shares are of the others from then on."""
+    tree = joint(container, 10, np.random.default_rng(26), trial=zigzag_trial)
+    tree["posterior"]["coefficients"][0, [1, 4, 8], 0] = 5.0
+    found = forecast(container, tree, ZIGZAG, draws=10, rng=np.random.default_rng(27), duration=200.0)
+    ships = found["trajectories"].to_dataset()
+    each = extrapolation(container, ships, fitted_motion(tree))
+    running = ships["u"].notnull()
+    assert found.attrs["share_diverged"] == 0.3
+    assert int(running.isel(time=-1).sum()) == 7
+    over_time = found["extrapolation"].to_dataset()
+    np.testing.assert_allclose(over_time["share_outside"], each["outside"].where(running).mean("draw"))
+    np.testing.assert_allclose(over_time["distance"], each["distance"].median("draw"))
+    np.testing.assert_allclose(over_time["highest"], each["highest"].median("draw"))
+    assert found.attrs["share_extrapolated"] == pytest.approx(float(each["outside"].where(running).mean()))
+    assert 0.02 < found.attrs["share_extrapolated"] < 0.9
+    assert 0.0 < float(over_time.attrs["median_distance"]) == each["distance"].where(each["outside"]).median()
+
+
+def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_trial):
+    rng = np.random.default_rng(28)
+    settings = {"draws": 4, "duration": 10.0}
+    held = joint(container, 4, rng, trial=zigzag_trial)
+    other = joint(container, 4, rng, trial=zigzag_trial.isel(time=slice(5000)))
+    unknown = ({}, joint(container, 4, rng), {"sway": scattered(container, "sway", 4, rng), "yaw": held})
+    for posteriors in (*unknown, {"sway": held, "yaw": other}):
+        assert fitted_motion(posteriors) is None
+        found = forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
+        assert "extrapolation" not in found.children
+        assert np.isnan(found.attrs["share_extrapolated"])
+        assert found.attrs["extrapolation"].startswith("Extrapolation is unknown: ")
+        assert stated_shares(found) == "4 ships, 0 % diverged"
+    for posteriors in (held, {"sway": held, "yaw": held}):
+        xr.testing.assert_identical(fitted_motion(posteriors), held["constant_data"]["motion"])
+        found = forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
+        assert np.isfinite(found.attrs["share_extrapolated"])
+
+
+class TestShipsThatRollAndShipsThatDoNot:
+    """Term sets with roll weigh little: their draws make a band once one lies beyond either end of it."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def pooled(cls, container):
+        flat, rng = without_roll(container), np.random.default_rng(14)
+        noise = {"v": 0.01, "phi": 0.001}
+
+        def of(rolling, ci_prob):
+            models = [
+                (ship, np.tile(reference_coefficients(ship), (n, 1))) for ship, n in ((container, rolling), (flat, 30))
+            ]
+            return pooled_forecast(models, ZIGZAG, duration=80.0, ci_prob=ci_prob, noise=noise, rng=rng)
+
+        return of
+
+    @pytest.mark.parametrize(("rolling", "ci_prob"), [(20, 0.9), (10, 0.8)])
+    def test_enough_of_them_make_the_forecast_of_roll(self, pooled, rolling, ci_prob):
+        tree = pooled(rolling, ci_prob)
+        assert rolls(tree)
+        assert int(np.isfinite(tree["trajectories"]["phi"].isel(time=-1)).sum()) == rolling
+        assert {"p", "phi"} < set(tree["bands"].data_vars)
+        assert "phi" in tree["measured_bands"]
+        assert int(np.isfinite(tree["indices"]["maximum_roll_angle"]).sum()) == rolling
+
+    @pytest.mark.parametrize(("rolling", "ci_prob"), [(19, 0.9), (20, 0.95), (1, 0.5)])
+    def test_too_few_make_none(self, pooled, rolling, ci_prob):
+        tree = pooled(rolling, ci_prob)
+        assert not rolls(tree)
+        assert not {"p", "phi"} & set(tree["bands"].data_vars)
+        assert set(tree["measured_bands"].data_vars) == {"v"}
+        assert "maximum_roll_angle" not in tree["indices"]
+        assert tree["indices"].sizes["draw"] == rolling + 30
+        assert float(tree["index_bands"]["first_overshoot_angle"].sel(band="median")) > 0.0

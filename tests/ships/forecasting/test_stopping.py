@@ -1,0 +1,129 @@
+"""The stopping test: indices of simulated ships, and what is said of them."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import pymc_ship as ps
+from pymc_ship.inference.trajectory.prior import coefficient_prior
+from pymc_ship.physics.motion.held import held_forces
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.records.steering.stopping_tests import INDICES
+from pymc_ship.ships.forecasting.stopping import stopping, stopping_rows, stopping_sentence, stopping_tracks
+
+ANY_SPEED = "modular at any speed"
+
+
+@pytest.fixture(scope="module")
+def tanker():
+    return ps.with_terms(ps.load_vessel("kvlcc2"), ANY_SPEED)
+
+
+@pytest.fixture(scope="module")
+def drawn(tanker):
+    draws = coefficient_prior([], tanker, damping=1.0).draw(60, np.random.default_rng(1))
+    return stopping([(tanker, draws)], astern=1.0)
+
+
+def without_push(tanker):
+    """Typical coefficients, the propeller astern without side force and moment."""
+    at = reference_coefficients(tanker)
+    at[[coefficient_names(tanker).index(name) for name in ("Y_nn", "N_nn")]] = 0.0
+    return at
+
+
+def test_a_ship_on_a_straight_line_stops_as_thrust_and_resistance_say(tanker):
+    at, s = without_push(tanker), tanker.particulars
+    found = stopping([(tanker, at[None])], astern=1.0, reversal=30.0)
+    m = tanker.m + at[coefficient_names(tanker).index("m_x")]
+
+    def slowed(t, state):
+        n = np.interp(t, [0.0, 30.0], [1.0, -1.0 / tanker.propeller.n])
+        u = max(state[1], 1e-6)
+        motion = {
+            name: np.array([value]) for name, value in (("u", u), ("v", 0.0), ("r", 0.0), ("delta", 0.0), ("n", n))
+        }
+        X = held_forces(tanker, motion, at[None])[0, 0, 0]
+        return [state[1], X * u * u / s.L / m]
+
+    def still(t, state):
+        return state[1] - 1e-3
+
+    still.terminal = True
+    run = solve_ivp(slowed, (0.0, 5000.0), [0.0, s.nominal_speed], events=still, max_step=10.0, rtol=1e-8)
+    assert found["stopping_time"].item() == pytest.approx(run.t[-1], rel=2e-3)
+    assert found["track_reach"].item() == pytest.approx(run.y[0, -1], rel=1e-3)
+    assert found["head_reach"].item() == pytest.approx(found["track_reach"].item(), rel=1e-3)
+
+
+def test_more_revolutions_astern_stop_sooner_and_a_late_engine_later(tanker):
+    at = reference_coefficients(tanker)[None]
+    reach = [stopping([(tanker, at)], astern=n)["track_reach"].item() for n in (0.7, 1.0, 1.3)]
+    assert reach[0] > reach[1] > reach[2]
+    late = stopping([(tanker, at)], astern=1.0, reversal=180.0)["track_reach"].item()
+    assert late > reach[1] + 100.0
+
+
+def test_a_ship_is_no_longer_shown_once_she_stopped(drawn):
+    for k, when in enumerate(drawn["stopping_time"].values):
+        u = drawn["u"].isel(draw=k).values
+        running = np.isfinite(u)
+        assert (u[running] > 0.0).all()
+        assert drawn["time"].values[running][-1] <= when
+    assert (drawn["track_reach"] >= drawn["head_reach"] - 1e-6).all()
+
+
+def test_ships_that_push_to_port_end_on_different_sides(drawn):
+    side = drawn["lateral_deviation"].values
+    assert side.min() < 0.0 < side.max()
+
+
+def test_a_right_handed_screw_swings_the_bow_to_starboard(tanker, drawn):
+    """Nearly every drawn ship; without side force and moment astern the ship goes straight on."""
+    swung = drawn["heading_change"].values
+    assert np.median(swung) > 20.0
+    assert 0.7 < np.mean(swung > 0.0) < 1.0
+    typical, straight = (
+        stopping([(tanker, at[None])], astern=1.0)["heading_change"].item()
+        for at in (reference_coefficients(tanker), without_push(tanker))
+    )
+    assert typical > 20.0
+    assert abs(straight) < 1e-6
+
+
+def test_what_is_said_is_in_the_table(drawn):
+    rows = {row["index"]: row for row in stopping_rows(drawn)}
+    assert set(rows) == {name.replace("_", " ") for name in INDICES}
+    reach = rows["track reach"]
+    assert reach["units"] == "L"
+    assert 5.0 < reach["lower"] < reach["median"] < reach["upper"] < 40.0
+    text = stopping_sentence(drawn)
+    assert f"track reach {reach['median']:.1f} L ({reach['lower']:.1f} to {reach['upper']:.1f})" in text
+    share = np.mean(drawn["track_reach"].values / 320.0 <= 15.0)
+    assert f"within the 15 L of IMO MSC.137(76) with probability {share:.2f}" in text
+
+
+def test_a_ship_that_does_not_stop_counts_against_her(tanker):
+    at = np.tile(reference_coefficients(tanker), (2, 1))
+    at[1, coefficient_names(tanker).index("T_nn")] = -0.5
+    found = stopping([(tanker, at)], astern=1.0)
+    assert np.isfinite(found["track_reach"].values).tolist() == [True, False]
+    assert "with probability 0.50" in stopping_sentence(found)
+    assert stopping_sentence(found).endswith("50 % of the ships do not stop.")
+    assert stopping_sentence(found.isel(draw=[1])) == "No drawn ship stops with 1 1/s astern."
+
+
+def test_a_ship_without_way_astern_is_refused_with_the_remedy(tanker):
+    plain = ps.load_vessel("kvlcc2")
+    with pytest.raises(ps.SimulationError, match="modular at any speed"):
+        stopping([(plain, reference_coefficients(plain)[None])], astern=1.0)
+    for astern in (0.0, -1.0, 60.0):
+        with pytest.raises(ps.SimulationError, match="1/min over 60"):
+            stopping([(tanker, reference_coefficients(tanker)[None])], astern=astern)
+
+
+def test_the_figure_has_tracks_and_speeds(drawn):
+    track, speed = stopping_tracks(drawn).axes
+    assert track.get_xlabel() == "transfer to starboard [L]"
+    assert speed.get_ylabel() == "surge velocity u [m/s]"
+    assert len(track.lines) == len(speed.lines) > 10

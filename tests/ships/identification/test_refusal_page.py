@@ -1,0 +1,75 @@
+"""Where every term set is refused, a page says in which manoeuvre each fails."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.records.checks.verdicts import Check
+from pymc_ship.ships.identification.candidates import Refusal, TermSetsRefusedError
+from pymc_ship.ships.identification.refusal_page import write_refusal_page
+from pymc_ship.ships.identification.soundness import FASTEST, TIGHTEST, first_failure, sound
+
+
+@pytest.fixture(scope="module")
+def tanker():
+    return ps.load_vessel("kvlcc2")
+
+
+def changed(vessel, name, factor):
+    """Coefficients of a vessel, one of them multiplied."""
+    row = reference_coefficients(vessel).copy()
+    row[list(coefficient_names(vessel)).index(name)] *= factor
+    return row
+
+
+@pytest.fixture(scope="module")
+def spinning(tanker):
+    """Her rudder turns her thirty times as hard."""
+    return changed(tanker, "Ngsincos", 30.0)
+
+
+def test_a_sound_ship_has_no_failure(tanker):
+    assert first_failure(tanker, reference_coefficients(tanker)) is None
+
+
+def test_the_first_failure_is_where_the_motion_leaves_what_a_ship_can_do(tanker, spinning):
+    failure = first_failure(tanker, spinning)
+    assert not sound(tanker, spinning[None])[0]
+    assert "in the zigzag 10/10 port she " in str(failure)
+    ship = failure.motion
+    assert float(ship["time"][-1]) == failure.time
+    speed = np.hypot(ship["u"], ship["v"])
+    within = (np.abs(ship["r"]) * tanker.particulars.L * TIGHTEST <= speed) & (
+        speed <= FASTEST * tanker.particulars.nominal_speed
+    )
+    assert bool(within[:-1].all())
+    assert not bool(within[-1]) or failure.fault == "leaves the model's range"
+
+
+def test_the_page_shows_every_refused_set_and_the_doubts(tanker, spinning, tmp_path):
+    refusals = [
+        Refusal("quadratic", "The quadratic terms were left out: no minimum.", None, None),
+        Refusal("cubic", "The cubic terms run away.", tanker, first_failure(tanker, spinning)),
+    ]
+    checks = {"run": (Check("approach", "doubtful", "On the approach r is +25%."), Check("gaps", "good", "None."))}
+    page = write_refusal_page(refusals, tanker, checks, tmp_path, command="pymc-ship identify run.csv")
+    text = page.read_text(encoding="utf-8")
+    for words in ("no minimum", "zigzag 10/10 port", "On the approach", "pymc-ship identify run.csv", "runaways"):
+        assert words in text
+    with (tmp_path / "tables" / "refusals.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["terms"] for row in rows] == ["quadratic", "cubic"]
+    assert float(rows[1]["time"]) == pytest.approx(refusals[1].failure.time)
+
+
+def test_sets_that_are_all_refused_carry_their_refusals(tanker):
+    refusals = [Refusal("cubic", "The cubic terms run away.")]
+    error = TermSetsRefusedError(refusals)
+    assert error.refusals == tuple(refusals)
+    assert "The cubic terms run away." in str(replace(error.refusals[0]).sentence)

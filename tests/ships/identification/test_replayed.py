@@ -1,0 +1,151 @@
+"""Replays along a record's inputs and their scores."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.motion.equations import STATE
+from pymc_ship.physics.motion.prime_record import motion_record, prime_record
+from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.ships.identification.along import reading_noise
+from pymc_ship.ships.identification.replayed import SCORED
+from tests.physics.forces.test_parts import AHEAD
+from tests.physics.forces.test_parts import tanker as parts_of_tanker
+
+DURATION = 600.0
+
+
+@pytest.fixture(scope="module")
+def tanker():
+    return ps.load_vessel("kvlcc2")
+
+
+@pytest.fixture(scope="module")
+def trial(tanker):
+    return ps.simulate(tanker, ps.zigzag(20, 20), duration=DURATION, step=0.5, method="rk4")
+
+
+def test_a_ship_replays_her_own_run(tanker, trial):
+    tree = ps.replay(tanker, trial)
+    for name in ("u", "v", "r", "psi", "x", "y"):
+        size = np.ptp(trial[name].values)
+        median = tree["bands"][name].sel(band="median").values
+        assert np.abs(median - trial[name].values).max() < 0.02 * size, name
+    assert tree.attrs["share_diverged"] == 0.0
+
+
+def test_a_replay_begins_anywhere_in_the_record(tanker, trial):
+    tree = ps.replay(tanker, trial, start=200, duration=100)
+    assert tree["trajectories"]["time"].values[[0, -1]].tolist() == [200.0, 300.0]
+    assert tree["measured"].sizes["time"] == tree["bands"].sizes["time"]
+
+
+def test_another_ship_replays_another_motion(tanker, trial):
+    other = tanker.with_coefficients({"yaw": 0.7 * tanker.coefficients("yaw").values})
+    own, foreign = (ps.score(ship, trial) for ship in (tanker, other))
+    assert own.attrs["score"] < 0.03
+    assert foreign.attrs["score"] > 10.0 * own.attrs["score"]
+
+
+def test_readings_of_the_ship_herself_lie_in_her_bands(tanker, trial):
+    """Of noisy readings 90 % lie in bands that are noise alone, but for the error of the smoothed start.
+
+    Another ship, the broken twin, is not excused by it.
+    """
+    rng = np.random.default_rng(4)
+    noisy = ps.pollute(trial, level=0.01, rng=rng)
+    noisy = noisy.assign({name: noisy[name] + rng.normal(0.0, 5.0, noisy.sizes["time"]) for name in ("x", "y")})
+    found = ps.score(tanker, noisy, length=40, every=10)
+    coverage = found["coverage"].sel(channel=["u", "v", "r", "psi", "position"]).mean("run").values
+    windows = int(found["windows"].item())
+    readings = windows * 80
+    # a window has one start, whose error all its readings share
+    error = 4.0 * np.sqrt(0.9 * 0.1 * (1.0 / windows + 1.0 / readings))
+    np.testing.assert_allclose(coverage, 0.9, atol=error)
+    other = tanker.with_coefficients({"yaw": 0.7 * tanker.coefficients("yaw").values})
+    assert ps.score(other, noisy, length=40, every=10)["coverage"].sel(channel="r").item() < 0.6
+
+
+def test_the_noise_of_a_reading_is_that_of_its_channel(trial):
+    noisy = ps.pollute(trial, level=0.02, rng=5)
+    found, exact = reading_noise(noisy), reading_noise(trial)
+    for name in ("u", "v", "r", "psi"):
+        sd = float(np.std(noisy[name].values - trial[name].values))
+        factor = np.sqrt(2.0) if name == "psi" else 1.0
+        assert found[STATE.index(name)] == pytest.approx(factor * sd, rel=0.15)
+        assert exact[STATE.index(name)] < 0.02 * sd
+    assert reading_noise(trial.drop_vars("x"))[STATE.index("x")] == 0.0
+    gap = noisy.assign(u=noisy["u"].where((noisy["time"] < 100) | (noisy["time"] > 130)))
+    assert reading_noise(gap)[STATE.index("u")] == pytest.approx(found[STATE.index("u")], rel=0.1)
+
+
+def test_a_score_has_every_channel_of_every_run(tanker, trial):
+    found = ps.score(tanker, [trial, trial.isel(time=slice(300, None))], names=["a", "b"], length=100, every=50)
+    assert found["channel"].values.tolist() == list(SCORED)
+    assert found["windows"].values.tolist() == [10, 7]
+    np.testing.assert_allclose(found["score"], found["relative"].mean("channel"))
+    assert found.attrs["score"] == pytest.approx(float(found["score"].mean()))
+
+
+def test_a_window_that_runs_away_costs_the_run_its_score(tanker, trial):
+    wild = tanker.with_coefficients({"surge": -5.0 * tanker.coefficients("surge").values})
+    found = ps.score(wild, trial, length=300)
+    assert found["ran_away"].values.tolist() == [1]
+    assert np.isnan(found.attrs["score"])
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"start": -5.0}, "begins and ends inside the record, 0 to 599.5 s, found -5 to 599.5 s"),
+        ({"duration": 1e4}, "inside the record.*found 0 to 10000 s"),
+        ({"draws": 0}, "needs a draw and 0 < ci_prob < 1, found 0 and 0.9"),
+        ({"ci_prob": 1.0}, "found 200 and 1.0"),
+    ],
+)
+def test_a_replay_that_cannot_be_is_one_sentence(tanker, trial, settings, message):
+    with pytest.raises(ValueError, match=message) as error:
+        ps.replay(tanker, trial, **settings)
+    assert str(error.value).endswith(".")
+
+
+@pytest.mark.parametrize("settings", [{"length": -1.0}, {"every": 0.0}, {"length": 1e4}, {"names": ["a", "b"]}])
+def test_windows_that_cannot_be_are_one_sentence(tanker, trial, settings):
+    with pytest.raises(ps.TrialError, match="A score needs") as error:
+        ps.score(tanker, trial, **settings)
+    assert str(error.value).endswith(".")
+
+
+def test_revolutions_that_were_not_measured_are_those_of_the_approach(tanker):
+    """A replay that begins in the turn, where the ship is slow: a ship of parts slows down no further."""
+    ship = parts_of_tanker(AHEAD)
+    circle = ps.simulate(ship, ps.turning_circle(35), duration=DURATION, step=0.5, method="rk4")
+    tree = ps.replay(ship, circle, start=400)
+    apart = tree["bands"]["u"].sel(band="median") - tree["measured"]["u"]
+    assert float(np.abs(apart).max()) < 0.02
+
+
+def identified_from(tanker, manoeuvre):
+    """The tanker as a ship that was identified from one run, with fifty equal draws."""
+    run = ps.simulate(tanker, manoeuvre, duration=DURATION, step=0.5, method="rk4")
+    rows = np.tile(reference_coefficients(tanker), (50, 1))
+    prime, _, _ = prime_record(tanker, motion_record(run, tanker))
+    motion = xr.DataArray(
+        np.column_stack([prime[name] for name in SYMBOLS]), {"symbol": list(SYMBOLS)}, ("row", "symbol")
+    )
+    return ps.IdentifiedShip([(tanker, rows)], motion, {}, {}, ())
+
+
+def test_bands_grow_beyond_the_motion_of_the_runs(tanker):
+    circle = ps.simulate(tanker, ps.turning_circle(35), duration=DURATION, step=0.5, method="rk4")
+    widths = {}
+    for known in (ps.zigzag(10, 10), ps.turning_circle(35)):
+        bands = ps.replay(identified_from(tanker, known), circle)["bands"]
+        widths[known.kind] = {name: np.ptp(bands[name].values[:, -1]) for name in ("u", "x")}
+    assert widths["turning_circle"]["u"] < 1e-6
+    assert widths["zigzag"]["u"] > 0.01 * tanker.particulars.nominal_speed
+    assert widths["zigzag"]["x"] > 0.01 * tanker.particulars.L

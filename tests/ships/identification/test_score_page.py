@@ -1,0 +1,102 @@
+"""Page of a score: what it says, draws and tables."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.ships.identification.replayed import channel_rows, index_errors
+from pymc_ship.ships.identification.score_page import errors_by_channel, windows_of, write_score_page
+from tests.replication.cases import Page
+
+SETTINGS = {"duration": 600, "step": 0.5, "method": "rk4"}
+
+
+def altered(name, factor):
+    """The tanker with another value of a coefficient."""
+    vessel = ps.load_vessel("kvlcc2")
+    values = {dof: vessel.coefficients(dof).values.copy() for dof in vessel.dofs}
+    for dof, row in values.items():
+        names = list(vessel.coefficients(dof)["coefficient"].values)
+        if name in names:
+            row[names.index(name)] *= factor
+    return vessel.with_coefficients(values)
+
+
+@pytest.fixture(scope="module")
+def records():
+    vessel = ps.load_vessel("kvlcc2")
+    hand = ps.simulate(vessel, ps.zigzag(20, 20), **SETTINGS)
+    return {"zigzag": hand, "random": hand.isel(time=slice(400, 900))}
+
+
+@pytest.fixture(scope="module")
+def scored(records):
+    ship = altered("Ngsincos", 0.9)
+    found = ps.score(ship, list(records.values()), names=list(records), length=150)
+    return ship, found, ps.score_indices(ship, list(records.values()), names=list(records))
+
+
+def test_indices_of_recorded_manoeuvres_stand_beside_the_forecasts(scored):
+    """Less moment of the rudder: she begins to turn later and is checked later."""
+    _, _, rows = scored
+    assert {row["run"] for row in rows} == {"zigzag"}
+    found = {row["index"]: row for row in rows}
+    assert found["first_overshoot_angle"]["forecast"] > found["first_overshoot_angle"]["measured"] + 0.1
+    assert found["initial_turning_time"]["forecast"] > found["initial_turning_time"]["measured"] + 1.0
+    assert {row["sd"] for row in rows} == {0.0}
+
+
+def test_an_identified_ship_has_intervals_of_indices(records):
+    vessel = ps.load_vessel("kvlcc2")
+    row = reference_coefficients(vessel)
+    draws = row * (1.0 + 0.01 * np.random.default_rng(1).standard_normal((30, row.size)))
+    ship = ps.IdentifiedShip([(vessel, draws)], None, {"angle": np.array([0.05])}, None, ())
+    plain = ps.IdentifiedShip([(vessel, draws)], None, {}, None, ())
+    wide, narrow = (ps.score_indices(one, [records["zigzag"]])[0] for one in (ship, plain))
+    assert wide["index"] == "first_overshoot_angle"
+    assert wide["sd"] > narrow["sd"] > 0.0
+    assert wide["sd"] == pytest.approx(np.hypot(narrow["sd"], 0.05 * wide["scale"]))
+    (shown,) = index_errors([wide])
+    assert shown["inside"] == "yes"
+    assert index_errors([wide | {"measured": wide["forecast"] + 2.0 * wide["sd"]}])[0]["inside"] == "no"
+
+
+def test_the_page_has_every_table_and_figure(scored, records, tmp_path):
+    ship, found, rows = scored
+    page = write_score_page(ship, records, found, rows, tmp_path, draws=1, command="pymc-ship score")
+    text = page.read_text(encoding="utf-8")
+    assert "kvlcc2: score on 2 records" in text
+    assert f"Score {found.attrs['score']:.3g}: " in text
+    assert "first overshoot angle" in text
+    assert {path.name for path in tmp_path.glob("*/*")} == {
+        *("score_channels.png", "score_windows.png"),
+        *("score_channels.csv", "score_runs.csv", "score_indices.csv"),
+    }
+    assert Page(text)
+
+
+def test_the_figures_draw_the_errors_and_the_windows(scored, records):
+    ship, found, _ = scored
+    left, right = errors_by_channel(found).axes
+    dots = [line for line in left.lines if line.get_marker() == "o"]
+    assert [line.get_ydata().tolist() for line in dots] == found["relative"].values.tolist()
+    assert right.lines[-1].get_ydata()[0] == 90.0
+    fig = windows_of(ship, records, 150.0, 150.0, 1, ci_prob=0.9)
+    assert [ax.get_title() for ax in fig.axes[:2]] == ["zigzag", "random"]
+    measured, ship_line = fig.axes[0].lines[0], fig.axes[0].lines[1]
+    assert measured.get_ydata()[0] == pytest.approx(ship_line.get_ydata()[0], rel=1e-3)
+    assert len([line for line in fig.axes[0].lines if line.get_marker() == "o"]) == 3
+
+
+def test_a_ship_that_runs_away_has_no_score(records, tmp_path):
+    ship = altered("Nr", -20.0)
+    found = ps.score(ship, records["zigzag"], names=["zigzag"], length=150)
+    assert np.isnan(found.attrs["score"])
+    assert any(np.isnan(row["rmse"]) for row in channel_rows(found))
+    page = write_score_page(ship, {"zigzag": records["zigzag"]}, found, [], tmp_path, draws=1, command="x")
+    text = page.read_text(encoding="utf-8")
+    assert "No score: the ship runs away" in text
+    assert "No record is a standard manoeuvre." in text

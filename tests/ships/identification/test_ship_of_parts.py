@@ -1,0 +1,235 @@
+"""A ship of parts from her trials to her page, her files and her forecasts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.inference.trajectory.windows import prepared_windows
+from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
+from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.term_sets import AHEAD_SET, ANY_SPEED_SET, with_terms
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.records.steering.recognition import Steering
+from pymc_ship.ships.identification.candidates import (
+    _shared,
+    as_recorded,
+    candidates_of,
+    cut_runs,
+    default_sets,
+    held_piece,
+    held_pieces,
+    held_windows,
+)
+from pymc_ship.ships.identification.figures import held_out_windows
+from pymc_ship.ships.identification.model import _prepared
+from pymc_ship.ships.identification.page import write_ship_report
+from pymc_ship.trial.record import OVER_GROUND
+from tests.physics.forces.test_parts import AHEAD, tanker
+
+SETTINGS = {"duration": 450, "step": 0.5, "method": "rk4"}
+SET = "modular"
+
+
+def known(vessel):
+    """The tanker as her papers describe her, without coefficients."""
+    return replace(vessel, forces=dict.fromkeys(vessel.forces, ()), parts=(), parameters=())
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """A tanker of parts whose wake differs by side."""
+    vessel = tanker((*AHEAD, "wind"))
+    changed = {"dC2": 0.1, "gamma_R": 0.5, "Nr": -0.003}
+    return replace(vessel, parameters=tuple(replace(c, value=changed.get(c.name, c.value)) for c in vessel.parameters))
+
+
+@pytest.fixture(scope="module")
+def trials(truth):
+    rng = np.random.default_rng(4)
+    runs = [ps.simulate(truth, ps.zigzag(angle, angle), **SETTINGS) for angle in (10, 20)]
+    return [ps.pollute(run, level=0.005, rng=rng) for run in runs]
+
+
+@pytest.fixture(scope="module")
+def ship(truth, trials):
+    return ps.identify_ship(trials, known(truth), terms=[SET], draws=40, rng=1)
+
+
+def test_the_circle_is_forecast_from_the_zigzags(truth, ship):
+    turn = ps.turning_circle(35)
+    found = ps.forecast_ship(ship, turn, rng=1)["index_bands"]["tactical_diameter"]
+    exact = float(ps.indices(ps.simulate(truth, turn, duration=1200, step=0.5, method="rk4"))["tactical_diameter"])
+    lower, median, upper = found.values
+    assert lower < exact < upper
+    assert abs(median / exact - 1.0) < 0.08
+
+
+def test_the_page_shows_every_free_parameter_with_what_was_known_of_it(ship, trials, truth, tmp_path):
+    write_ship_report(
+        ship, dict(zip(ship.names, trials, strict=True)), {}, [], tmp_path, command="", seed=1, given=truth
+    )
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "Parameters of the parts" in text
+    for name in ("gamma_R", "w0", "kappa", "R0", "C_X"):
+        assert f"<td>{name}</td>" in text
+    assert "<td>n_0</td>" not in text
+    assert "Kijima" in text
+
+
+def test_she_is_saved_and_loaded(ship, tmp_path):
+    ps.save_ship(ship, tmp_path)
+    loaded = ps.load_ship(tmp_path)
+    assert loaded.vessel.parts == ship.candidates[0].vessel.parts
+    assert coefficient_names(loaded.vessel) == coefficient_names(ship.candidates[0].vessel)
+    forecasts = [ps.forecast_ship(one, ps.turning_circle(35), rng=3) for one in (ship, loaded)]
+    medians = [float(tree["index_bands"]["advance"].sel(band="median")) for tree in forecasts]
+    assert medians[0] == pytest.approx(medians[1], rel=0.01)
+
+
+def test_forecasts_take_revolutions_wind_and_current(ship):
+    turn = ps.turning_circle(35)
+    U = ship.vessel.particulars.nominal_speed
+    n = ship.vessel.propeller.n
+    plain, fast, windy, carried = (
+        ps.forecast_ship(ship, turn, rng=1, **around)
+        for around in ({}, {"n": 1.1 * n}, {"wind": (2.0 * U, 0.0)}, {"current": (0.5, 0.0)})
+    )
+    last = {name: float(tree["bands"]["u"].sel(band="median")[-1]) for name, tree in (("p", plain), ("f", fast))}
+    assert last["f"] > 1.03 * last["p"]
+    assert not np.allclose(windy["bands"]["x"], plain["bands"]["x"], atol=1.0)
+    drift = carried["bands"]["x"].sel(band="median") - plain["bands"]["x"].sel(band="median")
+    np.testing.assert_allclose(drift, 0.5 * plain["bands"]["time"], atol=1e-6)
+
+
+def test_a_ship_of_terms_knows_no_revolutions():
+    vessel = ps.load_vessel("kvlcc2")
+    draws = np.tile(reference_coefficients(vessel), (4, 1))
+    plain = ps.IdentifiedShip([(vessel, draws)], None, {}, None, ())
+    with pytest.raises(ps.SimulationError, match="No term set of this ship knows revolutions"):
+        ps.forecast_ship(plain, ps.turning_circle(35), rng=1, n=1.0)
+
+
+def test_a_ship_that_stops_or_goes_astern_takes_parts_for_any_speed(truth, trials):
+    slow = trials[0].assign(u=0.1 * trials[0]["u"])
+    astern = trials[0].assign(n=("time", np.full(trials[0].sizes["time"], -1.0)))
+    assert default_sets(_prepared(trials, known(truth), "hull_database"))[0] == AHEAD_SET
+    for record in (slow, astern):
+        assert default_sets(_prepared([record], known(truth), "hull_database")) == (ANY_SPEED_SET,)
+
+
+def test_speeds_over_ground_bring_a_current(truth, trials):
+    vessel = with_terms(known(truth), SET)
+    over = [trial.assign_attrs(speeds=OVER_GROUND) for trial in trials]
+    assert "current" in as_recorded(vessel, over).parts
+    assert as_recorded(vessel, trials).parts == vessel.parts
+
+
+def with_n(trial, n):
+    return trial.assign(n=("time", np.full(trial.sizes["time"], n)))
+
+
+def test_nominal_revolutions_are_held_where_those_of_the_records_do_not_vary(truth, trials):
+    vessel = with_terms(known(truth), SET)
+
+    def freedom(records):
+        return {c.name: c.sd for c in as_recorded(vessel, records).parameters}[NOMINAL_REVOLUTIONS]
+
+    assert freedom(trials) == HELD
+    n = truth.propeller.n
+    assert freedom([with_n(trials[0], 0.8 * n), with_n(trials[1], n)]) == 0.1
+    assert freedom([with_n(trials[0], 0.96 * n), with_n(trials[1], n)]) == HELD
+    with pytest.raises(ps.TrialError, match="measured in all 2 runs or in none, found none in run 2; add n there"):
+        freedom([with_n(trials[0], truth.propeller.n), trials[1]])
+
+
+def test_wrong_nominal_revolutions_are_found_from_measured_ones(truth):
+    """Of a vessel file that states a tenth too many; without the freedom she would be too fast."""
+    runs = [
+        with_n(
+            ps.simulate(truth, ps.zigzag(20, 20), n=factor * truth.propeller.n, **SETTINGS), factor * truth.propeller.n
+        )
+        for factor in (0.8, 1.0, 1.2)
+    ]
+    rng = np.random.default_rng(6)
+    runs = [ps.pollute(run, level=0.005, rng=rng) for run in runs]
+    wrong = replace(known(truth), propeller=replace(truth.propeller, n=1.1 * truth.propeller.n))
+    ship = ps.identify_ship(runs, wrong, terms=[SET], draws=40, rng=1)
+    vessel, rows = ship.models[0]
+    found = rows[:, coefficient_names(vessel).index(NOMINAL_REVOLUTIONS)]
+    assert abs(found.mean() - 1.0 / 1.1) < 4.0 * found.std()
+    assert found.std() < 0.05
+    n = 1.2 * truth.propeller.n
+    right = ps.simulate(truth, ps.turning_circle(20), n=n, **SETTINGS)["u"].values[-1]
+    own = ps.forecast_ship(ship, ps.turning_circle(20), rng=1, n=n, duration=450.0)["bands"]["u"]
+    assert float(own.sel(band="median")[-1]) == pytest.approx(right, rel=0.03)
+    assert (
+        ps.simulate(replace(truth, propeller=wrong.propeller), ps.turning_circle(20), n=n, **SETTINGS)["u"].values[-1]
+        < 0.95 * right
+    )
+
+
+def test_sets_for_a_ship_ahead_take_the_piece_in_which_she_is(truth, trials):
+    """A long time at rest is a part of the record for parts at any speed alone."""
+    rest = np.where(trials[0]["time"].values < 200.0, 0.05, 1.0)
+    whole = trials[0].assign({name: trials[0][name] * rest for name in ("u", "v", "r")})
+    cut = held_piece(whole, known(truth))
+    assert held_piece(whole, with_terms(known(truth), ANY_SPEED_SET)) is whole
+    assert float(cut["time"][0]) == pytest.approx(200.0, abs=10.0)
+    overruled = ["yaw rate", "speed", "track closure"]
+    short, kept = (ps.judged_trial(whole, known(truth), overruled, any_speed=each) for each in (False, True))
+    assert short.sizes["time"] < whole.sizes["time"]
+    assert kept.sizes["time"] == whole.sizes["time"]
+
+
+def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_parts(truth, trials):
+    """Sets for any speed are fitted to the rest at the begin, too, and judged where the others are."""
+    rest = np.where(trials[0]["time"].values < 50.0, 0.05, 1.0)
+    begun = [trial.assign({name: trial[name] * rest for name in ("u", "v", "r")}) for trial in trials]
+    training = _prepared(begun, known(truth), "hull_database")
+    sets = default_sets(training)
+    assert (sets[0], sets[-1]) == (AHEAD_SET, ANY_SPEED_SET)
+    whole, ahead = (with_terms(known(truth), name) for name in (ANY_SPEED_SET, AHEAD_SET))
+    for judged, trial in zip(_shared(training, whole), training.trials, strict=True):
+        cut = prepared_windows(held_piece(trial, ahead), ahead)
+        assert [window.run.start for window in judged] == [window.run.start for window in cut]
+        assert judged[0].run.start > 40.0
+    found = ps.identify_ship(begun, known(truth), terms=[SET], draws=8, rng=1)
+    told = [remark for remark in found.remarks if "sets for a ship ahead were fitted to the piece from " in remark]
+    assert [remark.split(":")[0] for remark in told] == ["Run 1", "Run 2"]
+
+
+def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
+    """She stops between two pieces, and a third is too short; windows lie in both and in no other."""
+    time, unit = trials[0]["time"].values, truth.particulars.ship_time
+    last = time[-1] - 2.0 * unit
+    stopped = ((time > 150.0) & (time < 190.0)) | ((time > last - 40.0) & (time < last))
+    broken = trials[0].assign({name: trials[0][name] * np.where(stopped, 0.05, 1.0) for name in ("u", "v", "r")})
+    ahead = with_terms(known(truth), AHEAD_SET)
+    first, second = held_pieces(broken, ahead)
+    assert float(first["time"][-1]) == pytest.approx(150.0, abs=10.0)
+    assert float(second["time"][0]) == pytest.approx(190.0, abs=10.0)
+    assert float(second["time"][-1]) == pytest.approx(last - 40.0, abs=10.0)
+    assert held_piece(broken, ahead).identical(max(first, second, key=lambda piece: piece.sizes["time"]))
+    starts = [window.run.start for window in held_windows(broken, ahead)]
+    assert starts == [window.run.start for piece in (first, second) for window in prepared_windows(piece, ahead)]
+    training = _prepared([broken, trials[1]], known(truth), "hull_database")
+    assert default_sets(training)[0] == AHEAD_SET
+    candidate = candidates_of([AHEAD_SET], training)[0][0]
+    (remark,) = cut_runs(("broken", "whole"), training, [candidate])
+    assert remark.startswith("Run broken: sets for a ship ahead were fitted to the pieces from 0 to ")
+    assert " and from " in remark
+    assert len(held_out_windows(candidate, [broken, trials[1]], 0)) == len(held_windows(training.trials[0], ahead))
+
+
+def test_revolutions_that_are_given_are_not_those_of_a_facility(ship, truth):
+    facilities = {"basin": Steering(2.35, 2.5, 4, approach_speed=6.0)}
+    one = ps.IdentifiedShip(ship.models, ship.motion, {}, ship.motion_error, (), facilities)
+    asked = {"rng": 1, "facility": "basin", "duration": 100.0}
+    own = ps.forecast_ship(one, ps.turning_circle(20), **asked)
+    given = ps.forecast_ship(one, ps.turning_circle(20), n=truth.propeller.n, **asked)
+    assert own.attrs["approach_speed"] == 6.0
+    assert given.attrs["approach_speed"] == truth.particulars.nominal_speed

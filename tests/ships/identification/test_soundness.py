@@ -1,0 +1,99 @@
+"""Models that run away are told from those that do not, each by the rule it breaks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.ships.identification import soundness
+from pymc_ship.ships.identification.soundness import first_failure, sound
+from tests.ships.identification.cases import tanker
+
+UNSOUND = {
+    "thrust that brakes a slow ship": {"XT": -94e-5},
+    "sway force that grows with the drift": {"Yv": 0.2},
+    "drift that drives the ship": {"Xvv": 0.4},
+    "resistance that stops it in a turn only": {"Xvv": -0.2},
+    "turn on the spot": {"Ngsincos": -0.02},
+}
+
+
+def changed(**values):
+    names, row = coefficient_names(tanker()), reference_coefficients(tanker())
+    for name, value in values.items():
+        row[names.index(name)] = value
+    return row
+
+
+def extremes(row, manoeuvre, vessel=None):
+    """Greatest speed over the approach speed and greatest L |r| / U that one ship reaches, or None if it diverges."""
+    settings = {"duration": 2400.0, "step": 0.5, "method": "rk4"}
+    run = ps.simulate(vessel or tanker(), manoeuvre, coefficients=row[None], **settings)
+    if run["diverged"][0]:
+        return None
+    speed = np.hypot(run["u"], run["v"])
+    return float(speed.max()) / 7.974, float((abs(run["r"]) * 320.0 / speed).max())
+
+
+def test_the_shipped_model_is_sound():
+    found = sound(tanker(), reference_coefficients(tanker())[None])
+    assert found.dtype == bool
+    assert found.tolist() == [True]
+
+
+@pytest.mark.parametrize("name", UNSOUND)
+def test_one_that_runs_away_is_not(name):
+    assert not sound(tanker(), changed(**UNSOUND[name])[None])[0]
+
+
+def test_each_row_is_judged_by_itself():
+    rows = np.array([changed(), changed(**UNSOUND["turn on the spot"]), changed(Yv=-0.0225)])
+    many = np.tile(rows, (12, 1))
+    assert sound(tanker(), many).tolist() == [True, False, True] * 12
+
+
+def test_a_ship_may_run_away_in_a_single_manoeuvre():
+    row = changed(**UNSOUND["resistance that stops it in a turn only"])
+    assert extremes(row, ps.zigzag(20.0, 20.0)) is not None
+    assert extremes(row, ps.turning_circle(35.0)) is None
+    assert not sound(tanker(), row[None])[0]
+
+
+def test_it_may_not_go_much_faster_than_it_came(monkeypatch):
+    row = changed(Yv=0.15)
+    fastest, _ = extremes(row, ps.zigzag(10.0, 10.0))
+    assert fastest > 1.15
+    assert not sound(tanker(), row[None])[0]
+    monkeypatch.setattr(soundness, "FASTEST", 2.0)
+    assert sound(tanker(), row[None])[0]
+
+
+def test_it_may_not_turn_within_its_own_length(monkeypatch):
+    row = changed(Ngsincos=-0.008)
+    reached = [extremes(row, what) for what in (ps.zigzag(10.0, 10.0), ps.zigzag(20.0, 20.0), ps.turning_circle(35.0))]
+    assert max(speed for speed, _ in reached) < 1.15
+    assert max(rate for _, rate in reached) > 2.0
+    assert not sound(tanker(), row[None])[0]
+    monkeypatch.setattr(soundness, "TIGHTEST", 0.4)
+    assert sound(tanker(), row[None])[0]
+
+
+def test_forces_that_hold_at_any_speed_may_turn_her_on_the_spot(monkeypatch):
+    vessel = ps.with_terms(tanker(), "modular at any speed")
+    row = reference_coefficients(vessel)
+    assert max(extremes(row, what, vessel)[1] for what in soundness.STANDARD) > 2.0
+    assert sound(vessel, row[None])[0]
+    assert first_failure(vessel, row) is None
+    monkeypatch.setattr(soundness, "holds_any_speed", lambda _: False)
+    assert not sound(vessel, row[None])[0]
+    assert "turns on a radius below 0.5 L" in str(first_failure(vessel, row))
+
+
+def test_they_may_not_go_much_faster_than_they_came():
+    vessel = ps.with_terms(tanker(), "modular at any speed")
+    row = reference_coefficients(vessel)
+    row[coefficient_names(vessel).index("Xvv")] = 0.2
+    assert extremes(row, ps.zigzag(20.0, 20.0), vessel)[0] > 1.15
+    assert not sound(vessel, row[None])[0]

@@ -1,0 +1,63 @@
+"""Conditions of a sea trial: the file, and the limits of the circular."""
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.ships.sea_trials.conditions import Conditions, beaufort, condition_rows, load_conditions
+
+VESSEL = ps.load_vessel("kvlcc2")
+
+
+@pytest.mark.parametrize(("speed", "number"), [(0.0, 0), (0.3, 1), (5.4, 3), (10.7, 5), (10.8, 6), (33.0, 12)])
+def test_wind_has_its_beaufort_number(speed, number):
+    assert beaufort(speed) == number
+
+
+def test_a_file_is_read(tmp_path):
+    (tmp_path / "day.toml").write_text(
+        "[water]\ndepth = 90.0\nsea_state = 3\n[wind]\nspeed = 6.0\nfrom = 210.0\n[loading]\nfore = 20.6\naft = 21.0\n"
+        'full_load = 20.8\n[engine]\nspeed_at_85_percent = 8.0\n[form]\nship_type = "tanker"\n'
+    )
+    found = load_conditions(tmp_path / "day.toml")
+    assert (found.water_depth, found.sea_state, found.wind) == (90.0, 3.0, (6.0, 210.0))
+    assert found.draught(VESSEL) == pytest.approx(20.8)
+    assert found.form == {"ship_type": "tanker"}
+    assert load_conditions(None) == load_conditions({}) or np.isnan(load_conditions({}).water_depth)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"weather": {}}, "unknown key weather"),
+        ({"water": {"deep": 1.0}}, "unknown key water.deep"),
+        ({"water": {"depth": 0.0}}, "water.depth must be positive, found 0"),
+        ({"water": {"depth": -4.0}}, "water.depth"),
+        ({"water": {"sea_state": 11}}, "whole number from 0 to 9, found 11"),
+        ({"water": {"sea_state": 2.5}}, "whole number from 0 to 9, found 2.5"),
+        ({"wind": {"speed": 4.0}}, "wind.from is missing"),
+        ({"form": {"date": 4}}, "form.date must be a text"),
+        ({"water": 3}, "must be a table"),
+    ],
+)
+def test_what_no_trial_has_is_refused(table, message):
+    with pytest.raises(ps.SeaTrialError, match=message):
+        load_conditions(table)
+
+
+def judgements(conditions, **known):
+    settings = {"wind": 4.0, "speeds": {"a": 7.9}} | known
+    return {row["condition"]: row["judgement"] for row in condition_rows(conditions, VESSEL, **settings)}
+
+
+def test_every_limit_can_be_kept_and_missed():
+    good = Conditions(water_depth=90.0, sea_state=3.0, full_load=20.8, speed_at_85_percent=8.0)
+    assert set(judgements(good).values()) == {"met"}
+    bad = Conditions(water_depth=80.0, sea_state=5.0, full_load=22.0, speed_at_85_percent=9.0)
+    assert set(judgements(bad, wind=11.0).values()) == {"not met"}
+    assert set(judgements(Conditions(), wind=np.nan, speeds={}).values()) == {"not stated"}
+
+
+def test_the_slowest_run_counts():
+    noted = Conditions(speed_at_85_percent=8.0)
+    assert judgements(noted, speeds={"a": 8.0, "b": 7.0})["slowest approach speed"] == "not met"

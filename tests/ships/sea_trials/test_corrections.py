@@ -1,0 +1,201 @@
+"""Current, wind and loading taken off: what is left is what the ship does in calm, at full load."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.ships.sea_trials import corrections
+from pymc_ship.ships.sea_trials.conditions import Conditions
+from pymc_ship.ships.sea_trials.corrections import mean_wind
+from pymc_ship.trial.record import OVER_GROUND
+from tests.ships.sea_trials.cases import CURRENT, WIND, sailed, ship, tanker
+
+CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
+
+
+@pytest.fixture(scope="module")
+def day():
+    """Two turns and two zigzags in wind and current, read by noisy sensors."""
+    rng = np.random.default_rng(5)
+    runs = {"circle": sailed(CIRCLE, 2400), "zigzag": sailed(ZIGZAG, 1200)}
+    sd = {"x": 1.0, "y": 1.0, "psi": 0.002, "r": 2e-4, "u": 0.03, "v": 0.03}
+    return {
+        name: run.assign({key: run[key] + s * rng.standard_normal(run.sizes["time"]) for key, s in sd.items()})
+        for name, run in runs.items()
+    }
+
+
+def rows_of(found, run):
+    return {row["index"]: row for row in found.indices if row["run"] == run}
+
+
+@pytest.fixture(scope="module")
+def calm():
+    """What the ship does in calm, distances in L."""
+    found = {}
+    for name, manoeuvre, duration in (("circle", CIRCLE, 2400), ("zigzag", ZIGZAG, 1200)):
+        ds = ps.indices(sailed(manoeuvre, duration, wind=None, current=None))
+        L = tanker().particulars.L
+        found[name] = {k: float(ds[k]) / (L if ds[k].attrs["units"] == "m" else 1.0) for k in ds}
+    return found
+
+
+@pytest.fixture(scope="module")
+def corrected(day):
+    return ps.sea_trial(day, tanker(), ship=ship(), rng=1)
+
+
+@pytest.mark.parametrize(
+    ("run", "index"),
+    [
+        ("circle", "advance"),
+        ("circle", "tactical_diameter"),
+        ("circle", "transfer"),
+        ("zigzag", "first_overshoot_angle"),
+        ("zigzag", "second_overshoot_angle"),
+        ("zigzag", "initial_turning_distance"),
+    ],
+)
+def test_what_is_left_is_the_ship_in_calm(corrected, calm, run, index):
+    """Within three standard uncertainties; the index as measured is further off than they are."""
+    row = rows_of(corrected, run)[index]
+    error = row["corrected"] - calm[run][index]
+    assert abs(error) < 3.0 * row["u_c"] + 0.02 * abs(calm[run][index])
+    assert abs(error) < 0.5 * abs(row["raw"] - calm[run][index]) or abs(row["raw"] - calm[run][index]) < row["U"]
+
+
+@pytest.fixture(scope="module")
+def measured(day):
+    return ps.sea_trial(day, tanker(), rng=1)
+
+
+def test_without_a_ship_the_wind_stays_and_no_uncertainty_is_claimed(measured):
+    found = measured
+    row = rows_of(found, "circle")["advance"]
+    assert row["ratio"] == 1.0
+    assert np.isnan(row["U"])
+    assert np.isnan(row["u_model"])
+    assert row["judgement"] == "met as measured"
+    assert "Wind is not corrected for: that needs an identified ship." in found.remarks
+
+
+def test_an_index_that_the_model_does_not_reach_claims_no_uncertainty(monkeypatch, day):
+    monkeypatch.setattr(corrections, "_ratios", lambda *given: {"advance": np.full(5, 1.1)})
+    rows = rows_of(ps.sea_trial({"circle": day["circle"]}, tanker(), ship=ship(), rng=1), "circle")
+    assert rows["advance"]["ratio"] == 1.1
+    assert np.isfinite(rows["advance"]["U"])
+    assert rows["transfer"]["ratio"] == 1.0
+    assert np.isnan(rows["transfer"]["U"])
+
+
+def test_without_a_turn_distances_claim_no_uncertainty_but_angles_do():
+    found = ps.sea_trial({"zigzag": sailed(ZIGZAG, 1200, wind=None)}, tanker(), rng=1)
+    rows = rows_of(found, "zigzag")
+    assert np.isnan(rows["initial_turning_distance"]["U"])
+    assert np.isfinite(rows["first_overshoot_angle"]["U"])
+    assert any("No run shows the current" in remark for remark in found.remarks)
+
+
+def test_a_zigzag_takes_the_current_of_the_turn(measured):
+    found = measured
+    np.testing.assert_array_equal(found.currents["zigzag"].velocity, found.currents["circle"].velocity)
+
+
+def test_another_loading_is_that_of_a_ship_as_far_from_its_formulae(calm):
+    """R = T F / B of a ship in calm is F itself: she is drawn at both draughts by the same deviations."""
+    light = replace(tanker(), particulars=replace(tanker().particulars, d=15.0, volume=222000.0), derived={})
+    light = ps.with_terms(replace(light, m=0.0136, parameters=(), parts=()), "modular at any speed")
+    one = replace(ship(), models=[(light, np.array([[c.value for c in light.parameters]] * 2))])
+    run = sailed(CIRCLE, 2400, wind=None, current=None, vessel=light)
+    found = rows_of(ps.sea_trial({"circle": run}, light, ship=one, full_load=tanker(), rng=1), "circle")
+    assert found["tactical_diameter"]["corrected"] == pytest.approx(calm["circle"]["tactical_diameter"], rel=0.01)
+    assert abs(found["tactical_diameter"]["raw"] / calm["circle"]["tactical_diameter"] - 1.0) > 0.03
+
+
+def test_polynomials_know_no_draught():
+    plain = replace(ship(), models=[(ps.load_vessel("kvlcc2"), np.zeros((2, 29)))])
+    run = {"circle": sailed(CIRCLE, 2400, wind=None)}
+    with pytest.raises(ps.SeaTrialError, match="knows another draught"):
+        ps.sea_trial(run, tanker(), ship=plain, full_load=tanker(), rng=1)
+
+
+def test_a_full_load_needs_a_ship():
+    with pytest.raises(ps.SeaTrialError, match="give the ship"):
+        ps.sea_trial({"circle": sailed(CIRCLE, 600)}, tanker(), full_load=tanker(), rng=1)
+
+
+def test_another_ship_is_not_her_full_load():
+    other = replace(tanker(), particulars=replace(tanker().particulars, L=200.0))
+    with pytest.raises(ps.SeaTrialError, match="L = 200 m and 320 m"):
+        ps.sea_trial({"circle": sailed(CIRCLE, 600)}, tanker(), ship=ship(), full_load=other, rng=1)
+
+
+def test_the_same_seed_gives_the_same_rows_and_another_does_not(day):
+    runs = {"zigzag": day["zigzag"]}
+    first, again, other = (ps.sea_trial(runs, tanker(), rng=seed).indices for seed in (1, 1, 2))
+    assert repr(first) == repr(again)
+    assert repr(first) != repr(other)
+
+
+def test_the_wind_is_that_of_the_record_or_else_as_noted():
+    noted = Conditions(wind=(5.0, 10.0))
+    assert mean_wind(sailed(ZIGZAG, 60, wind=None), noted) == (5.0, 10.0)
+    speed, come = mean_wind(sailed(ZIGZAG, 60), noted)
+    assert (speed, come) == (pytest.approx(WIND[0]), pytest.approx(WIND[1]))
+    assert mean_wind(xr.Dataset(), Conditions()) is None
+
+
+def turned(run, course):
+    """The same run on another course, wind and current turned with it."""
+    track = (run["x"].values + 1j * run["y"].values) * np.exp(1j * course)
+    channels = {"x": track.real, "y": track.imag, "psi": run["psi"].values + course}
+    channels["wind_direction"] = run["wind_direction"].values + course
+    return run.assign({name: ("time", values) for name, values in channels.items()})
+
+
+def test_the_course_of_a_run_does_not_matter(day):
+    course = np.deg2rad(130.0)
+    runs = {"circle": day["circle"], "turned": turned(day["circle"], course)}
+    found = ps.sea_trial(runs, tanker(), ship=ship(), rng=1)
+    plain, other = (rows_of(found, run) for run in runs)
+    for name in ("advance", "tactical_diameter", "transfer"):
+        assert other[name]["ratio"] == pytest.approx(plain[name]["ratio"], rel=1e-6)
+        assert other[name]["corrected"] == pytest.approx(plain[name]["corrected"], rel=2e-3)
+    flows = [found.currents[run].velocity @ (1.0, 1j) for run in runs]
+    assert flows[1] == pytest.approx(flows[0] * np.exp(1j * course), abs=0.01)
+
+
+def test_velocities_over_ground_lose_the_current_and_others_keep_theirs():
+    run = sailed(ZIGZAG, 200, wind=None)
+    velocity = np.array([0.3, -0.2])
+    ground = run.assign(
+        {name: run[name] + part for name, part in zip("uv", body(velocity, run["psi"].values), strict=True)}
+    )
+    marked = ground.assign_attrs(speeds=OVER_GROUND)
+    for name in "uv":
+        np.testing.assert_allclose(corrections.without_current(marked, velocity)[name], run[name], atol=1e-12)
+        np.testing.assert_array_equal(corrections.without_current(ground, velocity)[name], ground[name])
+
+
+def body(velocity, psi):
+    flow = (velocity[0] + 1j * velocity[1]) * np.exp(-1j * psi)
+    return flow.real, flow.imag
+
+
+def test_circles_that_differ_leave_a_run_without_one_their_scatter():
+    runs = {
+        "east": sailed(CIRCLE, 2400, wind=None, current=(0.3, 90.0)),
+        "more": sailed(ps.turning_circle(35, side="starboard"), 2400, wind=None, current=(0.5, 90.0)),
+        "zigzag": sailed(ZIGZAG, 900, wind=None),
+    }
+    found = ps.sea_trial(runs, tanker(), rng=1).currents
+    assert found["zigzag"].velocity[1] == pytest.approx(0.4, abs=0.01)
+    assert found["zigzag"].sd[1] == pytest.approx(0.2 / np.sqrt(2.0), abs=0.01)
+    assert found["east"].sd[1] < 0.02
+
+
+def test_the_current_is_that_of_the_day(day):
+    assert ps.drift_current(day["circle"]).speed < 2.0 * CURRENT[0]

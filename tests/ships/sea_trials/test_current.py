@@ -1,0 +1,49 @@
+"""The current that a turn of two rounds shows."""
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from tests.ships.sea_trials.cases import CURRENT, sailed
+
+
+@pytest.mark.parametrize(("side", "direction"), [("port", 20.0), ("starboard", 250.0)])
+@pytest.mark.parametrize("rounds", [2, 3])
+def test_a_turn_in_still_air_shows_the_current(side, direction, rounds):
+    """The mean of the circular, the broken twin, is off by what the turn has yet to settle."""
+    turn = sailed(ps.turning_circle(35, side=side), 2400, wind=None, current=(0.6, direction))
+    turn = turn.sel(time=turn["time"][np.abs(turn["psi"].values) < 2.0 * np.pi * rounds])
+    found = ps.drift_current(turn)
+    true = 0.6 * np.array([np.cos(np.deg2rad(direction)), np.sin(np.deg2rad(direction))])
+    error = np.abs(found.velocity - true).max()
+    assert error < 3.0 * found.sd.max() < 0.06
+    assert np.abs(found.local.mean(axis=0) - true).max() > 2.0 * error
+    assert found.speed == pytest.approx(0.6, abs=0.06)
+    assert found.direction == pytest.approx(direction, abs=6.0)
+
+
+def test_its_uncertainty_is_that_of_noisy_positions():
+    """Over seeds errors are as large as stated or smaller; a tenth of the sd, the broken twin, holds few of them."""
+    turn = sailed(ps.turning_circle(35), 2400, wind=None)
+    true, z = np.array([0.0, CURRENT[0]]), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        found = ps.drift_current(
+            turn.assign({name: turn[name] + 4.0 * rng.standard_normal(turn.sizes["time"]) for name in ("x", "y")})
+        )
+        z.append((found.velocity - true) / found.sd)
+    held = np.abs(z) < 2.0
+    assert held.mean() >= 0.95 - 2.0 * np.sqrt(0.95 * 0.05 / held.size)
+    assert np.mean(np.abs(z) < 0.2) < 0.8
+
+
+def test_a_turn_of_one_round_is_refused():
+    turn = sailed(ps.turning_circle(35), 1100, wind=None)
+    with pytest.raises(ps.SeaTrialError, match="720 deg, of 630 at least, found 4"):
+        ps.drift_current(turn)
+
+
+def test_a_record_without_a_track_is_refused():
+    turn = sailed(ps.turning_circle(35), 2400, wind=None).drop_vars(["x", "y"])
+    with pytest.raises(ps.TrialError, match="x"):
+        ps.drift_current(turn)
