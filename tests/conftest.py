@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import pymc_ship as ps
@@ -42,3 +43,22 @@ def ship(container):
 def zigzag(ship):
     """Clean 20/20 zigzag of that hull: 120 s, 0.1 s, Runge-Kutta."""
     return record(ship, ps.zigzag(20.0, 20.0))
+
+
+@pytest.fixture(scope="session")
+def clean(small):
+    return ps.simulate(small, ps.zigzag(20.0, 20.0), duration=200.0, step=0.1)
+
+
+@pytest.fixture(scope="session")
+def noisy(clean):
+    return ps.pollute(clean, level=0.01, rng=np.random.default_rng(1))
+
+
+NAMES = {"surge": ("Xu", "Xuu", "Xvr"), "sway": ("Yv", "Yr", "Ydelta"), "yaw": ("Nv", "Nr", "Ndelta")}
+
+
+@pytest.fixture(scope="session")
+def nine(container):
+    """Nine of the container ship's coefficients, without roll."""
+    return small_vessel(container, NAMES)

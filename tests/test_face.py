@@ -54,8 +54,8 @@ def test_a_public_name_resolves_and_has_a_docstring(name):
 
 
 def test_the_table_of_public_names_has_the_order_of_the_house():
-    rooms = [room.split(".") for room in ps._PUBLIC]
-    assert rooms == sorted(rooms, key=lambda room: (list(WINGS).index(room[0]), room[1]))
+    rooms = [room.rpartition(".") for room in ps._PUBLIC]
+    assert rooms == sorted(rooms, key=lambda room: (WINGS.index(room[0]), room[2]))
     assert all(list(names) == sorted(names) for names in ps._PUBLIC.values())
 
 

@@ -3,7 +3,6 @@ from pymc_ship.diagnostics.page import diagnostic_report as diagnostic_report
 from pymc_ship.experiments.judged_ship import DrawnShip as DrawnShip
 from pymc_ship.experiments.run import montecarlo as montecarlo
 from pymc_ship.experiments.task import MonteCarloError as MonteCarloError
-from pymc_ship.frontier.estimates import Estimate as Estimate
 from pymc_ship.inference.captive.statement import CaptiveFit as CaptiveFit
 from pymc_ship.inference.captive.statement import fit_captive as fit_captive
 from pymc_ship.inference.captive.table import read_captive as read_captive
@@ -100,6 +99,7 @@ from pymc_ship.records.files.instruments import Instrument as Instrument
 from pymc_ship.records.files.noise import pollute as pollute
 from pymc_ship.records.files.reading import read_trial as read_trial
 from pymc_ship.records.steering.recognition import recognise as recognise
+from pymc_ship.replication.estimates import Estimate as Estimate
 from pymc_ship.replication.page import study as study
 from pymc_ship.replication.study import StudyResult as StudyResult
 from pymc_ship.replication.study import run_study as run_study

@@ -9,8 +9,8 @@ import pytest
 
 from pymc_ship.frontier import measure as frontier
 from pymc_ship.frontier import tables
-from pymc_ship.frontier.scores import with_error
 from pymc_ship.frontier.tables import DIFFERENCES, Aim, aim_rows, best_differencing, over_seeds
+from pymc_ship.replication.scores import with_error
 
 Measurement = frontier.Measurement
 

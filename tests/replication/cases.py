@@ -6,13 +6,13 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 from pymc_ship.diagnostics.regression_parts import REGRESSION
-from pymc_ship.frontier.scores import published_rows
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.pages.drawing import subplots
 from pymc_ship.pages.page import Content
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import measurements
 from pymc_ship.replication import page as report
+from pymc_ship.replication.scores import published_rows
 
 DOFS = ("surge", "sway", "yaw", "roll")
 LEVEL, SEED, SWEEP = 0.01, 3, (1e-4, 1e-2)

@@ -4,13 +4,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pymc_ship.frontier.estimates import Estimate
-from pymc_ship.frontier.scores import relative_error
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import measurements as replication
+from pymc_ship.replication.estimates import Estimate
 from pymc_ship.replication.measurements import BOUND, method_rows, published_bound_rows, relative_bound
+from pymc_ship.replication.scores import relative_error
 from tests.replication.cases import DOFS
 
 NORMAL_MEDIAN = 0.6744897501960817

@@ -15,7 +15,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.diagnostics import page as diagnostic_report
 from pymc_ship.diagnostics.agreement import failure
-from pymc_ship.frontier.bound import cramer_rao_bound
+from pymc_ship.inference.identifiability.bound import cramer_rao_bound
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.machine.seeds import generator
 from pymc_ship.pages.page import rendered

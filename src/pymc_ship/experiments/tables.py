@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from pymc_ship.experiments.grid import Cell
 from pymc_ship.experiments.task import STATUSES
-from pymc_ship.frontier.scores import with_error
+from pymc_ship.replication.scores import with_error
 
 STATISTIC = {"median_error": "median", "coverage": "mean", "tactical_diameter_error": "median"}
 """What is made of a score over the seeds."""

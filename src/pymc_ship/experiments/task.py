@@ -16,13 +16,6 @@ from time import perf_counter, process_time
 import numpy as np
 import xarray as xr
 
-from pymc_ship.frontier.estimates import (
-    DIFFERENCES,
-    Estimate,
-    regression_estimate,
-    trajectory_estimate,
-    weak_form_estimate,
-)
 from pymc_ship.inference.trajectory.mode import trajectory_mode
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
@@ -33,6 +26,13 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.records.files.noise import noisy_trial
+from pymc_ship.replication.estimates import (
+    DIFFERENCES,
+    Estimate,
+    regression_estimate,
+    trajectory_estimate,
+    weak_form_estimate,
+)
 
 SCORES = ("median_error", "coverage", "tactical_diameter_error")
 """What is measured, all in %: median coefficient error, references inside the intervals of 90 %, tactical diameter."""

@@ -1,8 +1,5 @@
 """Every method beside the reference ship and the Cramer-Rao bound, over many seeds.
 
-- `estimates`: coefficients and intervals of every method in one form.
-- `bound`: the Cramer-Rao bound of clean trials.
-- `scores`: errors, coverages and their standard errors.
 - `data_sets`: records simulated anew for each level and seed.
 - `measure`: every estimator on every data set.
 - `tables`: aims and rows of the tables.

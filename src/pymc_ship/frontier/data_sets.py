@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.frontier.bound import cramer_rao_bound
+from pymc_ship.inference.identifiability.bound import cramer_rao_bound
 from pymc_ship.machine.seeds import generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, zigzag
 from pymc_ship.physics.motion.simulation import simulate

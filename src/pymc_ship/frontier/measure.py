@@ -11,10 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.frontier.bound import errors_on_bound
 from pymc_ship.frontier.data_sets import CELLS, Cell, DataSet, data_set
-from pymc_ship.frontier.estimates import DIFFERENCES
-from pymc_ship.frontier.scores import forecast_row, relative_error
+from pymc_ship.inference.identifiability.bound import errors_on_bound
 from pymc_ship.inference.regression.identify import identify
 from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
@@ -27,6 +25,8 @@ from pymc_ship.physics.manoeuvre.standard import turning_circle, zigzag
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import denoise
+from pymc_ship.replication.estimates import DIFFERENCES
+from pymc_ship.replication.scores import forecast_row, relative_error
 from pymc_ship.ships.forecasting.forecast import forecast
 
 FORECASTS = {

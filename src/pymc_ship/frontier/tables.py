@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pymc_ship.frontier.data_sets import LEVELS
-from pymc_ship.frontier.estimates import DIFFERENCES
 from pymc_ship.frontier.measure import Measurement
-from pymc_ship.frontier.scores import with_error
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
+from pymc_ship.replication.estimates import DIFFERENCES
+from pymc_ship.replication.scores import with_error
 
 METHODS = {
     "bound": "Cramér-Rao bound",

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from pymc_ship.frontier.estimates import regression_estimate
-from pymc_ship.frontier.scores import error_summary, relative_error
 from pymc_ship.inference.regression.identify import CI_PROB, pooled_coefficients, regression_draws
 from pymc_ship.inference.regression.tune import maximise_evidence
 from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import METHODS, denoise
+from pymc_ship.replication.estimates import regression_estimate
+from pymc_ship.replication.scores import error_summary, relative_error
 from pymc_ship.trial.channels import sensors
 
 N_DRAWS = 20

@@ -7,15 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.frontier.bound import errors_on_bound
-from pymc_ship.frontier.estimates import (
-    Estimate,
-    differencing_estimates,
-    exact_estimate,
-    trajectory_estimate,
-    weak_form_estimate,
-)
-from pymc_ship.frontier.scores import relative_error, summary_rows
+from pymc_ship.inference.identifiability.bound import errors_on_bound
 from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.identify import Identification, identify
@@ -25,6 +17,14 @@ from pymc_ship.inference.trajectory.posterior import TrajectoryMode
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.records.files.noise import LITERAL_LEVEL, pollute
+from pymc_ship.replication.estimates import (
+    Estimate,
+    differencing_estimates,
+    exact_estimate,
+    trajectory_estimate,
+    weak_form_estimate,
+)
+from pymc_ship.replication.scores import relative_error, summary_rows
 
 PUBLISHED_PRIORS = {
     "conjugate": {

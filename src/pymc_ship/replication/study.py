@@ -10,9 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics.agreement import Comparison, agreement
-from pymc_ship.frontier.bound import cramer_rao_bound
-from pymc_ship.frontier.estimates import trajectory_modes
-from pymc_ship.frontier.scores import forecast_row, published_rows, summary_rows
+from pymc_ship.inference.identifiability.bound import cramer_rao_bound
 from pymc_ship.inference.regression.identify import Identification, identify
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
 from pymc_ship.inference.sampling.regression_model import nuts_posterior
@@ -28,8 +26,10 @@ from pymc_ship.records.denoising.draws import denoise_draws
 from pymc_ship.records.files.noise import LITERAL_LEVEL, noise_factors, noise_sd, pollute
 from pymc_ship.replication import denoisers
 from pymc_ship.replication import measurements as replication
+from pymc_ship.replication.estimates import trajectory_modes
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.prior_ships import prior_ship_rows
+from pymc_ship.replication.scores import forecast_row, published_rows, summary_rows
 from pymc_ship.ships.forecasting.forecast import forecast
 from pymc_ship.trial.channels import sensors
 

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from pymc_ship.diagnostics.tables import AGREEMENT, agreement_rows, agreement_table
-from pymc_ship.frontier.scores import coefficient_rows, relative_error
 from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.vessel.vessel import LETTER
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication.measurements import PAPER_FAMILIES
+from pymc_ship.replication.scores import coefficient_rows, relative_error
 from pymc_ship.replication.study import MANOEUVRES, StudyResult
 from pymc_ship.trial.channels import sensors
 

@@ -46,7 +46,8 @@ def test_pandas_is_not_imported_for_a_table():
         "import sys, numpy as np, pymc_ship as ps; from tests.inference.rows.frames import Table, motion; "
         "values = motion(); "
         "y = values.pop('Y'); found = ps.RegressionData.from_arrays(Table(**values), y).coefficients; "
-        "import ast, pathlib; text = pathlib.Path(ps.__file__).parent.joinpath('inference', 'rows', 'frames.py').read_text(); "
+        "import pathlib; room = pathlib.Path(ps.__file__).parent.joinpath('inference', 'rows', 'frames.py'); "
+        "text = room.read_text(); "
         "print(found, 'import pandas' in text)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -1,4 +1,4 @@
-"""The equations of motion: integrated, differentiated and in weak form.
+"""The equations of motion: integrated and differentiated.
 
 - `equations`: accelerations from state and rudder, many ships side by side.
 - `inputs`: rudder, revolutions and wind as the forces take them.
@@ -11,5 +11,4 @@
 - `simulation`: a manoeuvre, integrated.
 - `replay`: the motion along a rudder record.
 - `sensitivities`: derivatives of a simulated motion by coefficients and initial state.
-- `weak_form`: the equations times test functions, and the start of a trajectory fit.
 """

@@ -1,6 +1,5 @@
 """What runs can tell of a ship, and which runs to make next.
 
-- `identifiability`: Cramer-Rao bound and directions that the data leave unknown.
 - `closed_loop`: sensitivities of a zigzag whose rudder depends on the ship.
 - `candidates`: manoeuvres that may be worth running.
 - `trial_design`: the choice among them, from a posterior of the coefficients.

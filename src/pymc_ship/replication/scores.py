@@ -7,12 +7,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import xarray as xr
 
+from pymc_ship.inference.identifiability.bound import SHARES
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.forecasting.forecast import BANDS
 from pymc_ship.trial.channels import channel_names
-
-SHARES = (5.0, 20.0, 50.0)
-"""Error limits [%] under which shares of the coefficients are counted."""
 
 
 def relative_error(estimate: np.ndarray, reference: np.ndarray) -> np.ndarray:

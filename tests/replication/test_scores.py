@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.frontier.scores import (
+from pymc_ship.replication.scores import (
     coefficient_rows,
     error_summary,
     forecast_row,

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.frontier.bound import cramer_rao_bound, errors_on_bound
-from pymc_ship.frontier.estimates import trajectory_modes
-from pymc_ship.frontier.scores import SHARES
+from pymc_ship.inference.identifiability.bound import cramer_rao_bound, errors_on_bound
 from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.replication.estimates import trajectory_modes
+from pymc_ship.replication.scores import SHARES
 from tests.physics.vessel.cases import TERMS
 
 SD = {"u": 0.04, "v": 0.02, "r": 4e-5, "p": 4e-5, "phi": 5e-4}

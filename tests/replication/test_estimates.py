@@ -7,8 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pymc_ship.frontier import estimates
-from pymc_ship.frontier.estimates import (
+from pymc_ship.inference.regression.identify import identify
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.replication import estimates
+from pymc_ship.replication.estimates import (
     DIFFERENCES,
     Estimate,
     differencing_estimates,
@@ -18,10 +21,7 @@ from pymc_ship.frontier.estimates import (
     trajectory_modes,
     weak_form_estimate,
 )
-from pymc_ship.frontier.scores import error_summary, relative_error, summary_rows
-from pymc_ship.inference.regression.identify import identify
-from pymc_ship.inference.trajectory.fit import TrajectoryError
-from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.replication.scores import error_summary, relative_error, summary_rows
 
 # scores ---------------------------------------------------------------------------------------------------------------
 

@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 from scipy.stats import norm
 
-from pymc_ship.frontier.scores import error_summary, relative_error
 from pymc_ship.inference.regression.identify import identify
 from pymc_ship.inference.trajectory.fit import TrajectoryError, TrajectoryFit
 from pymc_ship.inference.trajectory.posterior import TrajectoryMode, trajectory_mode
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
+from pymc_ship.replication.scores import error_summary, relative_error
 
 DIFFERENCES = {
     "central difference at 1 s": ("central", 1.0),

@@ -9,11 +9,13 @@ import xarray as xr
 from scipy.optimize import brentq
 from scipy.special import erf
 
-from pymc_ship.frontier.scores import SHARES
 from pymc_ship.inference.identifiability.information import identifiability
 from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import trial_list
+
+SHARES = (5.0, 20.0, 50.0)
+"""Error limits [%] under which shares of the coefficients are counted."""
 
 
 def cramer_rao_bound(
