@@ -51,5 +51,5 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $(STAMP)
 
 clean:  ## the environment, caches and compiled kernels: those that inline a changed kernel would stay old
-	find src tests -name '*.nb[ci]' -delete
+	find src tests studies -name '*.nb[ci]' -delete
 	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache dist build docs/_build

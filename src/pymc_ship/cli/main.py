@@ -12,11 +12,16 @@ import _thread
 import os
 import sys
 import threading
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from pymc_ship.cli.parser import parser
 from pymc_ship.cli.sentences import sentence
+
+if TYPE_CHECKING:
+    from pymc_ship.cli.files import Outcome
 
 _ADDRESS_SPACE = 4_000_000_000
 """Address space [bytes] below which the libraries of linear algebra, threads and compilation may abort."""
@@ -47,13 +52,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     SystemExit
         Status 2 for words that cannot be parsed, 0 after ``--help`` and ``--version``.
     """
+    return run_command(parser(), _command, argv)
+
+
+def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Sequence[str] | None = None) -> int:
+    """Run a command on the words of a command line; errors and the exit status are those of :func:`main`.
+
+    Parameters
+    ----------
+    words : ArgumentParser
+        Of the command, with an option ``--quiet``.
+    command : callable
+        Takes the parsed words and a function that shows progress.
+    argv : sequence of str, optional
+        Words after the program's name; those of the process by default.
+    """
     try:
-        args = parser().parse_args(argv)
+        args = words.parse_args(argv)
         _check_address_space()
         with _interrupts_kept(), _progress(args.quiet) as progress:
-            from pymc_ship.cli import commands
-
-            text, path, *failures = getattr(commands, args.command.replace("-", "_"))(args, progress)
+            text, path, *failures = command(args, progress)
         if text:
             print(text, flush=True)
         if path and not args.quiet:
@@ -77,6 +95,13 @@ def main(argv: Sequence[str] | None = None) -> int:
                 return _fail(said, 2)
         raise
     return _fail(failures[0], 3) if any(failures) else 0
+
+
+def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:
+    """Do a command of ``pymc-ship``."""
+    from pymc_ship.cli import commands
+
+    return getattr(commands, args.command.replace("-", "_"))(args, progress)
 
 
 def _check_address_space() -> None:

@@ -32,16 +32,17 @@ NOISE_MODELS = ("auto", "white", "ar1", "student_t")
 CRITERIA = ("information", "forecast")
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
     """Parser whose complaints are one sentence, like every other error of the program."""
 
     def error(self, message: str):
+        """End the program with status 2 and one sentence."""
         self.exit(2, f"{sentence(f'{message}; see {self.prog} --help')}\n")
 
 
 def parser() -> argparse.ArgumentParser:
     """Parser of the whole command line."""
-    words = _Parser(
+    words = Parser(
         prog="pymc-ship",
         description="Bayesian identification of ship manoeuvring models: from a trial to coefficients and forecasts.",
         epilog="`pymc-ship COMMAND --help` explains a command and shows worked examples.",

@@ -52,7 +52,6 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ships.identification.candidates import TermSetsRefusedError
     from pymc_ship.ships.identification.model import identify_ship
     from pymc_ship.ships.identification.page import PAGE, write_ship_report
-    from pymc_ship.ships.identification.paths import compare_paths
     from pymc_ship.ships.identification.refusal_page import write_refusal_page
 
     vessel = vessel_argument(args.vessel, progress)
@@ -75,16 +74,10 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     except TermSetsRefusedError as error:
         page = write_refusal_page(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
-    progress("other paths to the coefficients")
-    best = next((one for one in model.candidates if not one.vessel.modular), None)
-    paths = []
-    if best is not None and len(trials) > 1:
-        known = {"names": list(trials), "trajectory": best.held_out, "progress": progress}
-        paths = compare_paths(list(trials.values()), best.vessel, model.prior, **known)
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
     with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
         save_ship(model, folder, made_by=made_by(args))
-        write_ship_report(model, trials, checks, paths, folder, **made)
+        write_ship_report(model, trials, checks, folder, **made)
     text = [term_set_text(model), held_out_text(model), "\n".join(model.outlook), "\n".join(model.remarks)]
     return "\n\n".join(filter(None, [*text, model.judgement["record_remarks"]])), out / PAGE.file
 

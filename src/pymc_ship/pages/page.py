@@ -129,7 +129,7 @@ def _files(page: Page, content: Content, text: str) -> dict[str, Callable[[Path]
         if isinstance(figure, Figure)
     }
     tables = {
-        f"{page.tables}/{name}.csv": partial(_write_rows, rows, digits=page.digits)
+        f"{page.tables}/{name}.csv": partial(write_rows, rows, digits=page.digits)
         for name, rows in content.rows.items()
         if rows
     }
@@ -140,7 +140,7 @@ def _write_png(figure: Figure, path: Path) -> None:
     path.write_bytes(drawing.png(figure, drawing.BESIDE_DPI))
 
 
-def _write_rows(rows: Sequence[Mapping], path: Path, *, digits: int | None) -> None:
+def write_rows(rows: Sequence[Mapping], path: Path, *, digits: int | None) -> None:
     """Write rows as CSV, under the keys of all of them."""
     keys = list(dict.fromkeys(key for row in rows for key in row))
     with path.open("w", encoding="utf-8", newline="") as file:

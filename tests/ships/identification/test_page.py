@@ -22,10 +22,10 @@ from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ships.forecasting.index_error import TYPICAL, model_error
 from pymc_ship.ships.identification import page as ship_report
 from pymc_ship.ships.identification.figures import held_out_windows
+from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
 from pymc_ship.ships.identification.model import identify_ship
 from pymc_ship.ships.identification.page import coefficient_rows, correlation_rows, write_ship_report
-from pymc_ship.ships.identification.paths import coverage, held_out_rows, overshoot_errors
-from tests.ships.identification.three_zigzags import TERMS, kvlcc2, model, rows, runs
+from tests.ships.identification.three_zigzags import TERMS, kvlcc2, model, runs
 
 COMMAND = "pymc-ship identify 'my <ship>.csv' --seed 3"
 NAMES = ("<b>a & b</b>", "$x$", "c")
@@ -40,12 +40,11 @@ def checks():
     return found | {"b": (*found["b"], Check("frozen channels", "doubtful", DOUBT))}
 
 
-def written(out, *, ship=None, trials=None, made=None, paths=None, **settings):
+def written(out, *, ship=None, trials=None, made=None, **settings):
     page = write_ship_report(
         ship or model(),
         trials or runs(),
         checks() if made is None else made,
-        rows() if paths is None else paths,
         out,
         command=COMMAND,
         seed=3,
@@ -171,34 +170,6 @@ def test_the_summary_counts_what_the_intervals_cover(text):
     assert shown == {kind: [fixed(1)(100.0 * sd) for sd in law] for kind, law in expected.items()}
 
 
-def test_paths_stand_as_they_were_compared(text, out):
-    found = {line[0]: line for line in cells(text)}
-    for row in rows():
-        line = found[row["path"]]
-        assert line[1] == fixed(1)(row["log_density"])
-        assert line[5] == fixed(2)(row["first_overshoot_angle_mean"])
-        assert line[9:] == [fixed(1)(row["overshoot_time_median"]), "21 of 21"]
-    assert [float(row["log_density"]) for row in table_of(out, "paths")] == [row["log_density"] for row in rows()]
-
-
-@pytest.mark.usefixtures("quick")
-def test_a_failing_path_is_shown_as_failing(tmp_path):
-    lost = dict(rows()[0]) | {"log_density": -np.inf, "rms_u": np.nan, "rms_v": np.nan, "rms_r": np.nan, "reached": 9}
-    lost["remark"] = "It cannot be simulated along <b>."
-    page = written(tmp_path, paths=[lost, *rows()[1:]])
-    line = next(line for line in cells(page) if line[0] == "regression")
-    assert line[1:5] == ["−∞", "–", "–", "–"]
-    assert line[-1] == "9 of 21"
-    assert "<p>regression: It cannot be simulated along &lt;b&gt;.</p>" in page
-
-
-@pytest.mark.usefixtures("quick")
-def test_a_page_without_paths_has_no_such_section(tmp_path):
-    page = written(tmp_path, paths=[])
-    assert "Paths to the coefficients" not in page
-    assert not (tmp_path / "tables" / "paths.csv").exists()
-
-
 def test_coefficients_carry_the_widened_sandwich_and_what_was_known(text, out):
     best, found = model().candidates[0], table_of(out, "coefficients")
     assert [float(row["estimate"]) for row in found] == best.fit.coefficients.tolist()
@@ -257,7 +228,7 @@ def test_correlated_coefficients_are_warned_of():
 def test_the_same_input_gives_the_same_bytes(out, tmp_path):
     written(tmp_path, given=kvlcc2())
     files = sorted(path.relative_to(out) for path in out.rglob("*") if path.is_file())
-    assert len(files) == 14
+    assert len(files) == 13
     assert files == sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
     assert all((out / name).read_bytes() == (tmp_path / name).read_bytes() for name in files)
 
@@ -346,7 +317,7 @@ def test_a_single_run_is_reported_by_its_windows(tmp_path):
     trials = {"a": runs()["a"]}
     rng = np.random.default_rng(4)
     ship = identify_ship(list(trials.values()), kvlcc2(), names=["a"], terms=TERMS[:1], draws=20, rng=rng)
-    page = written(tmp_path, ship=ship, trials=trials, made={}, paths=[])
+    page = written(tmp_path, ship=ship, trials=trials, made={})
     assert "identified from 1 run<" in page
     assert "of a single run, neighbouring windows were held out together" in page
     assert not (tmp_path / "figures" / "term_set_scores.png").exists()

@@ -69,9 +69,7 @@ def test_the_circle_is_forecast_from_the_zigzags(truth, ship):
 
 
 def test_the_page_shows_every_free_parameter_with_what_was_known_of_it(ship, trials, truth, tmp_path):
-    write_ship_report(
-        ship, dict(zip(ship.names, trials, strict=True)), {}, [], tmp_path, command="", seed=1, given=truth
-    )
+    write_ship_report(ship, dict(zip(ship.names, trials, strict=True)), {}, tmp_path, command="", seed=1, given=truth)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Parameters of the parts" in text
     for name in ("gamma_R", "w0", "kappa", "R0", "C_X"):

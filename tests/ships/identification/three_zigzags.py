@@ -1,4 +1,4 @@
-"""Three noisy zigzags of the KVLCC2, the ship identified from them, and the paths compared on them."""
+"""Three noisy zigzags of the KVLCC2, and the ship identified from them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 import pymc_ship as ps
 from pymc_ship.ships.identification.model import identify_ship
-from pymc_ship.ships.identification.paths import compare_paths
 
 TERMS = ("hull and loading, cubic", "loading")
 """Those of the ship that made the runs, and others."""
@@ -44,8 +43,3 @@ def runs():
 def model():
     rng = np.random.default_rng(1)
     return identify_ship(list(runs().values()), kvlcc2(), names=list(runs()), terms=TERMS, draws=40, rng=rng)
-
-
-@cache
-def rows():
-    return compare_paths(list(runs().values()), model().candidates[0].vessel, names=list(runs()))

@@ -3,7 +3,7 @@
 - `candidates`: term sets fitted to the runs, or refused.
 - `model`: term sets weighted and drawn from.
 - `held_out`: runs left out: score of their windows, indices beside their forecasts.
-- `paths`: other ways to the coefficients, on the same terms.
+- `held_out_errors`: errors of held-out indices, and what their intervals cover.
 - `soundness`: who runs away in the manoeuvres that every ship must be able to run.
 - `along`: ships along the measured inputs of a record.
 - `replayed`: the motion along a record's inputs, and its score.

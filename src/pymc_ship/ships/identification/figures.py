@@ -14,7 +14,7 @@ from pymc_ship.inference.trajectory.windows import restarted, thinned
 from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.ships.identification.candidates import Candidate, held_together, held_windows
-from pymc_ship.ships.identification.paths import QUANTILES
+from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 
 BARS = 0.9

@@ -1,4 +1,4 @@
-"""Report of a ship identified from trials: runs, term sets, held-out manoeuvres, paths, coefficients and figures."""
+"""Report of a ship identified from trials: runs, term sets, held-out manoeuvres, coefficients and figures."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from pymc_ship.ships.identification.figures import (
     score_differences,
     term_set_scores,
 )
+from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
 from pymc_ship.ships.identification.model import ShipModel
-from pymc_ship.ships.identification.paths import coverage, held_out_rows, overshoot_errors
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval
 
@@ -54,7 +54,7 @@ SOURCES = (
 _FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves", "captive_forces", "spiral")
 _OF_PARAMETER = ("estimate", "sd", "known_value", "known_sd")
 _TABLES = (
-    *("runs", "checks", "term_sets", "held_out_indices", "model_error", "paths", "coefficients", "correlations"),
+    *("runs", "checks", "term_sets", "held_out_indices", "model_error", "coefficients", "correlations"),
     "captive",
 )
 
@@ -74,7 +74,6 @@ def write_ship_report(
     model: ShipModel,
     trials: Mapping[str, xr.Dataset],
     checks: Mapping[str, Sequence[Check]],
-    paths: Sequence[Mapping],
     out: str | Path,
     *,
     command: str,
@@ -91,8 +90,6 @@ def write_ship_report(
         As they were fitted, by the names of the model's runs.
     checks : mapping of str to sequence of Check
         Of the same runs, see :func:`pymc_ship.trial_checks`; a run without checks says so.
-    paths : sequence of mapping
-        From :func:`pymc_ship.ships.identification.paths.compare_paths`; may be empty.
     out : str or Path
         Folder, created where it is missing.
     command : str
@@ -128,7 +125,6 @@ def write_ship_report(
         "term_sets": term_set_rows(model),
         "held_out_indices": held_out_rows(model.index_rows),
         "model_error": error_rows(model.model_error, fullest(c.vessel for c in model.candidates)),
-        "paths": [dict(row) for row in paths],
         "coefficients": coefficient_rows(model.candidates[0]),
         "correlations": correlation_rows(model.candidates[0]),
         "captive": comparison_rows(model.captive) if model.captive is not None else [],
@@ -243,12 +239,10 @@ def _values(model: ShipModel, trials: Mapping[str, xr.Dataset], rows: Mapping[st
         "unchecked": _unchecked(rows["checks"]),
         "left_out": left_out,
         "best": model.candidates[0],
-        "path_terms": next((c.name for c in model.candidates if not c.vessel.modular), ""),
         "apart": [row for row in rows["coefficients"] if abs(row["apart"]) > DISAGREE],
         "disagree": f"{DISAGREE:g}",
         "n_coefficients": len(rows["coefficients"]),
         "summary": _summary(rows["held_out_indices"]),
-        "failed_paths": [row for row in rows["paths"] if row["remark"]],
         "tables": _tables(model, rows),
         "remarks": [remark for remark in model.remarks if remark not in left_out],
     }
@@ -346,7 +340,6 @@ def _tables(model: ShipModel, rows: Mapping[str, list[dict]]) -> dict[str, Table
         "term_sets": ([_shown(row, channels) for row in rows["term_sets"]], sets),
         "held_out_indices": ([_named(row) for row in rows["held_out_indices"]], held),
         "model_error": (rows["model_error"], {"kind": ("kind", str)} | sizes | {"unit": ("of", str)}),
-        "paths": ([_shown(row, channels) for row in rows["paths"]], _path_columns(channels)),
         "correlations": (rows["correlations"], pairs),
         "captive": shown_comparison(rows["captive"]),
     }
@@ -365,15 +358,6 @@ def _rms_columns(channels: Sequence[str]) -> dict:
     return {f"rms_{channel}": (f"rms {channel} {CHANNELS[channel].unit.shown}", _three_digits) for channel in channels}
 
 
-def _path_columns(channels: Sequence[str]) -> dict:
-    columns = {"path": ("path", str), "log_density": ("held-out score", _score)} | _rms_columns(channels)
-    for name in ("first", "second"):
-        for key, head in (("mean", "mean"), ("max", "max")):
-            columns[f"{name}_overshoot_angle_{key}"] = (f"{name} overshoot, {head} |error| deg", fixed(2))
-    columns["overshoot_time_median"] = ("time to overshoot, median error %", fixed(1))
-    return columns | {"events": ("events reached", str)}
-
-
 def _three_digits(value: float) -> str:
     return f"{value:#.3g}".rstrip(".") if np.isfinite(value) else "–"
 
@@ -383,12 +367,11 @@ def _score(value: object) -> str:
 
 
 def _shown(row: Mapping, channels: Sequence[str]) -> dict:
-    """Row of a term set or a path with rates in degrees and shares in percent."""
+    """Row of a term set with rates in degrees and shares in percent."""
     found = dict(row)
     for channel in channels:
         found[f"rms_{channel}"] = CHANNELS[channel].unit.shown_factor * row.get(f"rms_{channel}", np.nan)
-    found |= {key: 100.0 * row[key] for key in ("weight", "share_unsound") if key in row}
-    return found | ({"events": f"{row['reached']} of {row['measured']}"} if "reached" in row else {})
+    return found | {key: 100.0 * row[key] for key in ("weight", "share_unsound")}
 
 
 def _named(row: Mapping) -> dict:

@@ -20,8 +20,8 @@ from pymc_ship.ships.forecasting.index_error import index_sd
 from pymc_ship.ships.forecasting.motion_error import with_motion_error
 from pymc_ship.ships.identification.along import reading_noise, sailed_along
 from pymc_ship.ships.identification.held_out import index_rows, readings_sd
+from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.ships.identification.model import IdentifiedShip, ShipModel
-from pymc_ship.ships.identification.paths import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import TrialError, check_trial, facility_of, one_trial, trial_list
 

@@ -1,28 +1,29 @@
-"""Paths to the coefficients: each judged on the run it was not given, its failures told, its errors those of rows."""
+"""Paths to the coefficients: each judged on the run it was not given, its failures told."""
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
+import pymc_ship as ps
+from pymc_ship.cli.main import run_command
 from pymc_ship.inference.trajectory import windows
 from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
-from pymc_ship.ships.forecasting.index_error import index_sd, model_error
-from pymc_ship.ships.identification import paths as ship_paths
 from pymc_ship.ships.identification.held_out import scored
-from pymc_ship.ships.identification.paths import (
-    PATHS,
-    compare_paths,
-    coverage,
-    held_out_rows,
-    overshoot_errors,
-    regression_rows,
-)
 from pymc_ship.trial.record import TrialError
-from tests.ships.identification.three_zigzags import clean, kvlcc2, model, rows, runs
+from studies import paths as ship_paths
+from studies.paths import PATHS, compare_paths, regression_rows
+from tests.ships.identification.three_zigzags import clean, kvlcc2, model, runs
+
+
+@cache
+def rows():
+    return compare_paths(list(runs().values()), model().candidates[0].vessel, names=list(runs()))
 
 
 def prepared():
@@ -135,44 +136,26 @@ def test_a_single_run_cannot_be_left_out():
         compare_paths([runs()["a"]], kvlcc2())
 
 
-def index_row(run, index, measured, forecast, sd=0.5, kind="angle"):
-    """Row as of a model, without spread of the draws."""
-    row = {"run": run, "index": index, "kind": kind, "measured": measured, "forecast": forecast}
-    return row | {"parameter_sd": 0.0, "model_sd": 0.0, "measured_sd": 0.0, "scale": measured, "sd": sd}
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """Function that runs the command line on so many of the runs, with the ship identified before."""
+    monkeypatch.setattr(ship_paths, "identify_ship", lambda *_, **__: model())
+    files = [str(ps.write_trial(run, tmp_path / f"{name}.csv")) for name, run in runs().items()]
+    words = ["--vessel", "kvlcc2", "--out", str(tmp_path / "out"), "--quiet"]
+    return lambda n: run_command(ship_paths.parser(), ship_paths.paths, [*files[:n], *words])
 
 
-def test_errors_of_overshoots():
-    index = [
-        index_row("a", "first_overshoot_angle", 5.0, 5.5),
-        index_row("b", "first_overshoot_angle", 5.0, 4.8),
-        index_row("a", "second_overshoot_angle", 9.0, 7.0),
-        index_row("a", "first_overshoot_time", 100.0, 97.0, kind="time"),
-        index_row("a", "second_overshoot_time", 50.0, 50.5, kind="time"),
-        index_row("b", "second_overshoot_time", 50.0, 51.0, kind="time"),
-        index_row("a", "period", 50.0, 90.0, kind="time"),
-    ]
-    assert overshoot_errors(index) == pytest.approx(
-        {
-            "first_overshoot_angle_mean": 0.35,
-            "first_overshoot_angle_max": 0.5,
-            "second_overshoot_angle_mean": 2.0,
-            "second_overshoot_angle_max": 2.0,
-            "overshoot_time_median": 2.0,
-        }
-    )
-    assert np.isnan(list(overshoot_errors([]).values())).all()
+def test_the_command_writes_every_path(command, tmp_path, capsys):
+    assert command(3) == 0
+    with (tmp_path / "out" / "paths.csv").open(encoding="utf-8", newline="") as file:
+        found = list(csv.DictReader(file))
+    for row, expected in zip(found, rows(), strict=True):
+        assert row["path"] == expected["path"]
+        assert float(row["log_density"]) == pytest.approx(expected["log_density"], rel=1e-3)
+    assert f"On the terms of {model().candidates[0].name}:" in capsys.readouterr().out
 
 
-def test_held_out_rows_take_the_model_error_of_the_other_runs():
-    index = [
-        index_row("a", "first_overshoot_angle", 10.0, 4.0, sd=0.6),
-        index_row("b", "first_overshoot_angle", 10.0, 10.2, sd=0.6),
-        index_row("c", "first_overshoot_angle", 10.0, 10.4, sd=0.6),
-    ]
-    found = held_out_rows(index)
-    assert [row["z"] for row in found] == pytest.approx([-10.0, 0.2 / 0.6, 0.4 / 0.6])
-    expected = [index_sd(row, model_error([one for one in index if one is not row])) for row in index]
-    assert [row["apart_sd"] for row in found] == pytest.approx(expected, rel=1e-12)
-    assert found[0]["apart_sd"] < found[1]["apart_sd"]
-    assert coverage(found) == {"90": 2, "90_apart": 2, "95": 2, "95_apart": 2}
-    assert held_out_rows(index[:1])[0]["apart_sd"] == pytest.approx(index_sd(index[0], model_error([])), rel=1e-12)
+def test_the_command_refuses_a_single_run_in_one_sentence(command, tmp_path, capsys):
+    assert command(1) == 2
+    assert "two runs or more, found 1" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "paths.csv").exists()

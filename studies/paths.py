@@ -2,40 +2,48 @@
 
 Regression differentiates the records, the weak form integrates them against test functions, a trajectory fit simulates
 them. A row of a regression is a force. Divided by U^2, as a prime value, it has four times the noise at half the speed,
-so that slow samples dominate; multiplied by (U/U_nom)^2, every row has the same.
+so that slow samples dominate; multiplied by (U/U_nom)^2, every row has the same. The terms are those that
+weigh most in an identification of the ship, whose trajectory fits are taken.
+
+``python -m studies.paths trials... --vessel SHIP --format FILE --out FOLDER``
 """
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.cli.files import Outcome, Progress, vessel_argument
+from pymc_ship.cli.main import run_command
+from pymc_ship.cli.ship_commands import checked_trials
+from pymc_ship.cli.texts import table
 from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.inference.rows.weak_form import evidence_posterior_mean, weak_form_start
 from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.windows import Window, fit_windows, prepared_windows, thinned
+from pymc_ship.machine.files import staged_files, writable_folder
+from pymc_ship.pages.page import write_rows
 from pymc_ship.physics.manoeuvre.indices import of_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.physics.vessel.term_sets import takes_part_sets
+from pymc_ship.physics.vessel.vessel import Vessel, VesselError
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
-from pymc_ship.ships.forecasting.index_error import index_sd, model_error
 from pymc_ship.ships.identification.candidates import chosen_prior, held_piece, informed, stated_prior
 from pymc_ship.ships.identification.held_out import HeldOut, index_rows, scored, scored_indices
+from pymc_ship.ships.identification.held_out_errors import overshoot_errors
+from pymc_ship.ships.identification.model import identify_ship
 from pymc_ship.trial.record import TrialError
+from studies.command_line import study_parser
 
 PATHS = ("regression", "regression, rows divided by U^2", "weak form", "trajectory")
 """Names of the paths, from the least to the most work; the second shows what the weights of the first are for."""
-
-OVERSHOOTS = ("first_overshoot", "second_overshoot")
-"""Overshoots whose angles and times are summarised."""
-
-QUANTILES = {"90": 1.6448536269514722, "95": 1.959963984540054}
-"""Half the width of a normal interval in sd, by its probability in %."""
 
 
 @dataclass(frozen=True)
@@ -216,60 +224,41 @@ def _failed(name: str, reason: str, runs: _Runs) -> dict:
     return {"path": name, "log_density": -np.inf} | rms | overshoot_errors([]) | counts
 
 
-def overshoot_errors(rows: Sequence[dict]) -> dict[str, float]:
-    """Mean and largest absolute error of the overshoot angles [deg], median relative error of the times [%].
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        From :func:`pymc_ship.ships.identification.held_out.index_rows`.
-
-    Returns
-    -------
-    dict of str to float
-        ``first_overshoot_angle_mean``, ..., ``overshoot_time_median``; NaN where no row has the index.
-    """
-
-    def errors(name: str) -> np.ndarray:
-        return np.array([abs(row["forecast"] - row["measured"]) for row in rows if row["index"] == name])
-
-    found = {}
-    for name in OVERSHOOTS:
-        angle = errors(f"{name}_angle")
-        found[f"{name}_angle_mean"] = float(angle.mean()) if angle.size else np.nan
-        found[f"{name}_angle_max"] = float(angle.max()) if angle.size else np.nan
-    times = [f"{name}_time" for name in OVERSHOOTS]
-    relative = [abs(row["forecast"] / row["measured"] - 1.0) for row in rows if row["index"] in times]
-    found["overshoot_time_median"] = 100.0 * float(np.median(relative)) if relative else np.nan
-    return found
+def paths(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Compare the paths on the terms that weigh most; the text has the error of the overshoots of each."""
+    vessel, out = vessel_argument(args.vessel, progress), writable_folder(args.out)
+    files = [(path, args.format) for path in args.trials]
+    any_speed = takes_part_sets(vessel)
+    trials, _ = checked_trials(files, vessel, args, progress, any_speed=any_speed)
+    runs, names = list(trials.values()), list(trials)
+    ship = identify_ship(runs, vessel, names=names, rng=np.random.default_rng(args.seed), progress=progress)
+    best = next((one for one in ship.candidates if not one.vessel.modular), None)
+    if best is None:
+        raise VesselError("Paths are compared on a set of terms, found parts of a vessel alone; name another vessel.")
+    rows = compare_paths(runs, best.vessel, ship.prior, names=names, trajectory=best.held_out, progress=progress)
+    with staged_files(out) as folder:
+        write_rows(rows, folder / "paths.csv", digits=None)
+    return f"On the terms of {best.name}:\n{_text(rows)}", out / "paths.csv"
 
 
-def held_out_rows(index_rows: Sequence[Mapping]) -> list[dict]:
-    """Indices of held-out manoeuvres with their errors, and how far the intervals owe to the run itself.
-
-    Parameters
-    ----------
-    index_rows : sequence of mapping
-        Of a :class:`pymc_ship.ships.identification.model.ShipModel`.
-
-    Returns
-    -------
-    list of dict
-        With ``error`` and ``z``, and ``apart_sd``: the sd whose model error comes from the other runs alone.
-    """
-    rows = []
-    for row in index_rows:
-        others = model_error([other for other in index_rows if other["run"] != row["run"]])
-        error = row["forecast"] - row["measured"]
-        found = dict(row) | {"error": error, "z": error / row["sd"]}
-        rows.append(found | {"apart_sd": index_sd(row, others)})
-    return rows
+def _text(rows: Sequence[Mapping]) -> str:
+    """Score and errors of each path, and why one failed."""
+    keys = ("log_density", "first_overshoot_angle_mean", "second_overshoot_angle_mean", "overshoot_time_median")
+    header = ("path", "held-out score", "first overshoot [deg]", "second overshoot [deg]", "time to overshoot [%]")
+    lines = table(header, [(row["path"], *(row[key] for key in keys)) for row in rows])
+    return "\n".join([lines, *(f"{row['path']}: {row['remark']}" for row in rows if row["remark"])])
 
 
-def coverage(rows: Sequence[Mapping]) -> dict[str, int]:
-    """How many of :func:`held_out_rows` intervals of 90 and 95 % cover, ``_apart`` with the model error of others."""
-    found = {}
-    for share, z in QUANTILES.items():
-        found[share] = sum(abs(row["z"]) <= z for row in rows)
-        found[f"{share}_apart"] = sum(abs(row["error"]) <= z * row["apart_sd"] for row in rows)
-    return found
+def parser() -> argparse.ArgumentParser:
+    """Words of the command line of the study."""
+    words = study_parser("paths", "compare rival paths to the coefficients of a ship on runs they were not given")
+    words.add_argument("trials", metavar="TRIAL", nargs="+", help="records of two runs or more")
+    words.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
+    words.add_argument("--vessel", required=True, help="shipped vessel or TOML file")
+    words.add_argument("--out", required=True, help="folder of paths.csv")
+    words.set_defaults(overrule=[], seed=2020)
+    return words
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(parser(), paths))

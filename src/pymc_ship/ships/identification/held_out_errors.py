@@ -1,0 +1,74 @@
+"""Errors of the indices of held-out manoeuvres, and how often their intervals cover the measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pymc_ship.ships.forecasting.index_error import index_sd, model_error
+
+OVERSHOOTS = ("first_overshoot", "second_overshoot")
+"""Overshoots whose angles and times are summarised."""
+
+QUANTILES = {"90": 1.6448536269514722, "95": 1.959963984540054}
+"""Half the width of a normal interval in sd, by its probability in %."""
+
+
+def overshoot_errors(rows: Sequence[dict]) -> dict[str, float]:
+    """Mean and largest absolute error of the overshoot angles [deg], median relative error of the times [%].
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        From :func:`pymc_ship.ships.identification.held_out.index_rows`.
+
+    Returns
+    -------
+    dict of str to float
+        ``first_overshoot_angle_mean``, ..., ``overshoot_time_median``; NaN where no row has the index.
+    """
+
+    def errors(name: str) -> np.ndarray:
+        return np.array([abs(row["forecast"] - row["measured"]) for row in rows if row["index"] == name])
+
+    found = {}
+    for name in OVERSHOOTS:
+        angle = errors(f"{name}_angle")
+        found[f"{name}_angle_mean"] = float(angle.mean()) if angle.size else np.nan
+        found[f"{name}_angle_max"] = float(angle.max()) if angle.size else np.nan
+    times = [f"{name}_time" for name in OVERSHOOTS]
+    relative = [abs(row["forecast"] / row["measured"] - 1.0) for row in rows if row["index"] in times]
+    found["overshoot_time_median"] = 100.0 * float(np.median(relative)) if relative else np.nan
+    return found
+
+
+def held_out_rows(index_rows: Sequence[Mapping]) -> list[dict]:
+    """Indices of held-out manoeuvres with their errors, and how far the intervals owe to the run itself.
+
+    Parameters
+    ----------
+    index_rows : sequence of mapping
+        Of a :class:`pymc_ship.ships.identification.model.ShipModel`.
+
+    Returns
+    -------
+    list of dict
+        With ``error`` and ``z``, and ``apart_sd``: the sd whose model error comes from the other runs alone.
+    """
+    rows = []
+    for row in index_rows:
+        others = model_error([other for other in index_rows if other["run"] != row["run"]])
+        error = row["forecast"] - row["measured"]
+        found = dict(row) | {"error": error, "z": error / row["sd"]}
+        rows.append(found | {"apart_sd": index_sd(row, others)})
+    return rows
+
+
+def coverage(rows: Sequence[Mapping]) -> dict[str, int]:
+    """How many of :func:`held_out_rows` intervals of 90 and 95 % cover, ``_apart`` with the model error of others."""
+    found = {}
+    for share, z in QUANTILES.items():
+        found[share] = sum(abs(row["z"]) <= z for row in rows)
+        found[f"{share}_apart"] = sum(abs(row["error"]) <= z * row["apart_sd"] for row in rows)
+    return found

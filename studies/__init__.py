@@ -1,0 +1,6 @@
+"""Studies beside the library: they judge it, and choose the constants that it carries.
+
+Each is run from the folder that holds ``studies``.
+
+- `paths`: rival ways to the coefficients of a ship, each judged on runs it was not given.
+"""

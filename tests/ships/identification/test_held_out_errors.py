@@ -1,0 +1,52 @@
+"""Errors of held-out indices: those of overshoots, and intervals that do not count the run they are of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pymc_ship.ships.forecasting.index_error import index_sd, model_error
+from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
+
+
+def index_row(run, index, measured, forecast, sd=0.5, kind="angle"):
+    """Row as of a model, without spread of the draws."""
+    row = {"run": run, "index": index, "kind": kind, "measured": measured, "forecast": forecast}
+    return row | {"parameter_sd": 0.0, "model_sd": 0.0, "measured_sd": 0.0, "scale": measured, "sd": sd}
+
+
+def test_errors_of_overshoots():
+    index = [
+        index_row("a", "first_overshoot_angle", 5.0, 5.5),
+        index_row("b", "first_overshoot_angle", 5.0, 4.8),
+        index_row("a", "second_overshoot_angle", 9.0, 7.0),
+        index_row("a", "first_overshoot_time", 100.0, 97.0, kind="time"),
+        index_row("a", "second_overshoot_time", 50.0, 50.5, kind="time"),
+        index_row("b", "second_overshoot_time", 50.0, 51.0, kind="time"),
+        index_row("a", "period", 50.0, 90.0, kind="time"),
+    ]
+    assert overshoot_errors(index) == pytest.approx(
+        {
+            "first_overshoot_angle_mean": 0.35,
+            "first_overshoot_angle_max": 0.5,
+            "second_overshoot_angle_mean": 2.0,
+            "second_overshoot_angle_max": 2.0,
+            "overshoot_time_median": 2.0,
+        }
+    )
+    assert np.isnan(list(overshoot_errors([]).values())).all()
+
+
+def test_held_out_rows_take_the_model_error_of_the_other_runs():
+    index = [
+        index_row("a", "first_overshoot_angle", 10.0, 4.0, sd=0.6),
+        index_row("b", "first_overshoot_angle", 10.0, 10.2, sd=0.6),
+        index_row("c", "first_overshoot_angle", 10.0, 10.4, sd=0.6),
+    ]
+    found = held_out_rows(index)
+    assert [row["z"] for row in found] == pytest.approx([-10.0, 0.2 / 0.6, 0.4 / 0.6])
+    expected = [index_sd(row, model_error([one for one in index if one is not row])) for row in index]
+    assert [row["apart_sd"] for row in found] == pytest.approx(expected, rel=1e-12)
+    assert found[0]["apart_sd"] < found[1]["apart_sd"]
+    assert coverage(found) == {"90": 2, "90_apart": 2, "95": 2, "95_apart": 2}
+    assert held_out_rows(index[:1])[0]["apart_sd"] == pytest.approx(index_sd(index[0], model_error([])), rel=1e-12)
