@@ -12,7 +12,7 @@ study: $(STAMP)  ## the paper's study on the container ship -> reports/container
 	$(VENV)/bin/pymc-ship study --out reports/container
 
 frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> reports/frontier/index.html
-	$(VENV)/bin/pymc-ship frontier --out reports/frontier
+	$(PYTHON) -m studies.frontier --out reports/frontier
 
 foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour and more -> reports/foreign/foreign.md
 	$(PYTHON) -m tests.foreign.run

@@ -2,5 +2,6 @@
 
 Each is run from the folder that holds ``studies``.
 
+- `frontier`: every method beside the Cramer-Rao bound.
 - `paths`: rival ways to the coefficients of a ship, each judged on runs it was not given.
 """

@@ -25,7 +25,6 @@ DISTRICTS = {
     "ships": ("forecasting", "design", "identification", "sea_trials"),
     "diagnostics": (),
     "replication": (),
-    "frontier": (),
     "experiments": (),
     "cli": (),
 }

@@ -296,13 +296,6 @@ def design(args: argparse.Namespace, progress: Progress) -> Outcome:
     return design_text(found), out
 
 
-def frontier(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Measure every method against the Cramer-Rao bound; the text has each number beside its aim."""
-    from pymc_ship.frontier.page import reported_frontier
-
-    return reported_frontier(args.out, seeds=args.seeds, seed=args.seed, progress=progress)
-
-
 def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run a Monte-Carlo study; the text has the scores of each cell, or the coverage by trials of a population."""
     from pymc_ship.experiments.grid import Grid

@@ -48,10 +48,6 @@ DESIGN = """examples:
   pymc-ship design trajectory.nc --vessel container --n 2 --out design
   pymc-ship design trajectory.nc --vessel my.toml --criterion forecast --out design
 """
-FRONTIER = """examples:
-  pymc-ship frontier --out reports/frontier
-  pymc-ship frontier --seeds 4 --seed 7 --quiet --out frontier
-"""
 MONTECARLO = """examples:
   pymc-ship montecarlo studies/container.toml --out reports/montecarlo
   pymc-ship montecarlo studies/ships.toml --out reports/ships

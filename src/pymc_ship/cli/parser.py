@@ -62,7 +62,6 @@ def parser() -> argparse.ArgumentParser:
         _add_score,
         _add_trial_report,
         _add_design,
-        _add_frontier,
         _add_montecarlo,
         _add_report,
     ):
@@ -364,13 +363,6 @@ def _add_design(commands) -> None:
     )
     command.add_argument("--duration", type=float, help="of each run [s], with a posterior (400)")
     command.add_argument("--out", required=True, help="folder of the tables and, with a posterior, rudder programmes")
-
-
-def _add_frontier(commands) -> None:
-    description = "measure how close every method comes to the Cramer-Rao bound"
-    command = _command(commands, "frontier", description, examples.FRONTIER)
-    command.add_argument("--seeds", type=int, default=25, help="data sets of each kind and noise level (%(default)s)")
-    command.add_argument("--out", default="reports/frontier", help="folder of the report (%(default)s)")
 
 
 def _add_montecarlo(commands) -> None:

@@ -1,6 +1,6 @@
 """Tables of a Monte-Carlo study: scores by cell, what the tasks cost, and what a study of many more would take.
 
-Scores come with standard errors from bootstrap samples of the seeds, as those of :mod:`pymc_ship.frontier.tables`.
+Scores come with standard errors from bootstrap samples of the seeds.
 """
 
 from __future__ import annotations

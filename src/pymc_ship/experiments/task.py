@@ -66,8 +66,8 @@ METHODS: dict[str, Method] = {
     "trajectory fit": partial(_trajectory, prior="order_damped"),
     "trajectory fit, flat prior": partial(_trajectory, prior="flat"),
 }
-"""Ways from a noisy record of Euler steps to coefficients, all with the settings of
-:mod:`pymc_ship.frontier.measure`."""
+"""Ways from a noisy record of Euler steps to coefficients, all with the settings of the
+study of the Cramer-Rao bound."""
 
 
 class MonteCarloError(ValueError):

@@ -9,15 +9,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pymc_ship.frontier import measure as frontier
-from pymc_ship.frontier import page as frontier_report
-from pymc_ship.frontier.data_sets import Cell, DataSet
-from pymc_ship.frontier.tables import AIMS, DIFFERENCES, METHODS, aim_rows, bound_down_rows, over_seeds
 from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.replication.scores import with_error
+from studies.frontier import measure as frontier
+from studies.frontier import page as frontier_report
+from studies.frontier.data_sets import Cell, DataSet
+from studies.frontier.tables import AIMS, DIFFERENCES, METHODS, aim_rows, bound_down_rows, over_seeds
 
 LEVEL = 0.05
 DURATION = 60.0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from pymc_ship.cli.main import main
-from pymc_ship.frontier import page as frontier_report
+from pymc_ship.cli.main import run_command
+from studies.frontier import page as frontier_report
+from studies.frontier.__main__ import frontier, parser
 
 
 def test_the_command_passes_its_options_on_and_prints_the_table(tmp_path, monkeypatch, capsys):
@@ -14,7 +15,7 @@ def test_the_command_passes_its_options_on_and_prints_the_table(tmp_path, monkey
         return "| a |", tmp_path / "index.html"
 
     monkeypatch.setattr(frontier_report, "reported_frontier", reported_frontier)
-    assert main(["frontier", "--seeds", "3", "--seed", "7", "--quiet", "--out", str(tmp_path)]) == 0
+    assert run_command(parser(), frontier, ["--seeds", "3", "--seed", "7", "--quiet", "--out", str(tmp_path)]) == 0
     ((out, settings),) = called
     settings.pop("progress")("unheard")
     assert (out, settings) == (str(tmp_path), {"seeds": 3, "seed": 7})
@@ -22,7 +23,7 @@ def test_the_command_passes_its_options_on_and_prints_the_table(tmp_path, monkey
 
 
 def test_one_seed_is_refused_in_a_sentence(tmp_path, capsys):
-    assert main(["frontier", "--seeds", "1", "--out", str(tmp_path)]) == 2
+    assert run_command(parser(), frontier, ["--seeds", "1", "--out", str(tmp_path)]) == 2
     assert "two seeds or more, found 1" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
@@ -33,5 +34,5 @@ def test_a_place_that_cannot_be_written_is_refused_before_long_work(tmp_path, mo
 
     monkeypatch.setattr(frontier_report, "frontier", forbid)
     (tmp_path / "file").write_text("kept")
-    assert main(["frontier", "--out", str(tmp_path / "file" / "below")]) == 2
+    assert run_command(parser(), frontier, ["--out", str(tmp_path / "file" / "below")]) == 2
     assert "cannot be written" in capsys.readouterr().err

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pymc_ship.frontier import measure as frontier
-from pymc_ship.frontier import tables
-from pymc_ship.frontier.tables import DIFFERENCES, Aim, aim_rows, best_differencing, over_seeds
 from pymc_ship.replication.scores import with_error
+from studies.frontier import measure as frontier
+from studies.frontier import tables
+from studies.frontier.tables import DIFFERENCES, Aim, aim_rows, best_differencing, over_seeds
 
 Measurement = frontier.Measurement
 

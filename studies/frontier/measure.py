@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.frontier.data_sets import CELLS, Cell, DataSet, data_set
 from pymc_ship.inference.identifiability.bound import errors_on_bound
 from pymc_ship.inference.regression.identify import identify
 from pymc_ship.inference.trajectory.fit import TrajectoryError
@@ -28,6 +27,7 @@ from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.replication.estimates import DIFFERENCES
 from pymc_ship.replication.scores import forecast_row, relative_error
 from pymc_ship.ships.forecasting.forecast import forecast
+from studies.frontier.data_sets import CELLS, Cell, DataSet, data_set
 
 FORECASTS = {
     "10/10 zigzag": (zigzag(10, 10), 400.0),
@@ -205,7 +205,7 @@ def measure(vessel: Vessel, cell: Cell, level: float, seed: int, root: int, dura
     Parameters
     ----------
     vessel, cell, level, seed, root, duration
-        As :func:`pymc_ship.frontier.data_sets.data_set`.
+        As :func:`studies.frontier.data_sets.data_set`.
 
     Returns
     -------

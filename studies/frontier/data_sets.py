@@ -33,7 +33,7 @@ class Cell:
     ----------
     name : str
     estimators : tuple of str
-        Keys of :data:`pymc_ship.frontier.measure.ESTIMATORS`.
+        Keys of :data:`studies.frontier.measure.ESTIMATORS`.
     levels : tuple of float
     method : {"euler", "rk4"}
         Integrator of the fit. The ship itself moves by the same Euler steps of 0.02 s, or by Runge-Kutta steps of

@@ -8,8 +8,8 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.frontier.tables import METHODS
 from pymc_ship.pages.drawing import REFERENCE, STYLE, subplots
+from studies.frontier.tables import METHODS
 
 LINES = {
     "bound": (REFERENCE, "--", ""),
@@ -28,7 +28,7 @@ def from_the_bound_down(rows: Sequence[dict]) -> Figure:
     Parameters
     ----------
     rows : sequence of dict
-        From :func:`pymc_ship.frontier.tables.bound_down_rows`.
+        From :func:`studies.frontier.tables.bound_down_rows`.
 
     Returns
     -------

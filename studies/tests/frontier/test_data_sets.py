@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pymc_ship.frontier.data_sets import SLOW_SPEED, Cell, data_set
+from studies.frontier.data_sets import SLOW_SPEED, Cell, data_set
 
 DURATION = 60.0
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pymc_ship.frontier.figures import from_the_bound_down
-from pymc_ship.frontier.measure import Measurement, frontier
-from pymc_ship.frontier.tables import aim_rows, bound_down_rows, coefficient_rows, measurement_rows, noise_rows
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, percent, table
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
+from studies.frontier.figures import from_the_bound_down
+from studies.frontier.measure import Measurement, frontier
+from studies.frontier.tables import aim_rows, bound_down_rows, coefficient_rows, measurement_rows, noise_rows
 
 PAGE = Page("index.html", Path(__file__).with_name("page.html.j2"), own=("figures/*.png", "tables/*.csv"), digits=6)
 """The page of the frontier, alone in its folder."""

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.frontier.data_sets import LEVELS
-from pymc_ship.frontier.measure import Measurement
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
 from pymc_ship.replication.estimates import DIFFERENCES
 from pymc_ship.replication.scores import with_error
+from studies.frontier.data_sets import LEVELS
+from studies.frontier.measure import Measurement
 
 METHODS = {
     "bound": "Cramér-Rao bound",
@@ -37,7 +37,7 @@ class Aim:
     ----------
     label, unit : str
     cell : str
-        Name of a :class:`pymc_ship.frontier.data_sets.Cell`.
+        Name of a :class:`studies.frontier.data_sets.Cell`.
     estimators : tuple of str
         One, or the two of a ratio.
     column : str
