@@ -26,7 +26,7 @@ test-fast: $(STAMP)  ## without the slow tests, under seven minutes on two cores
 consistency: $(STAMP)  ## every path to a posterior against the others and against simulated truth, with the largest z
 	$(PYTHON) -m pytest -q -m consistency
 
-lint: $(STAMP)  ## style, and the types of the public names
+lint: $(STAMP)  ## style and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from contextlib import suppress
 from reprlib import Repr
+from typing import Any
 
 _SHORT = Repr(maxlevel=3, maxstring=60, maxlong=60, maxother=60)
 _LONGEST = 100
@@ -43,7 +44,7 @@ def check_choice(what: str, value: object, choices: Iterable[str], error: type[V
         raise error(f"{what} is one of {names}; found {shown(value)}; choose one of them.")
 
 
-def finite_number(what: str, value: object, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:
+def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:
     """Value as a float.
 
     Parameters

@@ -11,6 +11,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any, BinaryIO
 
 _MARK = b"pymc-ship sha256 "
 _BLOCK = 1 << 20
@@ -41,7 +42,7 @@ def fits_its_checksum(path: str | Path) -> bool:
         return not end.startswith(_MARK) or end == _MARK + _digest(file, size).encode()
 
 
-def folder_checksum(folder: str | Path, names: Iterable[str | Path], said: Mapping) -> str:
+def folder_checksum(folder: str | Path, names: Iterable[str | Path], said: Mapping[str, Any]) -> str:
     """Checksum of files of a folder, by their names, and of what an index of them says.
 
     Parameters
@@ -64,7 +65,7 @@ def folder_checksum(folder: str | Path, names: Iterable[str | Path], said: Mappi
     return whole.hexdigest()
 
 
-def _digest(file, size: int) -> str:
+def _digest(file: BinaryIO, size: int) -> str:
     """Digest of the first bytes of an open file; its position is kept where it was."""
     place, found = file.tell(), hashlib.sha256()
     file.seek(0)

@@ -32,7 +32,7 @@ OLD = 7 * 86400.0
 """Seconds without a change after which a folder of partial results of another machine is taken for left behind."""
 
 _HOST = hashlib.sha256(f"{platform.node()} {uuid.getnode()}".encode()).hexdigest()[:12]
-_BOX = re.compile(r"\.partial-([0-9a-f]{12})-\d+-\w+")
+_BOX = re.compile(r"\.partial-[0-9a-f]{12}-\d+-\w+")
 _KINDS = {stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 # Inside a folder of partial results: the lock of its run, what is being written, the earlier folder while a new one
@@ -253,7 +253,7 @@ def _left_behind(box: Path, clock: float) -> Iterator[bool]:
     try:
         lock = os.open(box / _LOCK, os.O_RDWR)
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        here = _BOX.fullmatch(box.name)[1] == _HOST
+        here = box.name.startswith(f".partial-{_HOST}-")
     except BlockingIOError:
         yield False
         return
@@ -283,8 +283,8 @@ def _deliver(box: Path, last: str = "") -> None:
     ready, folder = box / _READY, box.parent
     for name in sorted(_files(ready), key=lambda name: name == Path(last)):
         os.replace(ready / name, folder / name)
-    for name in (box / _GONE).read_text(encoding="utf-8").splitlines():
-        (folder / name).unlink(missing_ok=True)
+    for gone in (box / _GONE).read_text(encoding="utf-8").splitlines():
+        (folder / gone).unlink(missing_ok=True)
     _remove(ready)
 
 

@@ -18,7 +18,7 @@ def generator(seed: int, *purpose: float | str) -> np.random.Generator:
     return np.random.default_rng([seed, int.from_bytes(digest, "little")])
 
 
-def random_generator(rng: object) -> np.random.Generator:
+def random_generator(rng: Seed) -> np.random.Generator:
     """Generator of a :data:`Seed`; a generator is returned as it is.
 
     Raises

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from pymc_ship.machine.arguments import check_choice, finite_number, shown
 from pymc_ship.machine.text import EncodingError, utf8
@@ -29,12 +29,12 @@ class Entry:
         Keys that lead to the value, with dots between them; empty for the table of the file.
     """
 
-    value: object
+    value: Any
     file: str
     error: type[ValueError]
     key: str = ""
 
-    def at(self, key: str, default: object = None) -> Entry:
+    def at(self, key: str, default: Any = None) -> Entry:
         """Entry of a key of this table, or of a default where the key is missing."""
         return replace(self, value=self.value.get(key, default), key=self._below(key))
 
@@ -93,7 +93,7 @@ class Entry:
         return f"{self.key}.{key}" if self.key else key
 
 
-def toml_table(source: str | Path | Mapping, what: str, error: type[ValueError]) -> Entry:
+def toml_table(source: str | Path | Mapping[str, Any], what: str, error: type[ValueError]) -> Entry:
     """A table as it is given, or that of a TOML file; ``what`` it is called, with "file" behind it where it is one."""
     return Entry(source, what, error) if isinstance(source, Mapping) else toml_file(source, f"{what} file", error)
 

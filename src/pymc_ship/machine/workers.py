@@ -46,7 +46,9 @@ class WorkersLostError(Exception):
         self.reason, self.times = reason, times
 
 
-def completed(executor: LocalCores | Cluster, work: Callable, remaining: Callable[[], Iterable | None]) -> Iterator:
+def completed[Task, Result](
+    executor: LocalCores | Cluster, work: Callable[[Task], Result], remaining: Callable[[], Iterable[Task] | None]
+) -> Iterator[Result]:
     """Yield the result of every task; tasks of workers that died are handed out again.
 
     Parameters
@@ -101,7 +103,7 @@ class LocalCores:
             raise error(f"Tasks need at least one worker, found {workers}; raise the number of workers.")
         self.workers = workers or joblib.cpu_count()
 
-    def run(self, work: Callable, tasks: Iterable) -> Iterator:
+    def run[Task, Result](self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
         """Yield the result of each task; no other is begun after one that raised an error.
 
         Raises
@@ -144,7 +146,7 @@ class LocalCores:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._warnings.__exit__(*error)
+        self._warnings.__exit__(None, None, None)
         if self.workers > 1:
             from joblib.externals.loky import get_reusable_executor
 
@@ -158,7 +160,7 @@ class _Failure:
     error: Exception
 
 
-def _tried(work: Callable, task: object) -> object:
+def _tried[Task, Result](work: Callable[[Task], Result], task: Task) -> Result | _Failure:
     try:
         return work(task)
     except Exception as error:  # the parent raises it
@@ -218,7 +220,7 @@ class Cluster:
     def __exit__(self, *error: object) -> None:
         self._client.close()
 
-    def run(self, work: Callable, tasks: Iterable) -> Iterator:
+    def run[Task, Result](self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
         """Yield the result of each task; some for each worker, whose number is looked at, are at the scheduler.
 
         Raises

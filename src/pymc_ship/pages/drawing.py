@@ -5,14 +5,16 @@ from __future__ import annotations
 import base64
 import io
 import re
+from collections.abc import Callable
 from functools import wraps
 from html import escape
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -35,18 +37,20 @@ BESIDE_DPI, EMBEDDED_DPI = 110, 150
 """Resolution of the PNG files beside a page and of the PNG images inside it [dots per inch]."""
 
 
-def styled(draw):
+def styled[**P, Drawn](draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Draw in the house style."""
 
     @wraps(draw)
-    def drawn(*arguments, **settings):
+    def drawn(*arguments: P.args, **settings: P.kwargs) -> Drawn:
         with matplotlib.rc_context(STYLE):
             return draw(*arguments, **settings)
 
     return drawn
 
 
-def subplots(width: float, height: float, rows: int = 1, columns: int = 1, **settings) -> tuple[Figure, np.ndarray]:
+def subplots(
+    width: float, height: float, rows: int = 1, columns: int = 1, **settings: Any
+) -> tuple[Figure, np.ndarray]:
     """Figure [inch] with constrained layout and its axes, shape (rows, columns); never touches pyplot."""
     fig = Figure(figsize=(width, height), layout="constrained")
     return fig, fig.subplots(rows, columns, squeeze=False, **settings)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
@@ -68,7 +69,7 @@ class Content:
 
     values: Mapping[str, object]
     figures: Mapping[str, Figure | str] = field(default_factory=dict)
-    rows: Mapping[str, Sequence[Mapping]] = field(default_factory=dict)
+    rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
     sources: Sequence[str] = ()
 
@@ -140,7 +141,7 @@ def _write_png(figure: Figure, path: Path) -> None:
     path.write_bytes(drawing.png(figure, drawing.BESIDE_DPI))
 
 
-def write_rows(rows: Sequence[Mapping], path: Path, *, digits: int | None) -> None:
+def write_rows(rows: Sequence[Mapping[str, Any]], path: Path, *, digits: int | None) -> None:
     """Write rows as CSV, under the keys of all of them."""
     keys = list(dict.fromkeys(key for row in rows for key in row))
     with path.open("w", encoding="utf-8", newline="") as file:

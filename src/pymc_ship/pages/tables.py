@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,13 +21,13 @@ class Table:
 def number(digits: int = 3) -> Callable[[object], str]:
     """Formatter of a number to so many significant digits; a dash for NaN."""
 
-    def formatted(value: object) -> str:
+    def formatted(value: Any) -> str:
         if not isinstance(value, int | float | np.number):
             return str(value)
         if not np.isfinite(value):
             return "–"
         text = f"{value + 0.0:.{digits}g}"
-        if "e" in text and 1.0 <= abs(value) < 1e5:
+        if "e" in text and 1.0 <= abs(float(value)) < 1e5:
             text = f"{float(text):.0f}"
         mantissa, *exponent = text.split("e")
         return "e".join([mantissa.replace("-", "−"), *(str(int(power)) for power in exponent)])
@@ -51,7 +52,7 @@ def percent(share: float) -> str:
     return f"{100.0 * share:g} %"
 
 
-def table(rows: Sequence[Mapping], columns: Mapping[str, tuple[str, Callable]]) -> Table:
+def table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, tuple[str, Callable[[Any], str]]]) -> Table:
     """Format the given keys of rows under their heads."""
     return Table(
         [head for head, _ in columns.values()],

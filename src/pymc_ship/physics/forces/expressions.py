@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -56,36 +57,36 @@ class Expression:
     def __init__(self, tape: Tape, node: int) -> None:
         self.tape, self.node = tape, node
 
-    def __add__(self, other):
+    def __add__(self, other: Expression | float) -> Expression:
         return self.tape.noted(ADD, self, other)
 
-    def __sub__(self, other):
+    def __sub__(self, other: Expression | float) -> Expression:
         return self.tape.noted(SUBTRACT, self, other)
 
-    def __mul__(self, other):
+    def __mul__(self, other: Expression | float) -> Expression:
         return self.tape.noted(MULTIPLY, self, other)
 
-    def __truediv__(self, other):
+    def __truediv__(self, other: Expression | float) -> Expression:
         return self.tape.noted(DIVIDE, self, other)
 
-    def __rsub__(self, other):
+    def __rsub__(self, other: Expression | float) -> Expression:
         return self.tape.noted(SUBTRACT, other, self)
 
-    def __rtruediv__(self, other):
+    def __rtruediv__(self, other: Expression | float) -> Expression:
         return self.tape.noted(DIVIDE, other, self)
 
     __radd__, __rmul__ = __add__, __mul__
 
-    def __neg__(self):
+    def __neg__(self) -> Expression:
         return self.tape.noted(SUBTRACT, 0.0, self)
 
-    def __pow__(self, exponent: int):
+    def __pow__(self, exponent: int) -> Expression:
         product = self
         for _ in range(exponent - 1):
             product = product * self
         return product
 
-    def __abs__(self):
+    def __abs__(self) -> Expression:
         return self.tape.noted(ABSOLUTE, self)
 
 
@@ -136,8 +137,8 @@ class Tape:
     """
 
     def __init__(self, inputs: Sequence[str], parameters: Sequence[str]) -> None:
-        self._known: dict[tuple, int] = {}
-        self._nodes: list[tuple] = []
+        self._known: dict[tuple[Any, ...], int] = {}
+        self._nodes: list[tuple[Any, ...]] = []
         self._moves: list[bool] = []
         self.inputs = {name: Expression(self, self._node(("input", name))) for name in inputs}
         self.parameters = {name: Expression(self, self._node(("parameter", name))) for name in parameters}
@@ -173,7 +174,7 @@ class Tape:
     def _operand(self, side: Expression | float) -> int:
         return side.node if isinstance(side, Expression) else self.constant(side).node
 
-    def _node(self, key: tuple) -> int:
+    def _node(self, key: tuple[Any, ...]) -> int:
         if key not in self._known:
             self._known[key] = len(self._nodes)
             self._nodes.append(key)

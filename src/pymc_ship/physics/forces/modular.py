@@ -6,7 +6,7 @@ files, estimated, drawn and shown, and its force is simulated, differentiated an
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 
 from pymc_ship.physics.forces.expressions import Expression, Tape, cos, sin
@@ -126,14 +126,18 @@ def program_of(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = N
     motion = Motion(**water, **others, u_air=at["u"] - u_w, v_air=at["v"] - v_w)
     shared: dict[str, Expression] = {}
     forces = [part.force(ship, motion, p, shared) for part in parts]
-    total = [sum((force[k] for force in forces), start=tape.constant(0.0)) for k in range(4)]
+    total = [_sum(tape, (force[k] for force in forces)) for k in range(4)]
     if J_inverse is not None:
-        return tape.program(
-            [sum((J_inverse[k][j] * total[j] for j in range(4)), start=tape.constant(0.0)) for k in range(4)]
-        )
-    rates = _accelerations(ship, motion, p, total)
-    rates[0], rates[1] = rates[0] + at["r"] * v_c, rates[1] - at["r"] * u_c
-    return tape.program(rates)
+        return tape.program([_sum(tape, (J_inverse[k][j] * total[j] for j in range(4))) for k in range(4)])
+    surge, sway, *rest = _accelerations(ship, motion, p, total)
+    return tape.program([surge + at["r"] * v_c, sway - at["r"] * u_c, *rest])
+
+
+def _sum(tape: Tape, values: Iterable[Expression | float]) -> Expression:
+    total = tape.constant(0.0)
+    for value in values:
+        total = total + value
+    return total
 
 
 def _accelerations(
@@ -144,7 +148,7 @@ def _accelerations(
     X = total[0] + m * (motion.v * r + x_G * r * r - z_G * r * motion.p)
     centripetal = m * motion.u * r
     sideways = [total[1] - centripetal, total[2] - x_G * centripetal]
-    rows = [[m + p["m_y"], m * x_G - ship.added_mass.Yrdot]]
+    rows: list[list[Expression | float]] = [[m + p["m_y"], m * x_G - ship.added_mass.Yrdot]]
     rows += [[m * x_G - ship.added_mass.Nvdot, ship.I_zz + p["J_zz"]]]
     if ship.rolls:
         sideways.append(total[3] + z_G * centripetal)
@@ -156,7 +160,7 @@ def _accelerations(
     return [X / (m + p["m_x"]), *solved, *([] if ship.rolls else [0.0])]
 
 
-def _solved(matrix: list[list], values: list[Expression]) -> list[Expression]:
+def _solved(matrix: list[list[Expression | float]], values: list[Expression]) -> list[Expression]:
     """Solution of a small linear system by elimination; its pivots are masses and moments of inertia."""
     rows, right = [list(row) for row in matrix], list(values)
     n = len(rows)
@@ -165,7 +169,7 @@ def _solved(matrix: list[list], values: list[Expression]) -> list[Expression]:
             factor = rows[j][k] / rows[k][k]
             rows[j] = [a - factor * b for a, b in zip(rows[j], rows[k], strict=True)]
             right[j] = right[j] - factor * right[k]
-    found: list[Expression] = [None] * n  # type: ignore[list-item]
+    found = list(right)
     for k in range(n - 1, -1, -1):
         rest = right[k]
         for j in range(k + 1, n):

@@ -18,37 +18,37 @@ GRAVITY = 9.81
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def rate_scale(U, L):
+def rate_scale(U: float, L: float) -> float:
     """Unit of angular rates r, p [rad/s]."""
     return U / L
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def acceleration_scale(U, L):
+def acceleration_scale(U: float, L: float) -> float:
     """Unit of linear accelerations udot, vdot [m/s2]."""
     return U * U / L
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def angular_acceleration_scale(U, L):
+def angular_acceleration_scale(U: float, L: float) -> float:
     """Unit of angular accelerations rdot, pdot [rad/s2]."""
     return U * U / (L * L)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def relative_speed(U, nominal_speed):
+def relative_speed(U: float, nominal_speed: float) -> float:
     """u_a = (U - U_nom) / U."""
     return (U - nominal_speed) / U
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def righting_arm(sin_phi, tan_phi, GM, BM):
+def righting_arm(sin_phi: float, tan_phi: float, GM: float, BM: float) -> float:
     """GZ = (GM + 1/2 BM tan^2 phi) sin phi [m]."""
     return (GM + 0.5 * BM * tan_phi * tan_phi) * sin_phi
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def righting_moment(GZ, U, L, volume):
+def righting_moment(GZ: float, U: float, L: float, volume: float) -> float:
     """Prime restoring moment 2 g V GZ / (U^2 L^3) of a righting arm GZ [m]."""
     return 2.0 * GRAVITY * volume * GZ / (U * U * L * L * L)
 
@@ -90,7 +90,7 @@ QUANTITIES = tuple(_KIND)
 """Quantities that have a prime value."""
 
 
-def scale(quantity: str, U, L: float, water_density: float = WATER_DENSITY):
+def scale(quantity: str, U: float | np.ndarray, L: float, water_density: float = WATER_DENSITY) -> np.ndarray:
     """Unit that one prime value of a quantity stands for.
 
     Parameters
@@ -119,11 +119,15 @@ def scale(quantity: str, U, L: float, water_density: float = WATER_DENSITY):
     return _SCALES[_KIND[quantity]](np.asarray(U, dtype=float), L, water_density)
 
 
-def to_prime(quantity: str, value, U, L: float, water_density: float = WATER_DENSITY):
+def to_prime(
+    quantity: str, value: float | np.ndarray, U: float | np.ndarray, L: float, water_density: float = WATER_DENSITY
+) -> np.ndarray:
     """SI value -> prime value; arguments and errors as :func:`scale`."""
     return value / scale(quantity, U, L, water_density)
 
 
-def to_si(quantity: str, value, U, L: float, water_density: float = WATER_DENSITY):
+def to_si(
+    quantity: str, value: float | np.ndarray, U: float | np.ndarray, L: float, water_density: float = WATER_DENSITY
+) -> np.ndarray:
     """Prime value -> SI value; arguments and errors as :func:`scale`."""
     return value * scale(quantity, U, L, water_density)

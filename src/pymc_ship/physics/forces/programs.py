@@ -8,12 +8,12 @@ Griewank & Walther 2008, doi:10.1137/1.9780898717761).
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-_SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+_SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
 
 ADD = 0
 SUBTRACT = 1
@@ -68,7 +68,7 @@ class Program(NamedTuple):
 
 
 @njit(**_SETTINGS | {"fastmath": {"contract", "arcp", "nsz"}}, forceinline=True)
-def sin_cos(angle):
+def sin_cos(angle: float) -> tuple[float, float]:
     """Sine and cosine by the kernels of fdlibm after a three-part reduction; vectorises over lanes, good to 2 ulp."""
     turns = np.rint(angle * (2.0 / math.pi))
     x = (angle - turns * 1.57079632673412561417) - turns * 6.07710050630396597660e-11
@@ -87,7 +87,7 @@ def sin_cos(angle):
 
 
 @njit(**_SETTINGS | {"fastmath": {"contract", "arcp", "nsz"}}, forceinline=True)
-def exponential(x):
+def exponential(x: float) -> float:
     """Power of e by the kernel of Cephes after a two-part reduction; vectorises over lanes, good to 2 ulp.
 
     An argument beyond -708 to 708 counts as that bound, so that a result is neither zero nor infinite.
@@ -103,7 +103,7 @@ def exponential(x):
 
 
 @njit(**_SETTINGS | {"fastmath": {"contract", "arcp"}}, forceinline=True)
-def arc_tangent(y, x):
+def arc_tangent(y: float, x: float) -> float:
     """Angle of the direction (x, y) by the kernel of Cephes; vectorises over lanes, good to 3 ulp."""
     across, along = abs(y), abs(x)
     small, large = min(across, along), max(across, along)
@@ -123,7 +123,7 @@ def arc_tangent(y, x):
 
 
 @njit(**_SETTINGS)
-def set_parameters(program, parameters, work):
+def set_parameters(program: Program, parameters: np.ndarray, work: np.ndarray) -> None:
     """Write parameters (n_parameters, n_lanes) and constants to a workspace, and what depends on them alone."""
     n_lanes = work.shape[1]
     for j in range(program.n_parameters):
@@ -137,13 +137,13 @@ def set_parameters(program, parameters, work):
 
 
 @njit(**_SETTINGS, forceinline=True)
-def run(program, work):
+def run(program: Program, work: np.ndarray) -> None:
     """Carry out a program on a workspace whose inputs are set, after :func:`set_parameters`."""
     _carry_out(program, work, program.n_static, program.operation.size)
 
 
 @njit(**_SETTINGS, forceinline=True)
-def _carry_out(program, work, begin, end):  # noqa: C901, one branch for each operation
+def _carry_out(program: Program, work: np.ndarray, begin: int, end: int) -> None:  # noqa: C901, one branch for each operation
     segments, left, right, added = program.segments, program.left, program.right, program.added
     n_lanes, first = work.shape[1], work.shape[0] - program.operation.size
     for segment in range(segments.shape[0]):
@@ -206,7 +206,7 @@ def _carry_out(program, work, begin, end):  # noqa: C901, one branch for each op
 
 
 @njit(**_SETTINGS)
-def sweep(program, work, result, slope):  # noqa: C901, one branch for each operation
+def sweep(program: Program, work: np.ndarray, result: int, slope: np.ndarray) -> None:  # noqa: C901, one branch for each operation
     """Derivatives of one result by every row, after :func:`run`, written to ``slope`` (n_rows, n_lanes)."""
     operation, left, right, added = program.operation, program.left, program.right, program.added
     n_lanes, first = work.shape[1], work.shape[0] - operation.size

@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from numba import njit
 
-_SETTINGS = {"cache": True, "nogil": True, "error_model": "numpy"}
+_SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 class PropellerConstants(NamedTuple):
@@ -60,7 +60,7 @@ class Propeller:
 
 
 @njit(**_SETTINGS)
-def _inflow(load, eta, kappa):
+def _inflow(load: float, eta: float, kappa: float) -> tuple[float, float]:
     """Square of the rudder inflow over that without slipstream, and its derivative by ``load`` = 8 K_T / (pi J^2)."""
     root = math.sqrt(max(1.0 + load, 0.0))
     jet = 1.0 + kappa * (root - 1.0)
@@ -69,7 +69,7 @@ def _inflow(load, eta, kappa):
 
 
 @njit(**_SETTINGS)
-def loading(u_a, constants):
+def loading(u_a: float, constants: PropellerConstants) -> tuple[float, float, float, float]:
     """Propeller loading at a relative speed: g, T and their derivatives by u_a; see :class:`PropellerConstants`."""
     J_nom, k_0, k_1, k_2 = constants.J, constants.k_0, constants.k_1, constants.k_2
     a = 1.0 - u_a

@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -36,6 +37,7 @@ ROW_RUDDER = ROW_ABSOLUTE + len(SYMBOLS)
 ROW_LOADING = ROW_RUDDER + len(RUDDER)
 N_BASE = ROW_LOADING + len(LOADING)
 
+_SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False}
 _SYMBOL = "|".join(sorted(SYMBOLS, key=len, reverse=True))
 _FUNCTIONS = {name: ROW_RUDDER + k for k, name in enumerate(RUDDER + LOADING)}
 _TOKEN = re.compile(rf"(?P<symbol>{_SYMBOL})|(?P<function>{'|'.join(_FUNCTIONS)})|\|(?P<absolute>(?:{_SYMBOL})+)\|")
@@ -142,8 +144,8 @@ def plan(terms: tuple[str, ...]) -> TermPlan:
     return TermPlan(terms, *(np.array(values, dtype=np.int64) for values in (left, right, rows)))
 
 
-@njit(cache=True, nogil=True, forceinline=True, _nrt=False)
-def fill_products(work, left, right):
+@njit(**_SETTINGS, forceinline=True)
+def fill_products(work: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
     """Fill absolute values, functions of the rudder angle and products; symbol and loading rows are set.
 
     ``work`` has shape (n_rows, n_lanes): one lane is one instant of one ship.
@@ -162,8 +164,8 @@ def fill_products(work, left, right):
             work[target, lane] = work[a, lane] * work[b, lane]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
-def fill_product_tangents(work, left, right, tangent):
+@njit(**_SETTINGS)
+def fill_product_tangents(work: np.ndarray, left: np.ndarray, right: np.ndarray, tangent: np.ndarray) -> None:
     """Fill the tangents of what :func:`fill_products` fills, those of symbols and loading being set."""
     n_lanes = work.shape[1]
     for lane in range(n_lanes):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,7 +16,7 @@ SURE = 0.95
 """Probability from which a forecast says that a ship passes, and below 1 minus which that she fails."""
 
 
-def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict]:
+def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, Any]]:
     """Probability that each criterion of IMO MSC.137(76) which applies to a forecast manoeuvre is passed.
 
     Parameters
@@ -61,7 +62,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict]:
     if "indices" not in tree.children:
         return []
     found, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
-    running = ~tree["trajectories"]["diverged"].values
+    running = ~tree["trajectories"].to_dataset()["diverged"].values
     surest = tree.attrs.get("surest", 1.0)
     rows = []
     for name, limit, unit, units in imo_limits(found.attrs, vessel):
@@ -87,7 +88,7 @@ def shown_probability(probability: float) -> str:
     return "above 0.99" if 0.995 < probability < 1.0 else f"{probability:.2f}"
 
 
-def _sentence(row: dict) -> str:
+def _sentence(row: dict[str, Any]) -> str:
     """Verdict in words, with one decimal for angles and two for ship lengths."""
     decimals = 1 if row["units"] == "deg" else 2
     median, lower, upper, limit = (f"{row[key]:.{decimals}f}" for key in ("median", "lower", "upper", "limit"))
@@ -101,7 +102,7 @@ def _sentence(row: dict) -> str:
     )
 
 
-def imo_limits(attrs: Mapping, vessel: Vessel) -> list[tuple[str, float, float, str]]:
+def imo_limits(attrs: Mapping[str, Any], vessel: Vessel) -> list[tuple[str, float, float, str]]:
     """Limits of IMO MSC.137(76) that apply to a manoeuvre.
 
     Parameters
@@ -125,7 +126,7 @@ def imo_limits(attrs: Mapping, vessel: Vessel) -> list[tuple[str, float, float, 
     return [(name, limit, L if units == "L" else 1.0, units) for name, limit, units in limits]
 
 
-def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict]:
+def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any]]:
     """Compare indices with the limits of IMO MSC.137(76) that apply to the manoeuvre.
 
     Parameters

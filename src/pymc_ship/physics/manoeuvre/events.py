@@ -6,6 +6,7 @@ kinematics of the track, so that they do not depend on the sampling interval.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -120,7 +121,7 @@ class Record:
         top = int(np.argmax(turned[: back[0] + 2] if back.size else turned))
         return begin + top - int(0 < top < rate.size - 1 and rate[top] <= 0.0)
 
-    def _root(self, k: int, polynomial, after: float) -> float:
+    def _root(self, k: int, polynomial: Callable[[Sequence[float]], Sequence[float]], after: float) -> float:
         """First root of a polynomial made of the cubic of psi on interval k that lies in the interval."""
         coefficients = polynomial(_cubic(self.time, self.motion["psi"], self.psi_dot, k))
         roots = np.roots(coefficients[::-1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -78,7 +79,7 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     return found.assign_coords(draw=runs["draw"]) if "draw" in trial.dims else found.isel(draw=0)
 
 
-def _modelled(index: Index, attrs: Mapping) -> bool:
+def _modelled(index: Index, attrs: Mapping[str, Any]) -> bool:
     """Whether the model that a record was simulated with has what an index needs; true of a measured record."""
     return "roll" in attrs.get("dofs", "roll").split() or not of_roll(index)
 

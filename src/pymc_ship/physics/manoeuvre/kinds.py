@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pymc_ship.physics.manoeuvre.events import Record
@@ -72,7 +72,7 @@ class Index:
     scored: bool = False
     signed: bool = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         known = ERRING if self.scored else tuple(UNITS)
         if self.quantity not in known:
             what = "A scored index" if self.scored else "An index"
@@ -84,11 +84,11 @@ class Index:
         return UNITS[self.quantity]
 
 
-def _nothing_measured(record: Record, attrs: Mapping) -> dict[str, float]:
+def _nothing_measured(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
     return {}
 
 
-def _no_limits(attrs: Mapping, ratio: float) -> Sequence[Limit]:
+def _no_limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
     return ()
 
 
@@ -136,14 +136,14 @@ class ManoeuvreKind:
     title: str = ""
     reversal: float | None = None
     indices: Mapping[str, Index] = field(default_factory=dict)
-    measure: Callable[[Record, Mapping], dict[str, float]] = _nothing_measured
-    limits: Callable[[Mapping, float], Sequence[Limit]] = _no_limits
+    measure: Callable[[Record, Mapping[str, Any]], dict[str, float]] = _nothing_measured
+    limits: Callable[[Mapping[str, Any], float], Sequence[Limit]] = _no_limits
     recognise: Callable[[Helm], tuple[tuple[float, ...], str] | None] | None = None
     reach: float = 40.0
     swings: bool = False
     circles: bool = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         lacking = [name for name in self._drawn() if name not in self.indices]
         if lacking:
             raise ManoeuvreError(f"The figures of a {self.words} show its {lacking[0]}; add this index.")

@@ -46,7 +46,7 @@ class Manoeuvre:
     delta: tuple[float, ...] = ()
     rate_limited: bool = True
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         kind_named(self.kind)
 
     def __repr__(self) -> str:
@@ -132,7 +132,8 @@ def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_s
         raise ManoeuvreError(f"A {kind} is made with {wanted}, found {len(angles)} angles; correct it.")
     given = dict(zip(names, angles, strict=True))
     _check(side, approach_speed, widest=_TWO_ROUNDS if traits.reversal == 0.0 else 90.0, **given)
-    return Manoeuvre(kind, side=side, approach_speed=approach_speed, **{k: float(angle) for k, angle in given.items()})
+    rudder_deg, heading_deg = (float(given.get(name, 0.0)) for name in ("rudder_deg", "heading_deg"))
+    return Manoeuvre(kind, rudder_deg, heading_deg, side=side, approach_speed=approach_speed)
 
 
 def written_manoeuvre(text: str) -> Manoeuvre | None:
@@ -307,8 +308,13 @@ def rudder_programme(
         )
     if not (np.isfinite(time).all() and np.isfinite(delta).all()) or (np.diff(time) <= 0).any():
         raise ManoeuvreError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
-    programme = {"time": tuple(time.tolist()), "delta": tuple(delta.tolist()), "rate_limited": rate_limited}
-    return Manoeuvre("rudder_programme", approach_speed=approach_speed, **programme)
+    return Manoeuvre(
+        "rudder_programme",
+        approach_speed=approach_speed,
+        time=tuple(time.tolist()),
+        delta=tuple(delta.tolist()),
+        rate_limited=rate_limited,
+    )
 
 
 def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angles: float) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pymc_ship.physics.manoeuvre.kinds import SIDES, TRACK, Index, Limit, ManoeuvreKind
 
@@ -22,7 +22,7 @@ _AMIDSHIPS = 0.2  # of the angle held: a rudder within it is amidships, whatever
 _AFTER = 0.5  # of the time of the turn for which the rudder of a pull-out stays amidships at least
 
 
-def _indices(record: Record, attrs: Mapping) -> dict[str, float]:
+def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
     """Indices that the record reaches; headings and distances count from those at its begin."""
     side, course = SIDES[attrs["side"]], record.motion["psi"][0]
     found: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
@@ -41,7 +41,7 @@ def _indices(record: Record, attrs: Mapping) -> dict[str, float]:
     return found
 
 
-def _limits(attrs: Mapping, ratio: float) -> Sequence[Limit]:
+def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
     """Limits of the turning circle with hard-over rudder."""
     if attrs.get("rudder_deg", _HARD_OVER) < _HARD_OVER:
         return ()
@@ -80,7 +80,7 @@ TURNING_CIRCLE = ManoeuvreKind(
 )
 
 
-def _pull_out_indices(record: Record, attrs: Mapping) -> dict[str, float]:
+def _pull_out_indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
     """Indices of the rate of turn from the heading on at which the rudder is ordered amidships."""
     import numpy as np
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pymc_ship.physics.manoeuvre.kinds import SIDES, TRACK, Index, Limit, ManoeuvreKind
 
@@ -16,7 +16,7 @@ BY_HAND = math.radians(1.0)
 """Heading beside the mean of a zigzag's reversals from which one counts as steered by hand, not by an autopilot."""
 
 
-def _indices(record: Record, attrs: Mapping) -> dict[str, float]:
+def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
     """Indices that the record reaches; overshoots count from the heading at which the rudder was reversed.
 
     This is the switching heading or, in a record that was steered by hand, where ``attrs["reversals"]`` [s] say.
@@ -47,7 +47,7 @@ def _indices(record: Record, attrs: Mapping) -> dict[str, float]:
     return found
 
 
-def _limits(attrs: Mapping, ratio: float) -> Sequence[Limit]:
+def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
     """Limits of the 10/10 and the 20/20 test."""
     angles = (attrs.get("rudder_deg"), attrs.get("heading_deg"))
     if angles == (10.0, 10.0):

@@ -14,7 +14,7 @@ from numba import njit
 
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.motion.equations import KERNEL, Scheme, set_parts, state_derivative
-from pymc_ship.physics.motion.stepping import STATE_ROWS, in_range, lanes_at_rest
+from pymc_ship.physics.motion.stepping import STATE_ROWS, Lanes, in_range, lanes_at_rest
 
 
 class Gear(NamedTuple):
@@ -39,7 +39,7 @@ class Course(NamedTuple):
 
 
 @njit(**KERNEL)
-def _rate(state, delta, coefficients, scheme, lanes):
+def _rate(state: np.ndarray, delta: float, coefficients: np.ndarray, scheme: Scheme, lanes: Lanes) -> np.ndarray:
     """Time derivative of the state of one ship, (8,), by the one evaluator of the equations of motion."""
     for row in range(state.size):
         lanes.inner[0, row, 0] = state[row]

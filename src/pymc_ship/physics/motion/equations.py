@@ -8,7 +8,7 @@ side by side and the regression evaluates all instants of a trial at once, with 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,7 +29,7 @@ from pymc_ship.physics.vessel.parts import part_program
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 from pymc_ship.trial.channels import channel_names
 
-KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
+KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
 """Compiler settings of the kernels; without numpy's error model no loop with a division vectorises."""
 
 PART = KERNEL | {"_nrt": False}
@@ -109,7 +109,7 @@ class Work(NamedTuple):
 
 
 @njit(**INLINED)
-def prime_motion(state, delta, scheme, work):
+def prime_motion(state: np.ndarray, delta: np.ndarray, scheme: Scheme, work: Work) -> None:
     """Fill the speed and the symbol and loading rows of the terms."""
     hull, terms, speed = scheme.hull, work.terms, work.speed
     L, nominal_speed, propeller = hull.L, hull.nominal_speed, propeller_constants(hull)
@@ -131,13 +131,13 @@ def prime_motion(state, delta, scheme, work):
 
 
 @njit(**INLINED)
-def propeller_constants(hull):
+def propeller_constants(hull: np.record) -> PropellerConstants:
     """Constants of the propeller among those of the vessel."""
     return PropellerConstants(hull.J, hull.k_0, hull.k_1, hull.k_2, hull.eta, hull.kappa)
 
 
 @njit(**INLINED)
-def known_forces(state, scheme, work):
+def known_forces(state: np.ndarray, scheme: Scheme, work: Work) -> None:
     """Write the prime forces that hold no hydrodynamic coefficient, F1, F2, M1, M2, to the force."""
     hull, terms, speed, force = scheme.hull, work.terms, work.speed, work.force
     m, x_G, z_G = hull.m, hull.x_G, hull.z_G
@@ -157,7 +157,7 @@ def known_forces(state, scheme, work):
 
 
 @njit(**INLINED)
-def add_hydrodynamic_forces(coefficients, scheme, work):
+def add_hydrodynamic_forces(coefficients: np.ndarray, scheme: Scheme, work: Work) -> None:
     """Add coefficient times term to the force, four terms of one DOF at a time where there are four."""
     rows, dof, terms, force = scheme.rows, scheme.dof, work.terms, work.force
     n_lanes = force.shape[1]
@@ -182,7 +182,9 @@ def add_hydrodynamic_forces(coefficients, scheme, work):
 
 
 @njit(**INLINED)
-def _rates_of_terms(state, inputs, coefficients, scheme, work, rate):
+def _rates_of_terms(
+    state: np.ndarray, inputs: np.ndarray, coefficients: np.ndarray, scheme: Scheme, work: Work, rate: np.ndarray
+) -> None:
     """Write the accelerations by terms and by the known forces beside them."""
     hull, J_inverse, speed, force = scheme.hull, scheme.J_inverse, work.speed, work.force
     prime_motion(state, inputs[0], scheme, work)
@@ -198,7 +200,7 @@ def _rates_of_terms(state, inputs, coefficients, scheme, work, rate):
 
 
 @njit(**INLINED)
-def run_parts(state, inputs, scheme, work):
+def run_parts(state: np.ndarray, inputs: np.ndarray, scheme: Scheme, work: Work) -> None:
     """Carry out the program of the parts at states and inputs; its parameters are set."""
     U, turn = scheme.hull.nominal_speed, rate_scale(scheme.hull.nominal_speed, scheme.hull.L)
     for lane in range(state.shape[1]):
@@ -212,14 +214,16 @@ def run_parts(state, inputs, scheme, work):
 
 
 @njit(**INLINED)
-def part_scale(scheme, row):
+def part_scale(scheme: Scheme, row: int) -> float:
     """Unit of the acceleration of a row of the states that a result of the program is measured in."""
     U, L = scheme.hull.nominal_speed, scheme.hull.L
     return acceleration_scale(U, L) if row < 2 else angular_acceleration_scale(U, L)
 
 
 @njit(**INLINED)
-def state_derivative(state, inputs, coefficients, scheme, work, rate):
+def state_derivative(
+    state: np.ndarray, inputs: np.ndarray, coefficients: np.ndarray, scheme: Scheme, work: Work, rate: np.ndarray
+) -> None:
     """Time derivative of the states, written to ``rate`` (8, n_lanes).
 
     ``state`` is (8, n_lanes), ``inputs`` (4, n_lanes) those of :data:`pymc_ship.physics.forces.part.INPUTS`,
@@ -250,14 +254,14 @@ def state_derivative(state, inputs, coefficients, scheme, work, rate):
 
 
 @njit(**PART)
-def set_parts(coefficients, scheme, work):
+def set_parts(coefficients: np.ndarray, scheme: Scheme, work: Work) -> None:
     """Write the parameters of the parts, which follow those of the terms, to the workspace."""
     if scheme.program.results.size > 0:
         set_parameters(scheme.program, coefficients[scheme.rows.size :], work.parts)
 
 
 @njit(**KERNEL, forceinline=True)
-def workspace(n_lanes, scheme):
+def workspace(n_lanes: int, scheme: Scheme) -> Work:
     """Workspace of the equations of motion of so many ships; the kernel that inlines it knows their number."""
     return Work(
         np.zeros((scheme.n_rows, n_lanes)),
@@ -296,4 +300,4 @@ def hull(vessel: Vessel) -> np.record:
     propeller = PropellerConstants() if vessel.propeller is None else vessel.propeller.constants(s.nominal_speed)
     slowest = -5.0 if LOW_SPEED.name in vessel.parts else 0.01
     values = (s.L, s.nominal_speed, slowest, vessel.m, vessel.x_G, vessel.z_G, s.volume, GM, BM, *propeller)
-    return np.rec.array(values, dtype=HULL)[()]
+    return np.array([values], dtype=HULL)[0]

@@ -127,26 +127,32 @@ def steady_inputs(
         "wind", or a current that is faster than the ship.
     """
     U = vessel.particulars.nominal_speed
-    if n is not None and not takes_revolutions(vessel):
-        raise SimulationError(
-            f"Revolutions need a ship of parts whose propeller is stated, found {vessel.name!r}; leave out n, or add "
-            "parts and [propeller] to the vessel file."
-        )
+    revolutions = approach_speed / U if n is None else _relative_revolutions(vessel, n)
     if wind is not None and WIND.name not in vessel.parts:
         raise SimulationError(
             f"Wind acts on a ship with the part wind, found {vessel.name!r} without it; leave out the wind, or add the "
             "part and [windage] to the vessel file."
-        )
-    if n is not None and not abs(n) <= _MOST_REVOLUTIONS * vessel.propeller.n:
-        raise SimulationError(
-            f"Revolutions are a number [1/s] up to {_MOST_REVOLUTIONS:g} times the nominal {vessel.propeller.n:g}, "
-            f"found {n}; correct them (1/min over 60 are 1/s)."
         )
     if current is not None and float(current[0]) > U:
         raise SimulationError(
             f"A current is slower than the ship, found {float(current[0]):g} m/s at a nominal speed of {U:g} m/s; "
             "correct it (knots times 0.514 are m/s)."
         )
-    revolutions = approach_speed / U if n is None else n / vessel.propeller.n
     air = -velocity(wind) - velocity(current) if wind is not None else np.zeros(2)
     return np.array([revolutions, *(air / U)])
+
+
+def _relative_revolutions(vessel: Vessel, n: float) -> float:
+    """Revolutions over those at the nominal speed."""
+    propeller = vessel.propeller
+    if propeller is None or not takes_revolutions(vessel):
+        raise SimulationError(
+            f"Revolutions need a ship of parts whose propeller is stated, found {vessel.name!r}; leave out n, or add "
+            "parts and [propeller] to the vessel file."
+        )
+    if not abs(n) <= _MOST_REVOLUTIONS * propeller.n:
+        raise SimulationError(
+            f"Revolutions are a number [1/s] up to {_MOST_REVOLUTIONS:g} times the nominal {propeller.n:g}, "
+            f"found {n}; correct them (1/min over 60 are 1/s)."
+        )
+    return n / propeller.n

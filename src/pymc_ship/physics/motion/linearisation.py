@@ -23,6 +23,8 @@ from pymc_ship.physics.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_product
 from pymc_ship.physics.motion.equations import (
     KERNEL,
     PART,
+    Scheme,
+    Work,
     add_hydrodynamic_forces,
     part_scale,
     propeller_constants,
@@ -66,7 +68,7 @@ class Instants(NamedTuple):
 
 
 @njit(**PART)
-def _symbol_tangents(change, state, scheme, work, tangent):
+def _symbol_tangents(change: Change, state: np.ndarray, scheme: Scheme, work: Work, tangent: Work) -> None:
     """Derivatives of the speed and of symbol and loading rows along a change of one state."""
     hull = scheme.hull
     L, nominal_speed, propeller = hull.L, hull.nominal_speed, propeller_constants(hull)
@@ -90,7 +92,7 @@ def _symbol_tangents(change, state, scheme, work, tangent):
 
 
 @njit(**PART)
-def _known_force_tangents(change, state, scheme, work, tangent):
+def _known_force_tangents(change: Change, state: np.ndarray, scheme: Scheme, work: Work, tangent: Work) -> None:
     """Derivatives of the known forces along the same change."""
     hull, terms, speed, force = scheme.hull, work.terms, work.speed, tangent.force
     m, x_G, z_G = hull.m, hull.x_G, hull.z_G
@@ -119,7 +121,7 @@ def _known_force_tangents(change, state, scheme, work, tangent):
 
 
 @njit(**PART)
-def _terms_jacobian(instants, coefficients, scheme, work, tangent):
+def _terms_jacobian(instants: Instants, coefficients: np.ndarray, scheme: Scheme, work: Work, tangent: Work) -> None:
     """Derivatives of the rates of u, v, r, p by u, v, r, p, phi."""
     hull, J_inverse, force = scheme.hull, scheme.J_inverse, tangent.force
     for i in range(5):
@@ -140,7 +142,7 @@ def _terms_jacobian(instants, coefficients, scheme, work, tangent):
 
 
 @njit(**PART)
-def _kinematic_jacobian(state, f_x):
+def _kinematic_jacobian(state: np.ndarray, f_x: np.ndarray) -> None:
     """Derivatives of the rates of phi, psi, x, y by the states, as far as ``f_x`` has rows for them."""
     n_states = f_x.shape[0]
     for lane in range(state.shape[1]):
@@ -158,7 +160,7 @@ def _kinematic_jacobian(state, f_x):
 
 
 @njit(**PART)
-def linearise(instants, coefficients, scheme, work, tangent):
+def linearise(instants: Instants, coefficients: np.ndarray, scheme: Scheme, work: Work, tangent: Work) -> None:
     """Fill f_x and, row by row, the products U^2 term of all coefficients at the states and rudder angles."""
     state_derivative(instants.state, instants.inputs, coefficients, scheme, work, instants.rate)
     for k in range(4):
@@ -172,7 +174,7 @@ def linearise(instants, coefficients, scheme, work, tangent):
 
 
 @njit(**PART)
-def _take_parts_off(instants, scheme, work):
+def _take_parts_off(instants: Instants, scheme: Scheme, work: Work) -> None:
     """Leave in the rates what the terms make of them: they alone grow with the square of the speed."""
     for k in range(scheme.program.results.size):
         result, scale = scheme.program.results[k], part_scale(scheme, k)
@@ -181,7 +183,7 @@ def _take_parts_off(instants, scheme, work):
 
 
 @njit(**PART)
-def _linearise_terms(instants, coefficients, scheme, work, tangent):
+def _linearise_terms(instants: Instants, coefficients: np.ndarray, scheme: Scheme, work: Work, tangent: Work) -> None:
     """Derivatives of the accelerations by terms: f_x, and the features of the coefficients."""
     state, speed = instants.state, work.speed
     for lane in range(state.shape[1]):
@@ -193,7 +195,7 @@ def _linearise_terms(instants, coefficients, scheme, work, tangent):
 
 
 @njit(**PART)
-def _add_parts(instants, scheme, work, tangent):
+def _add_parts(instants: Instants, scheme: Scheme, work: Work, tangent: Work) -> None:
     """Add the derivatives of the accelerations by parts to f_x, and fill those by their parameters."""
     program, slope, f_x = scheme.program, tangent.parts, instants.f_x
     U, turn = scheme.hull.nominal_speed, rate_scale(scheme.hull.nominal_speed, scheme.hull.L)
@@ -214,7 +216,7 @@ def _add_parts(instants, scheme, work, tangent):
 
 
 @njit(**KERNEL)
-def forcing_gain(scheme, n_columns):
+def forcing_gain(scheme: Scheme, n_columns: int) -> np.ndarray:
     """Accelerations at unit speed by the prime force each column stands for, (4, n_columns)."""
     gain = np.zeros((4, n_columns))
     for j in range(scheme.dof.size):
@@ -226,7 +228,7 @@ def forcing_gain(scheme, n_columns):
 
 
 @njit(**KERNEL, forceinline=True)
-def instants_of(n_states, scheme, gain):
+def instants_of(n_states: int, scheme: Scheme, gain: np.ndarray) -> Instants:
     """Instants of a ship that sails straight ahead, which stand for those that no step has reached."""
     state = np.zeros((STATE_ROWS, INSTANTS))
     state[0] = scheme.hull.nominal_speed

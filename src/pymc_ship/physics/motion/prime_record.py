@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 
@@ -11,7 +13,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import check_trial
 
 
-def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict, np.ndarray, np.ndarray]:
+def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     """Prime motion, speed and known forces at every instant of a record.
 
     Parameters

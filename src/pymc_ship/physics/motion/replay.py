@@ -6,12 +6,13 @@ import numpy as np
 from numba import njit
 
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.physics.motion.equations import KERNEL, scheme, set_parts
+from pymc_ship.physics.motion.equations import KERNEL, Scheme, scheme, set_parts
 from pymc_ship.physics.motion.inputs import all_inputs
 from pymc_ship.physics.motion.stepping import (
     LANES,
     METHODS,
     N_INPUTS,
+    Integration,
     SimulationError,
     advance_along,
     integration,
@@ -22,7 +23,14 @@ from pymc_ship.physics.vessel.vessel import Vessel
 
 
 @njit(**KERNEL)
-def _replay(coefficients, scheme, initial, record, integration, out):
+def _replay(
+    coefficients: np.ndarray,
+    scheme: Scheme,
+    initial: np.ndarray,
+    record: np.ndarray,
+    integration: Integration,
+    out: np.ndarray,
+) -> None:
     """Integrate the lanes along a record of inputs; write block means to ``out`` (n_states, n_lanes, n_blocks)."""
     n_states, n_lanes, n_blocks = out.shape
     block, substeps, n_time = record.shape[1] // n_blocks, integration.substeps, record.shape[1]

@@ -14,19 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pymc_ship.physics.motion.equations import (
-    INLINED,
-    KERNEL,
-    PART,
-    scheme,
-    set_parts,
-    workspace,
-)
+from pymc_ship.physics.motion.equations import INLINED, KERNEL, PART, Scheme, scheme, set_parts, workspace
 from pymc_ship.physics.motion.inputs import all_inputs
-from pymc_ship.physics.motion.linearisation import INSTANTS, forcing_gain, instants_of, linearise
+from pymc_ship.physics.motion.linearisation import INSTANTS, Instants, forcing_gain, instants_of, linearise
 from pymc_ship.physics.motion.replay import check_replay
 from pymc_ship.physics.motion.stepping import (
     Integration,
+    Lanes,
     add,
     advance,
     copy,
@@ -58,7 +52,9 @@ class Tangents(NamedTuple):
 
 
 @njit(**INLINED)
-def _march(ship, coefficients, scheme, record, steps, instants):
+def _march(
+    ship: Lanes, coefficients: np.ndarray, scheme: Scheme, record: Record, steps: tuple[int, int], instants: Instants
+) -> bool:
     """Integrate some steps, noting state and rudder at each evaluation; False when the ship diverged."""
     inputs, substeps, stages = record.inputs, record.integration.substeps, record.integration.stages
     instant = 0
@@ -82,7 +78,7 @@ def _march(ship, coefficients, scheme, record, steps, instants):
 
 
 @njit(**PART)
-def _add_samples(instants, record, steps, total):
+def _add_samples(instants: Instants, record: Record, steps: tuple[int, int], total: np.ndarray) -> None:
     """Add the states at the samples to the sums of their blocks, ``total`` (n_states, n_blocks)."""
     substeps, n_stages = record.integration.substeps, record.integration.stages.shape[0]
     for k in range(steps[0], steps[1]):
@@ -92,7 +88,7 @@ def _add_samples(instants, record, steps, total):
 
 
 @njit(**PART)
-def _sensitivity_rate(S, instants, instant, rate):
+def _sensitivity_rate(S: np.ndarray, instants: Instants, instant: int, rate: np.ndarray) -> None:
     """S' = f_x S + f_theta at one instant; f_theta is the gain times a row of the features."""
     f_x, n_columns = instants.f_x, S.shape[1]
     for k in range(4):
@@ -121,7 +117,7 @@ def _sensitivity_rate(S, instants, instant, rate):
 
 
 @njit(**PART)
-def _follow(tangents, record, steps, instants, total):
+def _follow(tangents: Tangents, record: Record, steps: tuple[int, int], instants: Instants, total: np.ndarray) -> None:
     """Integrate the sensitivities over the same steps; ``total`` (n_states, n_blocks, n_columns) takes their sums."""
     S, inner, rate = tangents.S, tangents.inner, tangents.rate
     stages, step, substeps = record.integration.stages, record.integration.step, record.integration.substeps
@@ -145,7 +141,14 @@ def _follow(tangents, record, steps, instants, total):
 
 
 @njit(**KERNEL)
-def _integrate(coefficients, scheme, initial, record, motion, jacobian):
+def _integrate(
+    coefficients: np.ndarray,
+    scheme: Scheme,
+    initial: np.ndarray,
+    record: Record,
+    motion: np.ndarray,
+    jacobian: np.ndarray,
+) -> bool:
     """Integrate along a rudder record; write block means of states and sensitivities; False when the ship diverged."""
     n_states, n_blocks, n_columns = jacobian.shape
     n_coefficients, n_stages = coefficients.shape[0], record.integration.stages.shape[0]

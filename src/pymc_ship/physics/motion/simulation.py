@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -13,7 +13,7 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.controlled import Gear, Start, course
-from pymc_ship.physics.motion.equations import KERNEL, PART, scheme, set_parts
+from pymc_ship.physics.motion.equations import KERNEL, PART, Scheme, scheme, set_parts
 from pymc_ship.physics.motion.inputs import steady_inputs, velocity
 from pymc_ship.physics.motion.stepping import (
     LANES,
@@ -70,7 +70,7 @@ class Helm(NamedTuple):
 
 
 @njit(**PART)
-def _steer(steering, psi, command, helm):
+def _steer(steering: Steering, psi: np.ndarray, command: float, helm: Helm) -> None:
     """Rudder angle after one step: switch the command after the switching heading, follow it at the rudder rate."""
     factor, waiting, travel = helm.factor, helm.waiting, steering.travel
     for lane in range(psi.size):
@@ -94,7 +94,14 @@ def _steer(steering, psi, command, helm):
 
 
 @njit(**KERNEL)
-def _integrate(coefficients, scheme, initial, steering, integration, out):
+def _integrate(
+    coefficients: np.ndarray,
+    scheme: Scheme,
+    initial: np.ndarray,
+    steering: Steering,
+    integration: Integration,
+    out: np.ndarray,
+) -> np.ndarray:
     """Integrate the lanes; write samples to ``out`` (9, n_lanes, n_saved), return the steps at which they diverged."""
     n_lanes, command = coefficients.shape[1], steering.command
     lanes = lanes_at_rest(n_lanes, integration.stages.shape[0], scheme)
@@ -239,8 +246,7 @@ def _controlled(
     if not 1e-13 <= tolerance < 1.0:
         raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {tolerance}; correct it.")
     gear = Gear(rudder_rate(vessel, manoeuvre), vessel.particulars.rudder_delay)
-    known = {"start": start, "tolerance": tolerance}
-    runs = [course(one, scheme(vessel), manoeuvre, gear, time, **known) for one in draws]
+    runs = [course(one, scheme(vessel), manoeuvre, gear, time, start=start, tolerance=tolerance) for one in draws]
     return np.stack([run.samples for run in runs], axis=1), np.array([run.diverged_at for run in runs])
 
 
@@ -294,7 +300,7 @@ def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:
     return found
 
 
-def _told(n: float | None, wind: tuple[float, float] | None, current: tuple[float, float] | None) -> dict:
+def _told(n: float | None, wind: tuple[float, float] | None, current: tuple[float, float] | None) -> dict[str, Any]:
     """Settings of the surroundings that are told with a record."""
     found = {} if n is None else {"n": float(n)}
     for name, given in (("wind", wind), ("current", current)):
@@ -302,7 +308,7 @@ def _told(n: float | None, wind: tuple[float, float] | None, current: tuple[floa
     return found
 
 
-def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, **settings: float | str) -> dict:
+def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, **settings: float | str) -> dict[str, Any]:
     return {
         "vessel": vessel.name,
         **manoeuvre.attrs,
@@ -313,8 +319,10 @@ def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, **settings: float | str) -> dic
     }
 
 
-def _dataset(out: np.ndarray, time: np.ndarray, diverged_at: np.ndarray, attrs: dict, single: bool) -> xr.Dataset:
-    variables = {
+def _dataset(
+    out: np.ndarray, time: np.ndarray, diverged_at: np.ndarray, attrs: dict[str, Any], single: bool
+) -> xr.Dataset:
+    variables: dict[str, tuple[Any, ...]] = {
         name: (("draw", "time"), out[row], {"units": CHANNELS[name].unit.name}) for row, name in enumerate(SIMULATED)
     }
     seconds = {"units": "s"}

@@ -5,14 +5,23 @@ The simulator and the sensitivities take the same steps, many ships side by side
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from pymc_ship.physics.forces.part import INPUTS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.motion.equations import INLINED, KERNEL, PART, STATE, Work, state_derivative, workspace
+from pymc_ship.physics.motion.equations import (
+    INLINED,
+    KERNEL,
+    PART,
+    STATE,
+    Scheme,
+    Work,
+    state_derivative,
+    workspace,
+)
 from pymc_ship.physics.vessel.vessel import Vessel
 
 METHODS = ("euler", "rk4")
@@ -73,7 +82,7 @@ def integration(method: str, step: float, substeps: int) -> Integration:
 
 
 @njit(**KERNEL, forceinline=True)
-def lanes_at_rest(n_lanes, n_stages, scheme):
+def lanes_at_rest(n_lanes: int, n_stages: int, scheme: Scheme) -> Lanes:
     """Lanes with all states at zero and the workspace that a scheme needs."""
     return Lanes(
         np.zeros((STATE_ROWS, n_lanes)),
@@ -85,7 +94,7 @@ def lanes_at_rest(n_lanes, n_stages, scheme):
 
 
 @njit(**INLINED)
-def advance(lanes, coefficients, scheme, integration):
+def advance(lanes: Lanes, coefficients: np.ndarray, scheme: Scheme, integration: Integration) -> None:
     """One step of the states, in place, with the inputs of its stages; ``inner`` keeps the states evaluated."""
     state, inner, rate = lanes.state, lanes.inner, lanes.rate
     stages, step = integration.stages, integration.step
@@ -98,7 +107,7 @@ def advance(lanes, coefficients, scheme, integration):
 
 
 @njit(**PART)
-def in_range(state, hull, lane):
+def in_range(state: np.ndarray, hull: np.record, lane: int) -> bool:
     """Whether the model is valid for the ship of a lane.
 
     Her state is finite, she is upright, no faster than 500 % of the nominal speed and, unless her hull is one for low
@@ -112,7 +121,7 @@ def in_range(state, hull, lane):
 
 
 @njit(**PART)
-def copy(target, source):
+def copy(target: np.ndarray, source: np.ndarray) -> None:
     """Write as much of the source as the target holds."""
     for row in range(target.shape[0]):
         for k in range(target.shape[1]):
@@ -120,7 +129,7 @@ def copy(target, source):
 
 
 @njit(**PART)
-def add(target, base, factor, rate):
+def add(target: np.ndarray, base: np.ndarray, factor: float, rate: np.ndarray) -> None:
     """Write base + factor * rate into the target."""
     for row in range(target.shape[0]):
         for k in range(target.shape[1]):
@@ -128,7 +137,7 @@ def add(target, base, factor, rate):
 
 
 @njit(**PART)
-def increase(target, factor, rate):
+def increase(target: np.ndarray, factor: float, rate: np.ndarray) -> None:
     """Add factor * rate to the target; a base that is the target itself would not vectorise."""
     for row in range(target.shape[0]):
         for k in range(target.shape[1]):
@@ -136,7 +145,7 @@ def increase(target, factor, rate):
 
 
 @njit(**PART)
-def mark_divergence(state, hull, step, diverged):
+def mark_divergence(state: np.ndarray, hull: np.record, step: int, diverged: np.ndarray) -> int:
     """Note the step at which a lane leaves the model's range and park it there; count the lanes still running."""
     n_lanes = state.shape[1]
     n_in_range = 0
@@ -156,7 +165,14 @@ def mark_divergence(state, hull, step, diverged):
 
 
 @njit(**INLINED)
-def advance_along(lanes, inputs, following, coefficients, scheme, integration):
+def advance_along(
+    lanes: Lanes,
+    inputs: np.ndarray,
+    following: np.ndarray,
+    coefficients: np.ndarray,
+    scheme: Scheme,
+    integration: Integration,
+) -> None:
     """One step while the inputs (4, n_lanes) move from one value to another."""
     for stage in range(integration.stages.shape[0]):
         fraction = integration.stages[stage, 0]
@@ -167,7 +183,7 @@ def advance_along(lanes, inputs, following, coefficients, scheme, integration):
     advance(lanes, coefficients, scheme, integration)
 
 
-def simulation_settings(vessel: Vessel) -> dict:
+def simulation_settings(vessel: Vessel) -> dict[str, Any]:
     """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
     step = vessel.particulars.ship_time / STEPS
     return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}

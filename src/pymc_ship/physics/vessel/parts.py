@@ -15,7 +15,7 @@ from pymc_ship.physics.forces.part import AddedMass, Part, Ship
 from pymc_ship.physics.forces.programs import Program
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.vessel.inertia import with_stability
-from pymc_ship.physics.vessel.vessel import Coefficient, Vessel, VesselError
+from pymc_ship.physics.vessel.vessel import Coefficient, Particulars, Vessel, VesselError
 
 HELD = 1e-9
 """Standard deviation of a parameter that is held at its value."""
@@ -161,7 +161,7 @@ def force_program(vessel: Vessel) -> Program:
     return program_of(ship_of(vessel), _parts(vessel), tuple(map(tuple, np.eye(4).tolist())))
 
 
-def _rudder_area(s) -> float:
+def _rudder_area(s: Particulars) -> float:
     """Least area of a rudder [m2] by the rule of Det Norske Veritas, d L / 100 (1 + 25 (B / L)^2)."""
     return s.d * s.L / 100.0 * (1.0 + 25.0 * (s.B / s.L) ** 2)
 

@@ -261,14 +261,14 @@ ROLL_COUPLINGS = (
 """Of the added masses that only a ship that rolls has."""
 
 
-def _advance(v: Vessel) -> float:
+def _advance(v: Vessel) -> float | None:
     p = v.propeller
-    return _over((1.0 - p.wake_fraction) * v.particulars.nominal_speed, p.n * p.D)
+    return None if p is None else _over((1.0 - p.wake_fraction) * v.particulars.nominal_speed, p.n * p.D)
 
 
-def _thrust(v: Vessel) -> float:
+def _thrust(v: Vessel) -> float | None:
     p, J = v.propeller, _advance(v)
-    return p.k_0 + p.k_1 * J + p.k_2 * J * J
+    return None if p is None or J is None else p.k_0 + p.k_1 * J + p.k_2 * J * J
 
 
 PROPELLER = (

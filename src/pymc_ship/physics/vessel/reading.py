@@ -33,7 +33,6 @@ _TABLES = ("particulars", "inertia", "added_mass", "propeller", "rudder", "winda
 _PARTICULARS = ("L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G")
 _OF_ROLL = ("z_G", "GM", "BM")
 _INERTIA = ("m", "I_zz", "I_xx")
-_PUBLISHED = ("published", "published_error")
 _TEXTS = ("source", "sign_source", "note")
 _LONGEST = 60
 """Signs of the longest name of a vessel or a coefficient."""
@@ -201,7 +200,7 @@ def _propeller(table: Entry) -> Propeller:
     return Propeller(**_numbers(table, names, names))
 
 
-def _dimensions(table: Entry, kind: type):
+def _dimensions[T: (Rudder, Windage)](table: Entry, kind: type[T]) -> T:
     """Table of positive numbers, all of them required."""
     names = [field.name for field in fields(kind)]
     found = _numbers(table, names, names)
@@ -218,7 +217,7 @@ def _parameters(table: Entry) -> dict[str, Coefficient]:
     for name in table:
         entry = table.at(name)
         value, (sd, texts) = _value(entry, ("sd", "unit")), _details(entry)
-        found[name] = Coefficient(name, value, **texts, sd=sd)
+        found[name] = Coefficient(name, value, texts["source"], texts["sign_source"], texts["note"], sd=sd)
     return found
 
 
@@ -270,12 +269,19 @@ def _coefficient(name: str, entry: Entry, dof: str, source: str) -> Coefficient:
         factors(name[1:])
     except UnknownTerm as error:
         entry.fail(f"is no coefficient. {error}")
-    value = _value(entry, ("sd", *_PUBLISHED))
+    value = _value(entry, ("sd", "published", "published_error"))
     sd, texts = _details(entry)
     more = entry if isinstance(entry.value, dict) else replace(entry, value={})
-    published = {key: _estimates(more.at(key, {})) for key in _PUBLISHED}
-    texts["source"] = texts["source"] or source
-    return Coefficient(name, value, **texts, **published, sd=sd)
+    return Coefficient(
+        name,
+        value,
+        source=texts["source"] or source,
+        sign_source=texts["sign_source"],
+        note=texts["note"],
+        published=_estimates(more.at("published", {})),
+        published_error=_estimates(more.at("published_error", {})),
+        sd=sd,
+    )
 
 
 def _estimates(table: Entry) -> dict[str, float]:

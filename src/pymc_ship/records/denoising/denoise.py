@@ -80,7 +80,7 @@ def denoise(
     _check_method(method, denoise, choice | options)
     chosen = denoised_channels(trial, channels)
 
-    def smooth(name: str) -> tuple[np.ndarray, dict]:
+    def smooth(name: str) -> tuple[np.ndarray, dict[str, Any]]:
         return _denoised(trial[name].to_numpy(), f"channel {name}", method, choice | options)
 
     with thread_pool(2) as pool:
@@ -177,7 +177,7 @@ def denoise_signal(
     return _denoised(y, "signal", method, settings)[0]
 
 
-def _denoised(y: ArrayLike, what: str, method: str, settings: dict) -> tuple[np.ndarray, dict]:
+def _denoised(y: ArrayLike, what: str, method: str, settings: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
     """Smooth signal and what its record says of it; ``what`` names the signal in errors."""
     signal = finite_signal(y, what)
     if method in SMOOTHERS:
@@ -189,7 +189,7 @@ def _denoised(y: ArrayLike, what: str, method: str, settings: dict) -> tuple[np.
     return shrunk.estimate(rule), {"noise_sdev": shrunk.sdev}
 
 
-def _check_method(method: str, function: Callable, settings: dict) -> None:
+def _check_method(method: str, function: Callable, settings: dict[str, Any]) -> None:
     """Refuse an unknown method, and settings of the wavelets for a method that has none."""
     check_choice("The method", method, METHODS)
     defaults = {name: argument.default for name, argument in signature(function).parameters.items()}

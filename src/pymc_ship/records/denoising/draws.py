@@ -135,7 +135,7 @@ def denoise_signal_draws(
     return _drawn(y, "signal", draws, random_generator(rng), settings)
 
 
-def _drawn(y: ArrayLike, what: str, draws: int, rng: np.random.Generator, settings: dict) -> np.ndarray:
+def _drawn(y: ArrayLike, what: str, draws: int, rng: np.random.Generator, settings: dict[str, Any]) -> np.ndarray:
     """Draws of a signal, shape (draws, n_time); ``what`` names it in errors."""
     if draws < 1:
         raise ValueError(f"A posterior is drawn from at least once, found {draws} draws; raise it.")

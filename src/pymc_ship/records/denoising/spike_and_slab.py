@@ -33,7 +33,7 @@ _jit = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 @_jit
-def _mills(t):
+def _mills(t: float) -> float:
     """Mills ratio M(t) = (1 - Phi(t)) / phi(t) for t >= 0, to 3e-16."""
     s = (t - 5.0) / (t + 5.0)
     total = _MILLS[0]
@@ -43,7 +43,7 @@ def _mills(t):
 
 
 @_jit
-def _laplace_sides(z, near, far):
+def _laplace_sides(z: float, near: float, far: float) -> tuple[float, float, float, float]:
     """exp(-s) times R(z), M(x + a) and 1, from z = x - a, M(|z|) and M(x + a); and s."""
     if z <= 0.0:
         return near, far, 1.0, 0.0
@@ -53,7 +53,7 @@ def _laplace_sides(z, near, far):
 
 
 @_jit
-def _densities(x, a):
+def _densities(x: float, a: float) -> tuple[float, float, float, float]:
     """exp(-s) times (1 + beta, odds, 1) at x >= 0, and s.
 
     The odds are those that the weight of threshold x gives to zero, 1/w - 1.
@@ -74,7 +74,7 @@ def _densities(x, a):
 
 
 @_jit
-def _tail_quantile(log_tail):
+def _tail_quantile(log_tail: float) -> float:
     """Find t >= 0 whose normal tail probability, times the square root of 2 pi, has the logarithm given."""
     t = math.sqrt(max(-2.0 * log_tail, 0.0))
     for _ in range(50):
@@ -87,7 +87,7 @@ def _tail_quantile(log_tail):
 
 
 @_jit
-def _laplace_median(x, w, a):
+def _laplace_median(x: float, w: float, a: float) -> float:
     """Posterior median at x >= 0 beyond the threshold; the tail is taken from the side where it is small."""
     z = x - a
     plus, minus, null, _ = _laplace_sides(z, _mills(abs(z)), _mills(x + a))
@@ -100,7 +100,7 @@ def _laplace_median(x, w, a):
 
 
 @_jit
-def _cauchy_median(x, w):
+def _cauchy_median(x: float, w: float) -> float:
     """Posterior median at x >= 0 beyond the threshold: Newton's method within a bracket."""
     _, odds, null, s = _densities(x, math.nan)
     if x > 1e5:
@@ -129,7 +129,7 @@ def _cauchy_median(x, w):
 
 
 @_jit
-def _cauchy_median_near_zero(x, target):
+def _cauchy_median_near_zero(x: float, target: float) -> float:
     """Median where the closed form cancels: int_0^m exp(ux - u^2/2) gamma(u) du = target by 8-point quadrature."""
     m = target * _ROOT_TWO_PI
     for _ in range(50):
@@ -145,21 +145,21 @@ def _cauchy_median_near_zero(x, target):
 
 
 @vectorize(cache=True)
-def beta_value(x, a):
+def beta_value(x: float, a: float) -> float:
     """Ratio of slab and null marginal densities, minus one."""
     slab, _, _, s = _densities(abs(x), a)
     return slab * math.exp(s) - 1.0 if s < 700.0 else slab * math.exp(s - 700.0) * math.exp(700.0)
 
 
 @vectorize(cache=True)
-def weight_value(x, w, a):
+def weight_value(x: float, w: float, a: float) -> float:
     """Posterior probability that the mean is not zero."""
     slab, _, null, _ = _densities(abs(x), a)
     return w * slab / (w * slab + (1.0 - w) * null) if w > 0.0 else 0.0
 
 
 @vectorize(cache=True)
-def mean_value(x, w, a):
+def mean_value(x: float, w: float, a: float) -> float:
     """Posterior mean."""
     size = abs(x)
     slab, _, null, s = _densities(size, a)
@@ -177,7 +177,7 @@ def mean_value(x, w, a):
 
 
 @vectorize(cache=True)
-def median_value(x, w, a):
+def median_value(x: float, w: float, a: float) -> float:
     """Posterior median."""
     size = abs(x)
     _, odds, null, _ = _densities(size, a)
@@ -187,7 +187,7 @@ def median_value(x, w, a):
 
 
 @_jit
-def _laplace_draw(x, a, share):
+def _laplace_draw(x: float, a: float, share: float) -> float:
     """Quantile of the slab's posterior at x >= 0, beyond which a share of it lies: a draw where that is uniform."""
     z = x - a
     plus, minus, _, _ = _laplace_sides(z, _mills(abs(z)), _mills(x + a))
@@ -204,7 +204,7 @@ def _laplace_draw(x, a, share):
 
 
 @_jit
-def _cauchy_draw(x, share, normal):
+def _cauchy_draw(x: float, share: float, normal: float) -> float:
     """Draw from the slab's posterior at x, from a uniform and a normal number.
 
     The quasi-Cauchy mean is normal with variance 1/t - 1, t of Beta(1/2, 1); given x the density of t on (0, 1) is
@@ -216,7 +216,7 @@ def _cauchy_draw(x, share, normal):
 
 
 @vectorize(cache=True)
-def draw_value(x, w, a, uniform, normal):
+def draw_value(x: float, w: float, a: float, uniform: float, normal: float) -> float:
     """Draw from the posterior, from a uniform and a normal number; the Laplace density does without the normal."""
     size = abs(x)
     slab, _, null, _ = _densities(size, a)
@@ -230,14 +230,14 @@ def draw_value(x, w, a, uniform, normal):
 
 
 @vectorize(cache=True)
-def weight_at_threshold(threshold, a):
+def weight_at_threshold(threshold: float, a: float) -> float:
     """Prior weight whose posterior median leaves zero at the threshold."""
     _, odds, null, _ = _densities(threshold, a)
     return null / (null + odds)
 
 
 @_jit
-def threshold_value(w, a, bayes_factor):
+def threshold_value(w: float, a: float, bayes_factor: bool) -> float:
     """Threshold of a prior weight: infinite for 0, zero for 1."""
     if w == 0.0 or w == 1.0:
         return math.inf if w == 0.0 else 0.0
@@ -253,7 +253,7 @@ def threshold_value(w, a, bayes_factor):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _score(ratio, w):
+def _score(ratio: np.ndarray, w: float) -> tuple[float, float]:
     """Derivative of the log likelihood by w, and its own derivative."""
     first = second = 0.0
     for i in range(ratio.size):
@@ -264,7 +264,7 @@ def _score(ratio, w):
 
 
 @_jit
-def _best_weight(ratio, low, w):
+def _best_weight(ratio: np.ndarray, low: float, w: float) -> float:
     """Weight in [low, 1] of the largest likelihood: Newton's method in 1/w, kept within a bracket.
 
     ``ratio`` is the density of each observation under a zero mean over that under the slab; w is a start.
@@ -291,7 +291,7 @@ def _best_weight(ratio, low, w):
 
 
 @_jit
-def _laplace_ratios(x, a, work):
+def _laplace_ratios(x: np.ndarray, a: float, work: np.ndarray) -> float:
     """Fill work with the ratio of null to slab density, d log(slab)/da and exp(-s) slab; return the sum of s."""
     ratio, slope, slab = work[0], work[1], work[2]
     for i in range(x.size):
@@ -309,7 +309,7 @@ def _laplace_ratios(x, a, work):
 
 
 @_jit
-def profile(x, a, bound, start, work):
+def profile(x: np.ndarray, a: float, bound: float, start: float, work: np.ndarray) -> tuple[float, float, float]:
     """Best weight under Laplace scale a, its log likelihood, and the derivative of that by log a.
 
     The weight matters to the derivative only where it lies on its lower bound, which moves with a (envelope theorem).
@@ -333,7 +333,13 @@ def profile(x, a, bound, start, work):
 
 
 @_jit
-def _peak(x, low, high, bound, work):
+def _peak(
+    x: np.ndarray,
+    low: tuple[float, float, float, float],
+    high: tuple[float, float, float, float],
+    bound: float,
+    work: np.ndarray,
+) -> tuple[float, float, float, float]:
     """Local maximum between two points (log a, weight, log likelihood, slope) whose slopes differ in sign: Illinois."""
     (left, w, _, left_slope), (right, _, _, right_slope) = low, high
     best = low if low[2] > high[2] else high
@@ -356,7 +362,7 @@ def _peak(x, low, high, bound, work):
 
 
 @_jit
-def fit_laplace(x, bound):
+def fit_laplace(x: np.ndarray, bound: float) -> tuple[float, float, float]:
     """Weight, scale and log likelihood: every local maximum of the profile over log a is looked at."""
     work = np.empty((3, x.size))
     best = last = (0.0, 0.0, -math.inf, 0.0)
@@ -374,7 +380,7 @@ def fit_laplace(x, bound):
 
 
 @_jit
-def fit_cauchy(x, bound):
+def fit_cauchy(x: np.ndarray, bound: float) -> tuple[float, float, float]:
     """Weight, nan and log likelihood."""
     ratio, slab, log_likelihood = np.empty(x.size), np.empty(x.size), 0.0
     for i in range(x.size):

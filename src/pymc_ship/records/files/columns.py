@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def _plain(name: str) -> str:
 def matched_columns(
     headings: Sequence[str],
     units: Sequence[str],
-    chosen: Mapping[str, Mapping],
+    chosen: Mapping[str, Mapping[str, Any]],
     where: str,
     unstated: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[dict[str, Column], list[str]]:
@@ -199,7 +200,12 @@ def _unknown_unit(where: str, heading: str, channel: Channel, unit: str) -> str:
 
 
 def _chosen_column(
-    channel: Channel, choice: Mapping, headings: Sequence[str], units: Sequence[str], unstated: str | None, where: str
+    channel: Channel,
+    choice: Mapping[str, Any],
+    headings: Sequence[str],
+    units: Sequence[str],
+    unstated: str | None,
+    where: str,
 ) -> Column:
     wanted = choice["column"].strip()
     found = [index for index, heading in enumerate(headings) if heading == wanted]

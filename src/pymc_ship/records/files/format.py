@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class TrialFormat:
         Name of the basin or ship whose steering gear and sensors the file is of; empty where there is one alone.
     """
 
-    columns: dict[str, dict] = field(default_factory=dict)
+    columns: dict[str, dict[str, Any]] = field(default_factory=dict)
     velocities: str = "body"
     reference: float = 0.0
     heading: str = "clockwise"
@@ -78,7 +79,7 @@ class TrialFormat:
         return {"psi": "deg"} if self.heading == "compass" else {}
 
 
-def load_format(source: str | Path | Mapping | None) -> TrialFormat:
+def load_format(source: str | Path | Mapping[str, Any] | None) -> TrialFormat:
     """Read and check a format.
 
     Parameters
@@ -120,7 +121,7 @@ def _format(file: Entry) -> TrialFormat:
     )
 
 
-def _column(entry: Entry, channel: str) -> dict:
+def _column(entry: Entry, channel: str) -> dict[str, Any]:
     """How a channel is read: ``column``, ``sign``, ``offset`` and perhaps ``unit``."""
     if not isinstance(entry.value, Mapping):
         entry = replace(entry, value={"column": entry.value})
@@ -211,7 +212,7 @@ def true_air(speed: np.ndarray, bow: np.ndarray, u: np.ndarray, v: np.ndarray, p
     return (u + 1j * v - speed * np.exp(1j * bow)) * np.exp(1j * psi)
 
 
-def _check_channels(channels: dict, needed: tuple[str, ...], setting: str, where: str) -> None:
+def _check_channels(channels: dict[str, Any], needed: tuple[str, ...], setting: str, where: str) -> None:
     missing = [name for name in needed if name not in channels]
     if missing:
         raise TrialError(f"{where}: {setting} needs the channels {', '.join(needed)}; {', '.join(missing)} missing.")

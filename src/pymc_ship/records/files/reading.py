@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -27,7 +28,7 @@ _LARGEST = 1e30
 """Numbers from here up, and infinity, stand for missing cells; one over it and less is zero, in any unit of a ship."""
 
 
-def read_trial(path: str | Path, *, format: str | Path | Mapping | None = None) -> xr.Dataset:
+def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read a trial from a text file, plain or gzip.
 
     Columns are told by their headings: the names of this package's channels, in SI units where none is stated

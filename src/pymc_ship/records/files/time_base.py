@@ -8,6 +8,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from decimal import Decimal
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,9 @@ def rounding(cells: np.ndarray) -> np.ndarray:
     return quantum
 
 
-def regular(time: np.ndarray, quantum: np.ndarray, channels: Mapping, where: str) -> tuple[np.ndarray, Channels, list]:
+def regular(
+    time: np.ndarray, quantum: np.ndarray, channels: Mapping[str, Any], where: str
+) -> tuple[np.ndarray, Channels, list]:
     """Uniform time and finite channels.
 
     Parameters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -59,7 +60,7 @@ def aligned(measured: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(variables, {"time": kept - start}, measured.attrs)
 
 
-def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
+def measured_indices(measured: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, float]:
     """Indices of a measured trial of the manoeuvre that ``attrs`` tell, as far as its channels allow.
 
     Parameters
@@ -82,7 +83,7 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping) -> dict[str, float]:
     return smooth_indices(smoothed(measured), attrs)
 
 
-def smooth_indices(smooth: xr.Dataset, attrs: Mapping) -> dict[str, float]:
+def smooth_indices(smooth: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, float]:
     """Indices of a measured trial whose motion is smooth already; all else as :func:`measured_indices`."""
     kind = kind_named(attrs["manoeuvre"])
     trial = aligned(smooth).dropna("time")
@@ -111,7 +112,7 @@ def smooth_indices(smooth: xr.Dataset, attrs: Mapping) -> dict[str, float]:
     }
 
 
-def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping) -> dict[str, tuple[float, ...]]:
+def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
     """Times [s] at which the reversals of an aligned zigzag were ordered, where not all were at one heading."""
     reversals = rudder_reversals(trial)
     if not reversals:
@@ -142,7 +143,7 @@ def smoothed(measured: xr.Dataset) -> xr.Dataset:
 
 def drawn_indices(
     measured: xr.Dataset,
-    attrs: Mapping,
+    attrs: Mapping[str, Any],
     *,
     draws: int,
     rng: np.random.Generator,
