@@ -9,7 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.forces.expressions import Tape
-from pymc_ship.physics.forces.modular import PARTS, UnknownPart, ordered, parameters_of
+from pymc_ship.physics.forces.modular import PARTS, parameters_of
 from pymc_ship.physics.forces.part import INPUTS, STATES, Force, Motion, Parameter, Part
 from pymc_ship.physics.forces.programs import run, set_parameters
 from pymc_ship.physics.vessel.parts import force_program, part_program, ship_of, with_parts
@@ -212,26 +212,6 @@ def test_a_part_that_is_written_anew_takes_effect_at_once(monkeypatch):
     monkeypatch.setitem(PARTS, "rudder", replace(plain, force=lambda *given: Force(N=0.5 * plain.force(*given).N)))
     propeller_alone = forces(vessel, {"u": np.ones(1)})[2, 0]
     assert forces(vessel, still)[2, 0] - propeller_alone == pytest.approx(0.5 * before, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        (["hull", "sail"], "found sail"),
-        (["hull", "hull"], "each once"),
-        (["hull"], "add added mass and propeller and rudder"),
-        ([*AHEAD, "low-speed hull"], "one only for hull"),
-    ],
-)
-def test_parts_that_make_no_ship_are_one_sentence(names, message):
-    with pytest.raises(UnknownPart, match=message) as error:
-        ordered(names, polynomial=False)
-    assert str(error.value).endswith(".")
-
-
-def test_terms_take_no_hull_beside_them():
-    with pytest.raises(UnknownPart, match="wind and constant force alone, found hull"):
-        ordered(["hull", "wind"], polynomial=True)
 
 
 def test_names_of_parameters_are_different():

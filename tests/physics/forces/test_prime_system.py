@@ -12,6 +12,7 @@ from pymc_ship.physics.forces.prime_system import (
     to_prime,
     to_si,
 )
+from tests.sentences import refused
 
 LENGTH, TIME, MASS = np.eye(3)
 UNIT = {"m": LENGTH, "s": TIME, "kg": MASS}
@@ -92,6 +93,6 @@ def test_righting_moment_is_the_weight_times_the_arm():
 
 
 def test_an_unknown_quantity_is_an_error_that_lists_the_known_ones():
-    with pytest.raises(ValueError, match="found 'w'") as error:
+    with refused(ValueError, "w") as error:
         scale("w", 1.0, 1.0)
     assert all(quantity in str(error.value) for quantity in QUANTITIES)

@@ -277,37 +277,6 @@ class TestBatches:
 
 
 class TestErrors:
-    def test_other_manoeuvres_have_no_indices(self, container):
-        run = ps.simulate(container, ps.rudder_programme([0.0, 9.0], [0.0, 0.1]), duration=20.0)
-        with pytest.raises(ps.TrialError, match="zigzag, a turning_circle or a pull_out, found 'rudder_programme'"):
-            ps.indices(run)
-
-    @pytest.mark.parametrize("name", ["u", "v", "r", "phi", "psi", "x", "y"])
-    def test_missing_channels_are_named(self, name):
-        with pytest.raises(ps.TrialError, match=f"; {name} missing"):
-            ps.indices(sine(1.0).drop_vars(name))
-        with pytest.raises(ps.TrialError, match=f"; {name} missing"):
-            ps.indices(sine(1.0).drop_vars(name).expand_dims("draw"))
-
-    @pytest.mark.parametrize("name", ["heading_deg", "side"])
-    def test_missing_attrs_are_named(self, name):
-        record = sine(1.0)
-        del record.attrs[name]
-        with pytest.raises(ps.TrialError, match="The attrs of a zigzag need heading_deg, side"):
-            ps.indices(record)
-
-    def test_sides_are_port_and_starboard(self):
-        with pytest.raises(ps.TrialError, match="the side is 'starboard' or 'port'"):
-            ps.indices(sine(1.0).assign_attrs(side="left"))
-
-    def test_a_gap_in_the_record_is_an_error(self):
-        record = sine(1.0)
-        record["psi"][40] = np.nan
-        with pytest.raises(
-            ps.TrialError, match="Channel psi must be finite, found 1 bad values, the first at t = 40 s"
-        ):
-            ps.indices(record)
-
     def test_a_manoeuvre_can_be_named(self):
         record = sine(0.5)
         del record.attrs["manoeuvre"]

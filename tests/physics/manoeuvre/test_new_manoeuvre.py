@@ -28,6 +28,7 @@ from pymc_ship.ships.design.closed_loop import STEP, closed_loop_sensitivities
 from pymc_ship.ships.forecasting.page import index_rows, write_forecast_page
 from pymc_ship.ships.identification.held_out import index_rows as held_out_rows
 from pymc_ship.ships.identification.model import IdentifiedShip
+from tests.sentences import refused
 from tests.ships.forecasting.cases import SETTINGS, forecast, posterior, scattered, trial
 
 DURATION, SHORT = 200.0, 90.0
@@ -220,11 +221,9 @@ class TestWords:
             "Manoeuvre(kind='rudder_kick', rudder_deg=20.0, "
         )
         path.write_text(GRID.format("rudder kick 20"))
-        with pytest.raises(
-            ps.MonteCarloError,
-            match="'turning circle 35', 'pull out 20/90', 'rudder kick 20/40' or one of them with its side",
-        ):
+        with pytest.raises(ps.MonteCarloError) as error:
             read_study(path)
+        assert "'rudder kick 20/40'" in str(error.value)
 
     def test_the_command_line_simulates_it(self, tmp_path, capsys):
         out = tmp_path / "trial.csv"
@@ -253,7 +252,7 @@ class TestWords:
         assert [path.name for path in (tmp_path / "bands").iterdir()] == ["rudder-kick-20-40-port-joint.csv"]
 
     def test_words_that_are_no_angles_are_refused(self, capsys):
-        with pytest.raises(SystemExit, match="2"):
+        with refused(SystemExit, 2):
             main(["simulate", "container", "--rudder-kick", "20", "--out", "trial.csv"])
         assert "a rudder kick is RUDDER/HEADING in deg such as 20/40, found '20'" in capsys.readouterr().err
 
@@ -266,12 +265,12 @@ class TestForgotten:
         monkeypatch.delitem(KINDS, "rudder_kick")
 
     def test_no_manoeuvre_is_made(self):
-        with pytest.raises(ps.ManoeuvreError, match="found 'rudder_kick'; register this kind"):
+        with refused(ps.ManoeuvreError, "rudder_kick"):
             Manoeuvre("rudder_kick", 20.0, 40.0)
         assert written_manoeuvre("rudder kick 20/40") is None
 
     def test_no_option_is_known(self, capsys):
-        with pytest.raises(SystemExit, match="2"):
+        with refused(SystemExit, 2):
             parser().parse_args(["simulate", "container", "--rudder-kick", "20/40", "--out", "trial.csv"])
         capsys.readouterr()
 

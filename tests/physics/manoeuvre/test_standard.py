@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre, written_manoeuvre
+from pymc_ship.physics.manoeuvre.standard import written_manoeuvre
 
 
 @pytest.mark.parametrize(
@@ -59,33 +59,6 @@ def test_other_words_are_no_manoeuvre(text):
     assert written_manoeuvre(text) is None
 
 
-def test_a_label_with_angles_that_no_rudder_has_is_an_error():
-    with pytest.raises(ps.ManoeuvreError, match="rudder_deg is a magnitude"):
-        written_manoeuvre("zigzag 0/20")
-
-
-@pytest.mark.parametrize(
-    ("kind", "angles", "message"),
-    [
-        ("zigzag", (20.0,), "A zigzag is made with rudder_deg and heading_deg, found 1 angles"),
-        ("rudder_programme", (), "A rudder_programme is made with its own constructor, found 0 angles"),
-        (
-            "anchor",
-            (20.0,),
-            "a zigzag, a turning_circle, a pull_out or a rudder_programme; found 'anchor'; register this kind",
-        ),
-    ],
-)
-def test_a_manoeuvre_of_a_kind_has_its_angles(kind, angles, message):
-    with pytest.raises(ps.ManoeuvreError, match=message):
-        standard_manoeuvre(kind, *angles)
-
-
-def test_a_manoeuvre_is_of_a_known_kind():
-    with pytest.raises(ps.ManoeuvreError, match="found 'anchor'"):
-        Manoeuvre("anchor")
-
-
 @pytest.mark.parametrize(
     ("manoeuvre", "switch"),
     [
@@ -108,48 +81,3 @@ def test_a_programme_does_not_follow_the_arrays_it_was_made_from():
     programme = ps.rudder_programme([0.0, 1.0], delta)
     delta[:] = 9.0
     assert programme.delta == (0.0, 0.1)
-
-
-@pytest.mark.parametrize("angle", [0.0, -20.0, 90.0, np.nan, np.inf])
-def test_angles_are_magnitudes_below_a_right_angle(angle):
-    with pytest.raises(ps.ManoeuvreError, match=r"rudder_deg is a magnitude.*found"):
-        ps.zigzag(angle, 20.0)
-    with pytest.raises(ps.ManoeuvreError, match=r"heading_deg is a magnitude.*found"):
-        ps.zigzag(20.0, angle)
-    with pytest.raises(ps.ManoeuvreError, match=r"rudder_deg is a magnitude.*found"):
-        ps.turning_circle(angle)
-
-
-def test_sides_are_port_and_starboard():
-    with pytest.raises(ps.ManoeuvreError, match=r"one of starboard, port; found 'left'"):
-        ps.zigzag(20.0, 20.0, side="left")
-    with pytest.raises(ps.ManoeuvreError, match=r"one of starboard, port; found 'left'"):
-        ps.turning_circle(20.0, side="left")
-
-
-@pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, np.inf])
-def test_the_approach_speed_is_positive_and_finite(speed):
-    for constructor in (
-        lambda: ps.zigzag(20.0, 20.0, approach_speed=speed),
-        lambda: ps.turning_circle(20.0, approach_speed=speed),
-        lambda: ps.rudder_programme([0.0], [0.0], approach_speed=speed),
-    ):
-        with pytest.raises(ps.ManoeuvreError, match="approach speed must be positive and finite, found"):
-            constructor()
-
-
-@pytest.mark.parametrize(
-    ("time", "delta", "message"),
-    [
-        ([], [], "one angle for each time, found shapes"),
-        ([0.0, 1.0], [0.0], "one angle for each time, found shapes"),
-        ([[0.0, 1.0]], [[0.0, 1.0]], "one angle for each time, found shapes"),
-        ([0.0, 0.0], [0.0, 1.0], "increasing times"),
-        ([1.0, 0.0], [0.0, 1.0], "increasing times"),
-        ([0.0, np.nan], [0.0, 1.0], "finite, increasing times"),
-        ([0.0, 1.0], [0.0, np.inf], "finite angles"),
-    ],
-)
-def test_programmes_that_no_rudder_can_follow(time, delta, message):
-    with pytest.raises(ps.ManoeuvreError, match=message):
-        ps.rudder_programme(time, delta)

@@ -125,28 +125,6 @@ def test_recorded_revolutions_and_wind_are_inputs():
     np.testing.assert_allclose(found[2], 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"wind": (5.0, 0.0)}, "Wind acts on a ship with the part wind, found 'kvlcc2' without it"),
-        ({"n": np.nan}, "Revolutions are a number"),
-        ({"n": 90.0}, r"up to 5 times the nominal 1.5.*found 90.0; correct them \(1/min over 60 are 1/s\)"),
-        ({"current": (15.0, 0.0)}, "A current is slower than the ship, found 15 m/s at a nominal speed of 7.97"),
-        ({"current": (-1.0, 0.0)}, "have a speed from 0 m/s up"),
-        ({"initial_state": [1.0, 2.0]}, "An initial state has 8 numbers"),
-    ],
-)
-def test_surroundings_that_cannot_be_are_one_sentence(settings, message):
-    with pytest.raises(ps.SimulationError, match=message) as error:
-        ps.simulate(tanker(AHEAD), ps.zigzag(10, 10), duration=10, step=0.5, **settings)
-    assert str(error.value).endswith(".")
-
-
-def test_revolutions_of_a_ship_of_terms_are_refused():
-    with pytest.raises(ps.SimulationError, match="Revolutions need a ship of parts"):
-        ps.simulate("kvlcc2", ps.zigzag(10, 10), duration=10, step=0.5, n=1.0)
-
-
 def test_wind_of_a_record_acts_on_a_ship_of_terms_with_the_part():
     vessel = in_wind()
     trial = ps.simulate(vessel, ps.zigzag(10, 10), duration=100, step=0.5)

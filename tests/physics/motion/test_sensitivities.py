@@ -11,7 +11,6 @@ from pymc_ship.physics.forces.propeller import Propeller
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.motion.sensitivities import sensitivities
-from pymc_ship.physics.motion.stepping import SimulationError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 
 SETTINGS = {"interval": 0.5, "substeps": 2, "block": 5}
@@ -184,25 +183,3 @@ class TestMotion:
         motion, jacobian = sensitivities(container, DELTA, START, unstable, interval=2.0)
         assert np.isnan(motion).all()
         assert np.isnan(jacobian).all()
-
-
-class TestErrors:
-    @pytest.mark.parametrize(
-        ("change", "found"),
-        [
-            ({"coefficients": np.zeros(101)}, r"102 coefficients.*\(101,\)"),
-            ({"initial_state": START[:7]}, r"5, 6 or 8 initial states.*\(7,\)"),
-            ({"inputs": DELTA[None]}, r"inputs of shape.*\(1, 100\)"),
-            ({"method": "heun"}, "euler, rk4.*'heun'"),
-            ({"interval": 0.0}, "positive interval.*0.0"),
-            ({"substeps": 0}, "substeps.* 0 and"),
-            ({"block": 101}, "record's length.*101"),
-            ({"block": 0}, "record's length.* 0;"),
-        ],
-    )
-    def test_a_wrong_setting_is_one_sentence(self, container, change, found):
-        settings = {"inputs": DELTA, "initial_state": START, "interval": 0.5} | change
-        with pytest.raises(SimulationError, match=found) as error:
-            sensitivities(container, **settings)
-        assert str(error.value).endswith(".")
-        assert "\n" not in str(error.value)

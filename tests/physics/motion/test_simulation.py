@@ -279,26 +279,6 @@ class TestReplay:
         assert np.isnan(found[:, 1]).all()
         assert np.isfinite(found[:, [0, 2]]).all()
 
-    @pytest.mark.parametrize(
-        ("change", "message"),
-        [
-            ({"coefficients": np.zeros(101)}, r"needs 102 coefficients.*\(101,\)"),
-            ({"initial_state": np.zeros(7)}, r"5, 6 or 8 initial states.*\(7,\)"),
-            ({"inputs": np.zeros((2, 9))}, r"inputs of shape \(time,\) or \(4, time\).*\(2, 9\)"),
-            ({"method": "heun"}, "euler, rk4.*found 'heun'"),
-            ({"interval": np.nan}, "positive interval.*nan"),
-            ({"substeps": 0}, "substeps from 1.* 0 and 1;"),
-            ({"block": 10}, "to the record's length.* 1 and 10;"),
-            ({"coefficients": np.zeros((2, 102))}, "Each draw has its initial state, found 2 and 1; match them"),
-        ],
-    )
-    def test_settings_that_cannot_be_replayed(self, container, change, message):
-        settings = {"inputs": np.zeros(9), "initial_state": np.r_[12.7, np.zeros(4)], "interval": 0.1}
-        settings |= {"coefficients": reference_coefficients(container)} | change
-        with pytest.raises(ps.SimulationError, match=message) as error:
-            replay(container, **settings)
-        assert str(error.value).endswith(".")
-
 
 class TestRecord:
     def test_kept_samples_are_those_of_the_full_record(self, container, zigzag_trial):
@@ -347,30 +327,3 @@ class TestFiguresOfThePaper:
         assert heel[-1] == pytest.approx(8.0, abs=0.5)  # outward is to starboard in a turn to port
         assert heel.min() == pytest.approx(-2.4, abs=0.05)
         assert heel.argmin() < heel.argmax()
-
-
-class TestErrors:
-    @pytest.mark.parametrize(
-        ("settings", "message"),
-        [
-            ({"method": "rk45"}, "one of euler, rk4, dop853; found 'rk45'"),
-            ({"duration": 0.0}, "duration must be positive, found 0.0 s"),
-            ({"duration": -1.0}, "duration must be positive, found -1.0 s"),
-            ({"duration": np.nan}, "duration must be positive, found nan s"),
-            ({"duration": np.inf}, "duration must be positive, found inf s"),
-            ({"step": 0.0}, "step must be positive, found 0.0 s"),
-            ({"step": np.nan}, "step must be positive, found nan s"),
-            ({"duration": 0.01}, "at least one step, found 0.01 s at 0.02 s"),
-            ({"record_interval": 0.03}, "multiple of the step, found 0.03 s at 0.02 s"),
-            ({"record_interval": 0.0}, "multiple of the step, found 0.0 s"),
-            ({"record_interval": -1.0}, "multiple of the step, found -1.0 s"),
-            ({"record_interval": np.nan}, "multiple of the step, found nan s"),
-            ({"record_interval": np.inf}, "multiple of the step, found inf s"),
-            ({"coefficients": np.zeros(102)}, r"shape \(draws, 102\), found \(102,\)"),
-            ({"coefficients": np.zeros((3, 101))}, r"shape \(draws, 102\), found \(3, 101\)"),
-            ({"coefficients": np.zeros((0, 102))}, r"shape \(draws, 102\), found \(0, 102\)"),
-        ],
-    )
-    def test_settings_no_simulation_can_run_with(self, container, settings, message):
-        with pytest.raises(ps.SimulationError, match=message):
-            ps.simulate(container, ps.zigzag(20, 20), **{"duration": 10.0} | settings)

@@ -11,7 +11,7 @@ from benchmarks import kvlcc2
 from pymc_ship.physics.forces.hull_database import SOURCE, STRIPS, TYPICAL_RUDDER, squares
 from pymc_ship.physics.vessel.hull_database import hull_coefficients, with_hull_database, with_typical_rudder
 from pymc_ship.physics.vessel.term_sets import TERM_SETS, with_terms
-from pymc_ship.physics.vessel.vessel import LETTER, Coefficient, VesselError
+from pymc_ship.physics.vessel.vessel import LETTER, Coefficient
 from tests.ships.identification.cases import tanker
 
 CAPTIVE = {LETTER[dof] + term: value for dof, row in kvlcc2.HULL.items() for term, value in row.items()}
@@ -59,13 +59,6 @@ class TestFormulae:
         small, large = hull_coefficients(replace(tanker(), particulars=model)), hull_coefficients(tanker())
         for name, moments in large.items():
             assert small[name] == pytest.approx(moments, rel=1e-12)
-
-    def test_without_a_draught_it_says_nothing(self):
-        ship = replace(tanker(), particulars=replace(tanker().particulars, d=0.0))
-        with pytest.raises(
-            VesselError, match=r"^The prior from the hull database needs the draught of 'kvlcc2'; add d"
-        ):
-            with_hull_database(ship)
 
 
 class TestInformedVessel:

@@ -7,6 +7,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.vessel.inertia import displaced_mass, motora_added_mass, yaw_inertia
 from tests.physics.vessel.test_ranges import SHIPS, papers
+from tests.sentences import refused
 
 PUBLISHED = {"Xudot": -0.022, "Yvdot": -0.223, "Nrdot": -0.011}
 """Of the KVLCC2 over L^2 d and L^4 d (Yasukawa & Yoshimura 2015)."""
@@ -48,28 +49,13 @@ def test_what_is_stated_stays_and_the_rest_is_derived_from_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("ship", "said"),
-    [
-        ((320.0, 58.0, 0.0, 312622.0, 7.97), "lacks Xudot, Yvdot, Nrdot. .* need the draught; add d to"),
-        (
-            (40.0, 4.0, 1.8, 130.0, 6.0),
-            "no hull with L/B = 10, B/d = 2.22 and a block coefficient of 0.451",
-        ),
-    ],
+    ("ship", "carried"),
+    [((320.0, 58.0, 0.0, 312622.0, 7.97), ["Yvdot", "d"]), ((40.0, 4.0, 1.8, 130.0, 6.0), [10, 2.22, 0.451])],
 )
-def test_added_masses_that_cannot_be_derived_are_asked_for(tmp_path, ship, said):
+def test_added_masses_that_cannot_be_derived_are_asked_for(tmp_path, ship, carried):
     path = tmp_path / "ship.toml"
     path.write_text(papers(*ship))
-    with pytest.raises(ps.VesselError, match=said) as error:
+    with refused(ps.VesselError, str(path), *carried):
         ps.load_vessel(path)
-    assert str(path) in str(error.value)
     path.write_text(papers(*ship) + "[added_mass]\nXudot = -0.0001\nYvdot = -0.01\nNrdot = -0.0006\n")
     assert ps.load_vessel(path).added_mass["Yvdot"] == -0.01
-
-
-@pytest.mark.parametrize("length", [0.0, 1e-200, 1e308])
-def test_nothing_is_derived_from_a_length_that_no_ship_has(tmp_path, length):
-    path = tmp_path / "ship.toml"
-    path.write_text(papers(length, *SHIPS["KVLCC2 tanker"][1:]))
-    with pytest.raises(ps.VesselError, match=r"particulars\.L = .*, which must lie from 0\.1 to 1000"):
-        ps.load_vessel(path)

@@ -9,7 +9,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.vessel.parts import HELD, ship_of
 from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET, OWN, PART_SETS, term_sets, with_terms
-from pymc_ship.physics.vessel.vessel import VesselError, coefficient_names
+from pymc_ship.physics.vessel.vessel import coefficient_names
 
 PARTICULARS = """
 [particulars]
@@ -90,31 +90,6 @@ def test_a_set_of_parts_leaves_open_what_the_records_cannot_tell(tmp_path, name)
 def test_windage_brings_the_wind(tmp_path):
     tail = f"{PROPELLER}[windage]\nfrontal_area = 1200.0\nlateral_area = 3600.0\n"
     assert "wind" in with_terms(vessel(tmp_path, head="", tail=tail), "modular").parts
-
-
-@pytest.mark.parametrize(
-    ("head", "tail", "message"),
-    [
-        ('parts = ["hull"]\n', PROPELLER, "add added mass and propeller and rudder"),
-        ('parts = ["keel"]\n', PROPELLER, "found keel"),
-        ('parts = "hull"\n', PROPELLER, "must be a list of texts"),
-        (PARTS[:-2] + ', "wind"]\n', PROPELLER, "needs the areas above the water"),
-        (PARTS, f"{PROPELLER}[parameters]\nK_T = 1.0\n", "has no parameter K_T"),
-        (PARTS, f"{PROPELLER}[parameters]\nw0 = {{ value = 0.3, sd = -1.0 }}\n", "must be positive"),
-        (PARTS, f"{PROPELLER}[rudder]\narea = -3.0\naspect_ratio = 1.8\n", "must be positive, found -3"),
-        (PARTS, f"{PROPELLER}[rudder]\narea = 100.0\n", "aspect_ratio is missing"),
-    ],
-)
-def test_a_file_that_makes_no_ship_of_parts_is_one_sentence(tmp_path, head, tail, message):
-    with pytest.raises(VesselError, match=message) as error:
-        vessel(tmp_path, head=head, tail=tail)
-    assert str(error.value).endswith(".")
-    assert "\n" not in str(error.value)
-
-
-def test_parts_need_the_draught(tmp_path):
-    with pytest.raises(VesselError, match=r"needs the draught|Motora"):
-        vessel(tmp_path, particulars=PARTICULARS.replace("d = 20.8\n", ""))
 
 
 def test_numbers_of_a_typical_ship_are_finite(tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from tests.sentences import refused
 
 CONTAINER = Path(__file__).parents[3] / "models" / "container.toml"
 
@@ -65,15 +66,11 @@ class TestUsersFile:
         assert vessel.title == "barge"
         expected = [[0.013, 0, 0, 0], [0, 0.022, 0.00012, 0], [0, 0.00012, 0.0012, 0], [0, 0, 0, 1]]
         np.testing.assert_allclose(vessel.inertia_matrix, expected, rtol=1e-15)
-        with pytest.raises(ps.VesselError, match="surge, sway, yaw; found 'roll'"):
+        with refused(ps.VesselError, "roll"):
             vessel.coefficients("roll")
 
 
 class TestErrors:
-    def test_an_unknown_vessel_names_the_known_ones(self):
-        with pytest.raises(ps.VesselError, match=r"container.*found 'tanker'"):
-            ps.load_vessel("tanker")
-
     @pytest.mark.parametrize(
         ("pattern", "replacement", "key"),
         [

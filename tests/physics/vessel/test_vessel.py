@@ -9,6 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from tests.physics.motion import plain_hull
+from tests.sentences import refused
 
 CONTAINER = Path(__file__).parents[3] / "models" / "container.toml"
 DOFS = ("surge", "sway", "yaw", "roll")
@@ -112,13 +113,11 @@ class TestCoefficients:
         np.testing.assert_array_equal(twice.coefficients("yaw"), 2.0 * container.coefficients("yaw"))
         assert twice.coefficients("sway").identical(container.coefficients("sway"))
         assert twice.terms("yaw") == container.terms("yaw")
-        with pytest.raises(ps.VesselError, match="yaw of 'container' has 28 coefficients, found 3 values"):
+        with refused(ps.VesselError, "container", 28, 3):
             container.with_coefficients({"yaw": np.zeros(3)})
 
     def test_a_degree_of_freedom_without_coefficients_says_what_to_do(self, container):
         vessel = replace(container, forces=container.forces | {"sway": ()})
-        for use in (vessel.terms, vessel.coefficients):
-            with pytest.raises(ps.VesselError, match=r"'container' states no coefficients of sway; find them with "):
+        for use in (vessel.terms, vessel.coefficients, lambda _: ps.simulate(vessel, ps.zigzag(10, 10), duration=10.0)):
+            with refused(ps.VesselError, "container", "sway"):
                 use("sway")
-        with pytest.raises(ps.VesselError, match="no coefficients of sway"):
-            ps.simulate(vessel, ps.zigzag(10, 10), duration=10.0)

@@ -1,0 +1,29 @@
+"""Sentences of the errors of this wing, each checked once."""
+
+from __future__ import annotations
+
+from pymc_ship.physics.forces.modular import UnknownPart, ordered
+from pymc_ship.physics.forces.prime_system import (
+    scale,
+)
+from tests.physics.forces.test_parts import AHEAD
+from tests.sentences import wording
+
+test_unknown_part = wording(
+    UnknownPart,
+    *(
+        (message, lambda names=names: ordered(names, polynomial=False))
+        for names, message in [
+            (["hull", "sail"], "found sail"),
+            (["hull", "hull"], "each once"),
+            (["hull"], "add added mass and propeller and rudder"),
+            ([*AHEAD, "low-speed hull"], "one only for hull"),
+        ]
+    ),
+    ("wind and constant force alone, found hull", lambda: ordered(["hull", "wind"], polynomial=True)),
+)
+
+test_value_errors = wording(
+    ValueError,
+    ("found 'w'", lambda: scale("w", 1.0, 1.0)),
+)

@@ -1,0 +1,95 @@
+"""Sentences of the errors of this wing, each checked once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+import pymc_ship as ps
+from pymc_ship.physics.vessel.hull_database import with_hull_database
+from pymc_ship.physics.vessel.term_sets import (
+    OWN,
+    with_terms,
+)
+from pymc_ship.physics.vessel.vessel import VesselError
+from tests.physics.vessel.test_parts import PARTICULARS, PARTS, PROPELLER, vessel
+from tests.physics.vessel.test_ranges import SHIPS, papers
+from tests.physics.vessel.test_term_sets import LOADED
+from tests.sentences import wording
+from tests.ships.identification.cases import tanker
+
+
+def loaded(tmp_path, text):
+    path = tmp_path / "ship.toml"
+    path.write_text(text)
+    return ps.load_vessel(path)
+
+
+test_vessel_errors = wording(
+    VesselError,
+    (
+        r"^The prior from the hull database needs the draught of 'kvlcc2'; add d",
+        lambda: with_hull_database(replace(tanker(), particulars=replace(tanker().particulars, d=0.0))),
+    ),
+    *(
+        (said, partial(loaded, text=papers(*ship)))
+        for ship, said in [
+            ((320.0, 58.0, 0.0, 312622.0, 7.97), "lacks Xudot, Yvdot, Nrdot. .* need the draught; add d to"),
+            ((40.0, 4.0, 1.8, 130.0, 6.0), "no hull with L/B = 10, B/d = 2.22 and a block coefficient of 0.451"),
+        ]
+    ),
+    *(
+        (
+            r"particulars\.L = .*, which must lie from 0\.1 to 1000",
+            partial(loaded, text=papers(length, *SHIPS["KVLCC2 tanker"][1:])),
+        )
+        for length in [0.0, 1e-200, 1e308]
+    ),
+    *(
+        (message, lambda tmp_path, head=head, tail=tail: vessel(tmp_path, head=head, tail=tail))
+        for head, tail, message in [
+            ('parts = ["hull"]\n', PROPELLER, "add added mass and propeller and rudder"),
+            ('parts = ["keel"]\n', PROPELLER, "found keel"),
+            ('parts = "hull"\n', PROPELLER, "must be a list of texts"),
+            (PARTS[:-2] + ', "wind"]\n', PROPELLER, "needs the areas above the water"),
+            (PARTS, f"{PROPELLER}[parameters]\nK_T = 1.0\n", "has no parameter K_T"),
+            (PARTS, f"{PROPELLER}[parameters]\nw0 = {{ value = 0.3, sd = -1.0 }}\n", "must be positive"),
+            (PARTS, f"{PROPELLER}[rudder]\narea = -3.0\naspect_ratio = 1.8\n", "must be positive, found -3"),
+            (PARTS, f"{PROPELLER}[rudder]\narea = 100.0\n", "aspect_ratio is missing"),
+        ]
+    ),
+    (r"needs the draught|Motora", lambda tmp_path: vessel(tmp_path, particulars=PARTICULARS.replace("d = 20.8\n", ""))),
+    ("surge, sway, yaw; found 'roll'", lambda: ps.load_vessel("kvlcc2").coefficients("roll")),
+    (r"container.*found 'tanker'", lambda: ps.load_vessel("tanker")),
+    *(
+        (
+            rf"^The terms '{name}' need the propeller of 'container'; add .*\.$",
+            lambda container, name=name: with_terms(container, name),
+        )
+        for name in LOADED
+    ),
+    (
+        r"^A term set is one of own terms, quadratic, .*; found 'quartic'; choose",
+        lambda: with_terms(tanker(), "quartic"),
+    ),
+    (
+        r"The file of 'container' has no terms of .*sway and yaw; add some",
+        lambda container: with_terms(replace(container, forces=dict.fromkeys(("surge", "sway", "yaw"), ())), OWN),
+    ),
+    (
+            r"The file of 'container' has no terms of .*sway and yaw; add some",
+            partial(a_ship_to_be_identified_has_the_sets_but_no_terms_of_her_own, stated=stated),
+        )
+        for stated in [(), ("surge",)]
+    ),
+    (
+        "yaw of 'container' has 28 coefficients, found 3 values",
+        lambda container: container.with_coefficients({"yaw": np.zeros(3)}),
+    ),
+    (
+        "'container' states no coefficients of sway; find them with ",
+        lambda container: replace(container, forces=container.forces | {"sway": ()}).terms("sway"),
+    ),
+)
