@@ -28,14 +28,21 @@ def refused(error, *carried):
             assert part in map(float, NUMBER.findall(text)), (part, text)
 
 
+def asked(one):
+    """Whether a parameter of a call is a fixture: it has no value yet."""
+    return one.default is one.empty and one.kind is one.POSITIONAL_OR_KEYWORD
+
+
 def wording(error, *cases):
     """A test of sentences of one class of errors: a case is a pattern and a call, which names its fixtures."""
 
     @pytest.mark.parametrize(("sentence", "call"), cases, ids=[f"{sentence:.60}" for sentence, _ in cases])
     def test(request, sentence, call):
         needed = inspect.signature(call).parameters.values()
-        fixtures = {one.name: request.getfixturevalue(one.name) for one in needed if one.default is one.empty}
-        with pytest.raises(error, match=sentence):
+        fixtures = {one.name: request.getfixturevalue(one.name) for one in needed if asked(one)}
+        with pytest.raises(error, match=sentence) as raised:
             call(**fixtures)
+        assert str(raised.value).endswith(".")
+        assert "\n" not in str(raised.value)
 
     return test

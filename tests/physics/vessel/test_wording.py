@@ -79,12 +79,6 @@ test_vessel_errors = wording(
         lambda container: with_terms(replace(container, forces=dict.fromkeys(("surge", "sway", "yaw"), ())), OWN),
     ),
     (
-            r"The file of 'container' has no terms of .*sway and yaw; add some",
-            partial(a_ship_to_be_identified_has_the_sets_but_no_terms_of_her_own, stated=stated),
-        )
-        for stated in [(), ("surge",)]
-    ),
-    (
         "yaw of 'container' has 28 coefficients, found 3 values",
         lambda container: container.with_coefficients({"yaw": np.zeros(3)}),
     ),

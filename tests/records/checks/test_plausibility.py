@@ -155,10 +155,3 @@ def test_the_piece_is_that_of_whole_blocks_and_half_a_window_at_least(container,
 def test_a_quantity_is_impossible_only_beyond_what_the_record_can_tell(error, verdict):
     """A pivot point 1.3 L forward of midship."""
     assert _faults({"pivot point": (1.3, error)}).get("pivot point") == verdict
-
-
-def test_a_record_astern_is_refused_before_any_fit(container):
-    trial = trackless(simulated(container, ps.zigzag(20.0, 20.0)))
-    astern = scaled(trial, u=-0.3, v=0.3)
-    with pytest.raises(ps.TrialRefusedError, match="sails ahead"):
-        ps.judged_trial(astern, container)

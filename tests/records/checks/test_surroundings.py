@@ -7,6 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from tests.records.checks.cases import found
+from tests.sentences import refused
 
 WIND = 8.0
 """Speed of the true wind, which blows from the south-east [m/s]."""
@@ -87,19 +88,12 @@ def test_a_wind_that_one_number_states_is_good(tanker, circle):
     assert found(steady, tanker)["wind"].verdict == "good"
 
 
-@pytest.mark.parametrize(
-    ("reading", "words"),
-    [
-        ("relative", 'of the relative wind, from the bow.*state wind = "relative" in the format'),
-        ("relative, from north", "of the relative wind, its direction from north"),
-        ("from the bow", "wind_direction counts from the bow"),
-    ],
-)
-def test_another_wind_that_is_declared_true_is_bad(tanker, circle, reading, words):
+@pytest.mark.parametrize("reading", ["relative", "relative, from north", "from the bow"])
+def test_another_wind_that_is_declared_true_is_bad(tanker, circle, reading):
     trial = blown(circle, reading, np.random.default_rng(1))
     check = found(trial, tanker)["wind"]
     assert check.verdict == "bad"
-    with pytest.raises(ps.TrialRefusedError, match=words):
+    with refused(ps.TrialRefusedError, "wind"):
         ps.judged_trial(trial, tanker)
 
 

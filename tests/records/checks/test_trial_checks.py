@@ -13,7 +13,7 @@ from pymc_ship.records.checks.trial_checks import failed_checks
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.judgement import VERDICTS
 from pymc_ship.trial.channels import SIMULATED
-from tests.records.checks.cases import alarms, changed, found, lever, noisy, offset, simulated, units, with_samples
+from tests.records.checks.cases import alarms, changed, found, lever, noisy, offset, simulated, units
 
 # without a fault
 
@@ -164,16 +164,3 @@ def test_a_good_trial_is_left_as_it_is(zigzag, container):
     assert failed_checks(checks) == ""
     assert again.attrs["corrections"] == []
     assert again.drop_attrs().identical(zigzag.drop_attrs())
-
-
-def test_records_that_no_check_can_be_made_of_are_refused(zigzag):
-    with pytest.raises(ps.TrialError, match="20 samples up, found 10"):
-        ps.trial_checks(zigzag.isel(time=slice(0, 10)))
-    with pytest.raises(ps.TrialError, match="must be finite"):
-        ps.trial_checks(with_samples(zigzag, "v", [7], np.nan))
-    with pytest.raises(ps.TrialError, match="uniform"):
-        ps.trial_checks(zigzag.isel(time=np.r_[0:50, 60:200]))
-    with pytest.raises(ps.TrialError, match=r"Channel v must be that of a ship, found 1e\+15"):
-        ps.trial_checks(with_samples(zigzag, "v", [7], 1e15))
-    with pytest.raises(ps.TrialError, match="needs the channels"):
-        ps.trial_checks(zigzag.drop_vars(zigzag.data_vars))

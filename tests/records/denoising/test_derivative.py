@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
 from pymc_ship.records.denoising.derivative import derivative
+from tests.sentences import refused
 
 
 def test_euler_difference_gives_back_the_rate_of_an_euler_record():
@@ -43,23 +42,6 @@ def test_polynomial_is_differentiated_exactly_up_to_the_ends(method, degree):
 
 def test_savgol_window_is_five_seconds():
     for step, length in ((0.02, 251), (0.1, 51), (1.0, 5), (5.0, 5)):
-        with pytest.raises(ValueError, match=f"savgol needs {length} samples, found {length - 1};"):
+        with refused(ValueError, length, length - 1):
             derivative(np.zeros(length - 1), step)
         assert (derivative(np.zeros(length), step) == 0.0).all()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"method": "spline"}, "method is one of euler, central, savgol; found 'spline'"),
-        ({"step": 0.0}, "must be positive"),
-        ({"step": 1.0, "window": -1.0}, "must be positive"),
-        ({"order": 0}, "order at least 1"),
-        ({"values": [1.0], "method": "euler"}, "euler needs 2 samples, found 1"),
-        ({"values": 1.0, "method": "central"}, "central needs 3 samples, found 1"),
-        ({"values": [1.0, np.nan, 2.0], "method": "central"}, "finite values"),
-    ],
-)
-def test_bad_derivatives_are_named(arguments, sentence):
-    with pytest.raises(ValueError, match=re.escape(sentence)):
-        derivative(**{"values": np.zeros(50), "step": 1.0, **arguments})

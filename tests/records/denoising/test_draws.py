@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 import pywt
@@ -14,6 +12,7 @@ from pymc_ship.records.denoising import wavelets
 from pymc_ship.records.denoising.ebayes import posterior_draw, posterior_mean, posterior_median, posterior_weight
 from pymc_ship.records.denoising.shrinkage import shrinkage
 from tests.records.denoising.cases import SHAPES, classic
+from tests.sentences import refused
 
 NOMINAL = 0.9
 N_DRAWS = 200
@@ -160,20 +159,6 @@ def test_a_signal_without_noise_has_draws_that_are_the_signal():
     assert np.array_equal(drawn, np.full((3, 100), 3.0))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"draws": 0}, "drawn from at least once, found 0 draws"),
-        ({"prior": "gauss"}, "prior is one of laplace, cauchy; found 'gauss'"),
-        ({"y": np.full(20, np.nan)}, "finite values, found NaN or infinity in signal"),
-    ],
-)
-def test_bad_arguments_are_named(arguments, sentence):
-    settings = {"y": np.random.default_rng(4).normal(size=100), "rng": np.random.default_rng(0), **arguments}
-    with pytest.raises(ValueError, match=re.escape(sentence)):
-        ps.denoise_signal_draws(**settings)
-
-
 # a trial
 
 
@@ -202,5 +187,5 @@ def test_each_draw_of_a_trial_is_a_trial():
 def test_channels_are_chosen_as_in_denoise():
     drawn = ps.denoise_draws(record(), draws=2, rng=np.random.default_rng(1), channels=["v"])
     assert drawn["u"].dims == ("time",)
-    with pytest.raises(ValueError, match="p missing"):
+    with refused(ValueError, "p"):
         ps.denoise_draws(record(), draws=2, rng=np.random.default_rng(1), channels=["p"])

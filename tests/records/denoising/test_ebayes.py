@@ -340,26 +340,3 @@ def test_single_and_huge_observations():
 
 def test_mad_is_about_zero():
     assert mad([1.0, -3.0, 2.0]) == pytest.approx(1.4826 * 2.0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"x": [1.0], "prior": "gauss"}, "prior is one of laplace, cauchy; found 'gauss'"),
-        ({"x": [1.0], "rule": "none"}, "rule is one of median, mean, hard, soft; found 'none'"),
-        ({"x": [1.0], "threshold": "sure"}, "threshold is one of posterior_median, bayes_factor; found 'sure'"),
-        ({"x": []}, "finite observations, found none"),
-        ({"x": [1.0, np.nan, np.inf]}, "finite observations, found 2 that are not"),
-        ({"x": [1.0], "sdev": 0.0}, "noise standard deviation must be positive and finite, found 0.0"),
-        ({"x": [1.0], "scale": -1.0}, "scale must be positive and finite, found -1.0"),
-    ],
-)
-def test_bad_arguments_are_named(arguments, sentence):
-    with pytest.raises(ValueError, match=re.escape(sentence)):
-        ebayes_threshold(**arguments)
-
-
-def test_a_weight_is_a_probability():
-    for function in (lambda: threshold_from_weight(1.1), lambda: posterior_mean(1.0, -0.1)):
-        with pytest.raises(ValueError, match="A weight is a probability"):
-            function()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from scipy.signal import butter, savgol_filter, sosfiltfilt
@@ -152,20 +150,3 @@ def test_a_trial_says_how_it_was_smoothed(method):
         assert found[name].attrs["noise_sdev"] == pytest.approx(sdev, rel=0.1)
         assert found[name].attrs[f"denoise_{parameter}"] > 0.0
         assert rms((found[name] - clean[name]).to_numpy()) < 0.3 * sdev
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"method": "kalman"}, "method is one of wavelet, savitzky_golay, low_pass, rts; found 'kalman'"),
-        ({"method": "rts", "wavelet": "db4", "levels": 3}, "rts chooses its q itself, found wavelet, levels of the"),
-        ({"method": "low_pass", "rule": "mean"}, "low_pass chooses its cutoff itself, found rule of the wavelets"),
-        ({"method": "rts", "y": np.zeros(15)}, "at least 16 samples"),
-    ],
-)
-def test_bad_arguments_are_named(arguments, sentence):
-    with pytest.raises(ValueError, match=re.escape(sentence)):
-        ps.denoise_signal(**{"y": observed(100), **arguments})
-    if "y" not in arguments:
-        with pytest.raises(ValueError, match=re.escape(sentence)):
-            ps.denoise(zigzag(100), **arguments)

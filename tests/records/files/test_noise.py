@@ -104,24 +104,6 @@ def test_channels_a_trial_does_not_have_are_left_out():
     assert list(polluted.data_vars) == ["u"]
 
 
-@pytest.mark.parametrize("level", [-0.1, np.nan, np.inf, "loud", "0.1"])
-def test_levels_that_are_none(zigzag_trial, level):
-    with pytest.raises(ps.TrialError, match=r"a number from 0 up or 'literal', found"):
-        ps.pollute(zigzag_trial, level=level, rng=np.random.default_rng(13))
-
-
-def test_unknown_channels_are_named(zigzag_trial):
-    with pytest.raises(ps.TrialError, match="found heel, n; rename"):
-        ps.pollute(zigzag_trial, level=0.1, rng=np.random.default_rng(13), factors={"heel": 1.0, "u": 1.0, "n": 1.0})
-
-
-def test_a_trial_with_gaps_cannot_be_polluted(zigzag_trial):
-    gap = zigzag_trial.copy(deep=True)
-    gap["r"][100] = np.nan
-    with pytest.raises(ps.TrialError, match="Channel r must be finite"):
-        ps.pollute(gap, level=0.1, rng=np.random.default_rng(13))
-
-
 # kinds of noise
 
 

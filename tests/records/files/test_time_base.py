@@ -151,17 +151,6 @@ class TestUnevenSampling:
         assert said.startswith("1 row with repeated time stamps left out")
         assert_on_signal(time, channels)
 
-    def test_steps_too_uneven_are_refused(self):
-        true = np.cumsum(np.tile([1e-6, 1e-6, 1e-6, 0.7], 100))
-        with pytest.raises(
-            ps.TrialError, match=r"run.csv: the sampling is too uneven to be resampled, found steps from 1e-06"
-        ):
-            regularised(true, signal(true))
-
-    def test_time_that_stands_still_is_refused(self):
-        with pytest.raises(ps.TrialError, match="time of a trial must increase, found 3 s in every row"):
-            regularised(np.full(50, 3.0), signal(np.arange(50.0)))
-
 
 class TestOrder:
     def test_a_stray_stamp_is_left_out(self):
@@ -185,11 +174,6 @@ class TestOrder:
             f"Time goes back 1 time, the first at t = {(first - 1) * 0.1:g} s: the longest run kept, 500 of 800"
             in notes[0]
         )
-
-
-def test_fewer_than_two_rows_are_refused():
-    with pytest.raises(ps.TrialError, match="at least two complete rows, found 1; check its cells"):
-        regularised([0.0, np.nan, np.nan], signal(np.arange(3.0)))
 
 
 def test_the_typical_step_bears_gaps_and_repeated_stamps():

@@ -12,7 +12,6 @@ from pymc_ship.physics.manoeuvre.helm import Swings, approach_speed, execution, 
 from pymc_ship.records.steering.measured import aligned
 from pymc_ship.records.steering.recognition import Steering, recognise, with_steering
 from pymc_ship.ships.identification.held_out import scored_indices
-from pymc_ship.trial.record import TrialError
 from tests.physics.manoeuvre.cases import measured, scaled, simulated
 from tests.ships.identification.cases import tanker, trial, with_delay
 
@@ -196,11 +195,6 @@ class TestOthers:
         found, steering = recognise([*records[2.5], clock], tanker())
         assert found[-1] is None
         np.testing.assert_equal(astuple(steering), astuple(recognise(records[2.5], tanker())[1]))
-
-    @pytest.mark.parametrize("channel", ["u", "r", "psi", "delta"])
-    def test_a_missing_channel_is_an_error(self, records, channel):
-        with pytest.raises(TrialError, match=f"{channel} missing"):
-            recognise([records[0.0][0].drop_vars(channel)], tanker())
 
 
 class TestExecution:

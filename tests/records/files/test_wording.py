@@ -1,0 +1,193 @@
+"""Sentences of the errors of this wing, each checked once."""
+
+from __future__ import annotations
+
+import gzip
+import re
+from functools import partial
+
+import numpy as np
+
+import pymc_ship as ps
+from pymc_ship.records.files.columns import matched_columns
+from pymc_ship.records.files.format import load_format
+from tests.records.files.cases import columns, written
+from tests.records.files.test_columns import matched
+from tests.records.files.test_instruments import ramp
+from tests.records.files.test_time_base import regularised, signal
+from tests.sentences import wording
+
+
+def without_a_channel(run, read, frame, lacks):
+    table = columns(run)
+    del table[lacks]
+    read(written(table), format={"frame": frame})
+
+
+def with_lines_before_the_header(tmp_path):
+    path = tmp_path / "run.txt"
+    path.write_text("Basin; run 7\nL, B, T\n0 1\n1 2\n")
+    ps.read_trial(path)
+
+
+def read_format(tmp_path, text):
+    path = tmp_path / "format.toml"
+    path.write_text(text)
+    load_format(path)
+
+
+def polluted_with_a_gap(zigzag_trial):
+    gap = zigzag_trial.copy(deep=True)
+    gap["r"][100] = np.nan
+    ps.pollute(gap, level=0.1, rng=np.random.default_rng(13))
+
+
+test_trial_errors = wording(
+    ps.TrialError,
+    *(
+        (
+            rf"run.csv, column '{heading}': its unit is not stated; call it '{heading} \[",
+            lambda heading=heading: matched("phi", heading),
+        )
+        for heading in ["heading", "Rudder", "yaw rate", "surge", "Northing", "propeller"]
+    ),
+    (r"column 'psi \[grad\]': the unit of psi is one of rad, .*, found 'grad'", lambda: matched("psi [grad]")),
+    (r"column 'u': the unit of u is one of m/s, .*, found 'furlong'", lambda: matched("u", units=["furlong"])),
+    (
+        r"psi is to be read from one column, found 'Heading \[deg\]', 'yaw_deg'; name",
+        lambda: matched("Heading [deg]", "yaw_deg"),
+    ),
+    ("found 'u', 'u'", lambda: matched("u", "u")),
+    *(
+        (
+            r"run.csv: columns are time and any of u, v, .*; rename one or name it",
+            lambda headings=headings: matched_columns(headings, [""] * len(headings), {}, "run.csv"),
+        )
+        for headings in [["u", "v"], ["time"], ["time", "engine"], ["time|u|v"]]
+    ),
+    (
+        r"reads v from a column 'sway' that stands there once, found 0 among time, u",
+        lambda run, read: read(written(columns(run)), format={"columns": {"v": "sway"}}),
+    ),
+    *(
+        (rf"run.csv: {sentence}", partial(without_a_channel, frame=frame, lacks=lacks))
+        for frame, lacks, sentence in [
+            ({"velocities": "earth"}, "psi", "velocities = 'earth' needs the channels u, v, psi; psi missing"),
+            ({"wind": "relative"}, "psi", "wind = 'relative' needs the channels wind_speed, wind_direction, u, v, psi"),
+            ({"reference": 3.5}, "r", "reference = 3.5 needs the channels v, r; r missing"),
+        ]
+    ),
+    (r"run.txt, line 2: the header has 2 columns, found 1", with_lines_before_the_header),
+    *(
+        (f"format.toml.*{sentence}", partial(read_format, text=text))
+        for text, sentence in [
+            ("frames = 1", "unknown key frames; known here are columns, frame, scale, delimiter, skip_rows"),
+            ("columns = 3", "columns must be a table, found 3"),
+            ("[columns]\nw = 'heave'", "unknown key columns.w; known here are time, u, v"),
+            ("[columns]\nu = 3", "columns.u must be the heading of a column, found 3"),
+            ("[columns]\nu = ' '", "columns.u must be the heading of a column, found ' '"),
+            ("[columns]\nu = { unit = 'kn' }", "columns.u must be the heading of a column, found None"),
+            (
+                "[columns]\nu = { column = 'U', scale = 2 }",
+                "unknown key columns.u.scale; known here are column, unit, sign",
+            ),
+            ("[columns]\nu = { column = 'U', unit = 'deg' }", "columns.u.unit must be a unit like m/s, found 'deg'"),
+            ("[columns]\nu = { column = 'U', unit = 1 }", "columns.u.unit must be a unit like m/s, found 1"),
+            ("[columns]\nu = { column = 'U', sign = 2 }", "columns.u.sign must be 1 or -1, found 2"),
+            ("[columns]\nu = { column = 'U', sign = true }", "columns.u.sign must be a finite number, found True"),
+            ("[columns]\nu = { column = 'U', offset = nan }", "columns.u.offset must be a finite number, found nan"),
+            ("[frame]\nvelocity = 'earth'", "unknown key frame.velocity; known here are velocities, heading"),
+            ("[frame]\nvelocities = 'ground'", "frame.velocities is one of body, earth; found 'ground'; choose one"),
+            ("[frame]\nheading = ['compass']", "frame.heading is one of .*; found \\['compass'\\]"),
+            ("[frame]\nrudder_positive = 'left'", "frame.rudder_positive is one of port, starboard; found 'left'"),
+            ("[frame]\nreference = 'G'", "frame.reference must be a finite number, found 'G'"),
+            ("[scale]\nfroude = 0", "scale.froude must be positive, found 0"),
+            ("[scale]\nfroude = '1:45'", "scale.froude must be a finite number, found '1:45'"),
+            ("[scale]\nlength = 2", "unknown key scale.length; known here are froude"),
+            ("delimiter = '|'", "delimiter is one of ',', ';'"),
+            ("skip_rows = -1", "skip_rows must be a whole number from 0 up, found -1"),
+            ("skip_rows = true", "skip_rows must be a whole number from 0 up, found True"),
+            ("skip_rows = ", "is not valid TOML"),
+        ]
+    ),
+    (
+        r"none.toml cannot be read: No such file or directory; check the path",
+        lambda tmp_path: load_format(tmp_path / "none.toml"),
+    ),
+    *(
+        (
+            re.escape(sentence),
+            lambda arguments=arguments: ps.pollute(ramp(100), rng=np.random.default_rng(1), **arguments),
+        )
+        for arguments, sentence in [
+            ({"noise": "sextant"}, "An instrument is one of gnss, mems_gyro, mru, fluxgate_compass; found 'sextant'"),
+            ({"noise": ["gnss", ps.Instrument(sd={"u": 1.0})]}, "A channel has one instrument, found two for u"),
+            ({"noise": lambda clean, rng: None}, "returns the trial, a Dataset over the same times, found NoneType"),
+            ({"noise": lambda clean, rng: clean.isel(time=slice(5))}, "a Dataset over the same times, found Dataset"),
+            ({"noise": "gnss", "level": 0.1}, "by a level (with factors) or by kinds of noise"),
+            ({}, "by a level (with factors) or by kinds of noise"),
+            ({"noise": "gnss", "factors": {"u": 1.0}}, "by a level (with factors) or by kinds of noise"),
+        ]
+    ),
+    *(
+        (r"^An instrument has an sd", lambda settings=settings: ps.Instrument(**settings))
+        for settings in [
+            {"sd": {}},
+            {"sd": {"speed": 1.0}},
+            {"sd": {"u": 1.0}, "resolution": {"v": 1.0}},
+            {"sd": {"u": -1.0}},
+            {"sd": {"u": np.nan}},
+            {"sd": {"u": 1.0}, "missing": 1.0},
+            {"sd": {"u": 1.0}, "jitter": np.inf},
+            {"sd": {"u": 1.0}, "run": 0.5},
+        ]
+    ),
+    *(
+        (
+            r"a number from 0 up or 'literal', found",
+            lambda zigzag_trial, level=level: ps.pollute(zigzag_trial, level=level, rng=np.random.default_rng(13)),
+        )
+        for level in [-0.1, np.nan, np.inf, "loud", "0.1"]
+    ),
+    (
+        "found heel, n; rename",
+        lambda zigzag_trial: ps.pollute(
+            zigzag_trial, level=0.1, rng=np.random.default_rng(13), factors={"heel": 1.0, "u": 1.0, "n": 1.0}
+        ),
+    ),
+    ("Channel r must be finite", polluted_with_a_gap),
+    *(
+        (
+            f"cannot be read: it is {encoding.upper()} text; save it as UTF-8",
+            lambda read, encoding=encoding: read("time,u\n0,5\n1,5\n".encode(encoding)),
+        )
+        for encoding in ["utf-16", "utf-32"]
+    ),
+    (r"line 3, column x: a number is needed, found '1,024\.5'", lambda read: read("time;x\n0;0.5\n1;1,024.5\n2;2.5\n")),
+    (
+        r"run.csv.gz cannot be read: its gzip data are damaged .*copy it again",
+        lambda run, read: read(gzip.compress(written(columns(run)).encode())[:-1000], "run.csv.gz"),
+    ),
+    (r"found '0, 1' without time; rename one", lambda read: read("0,1\n1,2\n2,3\n3,4\n")),
+    (r"run.csv, line 3: the header has 2 columns, found 1; mend it", lambda read: read("time,u\n0,1\n1\n2,3\n")),
+    *(
+        (
+            r"line 4, column u: a number is needed, found '",
+            lambda read, cell=cell: read(f"time;u\n0;1.5\n1;1.5\n2;{cell}\n"),
+        )
+        for cell in ["1_0", "0x1f", "12:01:05", "٣", "1,5", "fast"]
+    ),
+    (r"run.csv: a trial has at least two complete rows, found 0", lambda read: read("time,u\n,1\n,2\n,3\n")),
+    (
+        r"run.csv: the sampling is too uneven to be resampled, found steps from 1e-06",
+        lambda: regularised(np.cumsum(np.tile([1e-6, 1e-6, 1e-6, 0.7], 100)), signal(np.arange(400.0))),
+    ),
+    (
+        "time of a trial must increase, found 3 s in every row",
+        lambda: regularised(np.full(50, 3.0), signal(np.arange(50.0))),
+    ),
+    (
+        "at least two complete rows, found 1; check its cells",
+        lambda: regularised([0.0, np.nan, np.nan], signal(np.arange(3.0))),
+    ),
+)
