@@ -66,7 +66,7 @@ def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     return Check("approach", "good", f"Straight and steady for {(n - 1) * interval:.3g} s.", tuple(numbers))
 
 
-def _speed_trend(trial: xr.Dataset, n: int, scale: ShipScale) -> tuple[list, list[str]]:
+def _speed_trend(trial: xr.Dataset, n: int, scale: ShipScale) -> tuple[list[tuple[str, float, str]], list[str]]:
     """Numbers and faults of the change of speed over the first ``n`` samples, where they last half of L/U."""
     u, time = trial["u"].values[:n], trial["time"].values[:n]
     if time[-1] - time[0] <= 0.5 * scale.time:

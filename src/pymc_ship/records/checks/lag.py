@@ -93,9 +93,11 @@ def _sailed(trial: xr.Dataset, track: TrackBlocks, kind: str, seconds: float) ->
     """Increments of the track that late velocities mean, and their derivative by the lag, each (2, n_blocks - 1)."""
     time, interval = trial["time"].values, sampling_interval(trial)
     pair = earth_velocity(trial) if kind == "earth" else (trial["u"].values, trial["v"].values)
-    pair = [_later(time, values, seconds) for values in pair]
-    both = pair, [np.gradient(values, interval) for values in pair]
-    return tuple(track.sailed(*(uv if kind == "earth" else turned_to_earth(*uv, trial))) for uv in both)
+    u, v = (_later(time, values, seconds) for values in pair)
+    u_slope, v_slope = np.gradient(u, interval), np.gradient(v, interval)
+    if kind == "earth":
+        return track.sailed(u, v), track.sailed(u_slope, v_slope)
+    return track.sailed(*turned_to_earth(u, v, trial)), track.sailed(*turned_to_earth(u_slope, v_slope, trial))
 
 
 def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float) -> _Reading:

@@ -124,7 +124,7 @@ def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
         return found
     found["rU/g"] = (float(np.quantile(np.abs(judged.r) * judged.U, 0.99)) / GRAVITY, 0.0)
     constant, lag = np.ones(judged.r.size), np.gradient(motion.r, motion.interval)[ahead]
-    if motion.L:
+    if motion.L and motion.nominal:
         found["rL/U"] = (float(np.quantile(np.abs(judged.r) / judged.U, 0.99)) * motion.L, 0.0)
         found["Froude number"] = (motion.fast / np.sqrt(GRAVITY * motion.L), 0.0)
         found["speed"] = (motion.fast / motion.nominal, 0.0)
@@ -178,13 +178,13 @@ def _mistakes(motion: _Motion) -> dict[str, _Motion]:
         found[f"u and v are {mistake}"] = replace(motion, u=factor * motion.u, v=factor * motion.v)
     if motion.phi is not None:
         found["phi has the opposite sign"] = replace(motion, phi=-motion.phi)
-    if motion.L:
+    if motion.L and motion.nominal:
         root = motion.nominal / motion.fast
         scaled = replace(
             motion, u=root * motion.u, v=root * motion.v, r=motion.r / root, interval=motion.interval * root
         )
         found[f"the record is at a scale of 1:{root**2:.3g} to the vessel file (Froude)"] = scaled
-        found[_nominal(motion)] = replace(motion, nominal=motion.fast)
+        found[_nominal(motion.fast, motion.nominal)] = replace(motion, nominal=motion.fast)
         pivot = _quantities(motion).get("pivot point", (0.0, 0.0))[0]
         if pivot > 0.0:
             L = motion.L * pivot / RANGES["pivot point"].typical
@@ -192,13 +192,11 @@ def _mistakes(motion: _Motion) -> dict[str, _Motion]:
     return found
 
 
-def _nominal(motion: _Motion) -> str:
+def _nominal(fast: float, nominal: float) -> str:
     """What is wrong with the nominal speed of the vessel file, if it is that."""
-    text, metres = f"the record sails {motion.fast:.3g} m/s", motion.nominal * 0.514444
-    if 0.9 < metres / motion.fast < 1.1:
-        return (
-            f"the vessel file has its nominal speed in knots ({text}; {motion.nominal:.3g} knots are {metres:.3g} m/s)"
-        )
+    text, metres = f"the record sails {fast:.3g} m/s", nominal * 0.514444
+    if 0.9 < metres / fast < 1.1:
+        return f"the vessel file has its nominal speed in knots ({text}; {nominal:.3g} knots are {metres:.3g} m/s)"
     return f"the vessel file has the wrong nominal speed ({text})"
 
 
@@ -242,8 +240,8 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
     numbers = tuple((label, value, RANGES[label].unit) for label, (value, _) in found.items())
     faults = _faults(found)
     if not faults:
-        said = [_words(label, found) for label in ("rL/U", "pivot point", "speed") if label in found]
-        text = f"The motion is that of a ship: {', '.join(said)}." if said else "The motion is that of a ship."
+        shown = ", ".join(_words(label, found) for label in ("rL/U", "pivot point", "speed") if label in found)
+        text = f"The motion is that of a ship: {shown}." if shown else "The motion is that of a ship."
         return Check(name, "good", text, numbers)
     verdict = "bad" if "bad" in faults.values() else "doubtful"
     said = "; ".join(_words(label, found) for label in faults)

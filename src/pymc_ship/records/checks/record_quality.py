@@ -7,7 +7,7 @@ import xarray as xr
 
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.records.checks.rudder import measured_rate
-from pymc_ship.records.checks.verdicts import Check, ShipScale, not_checked
+from pymc_ship.records.checks.verdicts import Check, Numbers, ShipScale, not_checked
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
@@ -51,7 +51,7 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     """Sampling interval beside L/U and beside the travel of the rudder."""
     interval = sampling_interval(trial)
     samples = scale.time / interval
-    numbers = (("interval", interval, "s"), ("samples in L/U", samples, ""))
+    numbers: Numbers = (("interval", interval, "s"), ("samples in L/U", samples, ""))
     share = rate = 0.0
     if "delta" in trial and np.ptp(trial["delta"].values) > 0.0:
         rate, _ = measured_rate(trial)
@@ -85,7 +85,7 @@ def noise_check(trial: xr.Dataset) -> Check:
     numbers = tuple(
         (f"sd {name}", float(s), trial[name].attrs.get("units", "")) for name, s in zip(names, sd, strict=True)
     )
-    worst = max(shares, key=shares.get)
+    worst = max(shares, key=shares.__getitem__)
     numbers += ((f"noise over signal, {worst}", shares[worst], ""),)
     text = f"The noise is at most {shares[worst]:.2g} of the signal ({worst})."
     if shares[worst] > NOISE_BAD:
@@ -101,7 +101,7 @@ def resolution_check(trial: xr.Dataset) -> Check:
     counts = {name: count for name, count in counts.items() if count > 1}
     if not counts or trial.sizes["time"] < 2 * DISTINCT_DOUBTFUL:
         return not_checked("resolution", "no motion channel that changes, or a very short record")
-    worst = min(counts, key=counts.get)
+    worst = min(counts, key=counts.__getitem__)
     numbers = ((f"distinct values, {worst}", float(counts[worst]), ""),)
     if counts[worst] >= DISTINCT_DOUBTFUL:
         text = f"Every channel has {counts[worst]} distinct values or more ({worst})."
@@ -124,7 +124,7 @@ def spikes(values: np.ndarray) -> np.ndarray:
     sd = np.maximum(second_difference_sd(values[None])[0], median_filter(np.abs(away), _SURROUNDINGS) / 0.6745)
     limit = np.maximum(SPIKE * sd, LEAST_SPIKE * (high - low))
     out = np.flatnonzero((np.abs(away) > limit) & (limit > 0.0))
-    found = []
+    found: list[int] = []
     for group in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1):
         if 0 < group.size <= _LONGEST_SPIKE:
             sides = values[[k for k in (group[0] - 1, group[-1] + 1) if 0 <= k < values.size]]
@@ -201,7 +201,7 @@ def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     numbers = tuple((f"frozen, {name}", duration, "s") for name, duration in hit.items())
     if not hit:
         return Check("frozen channels", "good", "No channel stands still while the ship moves.", numbers)
-    worst = max(hit, key=hit.get)
+    worst = max(hit, key=hit.__getitem__)
     verdict = "bad" if hit[worst] > scale.time else "doubtful"
     text = f"{worst} stands still for {hit[worst]:.3g} s while the ship moves; cut that part out or mend the sensor."
     return Check("frozen channels", verdict, text, numbers)

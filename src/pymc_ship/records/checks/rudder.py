@@ -9,6 +9,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import (
     SIGNIFICANT,
     Check,
+    Numbers,
     ShipScale,
     needed,
     not_checked,
@@ -169,7 +170,7 @@ def rudder_rate_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
     if samples < 3:
         reason = "the rudder never moves from side to side" if not samples else "its moves take fewer than 3 samples"
         return not_checked(name, reason)
-    numbers = (("rudder rate", rate, "deg/s"),)
+    numbers: Numbers = (("rudder rate", rate, "deg/s"),)
     if vessel is None:
         return not_checked(name, f"no vessel to compare with; the rudder moves at {rate:.3g} deg/s", numbers)
     given = vessel.particulars.rudder_rate_deg

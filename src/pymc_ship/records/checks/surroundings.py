@@ -22,11 +22,10 @@ _BLOCK = 0.25  # L/U
 def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
     """Whether the propeller's advance number is that of a ship, and what unit of n explains it if not."""
     name = "revolutions"
-    reason = needed(trial, ("n", "u", "v"))
-    if not reason and (vessel is None or vessel.propeller is None):
-        reason = "it needs a vessel file with [propeller]"
-    if reason:
+    if reason := needed(trial, ("n", "u", "v")):
         return not_checked(name, reason)
+    if vessel is None or vessel.propeller is None:
+        return not_checked(name, "it needs a vessel file with [propeller]")
     n, U = trial["n"].values, np.hypot(trial["u"].values, trial["v"].values)
     if not np.isfinite(n).all():
         share = 100.0 * float(np.mean(~np.isfinite(n)))

@@ -122,7 +122,7 @@ def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
     """
     names = ("velocity axes", "sway sign")
     if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
-        return tuple(not_checked(name, reason) for name in names)
+        return not_checked(names[0], reason), not_checked(names[1], reason)
     track, measured = track_blocks(trial, scale)
     readings = ("body", 1.0), ("earth", 1.0), ("body", -1.0)
     body, earth, flipped = (_misfit(trial, track, measured, scale, *reading) for reading in readings)

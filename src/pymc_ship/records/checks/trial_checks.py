@@ -7,6 +7,7 @@ then units and signs, the axes of the velocities, offsets of the gyros and the l
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -151,8 +152,8 @@ def _closure_checks(
     axes = axes_checks(trial, scale)
     trial = _mended(trial, axes)
     if axes[1].verdict == "bad":
-        names = ("velocity lag", "lever arm", "track closure")
-        rest = [not_checked(name, "the sign of v must be right first") for name in names]
+        later = ("velocity lag", "lever arm", "track closure")
+        rest = [not_checked(name, "the sign of v must be right first") for name in later]
         return trial, [*found, *axes, *rest]
     late = lag_check(trial, scale, lag)
     trial = _mended(trial, [late])
@@ -200,7 +201,7 @@ def check_table(checks: Iterable[Check]) -> xr.Dataset:
     """
     checks = list(checks)
     rows = [(check.name, *number) for check in checks for number in check.numbers]
-    columns = {
+    columns: dict[str, tuple[str, Any]] = {
         name: ("check", [getattr(check, name) for check in checks]) for name in ("verdict", "sentence", "mendable")
     }
     columns["value"] = ("number", np.array([row[2] for row in rows], dtype=float))

@@ -19,6 +19,9 @@ TIGHTEST_TURN = 0.4
 SLOW = 0.3
 """Share of the record's own speed below which a course means nothing, nor do prime values, which divide by U^2."""
 
+Numbers = tuple[tuple[str, float, str], ...]
+"""Name, value and unit of what was measured."""
+
 _DIFFERENCE = 0.6744897501960817 * np.sqrt(2.0)
 _IDLE = 1e-100
 
@@ -42,7 +45,7 @@ class Check:
     name: str
     verdict: str
     sentence: str
-    numbers: tuple[tuple[str, float, str], ...] = ()
+    numbers: Numbers = ()
     mendable: bool = False
 
     def value(self, name: str) -> float:
@@ -50,7 +53,7 @@ class Check:
         return {label: value for label, value, _ in self.numbers}[name]
 
 
-def not_checked(name: str, reason: str, numbers: tuple[tuple[str, float, str], ...] = ()) -> Check:
+def not_checked(name: str, reason: str, numbers: Numbers = ()) -> Check:
     """A check that could not be made, with the reason."""
     return Check(name, "not checked", f"Not checked: {reason}.", numbers)
 

@@ -189,7 +189,7 @@ def _denoised(y: ArrayLike, what: str, method: str, settings: dict[str, Any]) ->
     return shrunk.estimate(rule), {"noise_sdev": shrunk.sdev}
 
 
-def _check_method(method: str, function: Callable, settings: dict[str, Any]) -> None:
+def _check_method(method: str, function: Callable[..., object], settings: dict[str, Any]) -> None:
     """Refuse an unknown method, and settings of the wavelets for a method that has none."""
     check_choice("The method", method, METHODS)
     defaults = {name: argument.default for name, argument in signature(function).parameters.items()}

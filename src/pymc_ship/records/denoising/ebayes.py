@@ -17,6 +17,7 @@ import math
 from contextlib import nullcontext
 from dataclasses import dataclass
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -138,10 +139,10 @@ def ebayes_threshold(
             return EbayesEstimate(values.copy(), 1.0, math.nan if scale is None else _code(prior, scale), 0.0, 0.0, 0.0)
     _check_positive("noise standard deviation", sdev)
     standard = values / sdev
-    weight, scale, log_likelihood = fit_prior(standard, prior, scale, universal_bound=universal_bound)
-    limit = sdev * threshold_from_weight(weight, prior, scale, threshold)
-    estimate = sdev * shrink(standard, weight, prior, scale, rule, threshold=threshold)
-    return EbayesEstimate(estimate, weight, scale, float(sdev), limit, log_likelihood)
+    weight, fitted, log_likelihood = fit_prior(standard, prior, scale, universal_bound=universal_bound)
+    limit = sdev * threshold_from_weight(weight, prior, fitted, threshold)
+    estimate = sdev * shrink(standard, weight, prior, fitted, rule, threshold=threshold)
+    return EbayesEstimate(estimate, weight, fitted, float(sdev), limit, log_likelihood)
 
 
 def mad(x: ArrayLike) -> float:
@@ -281,20 +282,20 @@ def _observations(x: ArrayLike) -> np.ndarray:
     return values
 
 
-def _check_positive(what: str, value: ArrayLike) -> None:
+def _check_positive(what: str, value: Any) -> None:
     if not np.all((np.asarray(value) > 0.0) & np.isfinite(value)):
         raise ValueError(
             f"The {what} must be positive and finite, found {value}; give such a number, or None to fit it."
         )
 
 
-def _probability(weight: ArrayLike) -> ArrayLike:
+def _probability(weight: Any) -> Any:
     if not np.all((np.asarray(weight) >= 0.0) & (np.asarray(weight) <= 1.0)):
         raise ValueError(f"A weight is a probability, found {weight}; give numbers in [0, 1].")
     return weight
 
 
-def _code(prior: str, scale: ArrayLike) -> ArrayLike:
+def _code(prior: str, scale: Any) -> Any:
     """Scale as the kernels want it: nan stands for the quasi-Cauchy density."""
     check_choice("The prior", prior, PRIORS)
     if prior == "cauchy":
@@ -303,7 +304,7 @@ def _code(prior: str, scale: ArrayLike) -> ArrayLike:
     return scale
 
 
-def _evaluate(kernel, *arguments: ArrayLike) -> np.ndarray:
+def _evaluate(kernel: np.ufunc, *arguments: ArrayLike) -> np.ndarray:
     """Call a ufunc of numba; the first call compiles it, and two threads may not do that at once."""
     with np.errstate(over="ignore"), nullcontext() if kernel.ntypes else _COMPILING:
         return kernel(*(np.asarray(argument, dtype=float) for argument in arguments))

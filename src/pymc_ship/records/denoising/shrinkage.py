@@ -101,7 +101,7 @@ def shrinkage(
     _, details = wavelets.transform(padded, filters, levels, translation_invariant)
     inside = [detail[wavelets.inside(detail.size, padded.size, before, after)] for detail in details]
     sdev = mad(inside[-1] - np.median(inside[-1]))
-    fitted: tuple = ()
+    fitted: tuple[tuple[float, float], ...] = ()
     if sdev <= wavelets.ACCURACY * np.abs(signal).max():
         sdev = 0.0
     else:

@@ -26,7 +26,8 @@ def transform(
     The stationary transform is taken a level at a time over the 2**level interleaved parts of the signal: the same
     numbers as ``pywt.swt``, whose filters stuffed with zeros cost 2**level times as much.
     """
-    approximation, details = padded, []
+    approximation = padded
+    details: list[np.ndarray] = []
     for level in range(levels):
         if translation_invariant:
             parts = approximation.reshape(-1, 2**level)

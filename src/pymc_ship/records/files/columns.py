@@ -121,7 +121,9 @@ def _offers(
     A column whose unit cannot be told is an error where no other has its channel.
     """
     taken = {column.index for column in found.values()}
-    left_out, offers, errors = [], {}, {}
+    left_out: list[str] = []
+    offers: dict[str, list[Column]] = {}
+    errors: dict[str, TrialError] = {}
     for index, heading in enumerate(headings):
         if index in taken or not heading:
             continue
@@ -134,9 +136,9 @@ def _offers(
             offers.setdefault(column.channel, []).append(column)
         else:
             left_out.append(heading)
-    for heading, error in errors.items():
+    for heading, unreadable in errors.items():
         if {*found, *offers}.isdisjoint(one.name for one in _named(_name_and_unit(heading)[0])):
-            raise error
+            raise unreadable
     return left_out, offers
 
 
@@ -184,14 +186,15 @@ def _without_unit(
     """Column whose unit nothing states: the one the format implies, or the SI unit of a channel called by its name."""
     channel = next((one for one in channels if one.name in unstated), channels[0])
     unit = unstated.get(channel.name, channel.unit.name)
+    factor = channel.unit.factor(unit)
     by_name = channel is TIME or _name_and_unit(heading)[0] == _plain(channel.name)
-    if not by_name and channel.name not in unstated:
+    if factor is None or not (by_name or channel.name in unstated):
         last = channels[-1].unit
         raise TrialError(
             f"{where}, column {heading!r}: its unit is not stated; call it "
             f"'{heading} [{'deg' if last is RADIAN else last.name}]' or as it is."
         )
-    return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=channel.unit.factor(unit))
+    return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor)
 
 
 def _unknown_unit(where: str, heading: str, channel: Channel, unit: str) -> str:

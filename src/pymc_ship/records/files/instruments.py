@@ -70,7 +70,7 @@ class Instrument:
     missing: float = 0.0
     run: float = 1.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         unknown = [name for name in (*self.sd, *self.resolution) if name not in CHANNELS or name not in self.sd]
         if unknown or not self.sd:
             raise TrialError(

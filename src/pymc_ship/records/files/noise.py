@@ -126,10 +126,10 @@ def pollute(
     0.0019 rad; 0.0019 rad
     """
     rng, trial = random_generator(rng), one_trial(trial)
-    if (level is None) == (noise is None) or (noise is not None and factors is not None):
-        raise TrialError("A trial is polluted by a level (with factors) or by kinds of noise; give one of the two.")
-    if noise is not None:
+    if noise is not None and level is None and factors is None:
         return measured(trial, noise, rng)
+    if noise is not None or level is None:
+        raise TrialError("A trial is polluted by a level (with factors) or by kinds of noise; give one of the two.")
     size, known = noise_sd(level), noise_factors()
     factors = known if factors is None else factors
     noisy = dict.fromkeys((*SIMULATED, *known))

@@ -6,9 +6,8 @@ Everything that is changed is told in a sentence with its numbers; what cannot b
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Iterator
 from decimal import Decimal
-from typing import Any
 
 import numpy as np
 
@@ -31,6 +30,7 @@ _MOST_SAMPLES = 10
 """Samples after resampling over those before, at most."""
 
 Channels = dict[str, np.ndarray]
+Rows = tuple[np.ndarray, np.ndarray, Channels]
 
 
 def rounding(cells: np.ndarray) -> np.ndarray:
@@ -48,7 +48,7 @@ def rounding(cells: np.ndarray) -> np.ndarray:
     """
     known = np.isfinite(cells)
     printed = [Decimal(repr(value)).normalize().as_tuple() for value in cells[known].tolist()]
-    decimals = max((-number.exponent for number in printed), default=0)
+    decimals = max((-int(number.exponent) for number in printed), default=0)
     digits = max((len(number.digits) for number in printed), default=0)
     magnitude = np.floor(np.log10(np.maximum(np.abs(cells[known]), 1e-300)))
     quantum = np.zeros_like(cells)
@@ -57,8 +57,8 @@ def rounding(cells: np.ndarray) -> np.ndarray:
 
 
 def regular(
-    time: np.ndarray, quantum: np.ndarray, channels: Mapping[str, Any], where: str
-) -> tuple[np.ndarray, Channels, list]:
+    time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str
+) -> tuple[np.ndarray, Channels, list[str]]:
     """Uniform time and finite channels.
 
     Parameters
@@ -67,7 +67,7 @@ def regular(
         Stamps [s]; NaN where there is none.
     quantum : ndarray, shape (n_time,)
         What each stamp is rounded to [s].
-    channels : mapping of str to ndarray, shape (n_time,)
+    channels : dict of str to ndarray, shape (n_time,)
         NaN where a cell is missing.
     where : str
         Name of the file, for errors.
@@ -82,31 +82,31 @@ def regular(
     TrialError
         When fewer than two samples are left or the sampling is too uneven.
     """
-    channels, notes = dict(channels), []
+    notes: list[str] = []
     keep = np.isfinite(time)
     if not keep.all():
         notes.append(f"{_count((~keep).sum(), 'row')} without a time left out.")
         time, quantum, channels = _rows(keep, time, quantum, channels)
     for step in (_increasing, _filled, _longest_piece):
-        time, quantum, channels, said = step(time, quantum, channels, where)
+        time, quantum, channels, said = step(time, quantum, channels)
         notes += said
     if time.size < 2 or not channels:
         raise TrialError(f"{where}: a trial has at least two complete rows, found {time.size}; check its cells.")
     if is_uniform(time):
         return time, channels, notes
-    time, channels, said = _uniform(time, quantum, channels, where)
-    return time, channels, [*notes, said]
+    time, channels, change = _uniform(time, quantum, channels, where)
+    return time, channels, [*notes, change]
 
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'s' if number != 1 else ''}"
 
 
-def _rows(keep: np.ndarray, time: np.ndarray, quantum: np.ndarray, channels: Channels):
+def _rows(keep: np.ndarray | slice, time: np.ndarray, quantum: np.ndarray, channels: Channels) -> Rows:
     return time[keep], quantum[keep], {name: values[keep] for name, values in channels.items()}
 
 
-def _increasing(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str):
+def _increasing(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
     """Rows whose stamps never go back: strays left out, or the longest run between two jumps back."""
     back = np.flatnonzero(np.diff(time) < 0.0)
     if not back.size:
@@ -159,7 +159,7 @@ def _longest_fill(time: np.ndarray) -> float:
     return 1.001 * max((FILLED_SAMPLES + 1) * typical_step(time), FILLED_SECONDS)
 
 
-def _filled(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str):
+def _filled(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
     """Short runs of missing cells interpolated; channels that miss most are left out, rows of long runs dropped."""
     if time.size < 2:
         return time, quantum, channels, []
@@ -195,7 +195,7 @@ def _short_runs(missing: np.ndarray, time: np.ndarray, longest: float) -> np.nda
     return missing & inside & (time[following] - time[last] <= longest)
 
 
-def _longest_piece(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str):
+def _longest_piece(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
     """Longest piece between two gaps that are too long to be filled."""
     if time.size < 2:
         return time, quantum, channels, []
@@ -236,8 +236,8 @@ def _uniform(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: s
             )
         if grid.size > n:
             said.append(
-                f"{_count((np.diff(places) > 1).sum(), 'gap')} of up to "
-                f"{_count(np.diff(places).max() - 1, 'sample')}: {grid.size - n} filled by interpolation"
+                f"{_count(int((np.diff(places) > 1).sum()), 'gap')} of up to "
+                f"{_count(int(np.diff(places).max()) - 1, 'sample')}: {grid.size - n} filled by interpolation"
             )
         return begin + step * grid, resampled, "; ".join(said or [f"{found} made uniform"]) + "."
     return _resampled(time, channels, where, found)
@@ -260,7 +260,7 @@ def _resampled(time: np.ndarray, channels: Channels, where: str, found: str) -> 
     return grid, resampled, f"{said}{found}: resampled to the mean step of {step:.7g} s by interpolation."
 
 
-def _explanations(time: np.ndarray, quantum: np.ndarray):
+def _explanations(time: np.ndarray, quantum: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Places of the samples on a uniform grid and how far their stamps may be off, the likeliest first."""
     every, steps = np.arange(time.size), np.diff(time)
     positive = steps[steps > 0.0]

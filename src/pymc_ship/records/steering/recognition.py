@@ -141,7 +141,7 @@ def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
 
 def _common_speed(manoeuvres: Sequence[Manoeuvre | None]) -> float:
     """Median speed [m/s] of the approaches; NaN where they differ, or there are none."""
-    speeds = [manoeuvre.approach_speed for manoeuvre in manoeuvres if manoeuvre is not None]
+    speeds = [one.approach_speed for one in manoeuvres if one is not None and one.approach_speed is not None]
     return float(np.median(speeds)) if speeds and max(speeds) <= _ONE_SPEED * min(speeds) else np.nan
 
 
