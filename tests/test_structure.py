@@ -60,14 +60,11 @@ NOT_CONVERTED = {
     "inference/sampling",
     "inference/trajectory",
     "journeys",
-    "machine",
-    "pages",
     "replication",
     "ships/design",
     "ships/forecasting",
     "ships/identification",
     "ships/sea_trials",
-    "trial",
 }
 """Folders of tests that still check the words of errors outside a table of ``tests/sentences.py``; to be emptied."""
 

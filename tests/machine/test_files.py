@@ -3,6 +3,7 @@ import os
 import pytest
 
 from pymc_ship.machine.files import OutputError, staged, staged_files, writable_folder
+from tests.sentences import refused
 
 
 def names(folder):
@@ -71,8 +72,7 @@ def test_a_file_never_takes_the_place_of_a_folder(tmp_path):
     path = tmp_path / "results"
     path.mkdir()
     (path / "precious.csv").write_text("precious")
-    message = r"results cannot be written: Is a directory; choose another place"
-    with pytest.raises(OutputError, match=message), staged(path) as partial:
+    with refused(OutputError, "results"), staged(path) as partial:
         partial.write_text("file")
     assert (path / "precious.csv").read_text() == "precious"
     assert names(tmp_path) == ["results"]
@@ -113,7 +113,7 @@ def test_an_interrupted_block_moves_none_of_its_files(tmp_path, stop):
 
 def test_staged_files_never_take_the_place_of_a_folder(tmp_path):
     (tmp_path / "index.html").mkdir()
-    with pytest.raises(OutputError, match="cannot be written"), staged_files(tmp_path, last="index.html") as partial:
+    with refused(OutputError, "index.html"), staged_files(tmp_path, last="index.html") as partial:
         (partial / "index.html").write_text("page")
     assert names(tmp_path) == ["index.html"]
 
@@ -121,8 +121,7 @@ def test_staged_files_never_take_the_place_of_a_folder(tmp_path):
 @pytest.mark.parametrize("place", ["file.txt/table.csv", "missing/table.csv"])
 def test_staged_says_where_nothing_can_be_written(tmp_path, place):
     (tmp_path / "file.txt").write_text("kept")
-    message = r"table\.csv cannot be written: .+; choose another place\."
-    with pytest.raises(OutputError, match=message), staged(tmp_path / place) as partial:
+    with refused(OutputError, "table.csv"), staged(tmp_path / place) as partial:
         partial.write_text("x")
     assert (tmp_path / "file.txt").read_text() == "kept"
     assert names(tmp_path) == ["file.txt"]
@@ -139,6 +138,6 @@ def test_writable_folder_is_made_with_its_parents_and_left_as_it_was(tmp_path):
 @pytest.mark.parametrize("place", ["file.txt", "file.txt/below"])
 def test_writable_folder_refuses_a_place_taken_by_a_file(tmp_path, place):
     (tmp_path / "file.txt").write_text("kept")
-    with pytest.raises(OutputError, match=r"file\.txt.* cannot be written: .+; choose another place\."):
+    with refused(OutputError, "file.txt"):
         writable_folder(tmp_path / place)
     assert names(tmp_path) == ["file.txt"]

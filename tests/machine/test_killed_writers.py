@@ -11,6 +11,7 @@ import pytest
 from pymc_ship.machine import files
 from pymc_ship.machine.files import OLD, OutputError, place_of, settle, staged, staged_files, writable_folder
 from tests.machine.writers import PARTS, read, started, write
+from tests.sentences import refused
 
 HOWS = ("file", "folder", "files")
 
@@ -184,14 +185,13 @@ def test_a_link_to_nothing_yet_leads_to_the_new_file(tmp_path):
     assert (tmp_path / "later").read_text().split() == ["new"] * PARTS
 
 
-@pytest.mark.parametrize(("place", "kind"), [("/dev/null", "a device"), ("pipe", "a pipe"), ("link", "a device")])
+@pytest.mark.parametrize(("place", "kind"), [("/dev/null", "device"), ("pipe", "pipe"), ("link", "device")])
 def test_a_device_or_a_pipe_is_refused_and_stays(tmp_path, place, kind):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to("/dev/null")
-    message = rf"A result is written to a file or a folder, found {kind} at .*; choose another place\."
-    with pytest.raises(OutputError, match=message):
+    with refused(OutputError, kind):
         place_of(tmp_path / place)
-    with pytest.raises(OutputError, match=message), staged(tmp_path / place):
+    with refused(OutputError, kind), staged(tmp_path / place):
         pass
     assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "pipe"]
     assert not os.path.isfile("/dev/null")
@@ -199,8 +199,5 @@ def test_a_device_or_a_pipe_is_refused_and_stays(tmp_path, place, kind):
 
 def test_a_link_in_a_circle_is_refused(tmp_path):
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    with (
-        pytest.raises(OutputError, match="loop cannot be written: Too many levels of symbolic links"),
-        staged(tmp_path / "loop"),
-    ):
+    with refused(OutputError, "loop"), staged(tmp_path / "loop"):
         pass

@@ -16,6 +16,7 @@ from pymc_ship.machine.files import OutputError
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, rendered, write_page
 from pymc_ship.pages.tables import number, table
+from tests.sentences import refused
 
 TEMPLATE = """{% extends "_layout.html.j2" %}
 {% from "_page.html.j2" import table, fig, bullets, credits with context %}
@@ -200,7 +201,7 @@ def test_the_page_is_moved_into_place_last(mine, tmp_path, monkeypatch):
 
 def test_a_folder_that_cannot_be_written_is_told(mine, tmp_path):
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(OutputError, match="cannot be written"):
+    with refused(OutputError, "file"):
         write_page(mine, tmp_path / "file", content())
     assert (tmp_path / "file").read_text() == "kept"
 
@@ -212,7 +213,7 @@ def test_a_page_misses_no_name(mine):
     whole = content()
     assert "<h1>a &lt; b</h1>" in rendered(mine, whole)
     bare = {name: value for name, value in whole.values.items() if name != "title"}
-    with pytest.raises(UndefinedError, match="'title' is undefined"):
+    with refused(UndefinedError, "title"):
         rendered(mine, Content(bare))
 
 
@@ -223,5 +224,5 @@ def test_a_template_may_use_those_beside_it(mine):
 
 
 def test_a_template_that_is_not_there_is_named(mine):
-    with pytest.raises(TemplateNotFound, match=r"none\.html\.j2"):
+    with refused(TemplateNotFound, "none.html.j2"):
         rendered(Page("x.html", mine.template.with_name("none.html.j2")), Content({}))

@@ -9,6 +9,7 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.trial.channels import CHANNELS, Channel
 from pymc_ship.trial.units import RADIAN, Unit
+from tests.sentences import refused
 
 ACCELERATION = Unit("m/s2", {"m/s2": 1.0, "ms-2": 1.0, "g": 9.80665}, froude=0.0)
 NEW = (
@@ -72,7 +73,7 @@ def test_without_its_entry_it_is_left_out(tmp_path):
 
 
 def test_a_word_of_it_must_state_its_unit(sensors, tmp_path):
-    with pytest.raises(ps.TrialError, match=r"column 'Wind vane': its unit is not stated; call it 'Wind vane \[deg\]'"):
+    with refused(ps.TrialError, "vane", "[deg]"):
         ps.read_trial(file(tmp_path, "time,u,Wind vane\n0,5,1\n1,5,2\n"))
 
 
@@ -81,7 +82,7 @@ def test_a_format_names_its_column_and_its_unit(sensors, tmp_path):
     chosen = {"column": "MRU 3", "unit": "g", "sign": -1, "offset": 0.5}
     trial = ps.read_trial(path, format={"columns": {"a_y": chosen}})
     np.testing.assert_allclose(trial["a_y"], 9.80665 * np.array([-0.5, -1.5]))
-    with pytest.raises(ps.TrialError, match=r"columns\.a_y\.unit must be a unit like m/s2, found 'kn'"):
+    with refused(ps.TrialError, "columns.a_y.unit", "m/s2", "kn"):
         ps.read_trial(path, format={"columns": {"a_y": chosen | {"unit": "kn"}}})
 
 
@@ -143,5 +144,5 @@ def test_it_does_not_disturb_checks_and_fits(trial, container):
 
 def test_a_trajectory_is_fitted_to_states_alone(trial, container):
     rng = np.random.default_rng(1)
-    with pytest.raises(ps.TrialError, match=r"A trajectory is fitted to some of u, v, r, .*, found a_y with rk4"):
+    with refused(ps.TrialError, "a_y", "rk4"):
         ps.trajectory_posterior([trial], container, channels=["u", "a_y"], draws=4, rng=rng)

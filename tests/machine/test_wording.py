@@ -1,0 +1,56 @@
+"""Sentences of the errors of this wing, each checked once."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+
+from pymc_ship.machine.arguments import check_choice, finite_number
+from pymc_ship.machine.files import OutputError, staged, writable_folder
+from tests.sentences import wording
+
+
+def taken_place(tmp_path, place):
+    (tmp_path / "file.txt").write_text("kept")
+    writable_folder(tmp_path / place)
+
+
+def written_to(tmp_path, place):
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("/dev/null")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with staged(tmp_path / place) as part:
+        part.write_text("x")
+
+
+test_value_errors = wording(
+    ValueError,
+    (
+        r"^The sign is one of ',', '\\t', tab; found '\|'; choose one of them\.$",
+        lambda: check_choice("The sign", "|", (",", "\t", "tab")),
+    ),
+    (
+        r"^The size must be a number from 0\.5 up, found 0\.4; correct it\.$",
+        lambda: finite_number("The size", 0.4, least=0.5),
+    ),
+)
+
+test_output_errors = wording(
+    OutputError,
+    *(
+        (r"file\.txt.* cannot be written: .+; choose another place\.", partial(taken_place, place=place))
+        for place in ["file.txt", "file.txt/below"]
+    ),
+    *(
+        (message, partial(written_to, place=place))
+        for place, message in [
+            ("/dev/null", "A result is written to a file or a folder, found a device at .*; choose another place"),
+            ("pipe", "A result is written to a file or a folder, found a pipe at .*; choose another place"),
+            ("link", "A result is written to a file or a folder, found a device at .*; choose another place"),
+            ("loop", "loop cannot be written: Too many levels of symbolic links"),
+            ("folder", "folder cannot be written: Is a directory; choose another place"),
+            ("missing/table.csv", r"table\.csv cannot be written: .+; choose another place"),
+        ]
+    ),
+)
