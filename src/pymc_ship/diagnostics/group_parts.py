@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pymc_ship.diagnostics.numbers import CI_PROB, ESS_LIMIT, R_HAT_LIMIT, has
 from pymc_ship.diagnostics.parts import Part
 from pymc_ship.pages.drawing import BLUE, NOISE, RUST, styled, subplots
-from pymc_ship.pages.tables import Table, number, percent, table
+from pymc_ship.pages.tables import Columns, Table, number, percent, table
 
 _SAMPLE = ("chain", "draw")
 _TAILS = (0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB)
@@ -98,7 +98,7 @@ def _table(tree: xr.DataTree, found: xr.Dataset) -> Table:
             low, high = (n(1e5 * float(apart[side])) for side in ("lower", "upper"))
             one[pair] = f"{n(1e5 * float(apart['mean']))} ({low} to {high}){' *' * bool(apart['differs'])}"
         rows.append(one)
-    columns = {"coefficient": ("coefficient", str)} | {f"of {group}": (group, str) for group in groups}
+    columns: Columns = {"coefficient": ("coefficient", str)} | {f"of {group}": (group, str) for group in groups}
     columns |= {"between": ("sd between groups", n)} | {pair: (pair, str) for pair in found["pair"].values.tolist()}
     return table(rows, columns)
 

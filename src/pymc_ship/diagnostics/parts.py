@@ -13,7 +13,7 @@ from pymc_ship.diagnostics import figures, numbers
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, ENVELOPE
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
-from pymc_ship.pages.tables import Table, fixed, number, percent, table
+from pymc_ship.pages.tables import Columns, Table, fixed, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel, VesselError
 from pymc_ship.ships.forecasting.draws import coefficient_draws
 from pymc_ship.ships.forecasting.prior_ships import (
@@ -31,7 +31,7 @@ SHIPS = 200
 SHIPS_TITLE = "Ships of the prior and of the posterior"
 """Title of the part on the ships that a prior holds."""
 
-_SHARES = {
+_SHARES: Columns = {
     "manoeuvre": ("manoeuvre", str),
     "of": ("ships of the", str),
     "ran_away": ("ran away %", fixed(1)),
@@ -39,7 +39,7 @@ _SHARES = {
     "course_unstable": ("course-unstable %", fixed(1)),
     "sailed": ("none of these %", fixed(1)),
 }
-_BANDS = {
+_BANDS: Columns = {
     "index": ("index", str),
     "manoeuvre": ("manoeuvre", str),
     "prior": ("prior", str),
@@ -104,7 +104,7 @@ def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
 
 def gate_table(one: Comparison) -> Table:
     """Worst value of every gate of every method against its limit."""
-    columns = {
+    columns: Columns = {
         "method": ("method", str),
         "gate": ("gate", str),
         "value": ("value", number(4)),
@@ -159,7 +159,7 @@ def correlation_part(tree: xr.DataTree, heat_map: Callable[[xr.DataTree], Figure
     title, pairs = "Correlation of the coefficients", numbers.correlated_pairs(tree)
     if not pairs or pairs[0]["correlation"] == 0.0:
         return Part(title, "Not shown: there is no pair of coefficients that vary.")
-    columns = {
+    columns: Columns = {
         "first": ("coefficient", str),
         "second": ("and", str),
         "correlation": ("posterior correlation", fixed(4)),

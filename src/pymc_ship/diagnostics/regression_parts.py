@@ -39,7 +39,7 @@ from pymc_ship.diagnostics.tables import (
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.sampling.error_laws import errors_of
-from pymc_ship.pages.tables import fixed, number, percent, table
+from pymc_ship.pages.tables import Columns, fixed, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel
 
 _n = number(3)
@@ -281,7 +281,7 @@ def _directions(tree: xr.DataTree) -> Part:
         f"The data {said}; a direction is left to the prior where the data's share of the posterior precision does not "
         f"exceed {CONTRACTION_LIMIT:g}. The condition number of the scaled design is {_n(condition)}."
     )
-    columns = {
+    columns: Columns = {
         "singular_value": ("singular value", _n),
         "share": ("share of the data", fixed(4)),
         "direction": ("largest loadings, scaled columns over prior sd", str),

@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics.numbers import CI_PROB, judged
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed, number, table
 
 _SCALED = ("mean", "sd", "lower", "upper", "mcse_mean", "mcse_sd")
 
 
-AGREEMENT = {
+AGREEMENT: Columns = {
     "method": ("method", str),
     "largest_z": ("largest |z|", fixed(2)),
     "z_limit": ("limit", fixed(2)),
@@ -59,7 +59,7 @@ def agreement_table(agreement: xr.Dataset) -> Table:
             row |= {f"{method}_{name}": float(by_method[name]) for name in ("z_mean", "z_sd")}
             row[f"{method}_z_quantile"] = float(np.abs(by_method["z_quantile"]).max())
         rows.append(row)
-    columns = {"quantity": ("quantity", str), "mean": ("exact mean", n), "sd": ("exact sd", n)}
+    columns: Columns = {"quantity": ("quantity", str), "mean": ("exact mean", n), "sd": ("exact sd", n)}
     for method in methods:
         columns |= {
             f"{method}_mean": (f"{method} mean", n),
@@ -87,7 +87,7 @@ def prior_posterior_table(found: xr.Dataset, marks: dict[str, np.ndarray]) -> Ta
     scaled = {"prior_mean": "prior mean"} if found["prior_mean"].values.any() else {}
     scaled |= {"prior_sd": "prior sd", "mean": "mean", "sd": "sd"}
     scaled |= {"lower": f"{50 - 50 * CI_PROB:g} %", "upper": f"{50 + 50 * CI_PROB:g} %"}
-    columns = {"coefficient": ("coefficient", str)} | {name: (name, number(4)) for name in marks}
+    columns: Columns = {"coefficient": ("coefficient", str)} | {name: (name, number(4)) for name in marks}
     columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in scaled.items()}
     columns |= {"contraction": ("contraction", fixed(3)), "judged": ("judged", str)}
     rows, words = [], judged(found)
@@ -103,13 +103,17 @@ def prior_posterior_table(found: xr.Dataset, marks: dict[str, np.ndarray]) -> Ta
 
 def sensitivity_table(rows: Sequence[Mapping], quantity: str) -> Table:
     """Rows of :func:`pymc_ship.diagnostics.numbers.prior_sensitivity`, the first column as named."""
-    columns = {"quantity": (quantity, str), "prior": ("prior", fixed(3)), "likelihood": ("likelihood", fixed(3))}
+    columns: Columns = {
+        "quantity": (quantity, str),
+        "prior": ("prior", fixed(3)),
+        "likelihood": ("likelihood", fixed(3)),
+    }
     return table(rows, columns | {"diagnosis": ("diagnosis", str)})
 
 
 def chain_table(summary: xr.Dataset) -> Table:
     """Monte Carlo errors, R-hat and effective sample sizes of every quantity."""
-    columns = {
+    columns: Columns = {
         "quantity": ("quantity", str),
         "mean": ("mean", number(4)),
         "mcse_mean": ("MCSE of mean", number(3)),
@@ -124,7 +128,7 @@ def chain_table(summary: xr.Dataset) -> Table:
 def _coefficient_columns(
     narrowing: xr.Dataset | None, reference: np.ndarray | None, published: Mapping[str, np.ndarray]
 ) -> dict:
-    columns = {"quantity": ("coefficient", str)}
+    columns: Columns = {"quantity": ("coefficient", str)}
     columns |= {"reference": ("reference", number(4))} if reference is not None else {}
     columns |= {f"published_{family}": (f"publ. {family}", number(4)) for family in published}
     columns |= {

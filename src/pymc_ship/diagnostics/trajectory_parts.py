@@ -31,7 +31,7 @@ from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.inference.trajectory.posterior import verdict as khat_verdict
-from pymc_ship.pages.tables import fixed, number, percent, table
+from pymc_ship.pages.tables import Columns, fixed, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 _DEFAULTS = (
@@ -169,7 +169,7 @@ def _chains(tree: xr.DataTree) -> Part:
     keys = {"r_hat": fixed(4), "ess_bulk": fixed(0), "ess_tail": fixed(0)}
     rows = [{"quantity": names[k], **{key: float(found[key][k]) for key in keys}} for k in worst]
     heads = ("R-hat", "bulk ESS", "tail ESS")
-    columns = {"quantity": ("quantity", str)} | {
+    columns: Columns = {"quantity": ("quantity", str)} | {
         key: (head, form) for head, (key, form) in zip(heads, keys.items(), strict=True)
     }
     coefficients = set(map(str, tree["posterior"]["coefficient"].values))
@@ -195,7 +195,7 @@ def _residuals(tree: xr.DataTree) -> Part:
     if lacking := missing_sentence(tree, *RECORDS):
         return Part("Residuals", f"Not shown: {lacking}")
     found, rows = trajectory.residuals(tree), trajectory.channel_rows(tree)
-    columns = {
+    columns: Columns = {
         "run": ("run", number(4)),
         "channel": ("channel", str),
         "blocks": ("blocks", number(6)),
@@ -295,7 +295,7 @@ def _directions(tree: xr.DataTree) -> Part:
         return Part(title, "Not shown: every coefficient has a flat prior, which gives a direction no unit.")
     count = min(max(_WEAKEST, found.attrs["n_unknown"]), found.sizes["direction"])
     rows = [{"share": float(found["share"][k]), "direction": str(found["text"].values[k])} for k in range(count)]
-    columns = {"share": ("prior variance left", fixed(3)), "direction": ("largest loadings, in prior sd", str)}
+    columns: Columns = {"share": ("prior variance left", fixed(3)), "direction": ("largest loadings, in prior sd", str)}
     text = (
         "Principal directions of one half of the draws in prior standard deviations, and the variance of the other "
         "half along them; a share is known to a tenth or so and may come out above 1."

@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+Columns = dict[str, tuple[str, Callable[[Any], str]]]
+"""Head and formatter of each column of a table, by its key in the rows."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -18,7 +21,7 @@ class Table:
     cells: list[list[str]]
 
 
-def number(digits: int = 3) -> Callable[[object], str]:
+def number(digits: int = 3) -> Callable[[Any], str]:
     """Formatter of a number to so many significant digits; a dash for NaN."""
 
     def formatted(value: Any) -> str:
@@ -35,7 +38,7 @@ def number(digits: int = 3) -> Callable[[object], str]:
     return formatted
 
 
-def fixed(decimals: int) -> Callable[[object], str]:
+def fixed(decimals: int) -> Callable[[Any], str]:
     """Formatter of a number to so many decimals; a dash for NaN."""
 
     def formatted(value: object) -> str:
@@ -52,7 +55,7 @@ def percent(share: float) -> str:
     return f"{100.0 * share:g} %"
 
 
-def table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, tuple[str, Callable[[Any], str]]]) -> Table:
+def table(rows: Sequence[Mapping[str, Any]], columns: Columns) -> Table:
     """Format the given keys of rows under their heads."""
     return Table(
         [head for head, _ in columns.values()],

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed, number, table
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import figures
 from pymc_ship.replication.measurements import BOUND, fit_name
@@ -139,7 +139,7 @@ def _forecast_text() -> str:
 
 def method_table(result: StudyResult) -> Table:
     """Errors of every method by noise level, in columns by method."""
-    columns = {
+    columns: Columns = {
         "level": ("noise level", number(3)),
         "method": ("method", str),
         "median": ("median error %", number(3)),
@@ -170,7 +170,7 @@ def forecast_rows(result: StudyResult) -> list[dict]:
 
 def forecast_table(result: StudyResult) -> Table:
     """Forecasts of the trajectory fit beside those of the paper's pipeline."""
-    columns = {"level": ("noise level", number(3)), "method": ("forecast by", str)}
+    columns: Columns = {"level": ("noise level", number(3)), "method": ("forecast by", str)}
     for name, short_name in (("zigzag", "zigzag"), ("turning_circle", "turn")):
         columns |= {
             f"{name}_error": (f"{short_name} error %", number(3)),

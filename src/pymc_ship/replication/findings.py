@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pymc_ship.pages.tables import fixed, number, table
+from pymc_ship.pages.tables import Columns, fixed, number, table
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import bound_chapter, figures
 from pymc_ship.replication.measurements import level_of_error
@@ -124,7 +124,11 @@ def _discretisation(result: StudyResult) -> dict:
         f"of {_n(min(forward[d] for d in dofs))} to {_n(max(forward[d] for d in dofs))} % by degree of freedom, the "
         f"central difference {_n(min(central[d] for d in dofs))} to {_n(max(central[d] for d in dofs))} %."
     )
-    columns = {"differences": ("differences", str), **_dof_columns(result, _n), "worst": ("worst coefficient %", _n)}
+    columns: Columns = {
+        "differences": ("differences", str),
+        **_dof_columns(result, _n),
+        "worst": ("worst coefficient %", _n),
+    }
     return _finding("What discretisation alone costs", text, table=table(rows, columns))
 
 
@@ -151,7 +155,12 @@ def _differencing(result: StudyResult) -> dict:
         f"{_denoisers(result)}"
     )
     shares = {f"under_{k}": (f"< {k} %", fixed(0)) for k in (5, 20, 50)}
-    columns = {"derivative": ("derivative", str), "interval": ("rows", str), "median": ("median %", _n), **shares}
+    columns: Columns = {
+        "derivative": ("derivative", str),
+        "interval": ("rows", str),
+        "median": ("median %", _n),
+        **shares,
+    }
     return _finding("How the accelerations are formed", text, table=table(rows, columns))
 
 
@@ -188,7 +197,7 @@ def _forecasts(result: StudyResult) -> dict:
         f"without moving the ship. The 35 deg turn, an extrapolation, is off by {_n(shown['turn'])} %, with "
         f"{_n(shown['diverged'])} % of the draws diverged."
     )
-    columns = {
+    columns: Columns = {
         "level": ("noise level", number(3)),
         "family": ("family", str),
         "coefficients": ("coefficient error %", _n),
@@ -249,7 +258,7 @@ def _eq15(result: StudyResult) -> dict:
         "conditional; the marginal has A + n/2. NUTS, which knows neither, decides: against the marginal its means of "
         f"sigma2 lie within |z| = {right:.1f}, against the other shape at least {slip:.1f} Monte-Carlo errors away."
     )
-    columns = {
+    columns: Columns = {
         "dof": ("DOF", str),
         "mcmc": ("NUTS mean of sigma2", number(5)),
         "mcse": ("MCSE", _n),
@@ -272,7 +281,7 @@ def _printed_errors(result: StudyResult) -> dict:
         "Both published estimates of Xv are 24.0e-5 against a printed reference of 41.0e-5, "
         "so that reference may be a misprint."
     )
-    columns = {
+    columns: Columns = {
         "dof": ("DOF", str),
         "printed": ("printed errors", str),
         "fit_own": ("fit the estimate beside them", str),

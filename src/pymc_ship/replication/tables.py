@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pymc_ship.diagnostics.tables import AGREEMENT, agreement_rows, agreement_table
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed, number, table
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.vessel.vessel import LETTER
@@ -21,7 +21,7 @@ from pymc_ship.trial.channels import sensors
 def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
     """Title, caption and table of one DOF's coefficients (Tables 2 and 3)."""
     n, error, families = number(4), ("error %", number(3)), (("conjugate", "conj."), ("semiconjugate", "semi-c."))
-    columns = {"coefficient": ("coefficient", str), "reference": ("reference", n)}
+    columns: Columns = {"coefficient": ("coefficient", str), "reference": ("reference", n)}
     for family, short in families:
         columns |= {f"published_{family}": (f"publ. {short}", n), f"published_error_{family}": error}
     columns["bound_literal"] = ("bound %", number(3))
@@ -66,7 +66,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
     """Formatted tables of the page, by name."""
     p, n = fixed(1), number(3)
     shares = {f"under_{k}": (f"< {k} %", fixed(0)) for k in (5, 20, 50)}
-    error_columns = {
+    error_columns: Columns = {
         "level": ("noise level", n),
         "family": ("family", str),
         "dof": ("DOF", str),
@@ -177,7 +177,7 @@ def _prior_ship_table(result: StudyResult) -> Table:
     for row in result.tables["prior_ships"]:
         band = f"{n(row['median'])} ({n(row['lower'])} to {n(row['upper'])})" if np.isfinite(row["median"]) else "–"
         rows.append({**row, "band": f"{row['index']} [{row['unit']}]: {band}"})
-    columns = {
+    columns: Columns = {
         "family": ("family", str),
         "choice": ("prior", str),
         "manoeuvre": ("manoeuvre", str),

@@ -233,6 +233,11 @@ class TestTests:
         statistic = score @ np.linalg.solve(information, score)
         assert offset_test(fit) == pytest.approx(stats.chi2.sf(statistic, X.shape[1]), rel=0.02, abs=1e-12)
 
+    def test_the_offset_test_of_unknowns_that_no_ship_can_sail_is_an_error(self, choices):
+        fit = choices["heading"].fit
+        with pytest.raises(TrajectoryError):
+            offset_test(replace(fit, unknowns=1e3 * fit.unknowns))
+
 
 class TestErrors:
     def test_noise_that_is_not_known(self, ship, zigzag):

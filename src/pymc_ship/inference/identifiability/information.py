@@ -48,7 +48,7 @@ def information_root(
     n_offsets = len(run.channels) if noise.offsets else 0
     nuisances = np.concatenate([initial_state, np.zeros(n_offsets)])
     rows = run_rows(vessel, run, noise, coefficients, nuisances)
-    if rows is None:
+    if not rows:
         return None
     design = np.vstack([columns for _, columns in rows])
     n = coefficients.size
@@ -203,10 +203,17 @@ def fitted_identifiability(fit: TrajectoryFit) -> xr.Dataset:
     )
 
 
-def _root(runs, vessel: Vessel, coefficients, noise_sd, noise, initial_states) -> np.ndarray:
+def _root(
+    runs: xr.Dataset | Run | Sequence[xr.Dataset | Run],
+    vessel: Vessel,
+    coefficients: np.ndarray | None,
+    noise_sd: Mapping[str, float] | None,
+    noise: Sequence[Noise] | None,
+    initial_states: Sequence[np.ndarray] | None,
+) -> np.ndarray:
     """Factor of the information of all runs."""
-    prepared = [runs] if isinstance(runs, xr.Dataset | Run) else list(runs)
-    prepared = [run if isinstance(run, Run) else trajectory_run(run, vessel, noise_sd=noise_sd) for run in prepared]
+    given = [runs] if isinstance(runs, xr.Dataset | Run) else runs
+    prepared = [run if isinstance(run, Run) else trajectory_run(run, vessel, noise_sd=noise_sd) for run in given]
     noise = [white_noise(run) for run in prepared] if noise is None else list(noise)
     states = [run.initial_state[0] for run in prepared] if initial_states is None else list(initial_states)
     reference = reference_coefficients(vessel)
@@ -219,11 +226,12 @@ def _root(runs, vessel: Vessel, coefficients, noise_sd, noise, initial_states) -
         )
     roots = []
     for k, run in enumerate(prepared):
-        roots.append(information_root(vessel, run, noise[k], theta, np.asarray(states[k], dtype=float)))
-        if roots[-1] is None:
+        root = information_root(vessel, run, noise[k], theta, np.asarray(states[k], dtype=float))
+        if root is None:
             raise TrajectoryError(
                 f"The simulated ship leaves the model's range in run {k + 1}; give coefficients that can sail it."
             )
+        roots.append(root)
     return np.linalg.qr(np.vstack(roots), mode="r")
 
 

@@ -196,14 +196,14 @@ class TrajectoryFit:
 
 def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
     """Simulate all runs with their sensitivities and compare them with the records; None where a ship diverged."""
-    unit, rows = problem.unit, problem.stated
+    unit, stated = problem.unit, problem.stated
     misfit = problem.prior.stated.misfit(unknowns[: problem.n_coefficients])
-    gradient, matrix, residuals = -rows.T @ misfit, rows.T @ rows, []
+    gradient, matrix, residuals = -stated.T @ misfit, stated.T @ stated, []
     log_likelihood = -0.5 * float(misfit @ misfit)
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
     for run, noise, columns, place in pieces:
         rows = run_rows(problem.vessel, run, noise, unknowns[columns], unknowns[place])
-        if rows is None:
+        if not rows:
             return None
         which = np.r_[columns, place]
         local = np.zeros((which.size, which.size))
@@ -216,12 +216,14 @@ def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
     return Linearisation(log_likelihood, gradient * unit, matrix * np.outer(unit, unit), tuple(residuals))
 
 
-def run_rows(vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray):
-    """Whitened misfit (n_blocks,) and design (n_blocks, n_local) of each channel of a run; None where it diverged."""
+def run_rows(
+    vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, nuisances: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Whitened misfit (n_blocks,) and design (n_blocks, n_local) of each channel of a run; none where it diverged."""
     start = nuisances[: run.n_states]
     motion, jacobian = sensitivities(vessel, run.inputs, start, coefficients, block=run.block, **run.integration)
     if not np.isfinite(motion).all():
-        return None
+        return []
     rows = []
     for c, row in enumerate(run.rows):
         misfit, design = noise.values[c] - motion[row], jacobian[row]
@@ -264,7 +266,7 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
     unknowns, unit, center, precision = start.copy(), problem.unit, problem.center, problem.precision
     point = linearise(problem, unknowns)
     cost = _cost(problem, unknowns, point)
-    if not np.isfinite(cost):
+    if point is None or not np.isfinite(cost):
         raise TrajectoryError(
             "The simulated ship leaves the model's range at the start of the fit: the first estimate from these "
             "records is no stable ship; add a run that turns less hard, or a prior nearer to the ship."
@@ -279,7 +281,7 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
         trial = unknowns + unit * step
         ahead = linearise(problem, trial)
         gain = cost - _cost(problem, trial, ahead)
-        if gain > 0.0:
+        if ahead is not None and gain > 0.0:
             damping *= max(1.0 / 8.0, 1.0 - (2.0 * gain / expected - 1.0) ** 3)
             unknowns, point, cost, growth = trial, ahead, cost - gain, 2.0
         else:

@@ -214,6 +214,8 @@ def offset_test(fit: TrajectoryFit) -> float:
         is_offset += [np.zeros(run.n_states, dtype=bool), np.ones(len(run.channels), dtype=bool)]
     unknowns, free = np.concatenate(parts), np.concatenate(is_offset)
     point = linearise(problem, unknowns)
+    if point is None:
+        raise TrajectoryError("The simulated ship leaves the model's range at the unknowns of a fit; fit it again.")
     precision = np.where(free, 0.0, problem.precision)
     H = point.matrix + np.diag(precision)
     size = np.sqrt(np.diag(H))

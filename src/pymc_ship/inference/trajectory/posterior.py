@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -36,7 +37,7 @@ def trajectory_posterior(
     draws: int = 1000,
     chains: int = 4,
     rng: Seed,
-    **settings,
+    **settings: Any,
 ) -> xr.DataTree:
     """Posterior of all coefficients of a vessel from whole trajectories (output-error method, Laplace approximation).
 
@@ -132,7 +133,7 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
 
 def pareto_khat(log_weight: np.ndarray) -> float:
     """Shape of the generalised Pareto tail of importance weights; above 0.7 the proposal is not to be trusted."""
-    from arviz_stats.base import array_stats
+    from arviz_stats.base.array import array_stats
 
     return float(array_stats.psislw(log_weight.max() - log_weight)[1])
 
@@ -214,7 +215,7 @@ def trajectory_tree(
     return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
 
 
-def _posterior_group(problem, unknowns: np.ndarray, coords: Mapping) -> xr.Dataset:
+def _posterior_group(problem: Problem, unknowns: np.ndarray, coords: Mapping) -> xr.Dataset:
     sample, n = ("chain", "draw"), problem.n_coefficients
     most = max(run.n_states for run in problem.runs)
     channels = list(dict.fromkeys(name for run in problem.runs for name in run.channels))

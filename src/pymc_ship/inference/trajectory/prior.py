@@ -220,20 +220,19 @@ def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel:
         When a DOF or a coefficient is missing, or a coefficient does not vary.
     """
     vessel = as_vessel(vessel)
-    trees = posteriors
     if isinstance(posteriors, xr.DataTree):  # which is a mapping, too: of its groups
-        trees = dict.fromkeys(vessel.dofs, posteriors)
-    lacking = [dof for dof in vessel.dofs if dof not in trees]
+        posteriors = dict.fromkeys(vessel.dofs, posteriors)
+    lacking = [dof for dof in vessel.dofs if dof not in posteriors]
     if lacking:
         raise PriorError(f"A prior from posteriors needs every DOF, {', '.join(lacking)} missing; add them.")
-    moments = [_moments(trees[dof], vessel, dof) for dof in vessel.dofs]
+    moments = [_moments(posteriors[dof], vessel, dof) for dof in vessel.dofs]
     mean, scale = (np.concatenate(values) for values in zip(*moments, strict=True))
     return CoefficientPrior(mean, scale, scale, np.zeros(mean.size, dtype=bool), "posterior")
 
 
 def _moments(tree: xr.DataTree, vessel: Vessel, dof: str) -> tuple[np.ndarray, np.ndarray]:
     """Posterior mean and standard deviation of the coefficients of a DOF."""
-    names, draws = vessel.coefficients(dof)["coefficient"].values, tree["posterior"]["coefficients"]
+    names, draws = vessel.coefficients(dof)["coefficient"].values, tree["posterior"].to_dataset()["coefficients"]
     lacking = sorted(set(names) - set(draws["coefficient"].values))
     if lacking:
         raise PriorError(f"A prior from a posterior needs every coefficient, {', '.join(lacking)} missing; add them.")
