@@ -81,3 +81,19 @@ def test_choices_are_those_of_the_api():
     assert DOFS == command_parser.DOFS
     for split in command_parser.SPLITS:
         assert len(cross_validation.fold_rows(10, split=split, rng=np.random.default_rng(1))) == 5
+
+
+def test_a_pattern_is_replaced_by_the_files_it_names(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("b.csv", "a.csv", "c.txt"):
+        (tmp_path / name).touch()
+    (tmp_path / "odd*").touch()
+    line = ["identify", "*.csv", "odd*", "--out", "d", "--*", "?.txt"]
+    assert words.expanded(line) == ["identify", "a.csv", "b.csv", "odd*", "--out", "d", "--*", "c.txt"]
+
+
+def test_a_pattern_that_names_no_file_is_refused_in_one_sentence(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["check", "trials/*.csv"]) == 2
+    message = "pymc-ship: A pattern stands for the names of files, found none like trials/*.csv; mend it.\n"
+    assert capsys.readouterr().err == message

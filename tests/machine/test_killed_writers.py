@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import time
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -153,18 +155,37 @@ def test_folders_of_others_are_left_alone(tmp_path):
 
 
 def test_without_locks_results_are_written_and_nothing_is_taken_for_left_behind(tmp_path, monkeypatch):
-    def refuse(*_):
+    def refuse(*_, **__):
         raise OSError(95, "Operation not supported")
 
     assert started("killed_at", "file", tmp_path, "new", 1).wait() == -signal.SIGKILL
     (left,) = partials(tmp_path)
-    monkeypatch.setattr(files.fcntl, "flock", refuse)
+    monkeypatch.setattr(files, "lock_descriptor", refuse)
     for how in HOWS[::2]:
         (tmp_path / how / "result").mkdir(parents=True) if how == "files" else (tmp_path / how).mkdir()
         write(how, tmp_path / how, "new")
         assert read(how, tmp_path / how) == ["new"] * PARTS
     settle(tmp_path)
     assert partials(tmp_path) == [left]
+
+
+@pytest.mark.parametrize("how", HOWS)
+def test_where_an_open_file_cannot_be_removed_nothing_is_left_either(tmp_path, monkeypatch, how):
+    """As on Windows: a lock is closed before it is removed, and stays where another run has it open."""
+    unlink = Path.unlink
+
+    def unlink_closed(path, missing_ok=False):
+        if str(path) in map(os.path.realpath, Path("/proc/self/fd").iterdir()):
+            raise PermissionError(13, "Access is denied")
+        unlink(path, missing_ok)
+
+    out = prepared(how, tmp_path.resolve())
+    assert started("killed_at", how, out, "killed", 1).wait() == -signal.SIGKILL
+    monkeypatch.setattr(files, "os", SimpleNamespace(**vars(os) | {"name": "nt"}))
+    monkeypatch.setattr(Path, "unlink", unlink_closed)
+    write(how, out, "new")
+    assert read(how, out) == ["new"] * PARTS
+    assert partials(out) == []
 
 
 @pytest.mark.parametrize("how", HOWS[:2])

@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING
 
 from pymc_ship.cli.parser import parser
 from pymc_ship.cli.sentences import sentence
+from pymc_ship.cli.words import expanded
+from pymc_ship.machine.memory import address_space
 
 if TYPE_CHECKING:
     from pymc_ship.cli.files import Outcome
@@ -68,7 +70,8 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
         Words after the program's name; those of the process by default.
     """
     try:
-        args = words.parse_args(argv)
+        _print_what_can_be_shown()
+        args = words.parse_args(expanded(sys.argv[1:] if argv is None else argv))
         _check_address_space()
         with _interrupts_kept(), _progress(args.quiet) as progress:
             text, path, *failures = command(args, progress)
@@ -104,14 +107,17 @@ def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:
     return getattr(commands, args.command.replace("-", "_"))(args, progress)
 
 
+def _print_what_can_be_shown() -> None:
+    """Print a question mark for a letter that the encoding of the output lacks, as that of a Windows pipe may."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+
 def _check_address_space() -> None:
     """Refuse to run where a limit on the address space would let a library abort in the midst of a run."""
-    try:
-        import resource
-    except ImportError:  # Windows knows no such limit
-        return
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit != resource.RLIM_INFINITY and limit < _ADDRESS_SPACE:
+    limit = address_space()
+    if limit < _ADDRESS_SPACE:
         raise OSError(
             f"A run needs an address space of {_ADDRESS_SPACE / 1e9:.0f} GB, found a limit of {limit / 1e9:.1f} GB; "
             "raise it (ulimit -v)."

@@ -3,12 +3,34 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from glob import glob
+from pathlib import Path
 
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreKind
 
 INSTRUMENTS = ("gnss", "mems_gyro", "mru", "fluxgate_compass")
 """Names of instruments, a copy of the API's, which a test holds beside them."""
+
+
+def expanded(words: Iterable[str]) -> list[str]:
+    """Words of a command line, with the files that a pattern such as ``trials/*.csv`` names in its place, sorted.
+
+    Shells of Unix do so before a program starts, those of Windows do not.
+
+    Raises
+    ------
+    ValueError
+        When no file has such a name.
+    """
+    found = []
+    for word in words:
+        pattern = not word.startswith("-") and ("*" in word or "?" in word) and not Path(word).exists()
+        files = sorted(glob(word)) if pattern else [word]
+        if not files:
+            raise ValueError(f"A pattern stands for the names of files, found none like {word}; mend it.")
+        found += files
+    return found
 
 
 def seed(text: str) -> int:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import pickle
-import resource
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import groupby
@@ -31,6 +29,7 @@ from pymc_ship.experiments.tables import (
 )
 from pymc_ship.experiments.task import PARTS, STATUSES
 from pymc_ship.machine.files import staged_files
+from pymc_ship.machine.memory import peak_memory
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
@@ -88,9 +87,8 @@ def _sizes(store: Store, folder: Path, build: float) -> Sizes:
     cell, _, part = next(store.study.parts())
     result = dict.fromkeys((*store.results, *store.timings), 0.0)
     sent = len(pickle.dumps(store.study.task(cell, 0, part))) + len(json.dumps(result)) + len(part)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     return Sizes(
-        len(parts), sum(path.stat().st_size for path in [*parts, *folder.glob("*.parquet")]), sent, peak, build
+        len(parts), sum(path.stat().st_size for path in [*parts, *folder.glob("*.parquet")]), sent, peak_memory(), build
     )
 
 

@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from filelock import lock_descriptor
 
 from pymc_ship.experiments.task import MonteCarloError
 from pymc_ship.machine.files import OutputError, staged, writable_folder
@@ -240,14 +241,10 @@ def opened(out: str | Path, study: Study) -> Iterator[Store]:
     OutputError
         For a folder that cannot be written.
     """
-    import fcntl
-
     out = writable_folder(out)
     with (out / ".lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise MonteCarloError(f"Another run is at work in {out}; let it end or choose another folder.") from None
+        if not lock_descriptor(lock.fileno(), blocking=False):
+            raise MonteCarloError(f"Another run is at work in {out}; let it end or choose another folder.")
         _remember(out / "study.json", study)
         yield Store(out, study)
 

@@ -169,8 +169,8 @@ class Sizes:
         Files of parts, and bytes of all results.
     sent : int
         Bytes of a task and its result between parent and worker.
-    memory : int
-        Largest resident memory of the parent [bytes].
+    memory : int or None
+        Largest resident memory of the parent [bytes]; None on Windows, where it is not measured.
     build : float
         Seconds to read all parts and write the tables.
     """
@@ -178,7 +178,7 @@ class Sizes:
     files: int
     disk: int
     sent: int
-    memory: int
+    memory: int | None
     build: float
 
 
@@ -204,8 +204,10 @@ def plan_rows(costs: Costs, sizes: Sizes, tasks: int = BEYOND) -> list[dict]:
         ("files", tasks * sizes.files / n, "", f"{sizes.files} for {n} tasks"),
         ("sent to and from workers", tasks * sizes.sent / 1e9, "GB", f"{sizes.sent} bytes a task"),
         ("tables from the parts", tasks * sizes.build / n, "s", f"{1e6 * sizes.build / n:.3g} µs a task"),
-        ("memory of the parent", sizes.memory / 1e6, "MB", "the largest of this run; it does not grow with tasks"),
     ]
+    if sizes.memory is not None:
+        basis = "the largest of this run; it does not grow with tasks"
+        rows.append(("memory of the parent", sizes.memory / 1e6, "MB", basis))
     return [dict(zip(("quantity", "value", "unit", "measured"), row, strict=True)) for row in rows]
 
 

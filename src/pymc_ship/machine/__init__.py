@@ -5,6 +5,7 @@
 - `arguments`: checks of choices and numbers, with errors of one sentence.
 - `text`: UTF-8 text, and a word on what else a file is.
 - `toml`: TOML files, checked key by key.
+- `memory`: the memory that a process has taken and may take, where the system says it.
 - `threads`: one pool of threads for the package, one thread inside a worker process.
 - `workers`: processes on the local cores or on a Dask cluster that do tasks one by one.
 - `seeds`: a random generator for each purpose, from one root seed.

@@ -15,7 +15,6 @@ What is guaranteed, whatever run is killed when and however many runs write to o
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import platform
@@ -27,6 +26,8 @@ import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from filelock import lock_descriptor
 
 OLD = 7 * 86400.0
 """Seconds without a change after which a folder of partial results of another machine is taken for left behind."""
@@ -40,6 +41,7 @@ _KINDS = {stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a p
 _LOCK, _GONE = ".lock", ".gone"
 _NEW, _BEFORE, _READY = "new", "before", "ready"
 _TURN = ".partial-turn"
+_POLL = 0.01  # seconds between two looks at a lock that another run has
 
 
 class OutputError(ValueError):
@@ -172,10 +174,9 @@ def settle(folder: str | Path) -> None:
             clock = os.fstat(fresh.fileno()).st_mtime
         with _turn(folder):
             for box in boxes:
-                with suppress(OSError), _left_behind(box, clock) as left:
-                    if left:
-                        _resume(box)
-                with suppress(OSError):  # killed before its lock was made or after it was removed
+                with suppress(OSError):
+                    _end(box, clock)
+                with suppress(OSError):  # empty now, or killed before its lock was made or after it was removed
                     box.rmdir()
 
 
@@ -203,9 +204,12 @@ def _box(folder: Path) -> Iterator[Path]:
         (box / _NEW).mkdir()
         yield box
     finally:
-        if not (box / _READY).exists():  # else a later run moves what could not be moved now
-            _clear(box)
-        os.close(lock)
+        if (box / _READY).exists():  # a later run moves what could not be moved now
+            os.close(lock)
+        else:
+            _clear(box, lock)
+            with suppress(OSError):
+                box.rmdir()
 
 
 @contextmanager
@@ -217,8 +221,7 @@ def _turn(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        path.unlink(missing_ok=True)
-        os.close(lock)
+        _unlock(path, lock)
 
 
 def _locked(path: Path, *, wait: bool = False) -> int | None:
@@ -228,54 +231,64 @@ def _locked(path: Path, *, wait: bool = False) -> int | None:
     """
     descriptor, held = os.open(path, os.O_RDWR | os.O_CREAT, 0o666), False
     try:
-        with suppress(BlockingIOError, FileNotFoundError):
-            _flock(descriptor, wait)
-            held = os.path.samestat(os.fstat(descriptor), os.stat(path))
+        with suppress(FileNotFoundError):
+            held = _take(descriptor, wait) and os.path.samestat(os.fstat(descriptor), os.stat(path))
     finally:
         if not held:
             os.close(descriptor)
     return descriptor if held else None
 
 
-def _flock(descriptor: int, wait: bool) -> None:
+def _take(descriptor: int, wait: bool = False) -> bool:
+    """Lock an open file; False where another process has it. A file system without locks gives every lock."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError:  # a file system without locks
-        pass
-
-
-@contextmanager
-def _left_behind(box: Path, clock: float) -> Iterator[bool]:
-    """Whether the run that made a folder of partial results has ended; it is locked for the block then."""
-    lock = None
-    try:
-        lock = os.open(box / _LOCK, os.O_RDWR)
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        here = box.name.startswith(f".partial-{_HOST}-")
-    except BlockingIOError:
-        yield False
-        return
+        return lock_descriptor(descriptor, blocking=wait, poll_interval=_POLL)
     except OSError:
-        here = False
+        return True
+
+
+def _unlock(path: Path, descriptor: int | None) -> None:
+    """Remove the file of a lock and free the lock.
+
+    Where an open file can be removed, that is done first: once free, the lock may be another run's. Windows removes no
+    open file, and so none that another run has.
+    """
+    if os.name != "nt":
+        path.unlink(missing_ok=True)
+    if descriptor is not None:
+        os.close(descriptor)
+    if os.name == "nt":
+        with suppress(OSError):
+            path.unlink()
+
+
+def _end(box: Path, clock: float) -> None:
+    """Bring to its end what a run that has ended left in its folder; the folder of a run that lives stays."""
+    lock, here = None, False
     try:
+        with suppress(OSError):  # no lock there, or a file system without locks
+            lock = os.open(box / _LOCK, os.O_RDWR)
+            if not lock_descriptor(lock, blocking=False):
+                return
+            here = box.name.startswith(f".partial-{_HOST}-")
         changed = (path.lstat().st_mtime for path in (box, *box.rglob("*")))
-        yield here or max(changed) < clock - OLD
+        if here or max(changed) < clock - OLD:
+            _resume(box)
+            _clear(box, lock)
+            lock = None
     finally:
         if lock is not None:
             os.close(lock)
 
 
 def _resume(box: Path) -> None:
-    """Move what a killed run had on its way and remove the rest."""
+    """Move what a killed run had on its way."""
     if (box / _READY).exists():
         _deliver(box)
     elif (box / _BEFORE).exists():
         for new in (box / _NEW).glob("*"):
             if not os.path.lexists(box.parent / new.name):
                 os.replace(new, box.parent / new.name)
-    _clear(box)
 
 
 def _deliver(box: Path, last: str = "") -> None:
@@ -308,14 +321,12 @@ def _files(folder: Path) -> list[Path]:
     return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
 
 
-def _clear(box: Path) -> None:
-    """Remove a folder of partial results, its lock last, so that a kill meanwhile leaves it to the next run."""
+def _clear(box: Path, lock: int | None) -> None:
+    """Empty a folder of partial results, its lock last, so that a kill meanwhile leaves it to the next run."""
     for path in box.iterdir():
         if path.name != _LOCK:
             _remove(path)
-    (box / _LOCK).unlink(missing_ok=True)
-    with suppress(FileNotFoundError):
-        box.rmdir()
+    _unlock(box / _LOCK, lock)
 
 
 def _remove(path: Path) -> None:

@@ -168,7 +168,10 @@ def _tried[Task, Result](work: Callable[[Task], Result], task: Task) -> Result |
 
 
 def _belong_to(parent: int) -> None:
-    """Ignore interrupts, which the parent process handles by ending its workers, and end when the parent is gone."""
+    """Ignore interrupts, which the parent process handles by ending its workers, and end when the parent is gone.
+
+    On Windows a process does not see that its parent is gone; joblib ends workers without tasks after some minutes.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 

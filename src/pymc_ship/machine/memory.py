@@ -1,0 +1,25 @@
+"""Memory of this process, where the system says it: Linux and macOS do, Windows does not."""
+
+from __future__ import annotations
+
+import sys
+
+
+def peak_memory() -> int | None:
+    """Largest resident memory of this process so far [bytes]; None on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    unit = 1 if sys.platform == "darwin" else 1024
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def address_space() -> float:
+    """Largest address space that this process may take [bytes]; infinite without a limit, as on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return float("inf")
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return float("inf") if limit == resource.RLIM_INFINITY else float(limit)
