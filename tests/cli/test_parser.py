@@ -1,3 +1,6 @@
+import argparse
+import inspect
+import re
 import shlex
 import subprocess
 import sys
@@ -7,8 +10,8 @@ from statistics import median
 import numpy as np
 import pytest
 
+from pymc_ship.cli import commands, ship_commands, words
 from pymc_ship.cli import parser as command_parser
-from pymc_ship.cli import words
 from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import parser
 from pymc_ship.inference.regression import cross_validation
@@ -52,18 +55,40 @@ def test_help_is_quick_and_imports_nothing_heavy():
     assert "argparse" in imported
 
 
-def test_every_command_has_seed_quiet_out_and_examples_that_parse(capsys):
+def test_commands_have_quiet_out_and_examples_that_parse(capsys):
     for name in COMMANDS:
         with pytest.raises(SystemExit, match="0"):
             main([name, "--help"])
         text = capsys.readouterr().out
-        assert all(option in text for option in ("--seed", "--quiet", "--out"))
+        assert all(option in text for option in ("--quiet", "--out"))
         examples = [line.strip() for line in text.splitlines() if line.startswith("  pymc-ship ")]
         assert 1 <= len(examples) <= 4
         for example in examples:
             args = parser().parse_args(shlex.split(example)[1:])
             assert args.command == name
-            assert args.seed == 2020
+            assert getattr(args, "seed", 2020) == 2020
+
+
+def test_a_command_takes_a_seed_if_and_only_if_it_draws():
+    """What it draws, it draws from ``args.seed``; of a Monte-Carlo study the file gives the seeds."""
+    takes = subparsers()
+    drawn = {name for name in takes if "args.seed" in source_of(name)}
+    assert {name for name, options in takes.items() if "--seed" in options} == drawn
+    assert set(takes) - drawn == {"check", "denoise", "montecarlo"}
+
+
+def subparsers():
+    """Options of each command."""
+    (action,) = [action for action in parser()._actions if isinstance(action, argparse._SubParsersAction)]
+    return {name: command._option_string_actions for name, command in action.choices.items()}
+
+
+def source_of(name):
+    """Source of a command, with that of the functions of ship_commands that it calls."""
+    text = inspect.getsource(getattr(commands, name.replace("-", "_")))
+    called = re.findall(r"import (.+)", "\n".join(re.findall(r"from pymc_ship.cli.ship_commands .+", text)))
+    names = [word.split(" as ")[0].strip() for line in called for word in line.split(",")]
+    return text + "".join(inspect.getsource(getattr(ship_commands, word)) for word in names)
 
 
 def test_choices_are_those_of_the_api():

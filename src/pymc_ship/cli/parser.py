@@ -69,15 +69,16 @@ def parser() -> argparse.ArgumentParser:
     return words
 
 
-def _command(commands, name: str, description: str, epilog: str) -> argparse.ArgumentParser:
-    """Parser of a command with the options that all have."""
+def _command(commands, name: str, description: str, epilog: str, *, seeded: bool = True) -> argparse.ArgumentParser:
+    """Parser of a command with the options that all have; one that draws nothing takes no seed."""
     formatter = argparse.RawDescriptionHelpFormatter
     command = commands.add_parser(
         name, help=description, description=description, epilog=epilog, formatter_class=formatter
     )
-    command.add_argument(
-        "--seed", type=seed, default=2020, help="root of every random number, recorded in the output (%(default)s)"
-    )
+    if seeded:
+        command.add_argument(
+            "--seed", type=seed, default=2020, help="root of every random number, recorded in the output (%(default)s)"
+        )
     command.add_argument("--quiet", action="store_true", help="no progress and no remarks; results and errors only")
     return command
 
@@ -125,14 +126,16 @@ def _add_manoeuvres(command, text: str, **settings) -> None:
 
 
 def _add_check(commands) -> None:
-    command = _command(commands, "check", "check a trial before it is fitted, and correct it", examples.CHECK)
+    command = _command(
+        commands, "check", "check a trial before it is fitted, and correct it", examples.CHECK
+    )
     _add_trial(command)
     command.add_argument("--vessel", help="shipped vessel or TOML file (L/U is guessed from the tightest turn)")
     command.add_argument("--out", help="CSV file of the corrected trial (not written)")
 
 
 def _add_denoise(commands) -> None:
-    command = _command(commands, "denoise", "denoise the motion channels of a trial", examples.DENOISE)
+    command = _command(commands, "denoise", "denoise the motion channels of a trial", examples.DENOISE, seeded=False)
     _add_trial(command)
     command.add_argument(
         "--method",
@@ -367,9 +370,7 @@ def _add_design(commands) -> None:
 
 def _add_montecarlo(commands) -> None:
     description = "run a grid of experiments, or go on with one that was stopped"
-    settings = {"epilog": examples.MONTECARLO, "formatter_class": argparse.RawDescriptionHelpFormatter}
-    command = commands.add_parser("montecarlo", help=description, description=description, **settings)
-    command.add_argument("--quiet", action="store_true", help="no progress and no remarks; results and errors only")
+    command = _command(commands, "montecarlo", description, examples.MONTECARLO, seeded=False)
     command.add_argument("study", metavar="STUDY.toml", help="a grid of experiments, or a population of ships")
     command.add_argument("--workers", type=int, help="processes (one for each core)")
     command.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the tasks instead")

@@ -201,7 +201,7 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("replaying windows")
     settings = {"length": args.length, "every": args.every, "draws": args.draws}
     found = ps.score(ship, list(trials.values()), names=list(trials), **settings)
-    rows = ps.score_indices(ship, list(trials.values()), names=list(trials))
+    rows = ps.score_indices(ship, list(trials.values()), names=list(trials), seed=args.seed)
     text = "\n\n".join(filter(None, [score_text(found), index_text(rows)]))
     if out is None:
         return text, None
