@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -88,7 +89,7 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
 def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> list[str]:
     if not posteriors:
         raise ValueError("An agreement needs at least one posterior, found none; give draws by the name of the method.")
-    found = {method: list(tree["posterior"]["coefficient"].values) for method, tree in posteriors.items()}
+    found = {method: list(tree["posterior"].dataset["coefficient"].values) for method, tree in posteriors.items()}
     names = list(getattr(exact, "coefficients", next(iter(found.values()))))
     for method, given in found.items():
         if errors_of(posteriors[method]) != "normal":
@@ -106,11 +107,11 @@ def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTr
 
 
 def _exact_values(exact: ExactPosterior, quantities: list[str]) -> xr.Dataset:
-    values = {
+    values: dict[str, tuple[Any, np.ndarray]] = {
         "exact_mean": ("quantity", np.append(exact.mean, exact.noise_variance_mean)[: len(quantities)]),
         "exact_sd": ("quantity", np.append(exact.sd, exact.noise_variance_sd)[: len(quantities)]),
     }
-    coords = {"quantity": quantities}
+    coords: dict[str, Any] = {"quantity": quantities}
     if hasattr(exact, "quantiles") and hasattr(exact, "noise_variance_quantiles"):
         probabilities = np.array(PROBABILITIES)
         of_noise = exact.noise_variance_quantiles(probabilities)
@@ -136,8 +137,8 @@ def _compare(tree: xr.DataTree, exact: xr.Dataset) -> xr.Dataset:
         error = np.sqrt(probability * (1.0 - probability) / az.ess(below, method="mean"))
         values["z_quantile"] = (values["share_below"] - probability) / error
     stats = tree["sample_stats"].dataset if "sample_stats" in tree.children else {}
-    values["divergences"] = float(stats["diverging"].sum()) if "diverging" in stats else np.nan
-    return xr.Dataset(values)
+    divergences = float(stats["diverging"].sum()) if "diverging" in stats else np.nan
+    return xr.Dataset(values).assign(divergences=divergences)
 
 
 def _judge(table: xr.Dataset) -> xr.Dataset:
@@ -190,7 +191,7 @@ class Comparison:
     @property
     def sampler(self) -> str:
         """Method whose chains are reported: the last with ``sample_stats``, otherwise the last."""
-        return max(reversed(self.trees), key=lambda method: "sample_stats" in self.trees[method].children)
+        return max(reversed([*self.trees]), key=lambda method: "sample_stats" in self.trees[method].children)
 
     @cached_property
     def gates(self) -> dict[str, list[dict]]:
@@ -239,7 +240,7 @@ def _same_posterior(exact: xr.DataTree, other: xr.DataTree) -> bool:
     if errors_of(other) != "normal" or missing(exact, *DESIGN) or missing(other, *DESIGN):
         return False
     labels = all(exact.attrs[key] == other.attrs[key] for key in ("vessel", "dof", "prior", "scaling"))
-    names = [tree["posterior"]["coefficient"].values.tolist() for tree in (exact, other)]
+    names = [tree["posterior"].dataset["coefficient"].values.tolist() for tree in (exact, other)]
     data = all(exact[group].dataset.equals(other[group].dataset) for group in ("constant_data", "observed_data"))
     return labels and names[0] == names[1] and data
 
@@ -252,17 +253,18 @@ def _compared(trees: Mapping[str, xr.DataTree]) -> Comparison:
     methods = ["exact", *(tree.attrs["method"] for tree in rest)]
     labels = methods if len(set(methods)) == len(methods) else list(trees)
     prior = prior_of(first)
+    beside = dict(zip(labels[1:], rest, strict=True))
     return Comparison(
         name,
         dict(zip(labels, trees.values(), strict=True)),
-        agreement(prior.exact(data_of(first)), dict(zip(labels[1:], rest, strict=True))),
+        None if prior is None else agreement(prior.exact(data_of(first)), beside),
     )
 
 
 def failure(compared: Sequence[Comparison]) -> str:
     """One sentence that says where a convergence gate or the agreement fails; empty where all holds."""
-    failed = [(one.name, [*one.failed_gates, *one.disagreements]) for one in compared]
-    failed = [f"{name}: {'; '.join(said)}" for name, said in failed if said]
+    faults = [(one.name, [*one.failed_gates, *one.disagreements]) for one in compared]
+    failed = [f"{name}: {'; '.join(said)}" for name, said in faults if said]
     if not failed:
         return ""
     return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
@@ -14,6 +15,9 @@ from matplotlib.ticker import FixedLocator
 from pymc_ship.diagnostics import numbers, regression
 from pymc_ship.diagnostics.numbers import CI_PROB
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, STYLE, subplots
+
+if TYPE_CHECKING:
+    from arviz_stats.utils import ELPDData
 
 ESS_POINTS = 12
 """Points of the curves of effective sample size."""
@@ -42,7 +46,7 @@ def chosen_draws(tree: xr.DataTree, names: Sequence[str]) -> xr.DataTree:
     return xr.DataTree.from_dict(groups)
 
 
-def arviz_figure(plot: str, subject: object, size: tuple[float, float], **settings) -> Figure:
+def arviz_figure(plot: str, subject: object, size: tuple[float, float], **settings: Any) -> Figure:
     """Draw a plot of ArviZ in the house style, of a size in inches; pyplot forgets the figure."""
     import arviz as az
     import matplotlib.pyplot as plt
@@ -102,7 +106,7 @@ def forest(tree: xr.DataTree, reference: np.ndarray | None, published: Mapping[s
     stand beside it; coefficients whose reference is zero are left out. Without, it is divided by its posterior
     standard deviation.
     """
-    draws = tree["posterior"]["coefficients"]
+    draws = tree["posterior"].dataset["coefficients"]
     if reference is None:
         unit, label = draws.std(("chain", "draw"), ddof=1).values, "coefficient / posterior sd"
     else:
@@ -137,22 +141,22 @@ def forest_of(draws: xr.DataArray) -> tuple[Figure, Axes, np.ndarray]:
         names.set_xticks([] if names is not ax else ax.get_xticks())
     heights = _heights(ax, shown.mean(("chain", "draw")).values)
     ax.set_xscale("symlog", linthresh=3.0)
-    ax.xaxis.set_major_locator(FixedLocator(_FOREST_TICKS))
+    ax.xaxis.set_major_locator(FixedLocator(_FOREST_TICKS.tolist()))
     ax.xaxis.set_major_formatter("{x:g}")
     return fig, ax, heights
 
 
-def _heights(ax, means: np.ndarray) -> np.ndarray:
+def _heights(ax: Axes, means: np.ndarray) -> np.ndarray:
     """Height of each coefficient's row in a forest, read from where its mean stands."""
     points = [np.asarray(c.get_offsets(), dtype=float) for c in ax.collections]
-    points += [np.column_stack([line.get_xdata(), line.get_ydata()]) for line in ax.lines if len(line.get_xdata()) == 1]
-    points = np.vstack([p for p in points if p.size])
-    return np.array([points[np.argmin(np.abs(points[:, 0] - mean)), 1] for mean in means])
+    lines = [np.column_stack([line.get_xdata(), line.get_ydata()]) for line in ax.lines]
+    drawn = np.vstack([p for p in [*points, *(line for line in lines if len(line) == 1)] if p.size])
+    return np.array([drawn[np.argmin(np.abs(drawn[:, 0] - mean)), 1] for mean in means])
 
 
 def noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Figure:
     """Prior and posterior of log10 sigma2, the prior from draws inside its central 95 %."""
-    posterior = np.log10(tree["posterior"]["noise_variance"])
+    posterior = np.log10(tree["posterior"].dataset["noise_variance"])
     prior = np.log10(np.maximum(regression.prior_noise_variance(tree, 20 * posterior.size, rng), 1e-300))
     prior = prior[(prior >= np.quantile(prior, 0.025)) & (prior <= np.quantile(prior, 0.975))][: posterior.size]
     groups = {
@@ -198,7 +202,7 @@ def correlation(tree: xr.DataTree) -> Figure:
     return fig
 
 
-def pareto_k(loo: object) -> Figure:
+def pareto_k(loo: ELPDData) -> Figure:
     """Pareto k of every row with the limit of ArviZ."""
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(8.0, 2.8)
@@ -243,10 +247,10 @@ def index_bands(rows: Sequence[tuple[str, Mapping[str, Mapping[str, float]]]]) -
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(8.0, 1.7 * ((len(rows) + 1) // 2), (len(rows) + 1) // 2, 2)
         for ax, (label, bands) in zip(axes.flat, rows, strict=False):
-            for height, (of, band) in enumerate(reversed(bands.items())):
+            for height, (of, band) in enumerate(reversed([*bands.items()])):
                 ax.plot([band["lower"], band["upper"]], [height, height], color=colours[of], lw=5.0)
                 ax.plot(band["median"], height, "|", color="black", ms=11.0)
-            ax.set_yticks(range(len(bands)), [*reversed(bands)])
+            ax.set_yticks(range(len(bands)), [*reversed([*bands])])
             ax.set_ylim(-0.6, len(bands) - 0.4)
             ax.set_xlabel(label)
     return fig

@@ -32,7 +32,7 @@ def group_differences(tree: xr.DataTree) -> xr.Dataset:
         ``mean``, ``sd``, ``lower`` and ``upper`` (equal-tailed 95 %), prime values, and the flag ``differs``: the
         interval does not hold zero.
     """
-    draws = tree["posterior"]["group_coefficients"]
+    draws = tree["posterior"].dataset["group_coefficients"]
     pairs = list(combinations(draws["group"].values.tolist(), 2))
     apart = xr.concat([draws.sel(group=a, drop=True) - draws.sel(group=b, drop=True) for a, b in pairs], "pair")
     apart = apart.assign_coords(pair=[f"{a} - {b}" for a, b in pairs])
@@ -45,7 +45,7 @@ def groups_part(tree: xr.DataTree) -> list[Part]:
     """What differs between groups, for a posterior that has groups; nothing for others."""
     if not has(tree, "posterior/group_coefficients"):
         return []
-    found, draws = group_differences(tree), tree["posterior"]["group_coefficients"]
+    found, draws = group_differences(tree), tree["posterior"].dataset["group_coefficients"]
     said = [
         f"{name}: {', '.join(differing)} differ{'s' * (len(differing) == 1)}"
         for name in found["pair"].values.tolist()

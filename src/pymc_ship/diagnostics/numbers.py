@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
+
+if TYPE_CHECKING:
+    from arviz_stats.utils import ELPDData
 
 CI_PROB = 0.95
 """Probability of the equal-tailed intervals."""
@@ -166,7 +170,7 @@ def _gate(label: str, value: float, where: str, limit: str, holds: bool) -> dict
 
 def correlation(tree: xr.DataTree) -> xr.DataArray:
     """Posterior correlation of the coefficients, dims (coefficient, other)."""
-    draws = tree["posterior"]["coefficients"].stack(sample=("chain", "draw")).transpose("coefficient", "sample")
+    draws = tree["posterior"].dataset["coefficients"].stack(sample=("chain", "draw")).transpose("coefficient", "sample")
     names = draws["coefficient"].values
     with np.errstate(divide="ignore", invalid="ignore"):
         matrix = np.atleast_2d(np.corrcoef(draws.values))
@@ -222,7 +226,7 @@ def whiteness(values: np.ndarray) -> dict[str, float]:
     return {"r1": float(r[0]), "lags": lags, "statistic": statistic, "p_value": p_value, "band": 1.96 / np.sqrt(n)}
 
 
-def cross_validation(tree: xr.DataTree):
+def cross_validation(tree: xr.DataTree) -> ELPDData:
     """PSIS leave-one-out cross-validation of ArviZ, pointwise; needs the group log_likelihood."""
     import arviz as az
 
@@ -240,7 +244,7 @@ def prior_sensitivity(tree: xr.DataTree) -> list[dict]:
     for group in ("prior", "likelihood"):
         moved = az.psense(tree, group=group, var_names=["coefficients", *scalars])
         found[group] = [*map(float, moved["coefficients"].values), *(float(moved[name]) for name in scalars)]
-    names = [*map(str, tree["posterior"]["coefficient"].values), *scalars]
+    names = [*map(str, tree["posterior"].dataset["coefficient"].values), *scalars]
     return [
         {"quantity": name, "prior": prior, "likelihood": likelihood, "diagnosis": _sensed(prior, likelihood)}
         for name, prior, likelihood in zip(names, found["prior"], found["likelihood"], strict=True)

@@ -138,7 +138,7 @@ def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None
             raise VesselError(
                 f"The posterior is to be of {vessel.name!r}, found {tree.attrs['vessel']!r} in {name}; use its vessel."
             )
-        names = [str(value) for value in tree["posterior"]["coefficient"].values]
+        names = [str(value) for value in tree["posterior"].dataset["coefficient"].values]
         if names != subject_of(tree).coefficient_names(vessel, tree):
             raise VesselError(
                 f"The posterior is to hold the {tree.attrs['dof']} coefficients of {vessel.name!r} in order, found "
@@ -148,7 +148,7 @@ def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None
 
 def subject_of(tree: xr.DataTree) -> Subject:
     """Kind of posterior that a tree holds."""
-    return SUBJECTS.get(tree.attrs.get("method"), REGRESSION)
+    return SUBJECTS.get(tree.attrs.get("method", ""), REGRESSION)
 
 
 def _section(

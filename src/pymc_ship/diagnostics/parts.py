@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -24,6 +25,9 @@ from pymc_ship.ships.forecasting.prior_ships import (
     share_row,
     simulated_ships,
 )
+
+if TYPE_CHECKING:
+    from arviz_stats.utils import ELPDData
 
 SHIPS = 200
 """Ships of the prior, and of the posterior, in each manoeuvre of a section: a share of a half is known to 3.5 %."""
@@ -170,12 +174,12 @@ def correlation_part(tree: xr.DataTree, heat_map: Callable[[xr.DataTree], Figure
     return Part(title, "", [(table(pairs, columns), f"The {len(pairs)} strongest posterior correlations.")], images)
 
 
-def pareto_image(loo: object, unit: str) -> tuple[str, Figure, str]:
+def pareto_image(loo: ELPDData, unit: str) -> tuple[str, Figure, str]:
     """Pareto k of every row or block of a leave-one-out cross-validation."""
     return "pareto", figures.pareto_k(loo), f"Pareto k of every {unit}; dashed: limit {loo.good_k:.2f}."
 
 
-def pareto_sentence(loo: object, unit: str) -> str:
+def pareto_sentence(loo: ELPDData, unit: str) -> str:
     """Sentence on the rows or blocks whose Pareto k is too large."""
     k = np.ravel(loo.pareto_k.values)
     worst = int(np.argmax(k))
@@ -231,7 +235,8 @@ def ships_part(
 
 def _beside(one: dict[str, dict]) -> dict:
     """Band of an index under prior and posterior as the cells of one row."""
-    n, cells = number(3), {}
+    n = number(3)
+    cells: dict[str, Any] = {}
     for of, row in one.items():
         band = f"{n(row['median'])} ({n(row['lower'])} to {n(row['upper'])})"
         cells |= {of: band if np.isfinite(row["median"]) else "–", f"{of}_reached": row["reached"]}

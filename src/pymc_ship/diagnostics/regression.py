@@ -66,10 +66,10 @@ def prior_of(tree: xr.DataTree) -> Prior | None:
 def data_of(tree: xr.DataTree) -> RegressionData:
     """Regression data of a posterior, from its constant_data, observed_data and scaling."""
     constant, scaling = tree["constant_data"].dataset, json.loads(tree.attrs["scaling"])
-    names = [str(name) for name in tree["posterior"]["coefficient"].values]
+    names = [str(name) for name in tree["posterior"].dataset["coefficient"].values]
     data = RegressionData.from_arrays(
         constant["design_matrix"].transpose("row", "coefficient").values,
-        tree["observed_data"]["response"].values,
+        tree["observed_data"].dataset["response"].values,
         names,
         time=constant["time"].values if "time" in constant else None,
         run=constant["run"].values if "run" in constant else None,
@@ -77,8 +77,13 @@ def data_of(tree: xr.DataTree) -> RegressionData:
         vessel=tree.attrs["vessel"],
         **{name: tree.attrs[name] for name in ("record_verdict", "record_remarks") if name in tree.attrs},
     )
-    centers = {name: np.array(scaling[name], dtype=float) for name in ("column_center", "column_scale")}
-    return replace(data, **centers, **{name: float(scaling[name]) for name in ("response_center", "response_scale")})
+    return replace(
+        data,
+        column_center=np.array(scaling["column_center"], dtype=float),
+        column_scale=np.array(scaling["column_scale"], dtype=float),
+        response_center=float(scaling["response_center"]),
+        response_scale=float(scaling["response_scale"]),
+    )
 
 
 def contraction(tree: xr.DataTree) -> xr.Dataset:
@@ -108,7 +113,7 @@ def contraction(tree: xr.DataTree) -> xr.Dataset:
 
 
 def _scaled_noise_variance(tree: xr.DataTree, data: RegressionData) -> float:
-    return float(tree["posterior"]["noise_variance"].mean()) / data.response_scale**2
+    return float(tree["posterior"].dataset["noise_variance"].mean()) / data.response_scale**2
 
 
 def _prior_variance(tree: xr.DataTree, data: RegressionData) -> np.ndarray:
@@ -116,7 +121,7 @@ def _prior_variance(tree: xr.DataTree, data: RegressionData) -> np.ndarray:
     prior = prior_of(tree)
     if prior is not None:
         return prior.coefficient_variance(_scaled_noise_variance(tree, data), data.n_terms)
-    draws = data.to_scaled(tree["prior"]["coefficients"].values.reshape(-1, data.n_terms))
+    draws = data.to_scaled(tree["prior"].dataset["coefficients"].values.reshape(-1, data.n_terms))
     return np.square(0.5 / SD_LIMIT * np.diff(np.quantile(draws, _TAILS, axis=0), axis=0)[0])
 
 
@@ -147,7 +152,7 @@ def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
 def residuals(tree: xr.DataTree) -> xr.DataArray:
     """Response minus design times posterior mean, dims (row,) with time [s] where the tree has it."""
     data = data_of(tree)
-    fitted = data.design_matrix @ tree["posterior"]["coefficients"].mean(("chain", "draw")).values
+    fitted = data.design_matrix @ tree["posterior"].dataset["coefficients"].mean(("chain", "draw")).values
     return xr.DataArray(data.response - fitted, {"time": ("row", data.time)}, ("row",))
 
 
@@ -175,21 +180,22 @@ def prior_noise_variance(tree: xr.DataTree, draws: int, rng: np.random.Generator
     """Draws of sigma2 from the prior, on the scale of the original response; those a tree holds for one of its own."""
     prior = prior_of(tree)
     if prior is None:
-        return tree["prior"]["noise_variance"].values.ravel()
+        return tree["prior"].dataset["noise_variance"].values.ravel()
     return json.loads(tree.attrs["scaling"])["response_scale"] ** 2 * prior.draw_noise_variance(rng, (draws,))
 
 
 def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: int = 20000) -> tuple[float, float]:
     """Widths of the central 95 % of log10 sigma2 under the prior and under the posterior."""
-    both = prior_noise_variance(tree, draws, rng), tree["posterior"]["noise_variance"].values
-    return tuple(float(np.diff(np.log10(np.quantile(values, _TAILS)))[0]) for values in both)
+    both = prior_noise_variance(tree, draws, rng), tree["posterior"].dataset["noise_variance"].values
+    prior, posterior = (float(np.diff(np.log10(np.quantile(values, _TAILS)))[0]) for values in both)
+    return prior, posterior
 
 
 def prior_predictive_ratio(tree: xr.DataTree, rng: np.random.Generator, draws: int = 400) -> np.ndarray:
     """Root mean square of the response under prior draws over that of the record, 5, 50 and 95 %, shape (3,)."""
     data, errors, prior = data_of(tree), errors_of(tree), prior_of(tree)
     if prior is None:
-        response = tree["prior_predictive"]["response"].values[0]
+        response = tree["prior_predictive"].dataset["response"].values[0]
     else:
         parameters = prior_draws(data, prior, draws, rng=rng, errors=errors)
         response = predictive(data, parameters, rng=rng, errors=errors)["response"].values[0]

@@ -240,7 +240,7 @@ def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Prior and posterior of the noise variance"
     if lacking := missing_sentence(tree, *regression.needed(tree)):
         return Part(title, f"Not shown: {lacking}")
-    if float(tree["posterior"]["noise_variance"].std()) == 0.0:
+    if float(tree["posterior"].dataset["noise_variance"].std()) == 0.0:
         return Part(title, "Not drawn: the noise variance does not vary.")
     caption = "Kernel densities of draws of log10 σ²; the prior's are cut to its central 95 %."
     wide = regression.noise_variance_widths(tree, rng)
@@ -298,7 +298,7 @@ def _residuals(tree: xr.DataTree) -> Part:
     if values.size < 10:
         return Part("Residuals", _white(tree))
     test = numbers.whiteness(values.values)
-    size = np.abs(values.values) / np.sqrt(float(tree["posterior"]["noise_variance"].mean()))
+    size = np.abs(values.values) / np.sqrt(float(tree["posterior"].dataset["noise_variance"].mean()))
     worst = int(size.argmax())
     moment = _n(float(values["time"][worst]))
     text = f"{_white(tree)} The largest residual is {_n(float(size[worst]))} sigma, at {moment} s (row {worst})."
@@ -351,9 +351,10 @@ def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> 
     """Ships of the prior: that of the tree's own group where there is one, otherwise that which it records."""
     if numbers.has(tree, "prior/coefficients"):
         return ships_part(tree, ship, {tree.attrs["dof"]: tree}, rng)
-    if lacking := missing_sentence(tree, *regression.needed(tree)):
+    prior, lacking = regression.prior_of(tree), missing_sentence(tree, *regression.needed(tree))
+    if prior is None or lacking:
         return Part(SHIPS_TITLE, f"Not shown: {lacking}")
-    return ships_part(tree, ship, {tree.attrs["dof"]: (regression.data_of(tree), regression.prior_of(tree))}, rng)
+    return ships_part(tree, ship, {tree.attrs["dof"]: (regression.data_of(tree), prior)}, rng)
 
 
 def _coefficient_names(vessel: Vessel, tree: xr.DataTree) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -51,7 +52,7 @@ def agreement_table(agreement: xr.Dataset) -> Table:
     rows = []
     for quantity in agreement["quantity"].values:
         one, scale = agreement.sel(quantity=quantity), 1e10 if quantity == "noise_variance" else 1e5
-        row = {"quantity": "σ²" if quantity == "noise_variance" else str(quantity)}
+        row: dict[str, Any] = {"quantity": "σ²" if quantity == "noise_variance" else str(quantity)}
         row |= {name: scale * float(one[f"exact_{name}"]) for name in ("mean", "sd")}
         for method in methods:
             by_method = one.sel({"method": method})
@@ -145,11 +146,11 @@ def _coefficient_columns(
 def _coefficient_rows(
     summary: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None, published: Mapping[str, np.ndarray]
 ) -> list[dict]:
-    rows, words = [], [] if narrowing is None else judged(narrowing)
+    rows, words = [], np.array([]) if narrowing is None else judged(narrowing)
     for k, name in enumerate(map(str, summary["quantity"].values)):
         last = name == "noise_variance"
         scale = 1e10 if last else 1e5
-        row = {key: float(summary[key].values[k]) for key in ("r_hat", "ess_bulk", "ess_tail")}
+        row: dict[str, Any] = {key: float(summary[key].values[k]) for key in ("r_hat", "ess_bulk", "ess_tail")}
         row |= {key: scale * float(summary[key].values[k]) for key in _SCALED}
         row |= {"quantity": "σ²" if last else name, "contraction": float("nan"), "judged": ""}
         row |= {f"published_{family}": float("nan") if last else 1e5 * v[k] for family, v in published.items()}

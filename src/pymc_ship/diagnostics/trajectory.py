@@ -65,7 +65,7 @@ def contraction(tree: xr.DataTree) -> xr.Dataset:
         ``mean``, ``sd``, ``prior_mean``, ``prior_sd``, ``contraction``, the flags ``narrowed``, ``determined``, and the
         coordinate ``dof``.
     """
-    draws, prior_sd = tree["posterior"]["coefficients"], tree["constant_data"]["prior_sd"]
+    draws, prior_sd = tree["posterior"].dataset["coefficients"], tree["constant_data"].dataset["prior_sd"]
     mean, sd = draws.mean(_SAMPLE), draws.std(_SAMPLE, ddof=1)
     shrunk = 1.0 - (sd / prior_sd) ** 2
     narrowed = shrunk > CONTRACTION_LIMIT
@@ -83,7 +83,7 @@ def contraction(tree: xr.DataTree) -> xr.Dataset:
 
 def prior_of(tree: xr.DataTree) -> CoefficientPrior:
     """Prior that a posterior records, its factors tau included in the scale."""
-    recorded, sd = json.loads(tree.attrs["prior"]), tree["constant_data"]["prior_sd"].values
+    recorded, sd = json.loads(tree.attrs["prior"]), tree["constant_data"].dataset["prior_sd"].values
     stated = np.zeros(sd.size, dtype=bool)
     return CoefficientPrior(np.array(recorded["mean"], dtype=float), sd, sd, stated, recorded["family"])
 
@@ -91,8 +91,8 @@ def prior_of(tree: xr.DataTree) -> CoefficientPrior:
 def dofs(tree: xr.DataTree) -> list[str]:
     """Degree of freedom of every coefficient, by the letter its name begins with; all are of a ship of parts."""
     letters = {letter: dof for dof, letter in LETTER.items()}
-    found = [letters.get(str(name)[0]) for name in tree["posterior"]["coefficient"].values]
-    return [PARTS] * len(found) if None in found else found
+    begins = [str(name)[0] for name in tree["posterior"].dataset["coefficient"].values]
+    return [PARTS] * len(begins) if not letters.keys() >= {*begins} else [letters[letter] for letter in begins]
 
 
 def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
@@ -115,8 +115,8 @@ def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
     """
     found = contraction(tree)
     proper = np.isfinite(found["prior_sd"].values)
-    names = found["coefficient"].values[proper]
-    draws = tree["posterior"]["coefficients"].stack(sample=_SAMPLE).transpose("sample", "coefficient").values
+    names = found["coefficient"].values[proper].tolist()
+    draws = tree["posterior"].dataset["coefficients"].stack(sample=_SAMPLE).transpose("sample", "coefficient").values
     scaled = (draws[:, proper] - draws[:, proper].mean(axis=0)) / found["prior_sd"].values[proper]
     _, _, right = np.linalg.svd(scaled[::2], full_matrices=True)
     share = np.var(scaled[1::2] @ right.T, axis=0, ddof=1)
@@ -141,14 +141,14 @@ def residuals(tree: xr.DataTree) -> xr.Dataset:
     """
     constant, posterior = tree["constant_data"].dataset, tree["posterior"].dataset
     run, channels = constant["run"].values, constant["channel"].values
-    misfit = (tree["observed_data"]["response"] - constant["fitted"]).transpose("row", "channel").values
+    misfit = (tree["observed_data"].dataset["response"] - constant["fitted"]).transpose("row", "channel").values
     if "sensor_offset" in posterior:
         offset = posterior["sensor_offset"].mean(_SAMPLE).sel(channel=channels).transpose("run", "channel").values
         misfit = misfit - np.nan_to_num(offset)[run]
     sd, correlation = (constant[name].transpose("run_index", "channel").values for name in ("block_sd", "correlation"))
     white = np.empty_like(misfit)
     for k, c in np.ndindex(sd.shape):
-        white[run == k, c] = whiten(misfit[run == k, c], sd[k, c], np.nan_to_num(correlation[k, c]))
+        white[run == k, c] = whiten(misfit[run == k, c], float(sd[k, c]), float(np.nan_to_num(correlation[k, c])))
     values = {"residual": (("row", "channel"), misfit / sd[run]), "white": (("row", "channel"), white)}
     coords = {"row": constant["row"].values, "channel": channels}
     return xr.Dataset(values, coords | {name: ("row", constant[name].values) for name in ("time", "run")})
@@ -190,7 +190,7 @@ def channel_rows(tree: xr.DataTree) -> list[dict]:
 
 def ships_that_ran(tree: xr.DataTree) -> xr.DataTree:
     """Draws whose ship did not diverge on the records, as one chain; the tree itself where none did."""
-    running = np.isfinite(tree["log_likelihood"]["response"].transpose(*_SAMPLE, "row").values).all(axis=-1)
+    running = np.isfinite(tree["log_likelihood"].dataset["response"].transpose(*_SAMPLE, "row").values).all(axis=-1)
     if running.all():
         return tree
     chain, draw = (xr.DataArray(place, dims="draw") for place in np.nonzero(running))

@@ -37,7 +37,10 @@ def motion(tree: xr.DataTree, run: int) -> Figure:
         fig, pairs, rudder = _motion_panels(len(names))
         for (ax, below), name in zip(pairs, names, strict=True):
             factor = CHANNELS[name].unit.shown_factor
-            measured, residual = tree["observed_data"]["response"].sel(channel=name)[rows], one.sel(channel=name)
+            measured, residual = (
+                tree["observed_data"].dataset["response"].sel(channel=name)[rows],
+                one.sel(channel=name),
+            )
             fitted = measured - residual * constant["block_sd"].isel(run_index=run).sel(channel=name)
             ax.plot(time, factor * measured, ".", color=NOISE, ms=2.0, label="measured, block means")
             ax.plot(time, factor * fitted, color=BLUE, label=f"fitted{shifted}")
@@ -131,7 +134,7 @@ def forest(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figu
     """
     found = trajectory.contraction(tree)
     mine = np.flatnonzero(found["dof"].values == dof)
-    one, draws = found.isel(coefficient=mine), tree["posterior"]["coefficients"].isel(coefficient=mine)
+    one, draws = found.isel(coefficient=mine), tree["posterior"].dataset["coefficients"].isel(coefficient=mine)
     flat = np.isinf(one["prior_sd"].values)
     unit = np.where(flat, one["sd"].values, one["prior_sd"].values)
     fig, ax, heights = forest_of((draws - one["prior_mean"].values) / unit)

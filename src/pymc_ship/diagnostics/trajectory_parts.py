@@ -172,7 +172,7 @@ def _chains(tree: xr.DataTree) -> Part:
     columns: Columns = {"quantity": ("quantity", str)} | {
         key: (head, form) for head, (key, form) in zip(heads, keys.items(), strict=True)
     }
-    coefficients = set(map(str, tree["posterior"]["coefficient"].values))
+    coefficients = set(map(str, tree["posterior"].dataset["coefficient"].values))
     chosen = [names[k] for k in worst if names[k] in coefficients][:1]
     pair = numbers.correlated_pairs(tree, 1)[:1]
     chosen = list(dict.fromkeys([*chosen, *(name for one in pair for name in (one["first"], one["second"]))]))
@@ -236,15 +236,19 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     if lacking := missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
     found = trajectory.contraction(tree)
-    tails = tree["posterior"]["coefficients"].quantile([0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], ("chain", "draw"))
+    tails = (
+        tree["posterior"]
+        .dataset["coefficients"]
+        .quantile([0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], ("chain", "draw"))
+    )
     found = found.assign(lower=tails[0].drop_vars("quantile"), upper=tails[1].drop_vars("quantile"))
     tables, images, inside, total = [], [], 0, 0
     for dof in dict.fromkeys(map(str, found["dof"].values)):
         one = found.isel(coefficient=found["dof"].values == dof)
         marks = _marks(ship, dof, [str(name) for name in one["coefficient"].values])
         if ship:
-            held = (one["lower"].values <= marks["reference"]) & (marks["reference"] <= one["upper"].values)
-            inside, total = inside + int(held.sum()), total + held.size
+            within = (one["lower"].values <= marks["reference"]) & (marks["reference"] <= one["upper"].values)
+            inside, total = inside + int(within.sum()), total + within.size
         values = "parameters" if dof == trajectory.PARTS else "prime values"
         caption = f"{dof.capitalize()}, {values} times 1e5; equal-tailed (eti) intervals of {_CI}."
         tables.append((prior_posterior_table(one, marks), caption))

@@ -62,10 +62,9 @@ def _shorter(family: str) -> str:
 
 def _forecasts(result: StudyResult, level: float) -> str:
     """Sentence on the forecasts of the trajectory fit; empty where it failed."""
-    rows = {name: _at(result.tables.get(f"trajectory_{name}", []), level) for name in MANOEUVRES}
-    if None in rows.values():
+    zigzag, turn = (_at(result.tables.get(f"trajectory_{name}", []), level) for name in ("zigzag", "turning_circle"))
+    if zigzag is None or turn is None:
         return ""
-    zigzag, turn = rows["zigzag"], rows["turning_circle"]
     return (
         f" The trajectory fit forecasts the 10/10 zigzag within {_n(zigzag['error'])} % of the channels' range and the "
         f"35 deg turn within {_n(turn['error'])} % (order-damped prior; {_n(zigzag['share_diverged'])} and "
@@ -156,14 +155,15 @@ def forecast_rows(result: StudyResult) -> list[dict]:
     for level in dict.fromkeys(row["level"] for row in result.tables["methods"]):
         for method, prefix, labels in ((_TRAJECTORY, "trajectory", {}), (_PAPER, "forecast", {"family": "conjugate"})):
             found = {name: _at(result.tables.get(f"{prefix}_{name}", []), level, **labels) for name in MANOEUVRES}
-            if None in found.values():
+            known = {name: row for name, row in found.items() if row is not None}
+            if len(known) < len(found):
                 continue
             scores = {
                 f"{name}_{key}": row[key]
-                for name, row in found.items()
+                for name, row in known.items()
                 for key in ("error", "coverage", "share_diverged", "share_extrapolated")
             }
-            khat = found["zigzag"].get("pareto_khat", float("nan"))
+            khat = known["zigzag"].get("pareto_khat", float("nan"))
             rows.append({"level": level, "method": method, **scores, "pareto_khat": khat})
     return rows
 

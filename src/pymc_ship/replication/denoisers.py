@@ -101,11 +101,11 @@ def draw_rows(
     rows = []
     for derivative in DERIVATIVES:
         for dof in vessel.dofs:
-            settings = {"interval": interval, "derivative": derivative}
-            data = regression_data(smooth, vessel, dof, **settings)
+            data = regression_data(smooth, vessel, dof, interval=interval, derivative=derivative)
             prior, _ = maximise_evidence(data, "conjugate")
             known = prior.exact(data)
-            pooled = pooled_coefficients(regression_draws(drawn, vessel, dof, **settings), prior, rng=rng)
+            draws = regression_draws(drawn, vessel, dof, interval=interval, derivative=derivative)
+            pooled = pooled_coefficients(draws, prior, rng=rng)
             ends = known.quantiles([0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB])
             reference = vessel.coefficients(dof).values
             scores = _scores(reference, known.mean, *ends)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from scipy.stats import norm
 
 from pymc_ship.inference.regression.identify import identify
+from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.inference.trajectory.fit import TrajectoryError, TrajectoryFit
-from pymc_ship.inference.trajectory.posterior import TrajectoryMode, trajectory_mode
+from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.replication.scores import error_summary, relative_error
 
@@ -51,7 +53,7 @@ class Estimate:
         return error_summary(relative_error(self.coefficients, reference)) | {"coverage": coverage}
 
 
-def exact_estimate(exact: Mapping[str, object]) -> Estimate:
+def exact_estimate(exact: Mapping[str, ExactPosterior]) -> Estimate:
     """Means and quantiles of the exact posterior of every DOF."""
     ends = [posterior.quantiles([0.05, 0.95]) for posterior in exact.values()]
     lower, upper = (np.concatenate(values) for values in zip(*ends, strict=True))
@@ -87,7 +89,7 @@ def weak_form_estimate(noisy: xr.Dataset, vessel: Vessel, *, method: str = "rk4"
 
 
 def trajectory_modes(
-    trials: xr.Dataset | Sequence[xr.Dataset], vessel: Vessel, priors: Sequence[str], **settings
+    trials: xr.Dataset | Sequence[xr.Dataset], vessel: Vessel, priors: Sequence[str], **settings: Any
 ) -> dict[str, TrajectoryMode | None]:
     """Posterior mode of :func:`trajectory_posterior.trajectory_mode` by prior; None where no start converges."""
     modes: dict[str, TrajectoryMode | None] = {}

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from pymc_ship.inference.regression.families import prior_family
+from pymc_ship.inference.regression.tune import TunedPrior
 from pymc_ship.pages.drawing import DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, RUST, styled, subplots
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.motion.equations import STATE
@@ -26,7 +29,10 @@ def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tu
     """Fig. 2: clean, polluted and denoised channels, the whole record and a part enlarged."""
     names = [name for name in sensors() if name in smooth]
     fig, axes = subplots(8.0, 1.55 * len(names), len(names), 2, width_ratios=(1.7, 1.0), sharex="col")
-    views = (slice(None, None, 10), np.flatnonzero((clean["time"] >= zoom[0]) & (clean["time"] <= zoom[1])))
+    views: tuple[slice | np.ndarray, ...] = (
+        slice(None, None, 10),
+        np.flatnonzero((clean["time"] >= zoom[0]) & (clean["time"] <= zoom[1])),
+    )
     for row, name in zip(axes, names, strict=True):
         for ax, view in zip(row, views, strict=True):
             time = clean["time"].values[view]
@@ -43,7 +49,7 @@ def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tu
 
 
 @styled
-def noise_variance(exact: Mapping[str, object], dof: str) -> Figure:
+def noise_variance(exact: Mapping[str, Any], dof: str) -> Figure:
     """Fig. 3: prior and posterior density of sigma2 of one DOF for each family, on a log axis."""
     fig, axes = subplots(8.0, 2.9, 1, len(exact))
     for ax, (family, posterior) in zip(axes[0], exact.items(), strict=True):
@@ -75,7 +81,7 @@ def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
     """Fig. 4: path of a coefficient through the draws of every chain, with its mean and reference, for each name."""
     fig, axes = subplots(8.0, 2.9, 1, len(paths))
     for ax, (name, (tree, reference)) in zip(axes[0], paths.items(), strict=True):
-        draws = tree["posterior"]["coefficients"].sel(coefficient=name)
+        draws = tree["posterior"].dataset["coefficients"].sel(coefficient=name)
         for chain in draws["chain"].values:
             ax.plot(draws["draw"], 1e5 * draws.sel(chain=chain), lw=0.4, alpha=0.7)
         ax.axhline(1e5 * float(draws.mean()), color=RUST, label="posterior mean")
@@ -106,13 +112,13 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
     return fig
 
 
-def _band(ax, bands: xr.Dataset, name: str, colour: str, family: str) -> None:
+def _band(ax: Axes, bands: xr.Dataset, name: str, colour: str, family: str) -> None:
     lower, median, upper = (_shown(name, bands[name].sel(band=band).values) for band in ("lower", "median", "upper"))
     ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{family}: band")
     ax.plot(bands["time"], median, color=colour, label=f"{family}: median")
 
 
-def _track(ax, reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree], *, equal: bool) -> None:
+def _track(ax: Axes, reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree], *, equal: bool) -> None:
     for family, tree in forecasts.items():
         ships = tree["trajectories"].to_dataset()
         for draw in range(min(40, ships.sizes["draw"])):
@@ -164,7 +170,7 @@ def errors_by_method(
 
 
 @styled
-def tuning(tuned: Mapping[str, object]) -> Figure:
+def tuning(tuned: Mapping[str, TunedPrior]) -> Figure:
     """Best cross-validated score so far against the evaluation, relative to the evidence maximum, for each DOF."""
     fig, axes = subplots(8.0, 2.9)
     ax = axes[0, 0]
@@ -180,14 +186,16 @@ def tuning(tuned: Mapping[str, object]) -> Figure:
 
 
 @styled
-def arviz_panels(plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapping[str, str], **settings) -> Figure:
+def arviz_panels(
+    plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapping[str, str], **settings: Any
+) -> Figure:
     """One panel for one coefficient of each tree, drawn by an ArviZ plot such as ``plot_trace`` or ``plot_rank``."""
     import arviz as az
     import matplotlib.pyplot as plt
 
     draws = {
         f"{coefficients[dof]} · 1e5": 1e5
-        * tree["posterior"]["coefficients"].sel(coefficient=coefficients[dof], drop=True)
+        * tree["posterior"].dataset["coefficients"].sel(coefficient=coefficients[dof], drop=True)
         for dof, tree in trees.items()
     }
     together = xr.DataTree.from_dict({"posterior": xr.Dataset(draws)})

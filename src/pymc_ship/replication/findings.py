@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+from matplotlib.figure import Figure
 
 from pymc_ship.pages.tables import Columns, fixed, number, table
 from pymc_ship.records.files.noise import LITERAL_LEVEL
@@ -87,7 +91,7 @@ def agreement(result: StudyResult) -> str:
     )
 
 
-def sweep_figure(result: StudyResult):
+def sweep_figure(result: StudyResult) -> Figure:
     """Median error against noise level."""
     rows = result.tables["sweep"]
     levels = np.array([row["level"] for row in rows if row["dof"] == "all"])
@@ -110,7 +114,7 @@ def _finding(title: str, text: str, **more: object) -> dict:
     return {"title": title, "text": text, "table": None, "figure": None, "caption": ""} | more
 
 
-def _dof_columns(result: StudyResult, form) -> dict:
+def _dof_columns(result: StudyResult, form: Callable[[Any], str]) -> Columns:
     return {dof: (f"{dof} %", form) for dof in result.vessel.dofs}
 
 

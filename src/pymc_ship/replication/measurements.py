@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,7 +14,7 @@ from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.identify import Identification, identify
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.from_trials import regression_data
-from pymc_ship.inference.trajectory.posterior import TrajectoryMode
+from pymc_ship.inference.trajectory.mode import TrajectoryMode
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.records.files.noise import LITERAL_LEVEL, pollute
@@ -180,7 +181,7 @@ def method_rows(
     smooth: xr.Dataset,
     found: Identification,
     modes: Mapping[str, TrajectoryMode | None],
-    **labels,
+    **labels: Any,
 ) -> list[dict]:
     """Error summary over all DOFs of every method on one noisy trial, from the Cramer-Rao bound down.
 
@@ -320,8 +321,8 @@ def full_conditional_rows(found: Identification, trees: dict[str, xr.DataTree]) 
 
     rows = []
     for dof, tree in trees.items():
-        posterior = found.exact["conjugate"][dof]
-        draws = tree["posterior"]["noise_variance"]
+        posterior: Any = found.exact["conjugate"][dof]
+        draws = tree["posterior"].dataset["noise_variance"]
         mean, error = float(draws.mean()), float(mcse(draws.values, method="mean"))
         slip = posterior.scale / (posterior.shape + 0.5 * len(posterior.coefficients) - 1.0)
         rows.append(

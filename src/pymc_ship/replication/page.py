@@ -107,8 +107,8 @@ def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], Non
     OutputError
         When the folder cannot be written.
     """
-    settings = {"seed": result.seed, "progress": progress, "back": PAGE.file}
-    diagnosed = rendered(DIAGNOSTICS, diagnostic_content(result.comparisons, result.vessel, **settings))
+    content = diagnostic_content(result.comparisons, result.vessel, seed=result.seed, progress=progress, back=PAGE.file)
+    diagnosed = rendered(DIAGNOSTICS, content)
     progress("report")
     return write_page(PAGE, out, study_content(result, diagnosed))
 
@@ -192,7 +192,7 @@ def _figures(result: StudyResult) -> dict[str, Figure]:
     }
 
 
-def _sample_paths(result: StudyResult):
+def _sample_paths(result: StudyResult) -> Figure:
     names = {dof: list(result.vessel.coefficients(dof)["coefficient"].values) for dof in result.vessel.dofs}
     wanted = {name: dof for name, dof in {"Xu": "surge", "Kv|v|": "roll"}.items() if name in names.get(dof, ())}
     wanted = wanted or {names[dof][0]: dof for dof in ("surge", "sway")}

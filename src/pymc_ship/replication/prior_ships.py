@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.identify import Identification
-from pymc_ship.inference.trajectory.prior import coefficient_prior
+from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.replication.measurements import published_prior
 from pymc_ship.ships.forecasting.draws import coefficient_draws
-from pymc_ship.ships.forecasting.prior_ships import STANDARD, index_row, prior_ships, share_row, simulated_ships
+from pymc_ship.ships.forecasting.prior_ships import (
+    STANDARD,
+    RegressionPrior,
+    index_row,
+    prior_ships,
+    share_row,
+    simulated_ships,
+)
 
 SHIPS = 200
 """Ships of each prior in each manoeuvre: a share of a half has a standard error of 3.5 %."""
@@ -24,7 +32,9 @@ POSTERIOR = "posterior"
 """Choice under which the ships of a family's posterior stand beside those of its priors."""
 
 
-def study_priors(vessel: Vessel, found: Identification, trial: xr.Dataset) -> dict[tuple[str, str], object]:
+def study_priors(
+    vessel: Vessel, found: Identification, trial: xr.Dataset
+) -> dict[tuple[str, str], CoefficientPrior | Mapping[str, RegressionPrior]]:
     """Priors of all degrees of freedom that the study uses or compares, as :func:`pymc_ship.prior_ships` takes them.
 
     Parameters
@@ -41,16 +51,17 @@ def study_priors(vessel: Vessel, found: Identification, trial: xr.Dataset) -> di
     dict of (str, str) to CoefficientPrior or mapping
         By family and choice.
     """
-    priors: dict[tuple[str, str], object] = {}
+    priors: dict[tuple[str, str], CoefficientPrior | Mapping[str, RegressionPrior]] = {}
     for family, by_dof in found.tuned.items():
-        choices = {
+        choices: dict[str, Mapping[str, Prior | None]] = {
             "chosen": found.priors[family],
             "evidence maximum": {dof: tuned.evidence_prior for dof, tuned in by_dof.items()},
             "published": {dof: published_prior(vessel, family, dof) for dof in by_dof},
         }
         for choice, chosen in choices.items():
-            if None not in chosen.values():
-                priors[family, choice] = {dof: (found.data[dof], prior) for dof, prior in chosen.items()}
+            known = {dof: (found.data[dof], prior) for dof, prior in chosen.items() if prior is not None}
+            if len(known) == len(chosen):
+                priors[family, choice] = known
     priors["trajectory fit", "order-damped, factors 1"] = coefficient_prior([trial], vessel, "order_damped")
     return priors
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.identifiability.bound import SHARES
+from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.forecasting.forecast import BANDS
 from pymc_ship.trial.channels import channel_names
@@ -19,7 +21,7 @@ def relative_error(estimate: np.ndarray, reference: np.ndarray) -> np.ndarray:
         return np.where(reference == 0.0, np.nan, 100.0 * np.abs((estimate - reference) / reference))
 
 
-def coefficient_rows(vessel: Vessel, dof: str, exact: Mapping[str, object]) -> list[dict]:
+def coefficient_rows(vessel: Vessel, dof: str, exact: Mapping[str, ExactPosterior]) -> list[dict]:
     """Tables 2 and 3: reference, published and own estimates of a DOF, all times 1e5, with their errors.
 
     Parameters
@@ -68,7 +70,9 @@ def error_summary(errors: np.ndarray) -> dict[str, float]:
     return {"coefficients": known.size, "median": float(np.median(known)), **dict(zip(names, shares, strict=True))}
 
 
-def summary_rows(vessel: Vessel, exact_by_family: Mapping[str, Mapping[str, object]], **labels) -> list[dict]:
+def summary_rows(
+    vessel: Vessel, exact_by_family: Mapping[str, Mapping[str, ExactPosterior]], **labels: Any
+) -> list[dict]:
     """Error summary of each DOF and over all; ``coverage`` is the share [%] of references inside 90 % intervals."""
     rows = []
     for family, exact in exact_by_family.items():
@@ -86,7 +90,7 @@ def summary_rows(vessel: Vessel, exact_by_family: Mapping[str, Mapping[str, obje
     return rows
 
 
-def published_rows(vessel: Vessel, families: Mapping[str, object]) -> list[dict]:
+def published_rows(vessel: Vessel, families: Iterable[str]) -> list[dict]:
     """Error summary of the published estimates, in the form of :func:`summary_rows`."""
     rows = []
     for family in families:
@@ -101,7 +105,7 @@ def published_rows(vessel: Vessel, families: Mapping[str, object]) -> list[dict]
     return rows
 
 
-def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **labels) -> dict:
+def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **labels: Any) -> dict:
     """Score a forecast against the reference ship.
 
     Parameters
@@ -139,9 +143,9 @@ def forecast_row(reference: xr.Dataset, truth: xr.Dataset, tree: xr.DataTree, **
         "share_extrapolated": 100.0 * tree.attrs["share_extrapolated"],
         "extrapolation": tree.attrs["extrapolation"],
     }
-    for name, values in tree["index_bands"].to_dataset().data_vars.items():
-        row[f"{name}_reference"] = float(truth[name])
-        row |= {f"{name}_{band}": float(values.sel(band=band)) for band in BANDS}
+    for index, values in tree["index_bands"].to_dataset().data_vars.items():
+        row[f"{index}_reference"] = float(truth[index])
+        row |= {f"{index}_{band}": float(values.sel(band=band)) for band in BANDS}
     return row
 
 

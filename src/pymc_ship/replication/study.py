@@ -14,7 +14,8 @@ from pymc_ship.inference.identifiability.bound import cramer_rao_bound
 from pymc_ship.inference.regression.identify import Identification, identify
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
 from pymc_ship.inference.sampling.regression_model import nuts_posterior
-from pymc_ship.inference.trajectory.posterior import TrajectoryMode, laplace_posterior
+from pymc_ship.inference.trajectory.mode import TrajectoryMode
+from pymc_ship.inference.trajectory.posterior import laplace_posterior
 from pymc_ship.machine.seeds import generator
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
@@ -142,7 +143,9 @@ def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -
             result.forecasts[name] = trees
 
 
-def _forecast(result: StudyResult, found: Identification, family: str, manoeuvre: Manoeuvre, level: float):
+def _forecast(
+    result: StudyResult, found: Identification, family: str, manoeuvre: Manoeuvre, level: float
+) -> xr.DataTree:
     rng = generator(result.seed, "forecast", level, family, manoeuvre.kind)
     posteriors = found.posteriors(family, draws=400, rng=rng)
     return forecast(result.vessel, posteriors, manoeuvre, draws=300, rng=rng, duration=DURATION, step=STEP)
@@ -223,10 +226,11 @@ def _trajectory_forecasts(
     rng = generator(result.seed, "trajectory", level)
     posterior = laplace_posterior(mode, draws=400, chains=4, rng=rng)
     labels = {"level": level, "pareto_khat": posterior.attrs["pareto_khat"]}
-    settings = {"draws": 300, "rng": rng, "duration": DURATION, "step": STEP, "noise_sd": {}}
     for name, manoeuvre in MANOEUVRES.items():
         progress(f"noise level {level:.3g}: forecast of the {manoeuvre.label} from the trajectory fit")
-        tree = forecast(result.vessel, posterior, manoeuvre, **settings)
+        tree = forecast(
+            result.vessel, posterior, manoeuvre, draws=300, rng=rng, duration=DURATION, step=STEP, noise_sd={}
+        )
         reference = result.references[name]
         row = forecast_row(reference, indices(reference), tree, **labels)
         result.tables.setdefault(f"trajectory_{name}", []).append(row)

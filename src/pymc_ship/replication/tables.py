@@ -208,7 +208,7 @@ def _index_table(result: StudyResult) -> Table:
             rows.append(
                 {
                     "run": label,
-                    "index": name.replace("_", " "),
+                    "index": str(name).replace("_", " "),
                     "value": shown,
                     "unit": "L" if unit == "m" else unit,
                     "limit": "" if limit is None else f"≤ {limit['limit']:.3g}",
@@ -269,16 +269,14 @@ def agreement_blocks(result: StudyResult) -> list[dict]:
 
 
 def _forecast_table(result: StudyResult, name: str, wanted: Mapping[str, tuple[str, float]]) -> Table:
-    rows, columns = (
-        [],
-        {
-            "level": ("noise level", number(3)),
-            "family": ("family", str),
-            "error": ("error %", number(3)),
-            "coverage": ("coverage %", fixed(0)),
-            "share_diverged": ("diverged %", fixed(1)),
-        },
-    )
+    rows = []
+    columns: Columns = {
+        "level": ("noise level", number(3)),
+        "family": ("family", str),
+        "error": ("error %", number(3)),
+        "coverage": ("coverage %", fixed(0)),
+        "share_diverged": ("diverged %", fixed(1)),
+    }
     for row in result.tables[f"forecast_{name}"]:
         extra = {}
         for index, (_, unit) in wanted.items():

@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import shown
@@ -145,11 +146,11 @@ class Prior(ABC):
         """Prior mean of the noise variance on the scaled response; infinite where the shape is not above 1."""
         return self.scale / (self.shape - 1.0) if self.shape > 1.0 else math.inf
 
-    def variance_factor(self, noise_variance: np.ndarray) -> np.ndarray:
+    def variance_factor[Given: (float, np.ndarray)](self, noise_variance: Given) -> Given:
         """Prior variance of the scaled coefficients over kappa, given the noise variance; same shape."""
         return noise_variance**self.noise_power
 
-    def coefficient_variance(self, noise_variance: np.ndarray, n_terms: int) -> np.ndarray:
+    def coefficient_variance(self, noise_variance: float | np.ndarray, n_terms: int) -> np.ndarray:
         """Prior variance of the scaled coefficients given the noise variance, a number or of shape (..., 1)."""
         return self.kappas(n_terms) * self.variance_factor(noise_variance)
 
@@ -224,11 +225,11 @@ class ExactPosterior(ABC):
         """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
 
     @abstractmethod
-    def quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+    def quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Marginal quantiles of the coefficients at probabilities, shape (n,): an array of shape (n, n_terms)."""
 
     @abstractmethod
-    def noise_variance_quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+    def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Quantiles of the noise variance at the given probabilities, shape (n,) as they."""
 
     @abstractmethod

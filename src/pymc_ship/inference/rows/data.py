@@ -105,7 +105,7 @@ class RegressionData(ScaledRegression):
         *,
         scaling: str = "none",
         time: np.ndarray | None = None,
-        run: Sequence[str] | None = None,
+        run: Sequence[str] | np.ndarray | None = None,
         **labels: str,
     ) -> RegressionData:
         """Regression data from plain arrays, or from a table.
