@@ -127,7 +127,7 @@ def _add_manoeuvres(command, text: str, **settings) -> None:
 
 def _add_check(commands) -> None:
     command = _command(
-        commands, "check", "check a trial before it is fitted, and correct it", examples.CHECK
+        commands, "check", "check a trial before it is fitted, and correct it", examples.CHECK, seeded=False
     )
     _add_trial(command)
     command.add_argument("--vessel", help="shipped vessel or TOML file (L/U is guessed from the tightest turn)")
