@@ -3,20 +3,8 @@
 import numpy as np
 import pytest
 
-import pymc_ship as ps
-
 HEADER = "beta(deg),delta(deg),r,Speed(m/s),rps,X',Y',N'"
 ROWS = ("0,10,0,7.974,1.5,-1e-4,5e-4,-3e-4", "8,0,0.3,7.974,1.5,-2e-4,3e-3,1e-3")
-
-
-@pytest.fixture
-def read(tmp_path):
-    def read(*rows, header=HEADER, **settings):
-        path = tmp_path / "captive.csv"
-        path.write_text("\n".join([header, *(rows or ROWS)]))
-        return ps.read_captive(path, "kvlcc2", **settings)
-
-    return read
 
 
 def test_a_row_is_a_motion_and_its_forces(read):
@@ -64,22 +52,3 @@ def test_rows_that_stand_there_twice_count_once(read):
     tests = read(*ROWS, ROWS[0])
     assert tests.sizes["test"] == 2
     assert "1 rows that stand there twice" in tests.attrs["reading"]
-
-
-@pytest.mark.parametrize(
-    ("header", "rows", "settings", "said"),
-    [
-        ("beta,delta,X'", ("0,0,1e-3",) * 2, {}, "captive tests have the columns speed"),
-        ("beta,speed", ("0,8",) * 2, {}, "any of X', Y', N'"),
-        ("speed,speed [kn],X'", ("8,15,1e-3",) * 2, {}, "from one column, found 'speed' and"),
-        ("speed,X [N]", ("8,1e-3",) * 2, {}, "left out, as forces are prime, found 'N'"),
-        ("speed [m],X'", ("8,1e-3",) * 2, {}, "the unit is one of m/s"),
-        ("speed,X'", ("8,1e-3", "8,"), {}, "X lacks one; fill it in"),
-        ("speed,X'", ("0.7,1e-3",) * 2, {}, "near the ship's nominal 7.97 m/s, found 0.7 m/s"),
-        ("speed,X'", ("8,1e-3",) * 2, {"format": {"frame": {"heading": "compass"}}}, "has no heading"),
-        ("speed,N'", ("8,1e-3",) * 2, {"format": {"frame": {"reference": 3.0}}}, "needs Y'; add it"),
-    ],
-)
-def test_what_cannot_be_read_is_said(read, header, rows, settings, said):
-    with pytest.raises(ps.TrialError, match=said.replace("[", r"\[")):
-        read(*rows, header=header, **settings)

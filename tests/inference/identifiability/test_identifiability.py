@@ -9,7 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.inference.identifiability.information import UNKNOWN, _without
-from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem, white_noise
+from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem, white_noise
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.motion.sensitivities import sensitivities
@@ -30,18 +30,8 @@ def level_sd(trial, level, channels=None):
 
 
 @pytest.fixture(scope="module")
-def zigzag(small):
-    return coarse(small, ps.zigzag(20.0, 20.0))
-
-
-@pytest.fixture(scope="module")
 def circle(small):
     return coarse(small, ps.turning_circle(35.0))
-
-
-@pytest.fixture(scope="module")
-def sd(zigzag):
-    return level_sd(zigzag, 0.01, ("u", "v", "r"))
 
 
 def flat(vessel):
@@ -194,20 +184,3 @@ def test_the_zigzag_of_the_paper_at_one_percent(container, zigzag_trial):
     assert np.isnan(relative).sum() == 9
     assert 24.0 < np.nanmedian(relative) < 29.0
     assert 37 <= (relative < 20.0).sum() <= 45
-
-
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"runs": []}, "found 0 runs, 0 noises, 0 states"),
-        ({"coefficients": np.ones(3)}, r"coefficients of shape \(3,\)"),
-        ({"noise": []}, "found 1 runs, 0 noises"),
-        ({"initial_states": [np.zeros(5), np.zeros(5)]}, "2 states"),
-        ({"initial_states": [np.zeros(5)]}, "leaves the model's range in run 1"),
-    ],
-)
-def test_what_has_no_information_is_refused(small, zigzag, sd, changes, sentence):
-    settings = {"runs": zigzag, "vessel": small, "noise_sd": sd} | changes
-    with pytest.raises(TrajectoryError, match=sentence) as caught:
-        ps.identifiability(**settings)
-    assert str(caught.value).endswith(".")

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 import pymc_ship as ps
 from pymc_ship.inference.trajectory import noise as trajectory_noise
-from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, white_noise, whiten
+from pymc_ship.inference.trajectory.fit import fit_trajectory, run_rows, white_noise, whiten
 from pymc_ship.inference.trajectory.noise import (
     ALPHA,
     LAGS,
@@ -237,18 +237,6 @@ class TestTests:
         fit = choices["heading"].fit
         with pytest.raises(TrajectoryError):
             offset_test(replace(fit, unknowns=1e3 * fit.unknowns))
-
-
-class TestErrors:
-    def test_noise_that_is_not_known(self, ship, zigzag):
-        problem = problem_of(ship, [rough(zigzag, 0)])
-        with pytest.raises(TrajectoryError, match="auto, white, ar1, student_t; found 'pink'; choose one of them"):
-            fit_with_noise(problem.runs, ship, problem.prior, truth(ship, [zigzag])[:53], noise="pink")
-
-    def test_a_start_that_diverges(self, ship, zigzag):
-        problem = problem_of(ship, [rough(zigzag, 0)])
-        with pytest.raises(TrajectoryError, match="leaves the model's range at the start of the fit"):
-            fit_with_noise(problem.runs, ship, problem.prior, -truth(ship, [zigzag])[:53])
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ import pytest
 from scipy.special import logsumexp
 
 import pymc_ship as ps
-from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory
+from pymc_ship.inference.trajectory.fit import fit_trajectory
 from pymc_ship.inference.trajectory.posterior import (
     log_likelihood_rows,
     log_prior_density,
@@ -215,29 +215,3 @@ class TestTree:
         low, high = (forecast["bands"]["psi"].sel(band=name) for name in ("lower", "upper"))
         assert (high - low).max() < 0.1 * np.ptp(expected["psi"].values)
         assert forecast.attrs["share_diverged"] == 0.0
-
-
-class TestErrors:
-    @pytest.mark.parametrize(("draws", "chains"), [(10, 4), (0, 4), (4, 0)])
-    def test_draws_are_a_multiple_of_the_chains(self, ship, trials, draws, chains):
-        with pytest.raises(ValueError, match=f"found {draws} for {chains}; give a multiple"):
-            trajectory_posterior(trials, ship, draws=draws, chains=chains, rng=np.random.default_rng(1))
-
-    @pytest.mark.parametrize(
-        ("settings", "error", "message"),
-        [
-            ({"noise": "pink"}, TrajectoryError, "found 'pink'; choose one of them"),
-            ({"prior": "vague"}, ps.PriorError, "found 'vague'"),
-            ({"channels": ["u", "psi", "w"]}, ps.TrialError, "found w with rk4"),
-            ({"noise_sd": {"u": -1.0}}, ps.TrialError, "channel u needs a positive standard deviation, found -1"),
-            ({"trials": []}, TrajectoryError, "at least one trial, found none; give one"),
-        ],
-    )
-    def test_settings_that_no_fit_can_use(self, ship, trials, settings, error, message):
-        with pytest.raises(error, match=message) as caught:
-            trajectory_posterior(**{"trials": trials, "vessel": ship} | settings, rng=np.random.default_rng(1))
-        assert str(caught.value).endswith(".")
-
-    def test_a_missing_channel_is_named(self, ship, trials):
-        with pytest.raises(ps.TrialError, match="v missing"):
-            trajectory_posterior(trials[0].drop_vars("v"), ship, channels=["u", "v"], rng=np.random.default_rng(1))

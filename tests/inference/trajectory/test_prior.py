@@ -106,38 +106,6 @@ class TestFromPosteriors:
         np.testing.assert_allclose(prior.mean, reference, atol=1e-12)
         np.testing.assert_allclose(prior.scale, sd, rtol=1e-9)
 
-    def test_what_is_missing_is_named(self, container):
-        names = coefficient_names(container)
-        with pytest.raises(ps.PriorError, match="every DOF, surge, sway, yaw, roll missing"):
-            ps.posterior_prior({}, container)
-        lacking = [name for name in names if name not in ("Xu", "Xvv")]
-        with pytest.raises(ps.PriorError, match="every coefficient, Xu, Xvv missing; add them"):
-            ps.posterior_prior(tree_of(lacking, np.zeros(len(lacking)), 1.0), container)
-
-    def test_a_coefficient_that_was_held_fixed_is_named(self, container):
-        names = coefficient_names(container)
-        sd = np.where(np.array(names) == "Yv", 0.0, 1.0)
-        with pytest.raises(ps.PriorError, match="draws that vary, those of Yv do not; give those held fixed"):
-            ps.posterior_prior(tree_of(names, np.full(len(names), 0.1), sd), container)
-
-
-class TestErrors:
-    @pytest.mark.parametrize(
-        ("settings", "found"),
-        [
-            ({"kind": "horseshoe"}, "found 'horseshoe', 0.3 and 0.3"),
-            ({"damping": 0.0}, "found 'order_damped', 0.0"),
-            ({"damping": 1.1}, "found 'order_damped', 1.1"),
-            ({"relative_sd": np.inf}, "0.3 and inf"),
-            ({"table": {"Yw": (0.0, 1.0)}}, "found Yw: 0.0, 1.0; correct it"),
-            ({"table": {"Yv": (0.0, 0.0)}}, "found Yv: 0.0, 0.0; correct it"),
-            ({"table": {"Yv": (np.nan, 1.0)}}, "found Yv: nan, 1.0; correct it"),
-        ],
-    )
-    def test_priors_that_are_none(self, container, trial, settings, found):
-        with pytest.raises(ps.PriorError, match=found):
-            ps.coefficient_prior([trial], container, **settings)
-
 
 class TestNormalForStudent:
     @staticmethod

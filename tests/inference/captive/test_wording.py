@@ -1,0 +1,27 @@
+"""Sentences of the errors of this wing, each checked once."""
+
+from __future__ import annotations
+
+import pymc_ship as ps
+from tests.sentences import wording
+
+test_trial_errors = wording(
+    ps.TrialError,
+    *(
+        (
+            said.replace("[", r"\["),
+            lambda read, header=header, rows=rows, settings=settings: read(*rows, header=header, **settings),
+        )
+        for header, rows, settings, said in [
+            ("beta,delta,X'", ("0,0,1e-3",) * 2, {}, "captive tests have the columns speed"),
+            ("beta,speed", ("0,8",) * 2, {}, "any of X', Y', N'"),
+            ("speed,speed [kn],X'", ("8,15,1e-3",) * 2, {}, "from one column, found 'speed' and"),
+            ("speed,X [N]", ("8,1e-3",) * 2, {}, "left out, as forces are prime, found 'N'"),
+            ("speed [m],X'", ("8,1e-3",) * 2, {}, "the unit is one of m/s"),
+            ("speed,X'", ("8,1e-3", "8,"), {}, "X lacks one; fill it in"),
+            ("speed,X'", ("0.7,1e-3",) * 2, {}, "near the ship's nominal 7.97 m/s, found 0.7 m/s"),
+            ("speed,X'", ("8,1e-3",) * 2, {"format": {"frame": {"heading": "compass"}}}, "has no heading"),
+            ("speed,N'", ("8,1e-3",) * 2, {"format": {"frame": {"reference": 3.0}}}, "needs Y'; add it"),
+        ]
+    ),
+)

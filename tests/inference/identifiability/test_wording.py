@@ -1,0 +1,28 @@
+"""Sentences of the errors of this wing, each checked once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import pymc_ship as ps
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from tests.sentences import wording
+
+test_trajectory_errors = wording(
+    TrajectoryError,
+    *(
+        (
+            sentence,
+            lambda small, zigzag, sd, changes=changes: ps.identifiability(
+                **({"runs": zigzag, "vessel": small, "noise_sd": sd} | changes)
+            ),
+        )
+        for changes, sentence in [
+            ({"runs": []}, "found 0 runs, 0 noises, 0 states"),
+            ({"coefficients": np.ones(3)}, r"coefficients of shape \(3,\)"),
+            ({"noise": []}, "found 1 runs, 0 noises"),
+            ({"initial_states": [np.zeros(5), np.zeros(5)]}, "2 states"),
+            ({"initial_states": [np.zeros(5)]}, "leaves the model's range in run 1"),
+        ]
+    ),
+)

@@ -1,0 +1,154 @@
+"""Sentences of the errors of this wing, each checked once."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+import pymc_ship as ps
+from pymc_ship.inference.trajectory.fit import (
+    TrajectoryError,
+    fit_trajectory,
+)
+from pymc_ship.inference.trajectory.noise import (
+    fit_with_noise,
+)
+from pymc_ship.inference.trajectory.runs import trajectory_run
+from pymc_ship.inference.trajectory.windows import (
+    fit_windows,
+    prepared_windows,
+    thinned,
+)
+from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from tests.inference.trajectory.cases import (
+    problem_of,
+    record,
+    rough,
+    truth,
+)
+from tests.inference.trajectory.test_fit import SD_GIVEN
+from tests.inference.trajectory.test_prior import tree_of
+from tests.sentences import wording
+from tests.ships.identification.cases import RUNS, tanker, trial, wide_prior
+
+
+def fitted(trials, ship, **settings):
+    return ps.trajectory_posterior(trials, ship, rng=np.random.default_rng(1), **settings)
+
+
+def with_chains(ship, zigzag, draws, chains):
+    fitted(zigzag, ship, draws=draws, chains=chains)
+
+
+def with_noise(ship, zigzag, sign=1.0, **settings):
+    problem = problem_of(ship, [rough(zigzag, 0)])
+    fit_with_noise(problem.runs, ship, problem.prior, sign * truth(ship, [zigzag])[:53], **settings)
+
+
+def prior_from(container, lacking=(), fixed=()):
+    names = [name for name in coefficient_names(container) if name not in lacking]
+    ps.posterior_prior(tree_of(names, np.full(len(names), 0.1), 1.0 - np.isin(names, fixed)), container)
+
+
+def without_prior(ship):
+    clean = record(ship, ps.zigzag(20.0, 20.0), duration=20.0, interval=1.0)
+    settings = {"channels": ["u", "r"], "noise_sd": SD_GIVEN}
+    fit_trajectory(problem_of(ship, [clean], "flat", **settings), truth(ship, [clean]))
+
+
+def without_noise(ship, zigzag):
+    trajectory_run(zigzag.assign(v=0.0 * zigzag["v"]), ship)
+
+
+def windows_that_run_away():
+    windows, start = prepared_windows(trial(RUNS[0]), tanker()), -100.0 * reference_coefficients(tanker())
+    fit_windows(windows, tanker(), wide_prior(start), start)
+
+
+test_trajectory_errors = wording(
+    TrajectoryError,
+    (r"leave combinations .* wholly unknown; give them a prior", without_prior),
+    (
+        r"leaves the model's range at the start of the fit: .* add a run",
+        lambda ship, zigzag: fit_trajectory(problem_of(ship, [rough(zigzag, 0)]), -truth(ship, [zigzag])),
+    ),
+    (
+        "auto, white, ar1, student_t; found 'pink'; choose one of them",
+        lambda ship, zigzag: with_noise(ship, zigzag, noise="pink"),
+    ),
+    ("found 'pink'; choose one of them", lambda ship, zigzag: fitted(zigzag, ship, noise="pink")),
+    ("at least one trial, found none; give one", lambda ship: fitted([], ship)),
+    ("leaves the model's range at the start of the fit", lambda ship, zigzag: with_noise(ship, zigzag, sign=-1.0)),
+    ("leaves the model's range at the start of the fit", windows_that_run_away),
+)
+
+test_value_errors = wording(
+    ValueError,
+    *(
+        (f"found {draws} for {chains}; give a multiple", partial(with_chains, draws=draws, chains=chains))
+        for draws, chains in [(10, 4), (0, 4), (4, 0)]
+    ),
+)
+
+test_trial_errors = wording(
+    ps.TrialError,
+    ("found w with rk4", lambda ship, zigzag: fitted(zigzag, ship, channels=["u", "psi", "w"])),
+    (
+        "channel u needs a positive standard deviation, found -1",
+        lambda ship, zigzag: fitted(zigzag, ship, noise_sd={"u": -1.0}),
+    ),
+    ("v missing", lambda ship, zigzag: fitted(zigzag.drop_vars("v"), ship, channels=["u", "v"])),
+    *(
+        (message, lambda ship, zigzag, settings=settings: trajectory_run(zigzag, ship, **settings))
+        for settings, message in [
+            ({"channels": ["u", "w"]}, "found w with rk4"),
+            ({"channels": ["u", "u"]}, "each once, with euler or rk4, found u, u"),
+            ({"channels": []}, "found no channel with rk4"),
+            ({"method": "heun"}, "with heun; correct them"),
+            ({"noise_sd": {"delta": 0.1}}, "found delta with rk4"),
+            ({"noise_sd": {"u": 0.0}}, "channel u needs a positive standard deviation, found 0"),
+            ({"noise_sd": {"u": np.nan}}, "channel u needs a positive standard deviation, found nan"),
+        ]
+    ),
+    (r"channel v needs .* found 0; give it in noise_sd", without_noise),
+    ("psi missing", lambda ship, zigzag: trajectory_run(zigzag.drop_vars("psi"), ship, channels=["u", "psi"])),
+    (
+        r"40 samples or more at 0\.1 s, found 39; use a longer record",
+        lambda ship, zigzag: trajectory_run(zigzag.isel(time=slice(0, 39)), ship),
+    ),
+    (
+        "delta must be finite, found 1200 bad values",
+        lambda ship, zigzag: trajectory_run(zigzag.assign(delta=np.nan * zigzag["delta"]), ship),
+    ),
+    (
+        r"^A run to identify a ship from lasts half a window of 5 L/U = 201 s at",
+        lambda: thinned(trial(RUNS[0], duration=90.0), tanker()),
+    ),
+)
+
+test_prior_errors = wording(
+    ps.PriorError,
+    ("every DOF, surge, sway, yaw, roll missing", lambda container: ps.posterior_prior({}, container)),
+    (
+        "every coefficient, Xu, Xvv missing; add them",
+        lambda container: prior_from(container, lacking=("Xu", "Xvv")),
+    ),
+    (
+        "draws that vary, those of Yv do not; give those held fixed",
+        lambda container: prior_from(container, fixed=("Yv",)),
+    ),
+    ("found 'vague'", lambda ship, zigzag: fitted(zigzag, ship, prior="vague")),
+    *(
+        (found, lambda ship, zigzag, settings=settings: ps.coefficient_prior([zigzag], ship, **settings))
+        for settings, found in [
+            ({"kind": "horseshoe"}, "found 'horseshoe', 0.3 and 0.3"),
+            ({"damping": 0.0}, "found 'order_damped', 0.0"),
+            ({"damping": 1.1}, "found 'order_damped', 1.1"),
+            ({"relative_sd": np.inf}, "0.3 and inf"),
+            ({"table": {"Yw": (0.0, 1.0)}}, "found Yw: 0.0, 1.0; correct it"),
+            ({"table": {"Yv": (0.0, 0.0)}}, "found Yv: 0.0, 0.0; correct it"),
+            ({"table": {"Yv": (np.nan, 1.0)}}, "found Yv: nan, 1.0; correct it"),
+        ]
+    ),
+)
