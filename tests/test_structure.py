@@ -53,8 +53,6 @@ NOT_CONVERTED = {
     "diagnostics",
     "experiments",
     "foreign",
-    "inference/regression",
-    "inference/rows",
     "inference/sampling",
     "journeys",
     "replication",

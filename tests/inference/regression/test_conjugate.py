@@ -11,11 +11,8 @@ from scipy import stats
 from scipy.integrate import quad
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
-from pymc_ship.inference.regression.priors import PriorError
-from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import rng_state
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from tests.inference.regression.peers import largest_z, oracle, simulated, z_limit
 
 SHAPES = [(12, 3), (3, 7), (5, 5), (1, 2)]
@@ -325,31 +322,3 @@ class TestTree:
         repeated = conjugate_posterior(*case(), draws=40, rng=again)
         assert repeated.identical(one)
         assert not one["posterior"].identical(other["posterior"])
-
-    @pytest.mark.parametrize(("draws", "chains"), [(10, 4), (0, 4), (4, 0), (-4, 2)])
-    def test_draws_are_a_multiple_of_the_chains(self, draws, chains):
-        with pytest.raises(ValueError, match=f"found {draws} for {chains}; give a multiple"):
-            conjugate_posterior(*case(), draws=draws, chains=chains, rng=np.random.default_rng(1))
-
-
-class TestErrors:
-    def test_a_prior_of_the_other_family(self):
-        with pytest.raises(PriorError, match="takes a ConjugatePrior, found SemiConjugatePrior; give one or use"):
-            conjugate(case()[0], SemiConjugatePrior())
-
-    @pytest.mark.parametrize("name", ["mean", "kappa"])
-    def test_vectors_have_one_value_for_each_term(self, name):
-        with pytest.raises(PriorError, match=f"The prior's {name} is one value or 3, one for each term; found 2"):
-            conjugate(case()[0], ConjugatePrior(**{name: [1.0, 2.0]}))
-
-    @pytest.mark.parametrize("rows", [np.ones((2, 4)), np.ones(3), np.full((2, 3), np.nan)])
-    def test_new_rows_have_the_columns_of_the_data(self, rows):
-        exact = conjugate(case()[0], ConjugatePrior())
-        with pytest.raises(RegressionDataError, match=r"New rows are finite, of shape \(rows, 3\), found"):
-            exact.predict(rows)
-
-    @pytest.mark.parametrize("response", [np.ones(3), np.ones((2, 1)), np.array([1.0, np.inf])])
-    def test_new_responses_match_the_rows(self, response):
-        exact = conjugate(case()[0], ConjugatePrior())
-        with pytest.raises(RegressionDataError, match="one finite value for each of 2 rows"):
-            exact.log_predictive_density(np.ones((2, 3)), response)

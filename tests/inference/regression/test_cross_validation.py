@@ -136,18 +136,5 @@ class TestScore:
 
 
 class TestErrors:
-    @pytest.mark.parametrize("folds", [1, 0, 14])
-    def test_the_number_of_folds(self, folds):
-        with pytest.raises(CrossValidationError, match=f"The 13 rows make 2 to 13 folds, found {folds}; change"):
-            cross_validation(simulated(13, 3, seed=1), folds)
-
-    def test_the_kind_of_split(self):
-        with pytest.raises(CrossValidationError, match="A split is one of blocks, random; found 'odd'; choose"):
-            fold_rows(13, split="odd")
-
-    def test_a_random_split_needs_a_generator(self):
-        with pytest.raises(CrossValidationError, match="A random split needs a generator, found none; give rng"):
-            fold_rows(13, split="random")
-
     def test_they_are_value_errors(self):
         assert issubclass(CrossValidationError, ValueError)

@@ -7,15 +7,9 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.inference.regression import identify as identification
 from pymc_ship.inference.regression.families import FAMILIES
-from pymc_ship.inference.regression.identify import SELECTIONS, identify
-from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.regression.identify import identify
 from pymc_ship.records.denoising.derivative import DERIVATIVES
 from tests.physics.vessel.cases import TERMS
-
-
-@pytest.fixture(scope="module")
-def trial(small):
-    return ps.simulate(small, ps.zigzag(20.0, 20.0), duration=200.0, step=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -134,18 +128,3 @@ def test_progress_names_every_step(trial, small, monkeypatch):
     told = []
     identify(trial, small, progress=told.append)
     assert told == [f"prior of {dof}, {family}" for family in FAMILIES for dof in small.dofs]
-
-
-@pytest.mark.parametrize("selection", ["guess", SELECTIONS[1]])
-def test_a_selection_that_cannot_be_made_is_refused(trial, small, selection):
-    with pytest.raises(
-        ValueError, match=rf"evidence or bayesian_optimisation \(which needs rng\), found '{selection}'"
-    ):
-        identify(trial, small, selection=selection)
-
-
-def test_an_unknown_family_and_an_idle_rudder_are_refused(trial, small):
-    with pytest.raises(PriorError, match="found 'flat'"):
-        identify(trial, small, families=("flat",))
-    with pytest.raises(ps.RegressionDataError, match="The rudder of a trial must move"):
-        identify(trial.assign(delta=0.0 * trial["delta"]), small)

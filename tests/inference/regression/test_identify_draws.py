@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
@@ -63,13 +61,6 @@ def test_pooled_intervals_hold_a_mean_of_missing_values_and_known_ones_do_not():
     assert np.mean(known) < 0.9 - 4.0 * error
 
 
-@pytest.fixture(scope="module")
-def drawn(container):
-    trial = ps.simulate(container, ps.zigzag(20, 20), duration=120.0, step=0.02, record_interval=0.2)
-    noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
-    return ps.denoise_draws(noisy, draws=3, rng=np.random.default_rng(2))
-
-
 def test_each_draw_has_its_rows(container, drawn):
     found = ps.regression_draws(drawn, container, "yaw", interval=1.0, derivative="savgol")
     assert len(found) == 3
@@ -78,14 +69,3 @@ def test_each_draw_has_its_rows(container, drawn):
         np.testing.assert_array_equal(data.design_matrix, alone.design_matrix)
         np.testing.assert_array_equal(data.response, alone.response)
     assert not np.array_equal(found[0].response, found[1].response)
-
-
-def test_a_trial_without_draws_and_a_single_draw_are_refused(container, drawn):
-    with pytest.raises(ps.RegressionDataError, match="need a trial with the dimension draw, found none"):
-        ps.regression_draws(drawn.isel(draw=0), container, "yaw")
-    data = rows(np.random.default_rng(3).standard_normal((2, 30)), np.arange(30.0))
-    with pytest.raises(ps.RegressionDataError, match=re.escape("found 1 with 1 sets of coefficients")):
-        ps.pooled_coefficients(data[:1], PRIOR, rng=np.random.default_rng(1))
-    other = ps.RegressionData.from_arrays(np.ones((30, 1)), np.arange(30.0), ["other"])
-    with pytest.raises(ps.RegressionDataError, match=re.escape("found 2 with 2 sets of coefficients")):
-        ps.pooled_coefficients([data[0], other], PRIOR, rng=np.random.default_rng(1))

@@ -20,6 +20,7 @@ from pymc_ship.inference.sampling.predictive import prior_draws
 from pymc_ship.replication.figures import noise_variance
 from tests.inference.regression.own_priors import RidgePrior, RootPrior, by_summation
 from tests.inference.regression.peers import simulated
+from tests.sentences import refused
 
 PAPER = (ConjugatePrior, SemiConjugatePrior)
 
@@ -151,7 +152,7 @@ def test_gibbs_serves_a_family_of_power_one_and_refuses_one_of_a_half():
     tree = ps.gibbs_posterior(data, ridge(), draws=500, rng=np.random.default_rng(8))
     assert bool(ps.agreement(ridge().exact(data), {"gibbs": tree})["agrees"].all())
     assert not bool(ps.agreement(ridge(kappa=0.1).exact(data), {"gibbs": tree})["agrees"].any())
-    with pytest.raises(ps.PriorError, match=r"found its power 0\.5 in the root family; use nuts_posterior\.$"):
+    with refused(ps.PriorError, 0.5, "nuts_posterior"):
         ps.gibbs_posterior(data, root(), rng=np.random.default_rng(8))
 
 
@@ -215,19 +216,13 @@ def test_a_family_lacks_nothing_and_has_its_own_name():
     class Vague(ps.Prior):
         box: ClassVar = {"kappa": (1.0, 2.0)}
 
-    with pytest.raises(ps.PriorError, match=r"found no noise_power and no exact in Vague; add it to the class\.$"):
+    with refused(ps.PriorError, "noise_power"):
         ps.register_family(Vague)
 
     @dataclass(frozen=True, eq=False)
     class Second(RidgePrior):
         pass
 
-    with pytest.raises(ps.PriorError, match=r"found 'ridge' beside conjugate, semiconjugate, ridge, root; set the"):
+    with refused(ps.PriorError, "ridge"):
         ps.register_family(Second)
     assert ps.register_family(RidgePrior) is FAMILIES["ridge"]
-
-
-def test_a_family_that_is_not_registered_has_no_name():
-    FAMILIES.pop("root")
-    with pytest.raises(ps.PriorError, match="A prior family is one of conjugate, semiconjugate, ridge; found 'root'"):
-        ps.maximise_evidence(scaled(), "root")

@@ -13,7 +13,6 @@ from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, sem
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
 from pymc_ship.ships.forecasting.draws import coefficient_draws
 from tests.inference.regression.plain_algebra import HELD, NAMES, agree, base, plain, ship
@@ -91,20 +90,6 @@ class TestFixed:
         np.testing.assert_array_equal(held.scaled_design_matrix, ship().scaled_design_matrix)
         np.testing.assert_array_equal(held.scaled_response, ship().scaled_response)
 
-    @pytest.mark.parametrize(
-        ("values", "sentence"),
-        [
-            ({"Yx": 1.0}, "The data have the coefficients Y0, .*; found Yx; correct"),
-            ({"Yv": np.nan}, "The value given for Yv must be a finite number, found nan"),
-            ({"Yv": "fast"}, "The value given for Yv must be a finite number, found 'fast'"),
-            ({"Yv": None}, "The value given for Yv must be a finite number, found None"),
-            (dict.fromkeys(NAMES, 0.0), "At least one coefficient must stay free, found all of them held"),
-        ],
-    )
-    def test_values_that_fix_nothing_or_all_are_refused(self, values, sentence):
-        with pytest.raises(RegressionDataError, match=sentence):
-            hold_fixed(ship(), values)
-
 
 class TestRestored:
     def held_tree(self):
@@ -135,20 +120,6 @@ class TestRestored:
     def test_nothing_held_is_the_same_posterior(self):
         tree = self.held_tree()
         assert restore_fixed(tree, {})["posterior"].to_dataset().identical(tree["posterior"].to_dataset())
-
-    @pytest.mark.parametrize(
-        ("values", "names", "sentence"),
-        [
-            ({"Yv": 1.0}, None, "found draws of Yv; leave it out"),
-            ({"Yv|v|": np.inf}, None, "The value given for Yv|v| must be a finite number, found inf"),
-            (HELD, NAMES[:4], "found a mismatch in Ydelta"),
-            (HELD, (*NAMES, "Yx"), "found a mismatch in Yx"),
-            (HELD, (*NAMES, "Yv"), "found a mismatch in Yv; correct"),
-        ],
-    )
-    def test_what_does_not_fit_is_refused(self, values, names, sentence):
-        with pytest.raises(RegressionDataError, match=sentence):
-            restore_fixed(self.held_tree(), values, names)
 
     def test_a_forecast_takes_fixed_informed_and_free_coefficients(self, container, zigzag_trial):
         whole = regression_data(zigzag_trial, container, "yaw", interval=0.5)

@@ -10,11 +10,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from pymc_ship.inference.regression.conjugate import ConjugatePrior
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, semiconjugate, semiconjugate_posterior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from tests.inference.regression.cases import case, dense, two_modes, vector_prior
 from tests.inference.regression.peers import largest_z, oracle, simulated, z_limit
 
@@ -287,29 +284,3 @@ class TestTree:
         assert 0.85 * 4000 < float(ess["coefficients"].min()) < 1.3 * 4000
         assert 0.85 * 4000 < float(ess["noise_variance"]) < 1.3 * 4000
         assert tree.attrs["method"] == "semiconjugate"
-
-    @pytest.mark.parametrize(("draws", "chains"), [(10, 4), (0, 4), (4, 0)])
-    def test_draws_are_a_multiple_of_the_chains(self, draws, chains):
-        with pytest.raises(ValueError, match=f"found {draws} for {chains}; give a multiple"):
-            semiconjugate_posterior(*case(), draws=draws, chains=chains, rng=np.random.default_rng(1))
-
-
-class TestErrors:
-    def test_a_prior_of_the_other_family(self):
-        with pytest.raises(PriorError, match="takes a SemiConjugatePrior, found ConjugatePrior; give one or use"):
-            semiconjugate(case()[0], ConjugatePrior())
-
-    @pytest.mark.parametrize("name", ["mean", "kappa"])
-    def test_vectors_have_one_value_for_each_term(self, name):
-        with pytest.raises(PriorError, match=f"The prior's {name} is one value or 3, one for each term; found 2"):
-            semiconjugate(case()[0], SemiConjugatePrior(**{name: [1.0, 2.0]}))
-
-    @pytest.mark.parametrize("rows", [np.ones((2, 4)), np.ones(3), np.full((2, 3), np.nan)])
-    def test_new_rows_have_the_columns_of_the_data(self, rows):
-        with pytest.raises(RegressionDataError, match=r"New rows are finite, of shape \(rows, 3\), found"):
-            semiconjugate(*case()).predict(rows)
-
-    @pytest.mark.parametrize("response", [np.ones(3), np.ones((2, 1)), np.array([1.0, np.inf])])
-    def test_new_responses_match_the_rows(self, response):
-        with pytest.raises(RegressionDataError, match="one finite value for each of 2 rows"):
-            semiconjugate(*case()).log_predictive_density(np.ones((2, 3)), response)

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pymc_ship.inference.regression.cross_validation import CrossValidationError, cross_validation
+from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import FAMILIES
-from pymc_ship.inference.regression.priors import PriorError
-from pymc_ship.inference.regression.tune import TuningError, maximise_evidence, on_edge, tune_prior
+from pymc_ship.inference.regression.tune import maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from tests.inference.regression.peers import oracle, simulated
 
@@ -160,29 +159,3 @@ class TestEvidence:
         other, log_other = maximise_evidence(data, "semiconjugate", box=box | {"kappa": (1e-6, 1e6)})
         assert log_one == pytest.approx(log_other, abs=1e-3)
         assert one.kappa * one.scale / one.shape == pytest.approx(other.kappa, rel=1e-2)
-
-
-class TestErrors:
-    def test_an_unknown_family(self):
-        with pytest.raises(PriorError, match="A prior family is one of conjugate, semiconjugate; found 'flat'"):
-            tuned("flat")
-        with pytest.raises(PriorError, match="A prior family is one of conjugate, semiconjugate; found 'flat'"):
-            maximise_evidence(scaled(), "flat")
-
-    def test_too_few_evaluations(self):
-        with pytest.raises(TuningError, match="at least 6 points, found 5; raise evaluations"):
-            tune_prior(scaled(), evaluations=5, rng=np.random.default_rng(1))
-
-    def test_folds_that_the_rows_do_not_make(self):
-        with pytest.raises(CrossValidationError, match="The 60 rows make 2 to 60 folds, found 61"):
-            tuned(folds=61)
-
-    @pytest.mark.parametrize("box", [{}, {"shape": (1.0, 2.0), "scale": (1.0, 2.0), "kappa": (1.0, 2.0)}])
-    def test_a_box_has_its_three_names(self, box):
-        with pytest.raises(TuningError, match="A box bounds shape, noise_variance, kappa, found"):
-            maximise_evidence(scaled(), box=box)
-
-    @pytest.mark.parametrize("pair", [(2.0, 1.0), (0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (1.0, 1.0)])
-    def test_bounds_rise_and_are_positive(self, pair):
-        with pytest.raises(TuningError, match="Bounds are pairs that rise and lie above 0, found"):
-            maximise_evidence(scaled(), box=FAMILIES["conjugate"].box | {"kappa": pair})

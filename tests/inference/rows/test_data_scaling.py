@@ -11,6 +11,7 @@ from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.scaling import RegressionDataError
 from tests.inference.regression.peers import simulated
+from tests.sentences import refused
 
 
 def plain_arrays(n_rows=40, seed=1):
@@ -99,48 +100,10 @@ class TestConditioning:
 
 
 class TestDataErrors:
-    @pytest.mark.parametrize(
-        ("change", "message"),
-        [
-            ({"response": np.ones(39)}, "The response has one value for each of 40 rows, found shape"),
-            ({"response": np.ones((40, 1))}, "The response has one value for each of 40 rows, found shape"),
-            ({"design_matrix": np.ones(40)}, r"A design matrix has shape \(rows, terms\), found \(40,\); reshape it"),
-            ({"design_matrix": np.ones((0, 2))}, r"A design matrix has shape \(rows, terms\), found \(0, 2\)"),
-            ({"coefficients": ["a", "b"]}, "Each of the 4 columns has one name, found 2 names"),
-            ({"coefficients": ["a", "b", "a", "c"]}, "Coefficient names must differ, found a more than once"),
-            ({"scaling": "minmax"}, "The scaling is one of none, zscore; found 'minmax'; choose one of them"),
-            ({"time": np.ones(3)}, r"The time has one value for each of 40 rows, found shape \(3,\)"),
-            ({"response": np.r_[np.nan, np.ones(39)]}, "must be finite, found NaN or infinity in the response"),
-            ({"response": np.full(40, 1e6 / 7.0)}, "The response must vary over the rows; it is constant"),
-        ],
-    )
-    def test_one_sentence_says_what_is_wrong(self, change, message):
-        X, y = plain_arrays()
-        arguments = {"design_matrix": X, "response": y, "scaling": "zscore"} | change
-        with pytest.raises(RegressionDataError, match=message) as caught:
-            RegressionData.from_arrays(**arguments)
-        assert "\n" not in str(caught.value)
-
-    def test_columns_that_are_not_finite_are_named(self):
-        X, y = plain_arrays()
-        X[3, 1], X[5, 2] = np.nan, np.inf
-        with pytest.raises(RegressionDataError, match="NaN or infinity in x2, x3; clean the trial"):
-            RegressionData.from_arrays(X, y)
-
-    @pytest.mark.parametrize("value", [0.0, 5.0])
-    def test_columns_that_do_not_vary_are_named(self, value):
-        X, y = plain_arrays()
-        X[:, 3], X[:, 1] = 1.0, 0.0
-        with pytest.raises(RegressionDataError, match="must vary over the rows; idle did not: leave the terms out"):
-            RegressionData.from_arrays(X, y, ["a", "idle", "c", "constant"], scaling="zscore")
-        two = np.column_stack([X[:, [0, 2, 3]], np.full(40, value)])
-        with pytest.raises(RegressionDataError, match="must vary over the rows; second did not: leave the terms out"):
-            RegressionData.from_arrays(two, y, ["a", "b", "constant", "second"], scaling="zscore")
-
     @pytest.mark.parametrize("level", [0.1, 1.0 / 3.0, 1e6 / 7.0])
     def test_a_constant_response_is_refused_whatever_its_rounding(self, level):
         for n_rows in range(5, 40):
-            with pytest.raises(RegressionDataError, match="The response must vary over the rows; it is constant"):
+            with refused(RegressionDataError, "response"):
                 RegressionData.from_arrays(plain_arrays(n_rows)[0], np.full(n_rows, level), scaling="zscore")
 
 
@@ -179,24 +142,7 @@ class TestPriors:
             "scale": 3.0,
         }
 
-    @pytest.mark.parametrize("family", FAMILIES)
-    @pytest.mark.parametrize(
-        ("change", "message"),
-        [
-            ({"kappa": -1.0}, r"The prior's kappa must be positive, found -1.0; raise it above 0"),
-            ({"kappa": [1.0, 0.0]}, r"The prior's kappa must be positive, found \[1.0, 0.0\]; raise it above 0"),
-            ({"shape": 0.0}, "The prior's shape must be positive, found 0.0; raise it above 0"),
-            ({"scale": -2.0}, "The prior's scale must be positive, found -2.0; raise it above 0"),
-            ({"scale": np.inf}, "The prior's scale must be finite, found inf; give a plain number"),
-            ({"mean": np.nan}, "The prior's mean must be finite, found nan; give a plain number"),
-            ({"shape": [1.0, 2.0]}, r"The prior's shape must be finite, found \[1.0, 2.0\]; give a plain number"),
-        ],
-    )
-    def test_hyperparameters_that_define_no_prior(self, family, change, message):
-        with pytest.raises(PriorError, match=message):
-            prior_family(family)(**change)
-
     def test_families_have_names(self):
         assert {name: prior_family(name).family for name in FAMILIES} == {name: name for name in FAMILIES}
-        with pytest.raises(PriorError, match="A prior family is one of conjugate, semiconjugate; found 'flat'"):
+        with refused(PriorError, "flat"):
             prior_family("flat")

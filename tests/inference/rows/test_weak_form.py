@@ -12,6 +12,7 @@ from pymc_ship.inference.rows import weak_form as module
 from pymc_ship.inference.rows.weak_form import METHODS, RADIUS, bump, weak_form
 from pymc_ship.physics.forces.terms import evaluate, order
 from pymc_ship.physics.vessel.vessel import reference_coefficients
+from tests.sentences import refused
 
 DOFS = ("surge", "sway", "yaw", "roll")
 
@@ -248,42 +249,10 @@ def test_the_test_function_takes_over_the_derivative(method, step):
 
 
 class TestErrors:
-    @pytest.mark.parametrize("name", ["u", "v", "r", "p", "phi", "delta"])
-    def test_a_missing_channel_is_named(self, container, zigzag_trial, name):
-        with pytest.raises(ps.TrialError, match=f"; {name} missing"):
-            weak_form(zigzag_trial.drop_vars(name), container)
-
     def test_a_trial_shorter_than_the_test_function(self, container, zigzag_trial):
         short = zigzag_trial.isel(time=slice(0, 500))
-        with pytest.raises(ps.TrialError, match=r"test function of 10 s, found 500 samples over 9\.98 s; use a longer"):
+        with refused(ps.TrialError, 10, 500, 9.98):
             weak_form(short, container)
-        with pytest.raises(ps.TrialError, match="needs a record longer"):
+        with refused(ps.TrialError, 500):
             ps.regression_data(short, container, "yaw", derivative="weak")
         assert weak_form(zigzag_trial.isel(time=slice(0, 502)), container, stride=1).time.size == 2
-
-    def test_samples_too_far_apart(self, container, zigzag_trial):
-        coarse = zigzag_trial.isel(time=slice(None, None, 75))
-        with pytest.raises(ps.TrialError, match=r"at most 1\.25 s apart, found 1\.5 s; sample faster"):
-            weak_form(coarse, container)
-
-    def test_rows_fewer_than_terms(self, container, zigzag_trial):
-        with pytest.raises(ps.RegressionDataError, match="28 terms and needs as many rows, found 19"):
-            ps.regression_data(zigzag_trial, container, "sway", interval=20.0, derivative="weak")
-
-    def test_an_unknown_method_and_an_unknown_derivative(self, container, zigzag_trial):
-        with pytest.raises(ValueError, match="one of euler, rk4; found 'heun'"):
-            weak_form(zigzag_trial, container, method="heun")
-        with pytest.raises(ValueError, match="euler, central, savgol, weak, weak_euler; found 'strong'"):
-            ps.regression_data(zigzag_trial, container, "sway", derivative="strong")
-
-    @pytest.mark.parametrize("change", [lambda a: a[:-1], lambda a: a * np.nan, lambda a: a - 1.0])
-    def test_a_prior_that_is_none(self, container, zigzag_trial, change):
-        with pytest.raises(ValueError, match="for each of 102 coefficients, found shapes"):
-            ps.weak_form_start(zigzag_trial, container, np.zeros(102), change(np.zeros(102)))
-
-    def test_no_trial_and_terms_without_motion(self, container, zigzag_trial):
-        with pytest.raises(ps.TrialError, match="at least one trial, found none"):
-            ps.coefficient_scales([], container)
-        upright = zigzag_trial.assign(p=0.0 * zigzag_trial["p"], phi=0.0 * zigzag_trial["phi"])
-        with pytest.raises(ps.TrialError, match="vphi, phi, phiphi, pp, ppu of the surge stay 0: leave them out"):
-            ps.coefficient_scales(upright, container)

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 import pymc_ship as ps
 from pymc_ship.inference.trajectory import noise as trajectory_noise
-from pymc_ship.inference.trajectory.fit import fit_trajectory, run_rows, white_noise, whiten
+from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, white_noise, whiten
 from pymc_ship.inference.trajectory.noise import (
     ALPHA,
     LAGS,

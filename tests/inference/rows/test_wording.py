@@ -1,0 +1,330 @@
+"""Sentences of the errors of this wing, each checked once."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+import pymc_ship as ps
+from pymc_ship.inference.regression.families import FAMILIES, prior_family
+from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.weak_form import weak_form
+from tests.inference.rows.frames import motion
+from tests.inference.rows.test_data_scaling import plain_arrays
+from tests.inference.rows.test_frames import FORMULA, uneven
+from tests.inference.rows.test_streamed import PRIORS, design
+from tests.sentences import wording
+
+
+def with_a_gap(container, zigzag_trial, name):
+    trial = zigzag_trial.copy(deep=True)
+    trial[name][500] = np.nan
+    ps.regression_data(trial, container, "sway", interval=1.0)
+
+
+def without_roll(container):
+    run = ps.simulate(container, ps.zigzag(20.0, 20.0), duration=100.0)
+    ps.regression_data(run.assign(p=0.0 * run["p"], phi=0.0 * run["phi"]), container, "sway", interval=1.0)
+
+
+def arrays(change):
+    X, y = plain_arrays()
+    RegressionData.from_arrays(**{"design_matrix": X, "response": y, "scaling": "zscore"} | change)
+
+
+def columns_that_are_not_finite():
+    X, y = plain_arrays()
+    X[3, 1], X[5, 2] = np.nan, np.inf
+    RegressionData.from_arrays(X, y)
+
+
+def columns_that_do_not_vary(idle, second):
+    X, y = plain_arrays()
+    X[:, 1], X[:, 2], X[:, 3] = idle, 1.0, second
+    RegressionData.from_arrays(X, y, ["a", "idle", "constant", "second"], scaling="zscore")
+
+
+def formula_of_a_gap(frame):
+    frame.loc[3, "v"] = np.nan
+    ps.RegressionData.from_formula(FORMULA, frame)
+
+
+def predicted(frame, new):
+    ps.ConjugatePrior().exact(ps.RegressionData.from_formula(FORMULA, frame)).predict(new(frame))
+
+
+def streamed(change, **settings):
+    rng = np.random.default_rng(0)
+    X, y = rng.standard_normal((9, 3)), rng.standard_normal(9)
+    ps.stream_regression([change(X, y)], **settings)
+
+
+def short(trial):
+    return trial.isel(time=slice(0, 500))
+
+
+test_regression_data_errors = wording(
+    ps.RegressionDataError,
+    (
+        "The rudder of a trial must move",
+        lambda container: ps.regression_data(
+            ps.simulate(container, ps.rudder_programme([0.0], [0.0]), duration=60.0), container, "sway", interval=1.0
+        ),
+    ),
+    *(
+        (
+            f"multiple of the sampling interval, found {interval} s at 0.02 s",
+            lambda container, zigzag_trial, interval=interval: ps.regression_data(
+                zigzag_trial, container, "sway", interval=interval
+            ),
+        )
+        for interval in [0.03, 0.01, 0.0, -1.0, np.nan, np.inf]
+    ),
+    (
+        "The yaw of 'container' has 28 terms and needs as many rows, found 27",
+        lambda container, zigzag_trial: ps.regression_data(
+            zigzag_trial.isel(time=slice(0, 27 * 50)), container, "yaw", interval=1.0
+        ),
+    ),
+    (
+        "The yaw of 'container' has 28 terms and needs as many rows, found 27",
+        lambda container, zigzag_trial: ps.regression_data(zigzag_trial.isel(time=slice(0, 28)), container, "yaw"),
+    ),
+    (r"Yp, Yppp, Ypu, Ypu\|pu\|, Yphi, Yvphi, Yvphiphi, Yphivv did not", without_roll),
+    *(
+        (message, partial(arrays, change=change))
+        for change, message in [
+            ({"response": np.ones(39)}, "The response has one value for each of 40 rows, found shape"),
+            ({"response": np.ones((40, 1))}, "The response has one value for each of 40 rows, found shape"),
+            ({"design_matrix": np.ones(40)}, r"A design matrix has shape \(rows, terms\), found \(40,\); reshape it"),
+            ({"design_matrix": np.ones((0, 2))}, r"A design matrix has shape \(rows, terms\), found \(0, 2\)"),
+            ({"coefficients": ["a", "b"]}, "Each of the 4 columns has one name, found 2 names"),
+            ({"coefficients": ["a", "b", "a", "c"]}, "Coefficient names must differ, found a more than once"),
+            ({"scaling": "minmax"}, "The scaling is one of none, zscore; found 'minmax'; choose one of them"),
+            ({"time": np.ones(3)}, r"The time has one value for each of 40 rows, found shape \(3,\)"),
+            ({"response": np.r_[np.nan, np.ones(39)]}, "must be finite, found NaN or infinity in the response"),
+            ({"response": np.full(40, 1e6 / 7.0)}, "The response must vary over the rows; it is constant"),
+        ]
+    ),
+    ("NaN or infinity in x2, x3; clean the trial", columns_that_are_not_finite),
+    (
+        "must vary over the rows; idle did not: leave the terms out",
+        partial(columns_that_do_not_vary, idle=0.0, second=np.arange(40.0)),
+    ),
+    *(
+        (
+            "must vary over the rows; second did not: leave the terms out",
+            partial(columns_that_do_not_vary, idle=np.arange(40.0), second=second),
+        )
+        for second in [0.0, 5.0]
+    ),
+    (
+        r"^The rows need the columns v, each of them once; found Y, v, v,",
+        lambda frame: ps.RegressionData.from_arrays(frame.rename(columns={"r": "v"}), frame["Y"], ["v"]),
+    ),
+    (
+        r"^The table and the response must have the same index",
+        lambda frame: ps.RegressionData.from_arrays(frame[["v", "r"]], frame["Y"].iloc[::-1]),
+    ),
+    *(
+        (
+            reason,
+            lambda frame, formula=formula: ps.RegressionData.from_formula(
+                formula, frame.assign(side=["port", "starboard"] * 30)
+            ),
+        )
+        for formula, reason in [
+            (
+                "Y ~ v + u",
+                "^The formula 'Y ~ v [+] u' must hold for the table, found: no variable 'u'; correct one of th",
+            ),
+            ("Y ~ v +* r", r"must hold for the table, found: Don't know how to parse '\*'; correct"),
+            ("Y ~ v + (1|side)", "found terms that vary by group in "),
+            ("side ~ v", "found a response that is no number in 'side ~ v'; change it."),
+            ("v + r", "found no response in 'v [+] r'; change it."),
+            ("Y ~ 0", "found no term in 'Y ~ 0'; change it."),
+            (3, "The formula 3 must hold for the table, found: 'formula' must be a string; correct"),
+        ]
+    ),
+    (
+        "found: 'data' contains 1 incomplete rows; correct one of them",
+        formula_of_a_gap,
+    ),
+    (
+        r"^A formula needs a table, found <class 'dict'>; give a DataFrame",
+        lambda: ps.RegressionData.from_formula(FORMULA, motion()),
+    ),
+    *(
+        (sentence, lambda chunks=chunks: ps.stream_regression(iter(chunks)))
+        for chunks, sentence in [
+            ([], "as many rows as terms, found no chunk"),
+            ([(np.ones((2, 3)), np.ones(2))], "found 2 rows for 3 terms"),
+            ([(np.eye(3), np.ones(3)), (np.ones((4, 2)), np.ones(4))], "found 2 in chunk 2 after 3"),
+            ([(np.eye(3), np.ones(2))], r"found shapes \(3, 3\) and \(2,\) in chunk 1"),
+            ([(np.ones(3), np.ones(3))], "in chunk 1; reshape it"),
+            ([(np.eye(3), np.ones(3)), (np.full((2, 3), np.nan), np.ones(2))], "in x1, x2, x3 among rows 3 to 4"),
+            ([(np.eye(3), np.array([1.0, np.inf, 0.0]))], "in the response among rows 0 to 2"),
+        ]
+    ),
+    *(
+        ("a name of its own", lambda names=names: ps.stream_regression([(np.eye(3), np.ones(3))], names))
+        for names in [["a", "b"], ["a", "b", "a"]]
+    ),
+    ("one of none, zscore; found 'unit'", lambda: streamed(lambda X, y: (X, y), scaling="unit")),
+    ("response must vary", lambda: streamed(lambda X, y: (X, 0 * y), scaling="zscore")),
+    (
+        "must vary over the rows; x1 did not",
+        lambda: streamed(lambda X, y: (X * (0, 0, 1) + (0, 3, 0), y), scaling="zscore"),
+    ),
+    *(
+        (sentence, partial(predicted, new=new))
+        for new, sentence in [
+            (lambda f: f[["v", "r"]], "^New rows need the columns v, r, delta, each of them once; found v, r; add"),
+            (
+                lambda f: f.assign(v=np.nan),
+                r"^New rows are finite, of shape \(rows, 5\), found NaN or infinity in v, v:r",
+            ),
+            (
+                lambda f: f.assign(v="fast"),
+                "^The formula 'Y ~ v .*' must hold for the new rows, found: .*; correct one",
+            ),
+        ]
+    ),
+    (
+        "keeps no rows",
+        lambda: ps.conjugate_posterior(
+            ps.stream_regression([design("plain")]), PRIORS["conjugate"], rng=np.random.default_rng(0)
+        ),
+    ),
+    (
+        "28 terms and needs as many rows, found 19",
+        lambda container, zigzag_trial: ps.regression_data(
+            zigzag_trial, container, "sway", interval=20.0, derivative="weak"
+        ),
+    ),
+)
+
+test_trial_errors = wording(
+    ps.TrialError,
+    *(
+        (
+            f"Channel {name} must be finite, found 1 bad values, the first at t = 10 s",
+            partial(with_a_gap, name=name),
+        )
+        for name in ["u", "v", "r", "p", "phi", "delta"]
+    ),
+    *(
+        (
+            f"; {name} missing",
+            lambda container, zigzag_trial, name=name: ps.regression_data(
+                zigzag_trial.drop_vars(name), container, "surge", interval=1.0
+            ),
+        )
+        for name in ["u", "v", "r", "p", "phi", "delta"]
+    ),
+    *(
+        (
+            message,
+            lambda container, zigzag_trial, time=time: ps.regression_data(
+                zigzag_trial.assign_coords(time=time(zigzag_trial["time"].values)), container, "sway", interval=1.0
+            ),
+        )
+        for time, message in [
+            (
+                lambda t: t + 0.001 * (t > 100.0),
+                r"sampling of a trial must be uniform, found steps of 0\.02 to 0\.021 s",
+            ),
+            (lambda t: t[::-1], "must be finite and increase"),
+            (lambda t: np.where(t == t[7], np.nan, t), "must be finite and increase"),
+        ]
+    ),
+    *(
+        (
+            f"; {name} missing",
+            lambda container, zigzag_trial, name=name: weak_form(zigzag_trial.drop_vars(name), container),
+        )
+        for name in ["u", "v", "r", "p", "phi", "delta"]
+    ),
+    (
+        r"test function of 10 s, found 500 samples over 9\.98 s; use a longer",
+        lambda container, zigzag_trial: weak_form(short(zigzag_trial), container),
+    ),
+    (
+        "needs a record longer",
+        lambda container, zigzag_trial: ps.regression_data(short(zigzag_trial), container, "yaw", derivative="weak"),
+    ),
+    (
+        r"at most 1\.25 s apart, found 1\.5 s; sample faster",
+        lambda container, zigzag_trial: weak_form(zigzag_trial.isel(time=slice(None, None, 75)), container),
+    ),
+    ("at least one trial, found none", lambda container: ps.coefficient_scales([], container)),
+    (
+        "vphi, phi, phiphi, pp, ppu of the surge stay 0: leave them out",
+        lambda container, zigzag_trial: ps.coefficient_scales(
+            zigzag_trial.assign(p=0.0 * zigzag_trial["p"], phi=0.0 * zigzag_trial["phi"]), container
+        ),
+    ),
+)
+
+test_vessel_errors = wording(
+    ps.VesselError,
+    (
+        "surge, sway, yaw, roll; found 'pitch'",
+        lambda container, zigzag_trial: ps.regression_data(zigzag_trial, container, "pitch", interval=1.0),
+    ),
+)
+
+test_value_errors = wording(
+    ValueError,
+    (
+        "'spline'",
+        lambda container, zigzag_trial: ps.regression_data(
+            zigzag_trial, container, "sway", interval=1.0, derivative="spline"
+        ),
+    ),
+    (
+        "one of euler, rk4; found 'heun'",
+        lambda container, zigzag_trial: weak_form(zigzag_trial, container, method="heun"),
+    ),
+    (
+        "euler, central, savgol, weak, weak_euler; found 'strong'",
+        lambda container, zigzag_trial: ps.regression_data(zigzag_trial, container, "sway", derivative="strong"),
+    ),
+    *(
+        (
+            "for each of 102 coefficients, found shapes",
+            lambda container, zigzag_trial, change=change: ps.weak_form_start(
+                zigzag_trial, container, np.zeros(102), change(np.zeros(102))
+            ),
+        )
+        for change in [lambda a: a[:-1], lambda a: a * np.nan, lambda a: a - 1.0]
+    ),
+)
+
+test_prior_errors = wording(
+    PriorError,
+    *(
+        (message, lambda family=family, change=change: prior_family(family)(**change))
+        for change, message in [
+            ({"kappa": -1.0}, r"The prior's kappa must be positive, found -1.0; raise it above 0"),
+            ({"kappa": [1.0, 0.0]}, r"The prior's kappa must be positive, found \[1.0, 0.0\]; raise it above 0"),
+            ({"shape": 0.0}, "The prior's shape must be positive, found 0.0; raise it above 0"),
+            ({"scale": -2.0}, "The prior's scale must be positive, found -2.0; raise it above 0"),
+            ({"scale": np.inf}, "The prior's scale must be finite, found inf; give a plain number"),
+            ({"mean": np.nan}, "The prior's mean must be finite, found nan; give a plain number"),
+            ({"shape": [1.0, 2.0]}, r"The prior's shape must be finite, found \[1.0, 2.0\]; give a plain number"),
+        ]
+        for family in FAMILIES
+    ),
+    ("A prior family is one of conjugate, semiconjugate; found 'flat'", lambda: prior_family("flat")),
+)
+
+test_warnings = wording(
+    UserWarning,
+    (
+        "^The columns must be of one size where all have the same prior, found v of .* and r of .*; take scaling=",
+        lambda: ps.conjugate(uneven(1000.0), ps.ConjugatePrior()),
+    ),
+)
