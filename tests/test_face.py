@@ -6,6 +6,7 @@ import ast
 import inspect
 import subprocess
 import sys
+from functools import cached_property
 from pathlib import Path
 from statistics import median
 
@@ -95,13 +96,55 @@ def test_the_package_says_that_it_is_typed():
     assert STUB.with_name("py.typed").read_bytes() == b""
 
 
-@pytest.mark.parametrize("name", [name for name in ps.__all__ if name[0].islower()])
-def test_a_public_function_has_types(name):
-    """Of its arguments and of what it returns; only options handed on to another function may lack one."""
-    signature = inspect.signature(getattr(ps, name))
-    arguments = [entry for entry in signature.parameters.values() if entry.kind is not entry.VAR_KEYWORD]
-    assert signature.return_annotation is not signature.empty
-    assert [entry.name for entry in arguments if entry.annotation is entry.empty] == []
+def functions_of(value):
+    """A public function itself; of a public class every function, method and property that it defines."""
+    if inspect.isfunction(value):
+        return [value]
+    own = [entry for name, entry in vars(value).items() if not name.startswith("_") or name == "__init__"]
+    found = [getattr(entry, "fget", None) or getattr(entry, "func", None) or inspect.unwrap(entry) for entry in own]
+    found = [getattr(entry, "__func__", entry) for entry in found]
+    return [entry for entry in found if inspect.isfunction(entry) and entry.__module__ == value.__module__]
+
+
+def without_types(function):
+    """Arguments of a function without a type; "return" where what it returns has none."""
+    entries = [entry for name, entry in inspect.signature(function).parameters.items() if name not in ("self", "cls")]
+    lacking = [entry.name for entry in entries if entry.annotation is entry.empty]
+    returned = "return" in function.__annotations__ or function.__name__ == "__init__"
+    return lacking if returned else [*lacking, "return"]
+
+
+@pytest.mark.parametrize("name", [name for name in ps.__all__ if name != "__version__"])
+def test_a_public_function_and_the_methods_of_a_public_class_have_types(name):
+    functions = functions_of(getattr(ps, name))
+    lacking = {function.__qualname__: without_types(function) for function in functions}
+    assert {name: found for name, found in lacking.items() if found} == {}
+
+
+def test_the_check_of_types_can_fail():
+    class Ship:
+        length: float = 1.0
+
+        def __init__(self, a: int, b=2): ...
+
+        def sail(self, *speeds: float, **options) -> None: ...
+
+        def _hidden(self, a): ...
+
+        @property
+        def draught(self): ...
+
+        @cached_property
+        def beam(self): ...
+
+        @classmethod
+        def read(cls, path) -> None: ...
+
+        @staticmethod
+        def write(path: str): ...
+
+    found = [without_types(function) for function in functions_of(Ship)]
+    assert found == [["b"], ["options"], ["return"], ["return"], ["path"], ["return"]]
 
 
 # what is loaded when --------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.metadata import version
 from threading import Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -39,7 +39,7 @@ def trajectory_model(
     trials: xr.Dataset | Sequence[xr.Dataset],
     vessel: VesselLike,
     prior: str | CoefficientPrior = "order_damped",
-    **settings,
+    **settings: Any,
 ) -> pm.Model:
     """PyMC model of whole trajectories: prior, simulated ship and noise, around the mode that is found first.
 
@@ -177,7 +177,7 @@ def trajectory_nuts_posterior(
     chains: int = 2,
     tune: int = 100,
     rng: Seed,
-    **settings,
+    **settings: Any,
 ) -> xr.DataTree:
     """Draws of the No-U-Turn sampler from the posterior of whole trajectories, for where it is not normal.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -35,7 +36,7 @@ def forecast(
     duration: float = 400.0,
     ci_prob: float = 0.9,
     noise_sd: Mapping[str, float] | None = None,
-    **settings,
+    **settings: Any,
 ) -> xr.DataTree:
     """Forecast a manoeuvre with one simulated ship for each posterior draw.
 
@@ -117,7 +118,7 @@ def pooled_forecast(
     noise: Mapping[str, float] | None = None,
     motion: xr.DataArray | None = None,
     errors: Mapping[str, np.ndarray | float] | None = None,
-    **settings,
+    **settings: Any,
 ) -> xr.DataTree:
     """Forecast a manoeuvre with ships of several models at once: vessels that share all but their terms and parts.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -48,7 +49,7 @@ def prior_ships(
     draws: int = 300,
     rng: Seed,
     duration: float | None = None,
-    **settings,
+    **settings: Any,
 ) -> xr.Dataset:
     """Simulate a manoeuvre with ships drawn from a prior: its predictive check in the space of trajectories.
 
@@ -122,7 +123,7 @@ def simulated_ships(
     rng: np.random.Generator,
     *,
     duration: float | None = None,
-    **settings,
+    **settings: Any,
 ) -> xr.Dataset:
     """Ships of given coefficients, shape (n_draws, n_coefficients); the rest as :func:`prior_ships`, which words it."""
     if duration is None:
