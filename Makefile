@@ -15,7 +15,7 @@ frontier: $(STAMP)  ## every method against the Cramer-Rao bound, 25 seeds -> re
 	$(PYTHON) -m studies.frontier --out reports/frontier
 
 foreign: $(STAMP)  ## ships of other simulators, identified and scored, an hour and more -> reports/foreign/foreign.md
-	$(PYTHON) -m tests.foreign.run
+	$(PYTHON) -m studies.foreign.run
 
 test: $(STAMP) lint  ## every test, a file at a time on each core
 	$(SIDE_BY_SIDE)

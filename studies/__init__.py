@@ -2,6 +2,8 @@
 
 Each is run from the folder that holds ``studies``.
 
+- `population`: ships drawn, identified and judged, a kind of study of `pymc-ship montecarlo`.
+- `foreign`: simulators of other ships, which share no code with the library.
 - `frontier`: every method beside the Cramer-Rao bound.
 - `paths`: rival ways to the coefficients of a ship, each judged on runs it was not given.
 """

@@ -52,7 +52,6 @@ NOT_CONVERTED = {
     "consistency",
     "diagnostics",
     "experiments",
-    "foreign",
     "inference/sampling",
     "journeys",
     "replication",

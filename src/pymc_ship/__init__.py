@@ -97,7 +97,6 @@ _PUBLIC = {
     "replication.estimates": ("Estimate",),
     "replication.page": ("study",),
     "replication.study": ("StudyResult", "run_study"),
-    "experiments.judged_ship": ("DrawnShip",),
     "experiments.run": ("montecarlo",),
     "experiments.task": ("MonteCarloError",),
 }

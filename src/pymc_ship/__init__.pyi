@@ -1,6 +1,5 @@
 from pymc_ship.diagnostics.agreement import agreement as agreement
 from pymc_ship.diagnostics.page import diagnostic_report as diagnostic_report
-from pymc_ship.experiments.judged_ship import DrawnShip as DrawnShip
 from pymc_ship.experiments.run import montecarlo as montecarlo
 from pymc_ship.experiments.task import MonteCarloError as MonteCarloError
 from pymc_ship.inference.captive.statement import CaptiveFit as CaptiveFit

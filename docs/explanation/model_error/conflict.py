@@ -15,14 +15,14 @@ from unittest.mock import patch
 
 import numpy as np
 
-from pymc_ship.experiments.coverage import columns_of, coverage_row
-from pymc_ship.experiments.judged_ship import INDEX, judge
-from pymc_ship.experiments.population import TrialsCell
 from pymc_ship.experiments.run import read_study
 from pymc_ship.inference.trajectory import prior
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.ships.identification import candidates
+from studies.population.coverage import columns_of, coverage_row
+from studies.population.judged_ship import INDEX, judge
+from studies.population.study import TrialsCell
 
 STUDY = "studies/ships.toml"
 TRIALS = "20/20 and 10/10"

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.experiments.population import TrialsCell
 from pymc_ship.experiments.run import read_study
+from studies.population import DrawnShip
+from studies.population.study import TrialsCell
 
 STUDY, TRIALS, SEEDS = "studies/ships.toml", "10/10 to both sides", range(6)
 THIRD = (ps.zigzag(10, 10), ps.zigzag(20, 20), ps.turning_circle(35))
@@ -44,7 +45,7 @@ def print_row(ship: str, ratios: list | np.ndarray) -> None:
     print(f"{ship:14s}" + "".join(f"{promised:18.2f}, {kept:4.2f}" for promised, kept in ratios), flush=True)
 
 
-def identified(drawn: ps.DrawnShip, runs: list) -> ps.ShipModel:
+def identified(drawn: DrawnShip, runs: list) -> ps.ShipModel:
     """The ship from her records."""
     trials = [ps.judged_trial(run, drawn.vessel) for run in runs]
     return ps.identify_ship(trials, drawn.vessel, draws=400, rng=1)

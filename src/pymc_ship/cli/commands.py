@@ -25,7 +25,6 @@ from pymc_ship.cli.files import (
     model_argument,
     output_file,
     requested_manoeuvres,
-    tell_remarks,
     trial_argument,
     vessel_argument,
     write_csv,
@@ -43,7 +42,6 @@ from pymc_ship.cli.texts import (
     forecast_text,
     index_table,
     montecarlo_text,
-    population_text,
     table,
     trajectory_rows,
     trajectory_text,
@@ -297,16 +295,15 @@ def design(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run a Monte-Carlo study; the text has the scores of each cell, or the coverage by trials of a population."""
-    from pymc_ship.experiments.grid import Grid
+    """Run a Monte-Carlo study; the text has its main table."""
     from pymc_ship.experiments.run import read_study, reported_montecarlo
 
     study = read_study(args.study)
-    for name, vessel in study.ships.items() if isinstance(study, Grid) else ():
-        tell_remarks(name, vessel, progress)
+    for sentence in study.remarks():
+        progress(sentence, remark=True)
     settings = {"workers": args.workers, "scheduler": args.scheduler, "progress": progress}
     rows, page = reported_montecarlo(args.study, args.out, **settings)
-    return (montecarlo_text if isinstance(study, Grid) else population_text)(rows), page
+    return montecarlo_text(rows, study.columns(rows)), page
 
 
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:

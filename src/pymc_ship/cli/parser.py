@@ -369,9 +369,9 @@ def _add_design(commands) -> None:
 
 
 def _add_montecarlo(commands) -> None:
-    description = "run a grid of experiments, or go on with one that was stopped"
+    description = "run a grid of experiments or another study, or go on with one that was stopped"
     command = _command(commands, "montecarlo", description, examples.MONTECARLO, seeded=False)
-    command.add_argument("study", metavar="STUDY.toml", help="a grid of experiments, or a population of ships")
+    command.add_argument("study", metavar="STUDY.toml", help="a grid of experiments, or a study that names its kind")
     command.add_argument("--workers", type=int, help="processes (one for each core)")
     command.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the tasks instead")
     command.add_argument("--out", required=True, help="folder of the results and the page")

@@ -157,35 +157,12 @@ def next_runs_text(found: xr.Dataset) -> str:
     return f"{table(header, list(rows))}\n\n{chosen}"
 
 
-def montecarlo_text(rows: list[dict], most: int = 60) -> str:
-    """One line for each cell of a Monte-Carlo study: median errors and coverage, and tasks that did not end well."""
-    keys = ("ship", "manoeuvre", "noise", "level", "method")
-    keys = [key for key in keys if key == "method" or len({row[key] for row in rows}) > 1]
-    scores = ("median_error", "coverage", "tactical_diameter_error", "diverged", "failed")
-    header = (*keys, "error %", "± se", "coverage %", "± se", "tactical diameter error %", "± se", *scores[3:])
-    values = [(name, f"{name}_se") for name in scores[:3]]
-    names = [*keys, *(name for pair in values for name in pair), *scores[3:]]
-    lines = table(header, [[row[name] for name in names] for row in rows[:most]])
-    return lines + (f"\n... and {len(rows) - most} more cells" if len(rows) > most else "")
-
-
-def population_text(rows: list[dict]) -> str:
-    """Coverage of all ships of a population and by what their trials held; a sentence where none was judged."""
+def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str], most: int = 60) -> str:
+    """Columns of the main table of a Monte-Carlo study, with their heads; a sentence where nothing was measured."""
     if not rows:
-        return "No ship was judged; the page says why."
-    names = (
-        "group",
-        "ships",
-        "indices",
-        "hold_95",
-        "hold_95_se",
-        "hold_50",
-        "hold_50_se",
-        "median_error",
-        "half_width",
-    )
-    header = ("trials", "ships", "indices", "95 % hold", "± se", "50 % hold", "± se", "median error", "half width")
-    return table(header, [[row[name] for name in names] for row in rows])
+        return "Nothing was measured; the page says why."
+    lines = table(list(columns.values()), [[row[key] for key in columns] for row in rows[:most]])
+    return lines + (f"\n... and {len(rows) - most} more rows" if len(rows) > most else "")
 
 
 def forecast_text(tree: xr.DataTree, beside: Mapping[str, xr.Dataset]) -> str:

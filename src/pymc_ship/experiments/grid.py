@@ -13,12 +13,15 @@ import pyarrow as pa
 
 from pymc_ship import __version__
 from pymc_ship.experiments.methods import import_path, own_methods, recorded
-from pymc_ship.experiments.task import METHODS, PARTS, SCORES, Method, MonteCarloError, Task, measure, nothing
+from pymc_ship.experiments.page import write_report
+from pymc_ship.experiments.store import Store
+from pymc_ship.experiments.task import METHODS, PARTS, SCORES, Cell, Method, MonteCarloError, Task, measure, nothing
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.toml import Entry
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, written_manoeuvre
+from pymc_ship.physics.vessel.plausibility import remarks
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, VesselError
 from pymc_ship.records.files.noise import NOISES, RECORD_STEP
@@ -29,17 +32,6 @@ PART_SEEDS = 1000
 _KEYS = ("title", "ships", "manoeuvres", "methods", "seeds", "root_seed", "duration", "noise")
 _OPTIONAL = ("title", "duration")
 _LISTS = ("ships", "manoeuvres", "methods")
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One cell of the grid; every field is a column of the results."""
-
-    ship: str
-    manoeuvre: str
-    noise: str
-    level: float
-    method: str
 
 
 def seed_parts(cells: Iterable, seeds: int) -> Iterator[tuple]:
@@ -109,6 +101,10 @@ class Grid:
             for method in self.methods
         ]
 
+    def remarks(self) -> list[str]:
+        """What was derived and what is doubtful in the ships."""
+        return [f"{name}: {sentence}" for name, ship in self.ships.items() for sentence in remarks(ship)]
+
     def parts(self) -> Iterator[tuple[Cell, range, str]]:
         """Every cell's seeds in parts, see :func:`seed_parts`."""
         return seed_parts(self.cells, self.seeds)
@@ -140,6 +136,19 @@ class Grid:
         lists |= {f"noise.{kind}": (levels, new["noise"].get(kind, [])) for kind, levels in old["noise"].items()}
         named = ("ships", "manoeuvres")
         return changed(old, new, same=("version", "root_seed", "duration"), grown="seeds", named=named, lists=lists)
+
+    def report(self, store: Store) -> tuple[list[dict], Path]:
+        """Scores by cell, and the page, see :func:`pymc_ship.experiments.page.write_report`."""
+        return write_report(store)
+
+    def columns(self, rows: Sequence[Mapping]) -> dict[str, str]:
+        """Heads of the columns that a terminal shows: what tells the cells apart, scores, tasks that end badly."""
+        keys = ("ship", "manoeuvre", "noise", "level", "method")
+        found = {key: key for key in keys if key == "method" or len({row[key] for row in rows}) > 1}
+        heads = ("error %", "coverage %", "tactical diameter error %")
+        for name, head in zip(SCORES, heads, strict=True):
+            found |= {name: head, f"{name}_se": "± se"}
+        return found | {"diverged": "diverged", "failed": "failed"}
 
 
 def changed(

@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow as pa
 
 from pymc_ship.experiments.figures import scores
-from pymc_ship.experiments.grid import Cell
 from pymc_ship.experiments.store import Store
 from pymc_ship.experiments.tables import (
     BEYOND,
@@ -27,7 +26,7 @@ from pymc_ship.experiments.tables import (
     plan_rows,
     session_rows,
 )
-from pymc_ship.experiments.task import PARTS, STATUSES
+from pymc_ship.experiments.task import PARTS, STATUSES, Cell
 from pymc_ship.machine.files import staged_files
 from pymc_ship.machine.memory import peak_memory
 from pymc_ship.pages import drawing

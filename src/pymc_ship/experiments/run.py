@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pymc_ship.experiments.grid import Grid, grid_of
-from pymc_ship.experiments.page import write_report
-from pymc_ship.experiments.population import Population, population_of
-from pymc_ship.experiments.population_page import write_population
+from pymc_ship.experiments.grid import grid_of
+from pymc_ship.experiments.methods import import_path, imported
 from pymc_ship.experiments.store import Store, opened
+from pymc_ship.experiments.study import Study
 from pymc_ship.experiments.task import Method, MonteCarloError
+from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, bar, completed
 
@@ -33,7 +33,7 @@ def montecarlo(
     methods: Mapping[str, Method] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Run a Monte-Carlo study, of a grid or a population, or go on with one, and write its tables and page.
+    """Run a Monte-Carlo study, or go on with one, and write its tables and page.
 
     Every result is kept the moment it is there, and not done again when the study is run again. Seeds, levels, methods,
     manoeuvres and ships may be added. The tables of results are the same bytes whatever the workers and interruptions.
@@ -41,8 +41,8 @@ def montecarlo(
     Parameters
     ----------
     study : str, Path or mapping
-        TOML file, or a table of the same form: a grid of experiments, see ``studies/container.toml``, or a population
-        of ships, see ``studies/ships.toml``, where ``population`` may be a function.
+        TOML file, or a table of the same form: a grid of experiments, see ``studies/container.toml``, or what
+        ``study`` names by its import path, see ``studies/ships.toml``; of a table it may be the class itself.
     out : str or Path
         Folder of the study; created where it is missing.
     workers : int, optional
@@ -59,8 +59,8 @@ def montecarlo(
     Returns
     -------
     Path
-        The page, ``out/index.html``; beside it ``results.parquet``, ``timings.parquet`` and ``cells.csv``, of a
-        population ``tables``.
+        The page, ``out/index.html``; beside it ``results.parquet``, ``timings.parquet`` and, of a grid,
+        ``cells.csv``.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def reported_montecarlo(
     progress: Callable[[str], None] = lambda _: None,
     work: Callable[[Any], dict] | None = None,
 ) -> tuple[list[dict], Path]:
-    """Scores by cell, and the page; parameters and errors as :func:`montecarlo`, ``work`` is what a task does."""
+    """Main table of a study, and the page; parameters and errors as :func:`montecarlo`; ``work`` does a task."""
     if scheduler and workers:
         raise MonteCarloError(
             "The workers of a cluster are started beside its scheduler, found --workers; leave it out."
@@ -97,22 +97,32 @@ def reported_montecarlo(
             with executor:
                 _run(store, executor, work or found.work, progress)
         progress("tables and page")
-        return write_population(store) if isinstance(found, Population) else write_report(store)
+        return found.report(store)
 
 
-def read_study(study: str | Path | Mapping, methods: Mapping[str, Method] | None = None) -> Grid | Population:
-    """Read a study: a population of ships where it names one, a grid else; parameters and errors as `montecarlo`."""
+def read_study(study: str | Path | Mapping, methods: Mapping[str, Method] | None = None) -> Study:
+    """Read a study: of the kind that it names, a grid where it names none; parameters and errors as `montecarlo`."""
     folder = Path()
     if isinstance(study, Mapping):
         file = Entry(study, "The study", MonteCarloError)
     else:
         file, folder = toml_file(study, "The study", MonteCarloError), Path(study).parent
     file.check_table()
-    if "population" not in file:
+    if "study" not in file:
         return grid_of(file, folder, methods or {})
     if methods:
-        file.fail("is a population, whose ships are all identified in one way; leave the methods out.")
-    return population_of(file)
+        file.fail("is no grid, and takes no methods; leave them out.")
+    return _kind(file.at("study")).read(file, folder)
+
+
+def _kind(entry: Entry) -> type[Study]:
+    """Kind of study that an import path names, or which is given."""
+    kind = entry.value
+    if isinstance(kind, str) and import_path(kind):
+        kind = imported(kind, f"{entry.file}: {entry.key}")
+    if not isinstance(kind, type) or not hasattr(kind, "read"):
+        entry.fail(f"must be the import path module:class of a kind of study, found {shown(kind)}; correct it.")
+    return kind
 
 
 def _run(

@@ -12,16 +12,17 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from filelock import lock_descriptor
 
+from pymc_ship.experiments.study import Study
 from pymc_ship.experiments.task import MonteCarloError
 from pymc_ship.machine.files import OutputError, staged, writable_folder
 
@@ -30,50 +31,6 @@ _TYPES = {"status": pa.string(), "sentence": pa.string(), "executor": pa.string(
 _TYPES |= dict.fromkeys(("seed", "session", "workers"), pa.int64())
 _OF_CELL = {"str": pa.string(), "float": pa.float64()}
 _ROWS, _SUM = 5_000, b"sha256"
-
-
-class Study(Protocol):
-    """What a store asks of a study, which is a dataclass.
-
-    Attributes
-    ----------
-    seeds : int
-        Tasks of each cell.
-    scores : mapping of str to pyarrow.DataType
-        Columns of a result beside seed, status and sentence.
-    timed : tuple of str
-        Parts of a task whose seconds are kept.
-    """
-
-    title: str
-    seeds: int
-    scores: Mapping[str, pa.DataType]
-    timed: tuple[str, ...]
-
-    @property
-    def n_tasks(self) -> int:
-        """Number of tasks."""
-
-    def parts(self) -> Iterator[tuple[Any, range, str]]:
-        """Every cell's seeds in parts, and the name of the part's results without an ending.
-
-        A cell is a dataclass of texts and numbers, which are columns of the results.
-        """
-
-    def task(self, cell: Any, seed: int, block: str = "") -> Any:
-        """Task of one seed of a cell."""
-
-    def work(self, task: Any) -> dict:
-        """Do a task; its result has the columns of this study, ``block``, ``seed`` and ``cpu`` [s]."""
-
-    def empty(self, task: Any) -> dict:
-        """A result without work."""
-
-    def record(self) -> dict:
-        """What the results depend on, as it is kept beside them."""
-
-    def difference(self, old: Mapping) -> str:
-        """First thing in which this study does more than extend that of another record; empty where none does."""
 
 
 class Store:

@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 import pyarrow as pa
 
-from pymc_ship.experiments.grid import Cell
-from pymc_ship.experiments.task import STATUSES
+from pymc_ship.experiments.task import STATUSES, Cell
 from pymc_ship.replication.scores import with_error
 
 STATISTIC = {"median_error": "median", "coverage": "mean", "tactical_diameter_error": "median"}

@@ -70,6 +70,17 @@ METHODS: dict[str, Method] = {
 study of the Cramer-Rao bound."""
 
 
+@dataclass(frozen=True)
+class Cell:
+    """One cell of the grid; every field is a column of the results."""
+
+    ship: str
+    manoeuvre: str
+    noise: str
+    level: float
+    method: str
+
+
 class MonteCarloError(ValueError):
     """A study that cannot be run; the sentence says why."""
 

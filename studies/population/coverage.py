@@ -22,7 +22,7 @@ from pymc_ship.ships.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
 from pymc_ship.ships.forecasting.motion_error import GROWTH, risen, size_law
 
 Columns = Mapping[str, np.ndarray]
-"""Rows of :data:`pymc_ship.experiments.judged_ship.INDEX` or `INSTANT` of all ships by column, with ``ship``, a number,
+"""Rows of :data:`studies.population.judged_ship.INDEX` or `INSTANT` of all ships by column, with ``ship``, a number,
 ``trials``, ``seed``, ``hull`` and ``first``, whether the ship is of the first half of her class of trials."""
 
 STATED = (0.75, 0.9, 0.95, 0.99)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tests.foreign.sailing import Papers
+from studies.foreign.sailing import Papers
 
 WATER = 1025.0
 SPEED, LENGTH = 7.7175, 160.93

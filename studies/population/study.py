@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 import pyarrow as pa
 
 from pymc_ship import __version__
 from pymc_ship.experiments.grid import changed, manoeuvres_of, seed_parts
-from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STOP, Draw, ShipTask, judge, unjudged
 from pymc_ship.experiments.methods import check_handed_on, digest, import_path, imported
+from pymc_ship.experiments.store import Store
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.toml import Entry
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.ships.forecasting.stopping import MOST_ASTERN
+from studies.population.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STOP, Draw, ShipTask, judge, unjudged
+from studies.population.page import write_population
 
-_KEYS = ("title", "population", "trials", "forecasts", "astern", "ships", "root_seed")
+_KEYS = ("study", "title", "population", "trials", "forecasts", "astern", "ships", "root_seed")
 _OPTIONAL = ("title", "astern")
 _NUMBERS = {"float": pa.float64(), "str": pa.string()}
 
@@ -55,7 +58,7 @@ class Population:
     title : str
     draw : callable
         Of the user's own: takes a generator of random numbers and returns a
-        :class:`pymc_ship.experiments.judged_ship.DrawnShip`.
+        :class:`studies.population.judged_ship.DrawnShip`.
     drawn_by : str
         Its import path.
     trials : dict of str to Trials
@@ -90,10 +93,36 @@ class Population:
     timed: ClassVar[tuple[str, ...]] = PARTS
     work, empty = staticmethod(judge), staticmethod(unjudged)
 
+    @classmethod
+    def read(cls, file: Entry, folder: Path) -> Population:
+        """Population of the table of a study.
+
+        Raises
+        ------
+        MonteCarloError
+            For unknown or missing keys and values that cannot be used; the sentence names the key.
+        """
+        file.check_keys(_KEYS, [key for key in _KEYS if key not in _OPTIONAL])
+        draw, name = _drawing(file.at("population"))
+        return cls(
+            title=file.at("title", "Population of ships").text(),
+            draw=draw,
+            drawn_by=name,
+            trials=_trials(file.at("trials")),
+            forecasts=_with_indices(file.at("forecasts")),
+            astern=_astern(file.at("astern", 0.0)),
+            seeds=file.at("ships").whole(least=1),
+            root_seed=file.at("root_seed").whole(least=0),
+        )
+
     @property
     def n_tasks(self) -> int:
         """Number of ships."""
         return len(self.trials) * self.seeds
+
+    def remarks(self) -> list[str]:
+        """Nothing to remark: its ships are drawn later."""
+        return []
 
     def parts(self) -> Iterator[tuple[TrialsCell, range, str]]:
         """Ships of every class of trials in parts."""
@@ -124,35 +153,15 @@ class Population:
         lists = {"trials": (list(old["trials"]), list(new["trials"]))}
         return changed(old, new, same=same, grown="ships", named=("trials",), lists=lists)
 
+    def report(self, store: Store) -> tuple[list[dict], Path]:
+        """Coverage of all ships and by class of trials, and the page."""
+        return write_population(store)
 
-def population_of(file: Entry) -> Population:
-    """Population of the table of a study.
-
-    Parameters
-    ----------
-    file : Entry
-
-    Returns
-    -------
-    Population
-
-    Raises
-    ------
-    MonteCarloError
-        For unknown or missing keys and values that cannot be used; the sentence names the key.
-    """
-    file.check_keys(_KEYS, [key for key in _KEYS if key not in _OPTIONAL])
-    draw, name = _drawing(file.at("population"))
-    return Population(
-        title=file.at("title", "Population of ships").text(),
-        draw=draw,
-        drawn_by=name,
-        trials=_trials(file.at("trials")),
-        forecasts=_with_indices(file.at("forecasts")),
-        astern=_astern(file.at("astern", 0.0)),
-        seeds=file.at("ships").whole(least=1),
-        root_seed=file.at("root_seed").whole(least=0),
-    )
+    def columns(self, rows: Sequence[Mapping]) -> dict[str, str]:
+        """Heads of the columns that a terminal shows."""
+        found = {"group": "trials", "ships": "ships", "indices": "indices"}
+        found |= {"hold_95": "95 % hold", "hold_95_se": "± se", "hold_50": "50 % hold", "hold_50_se": "± se"}
+        return found | {"median_error": "median error", "half_width": "half width"}
 
 
 def _drawing(entry: Entry) -> tuple[Draw, str]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from tests.foreign import mariner, mmg, s175, sailing
-from tests.foreign.population import HULLS, a_form, a_ship, as_trial, drawn, scaled, usual
+from studies.foreign import mariner, mmg, s175, sailing
+from studies.foreign.population import HULLS, a_form, a_ship, as_trial, drawn, scaled, usual
 
 RNG = np.random.default_rng
 

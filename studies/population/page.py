@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.experiments import coverage, figures
-from pymc_ship.experiments.coverage import Columns, columns_of, where
-from pymc_ship.experiments.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STATUSES, STOP
 from pymc_ship.experiments.store import Store
 from pymc_ship.experiments.tables import Costs, group_rows, session_rows
 from pymc_ship.machine.files import staged_files
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, table
 from pymc_ship.ships.forecasting.stopping import REVERSAL
+from studies.population import coverage, figures
+from studies.population.coverage import Columns, columns_of, where
+from studies.population.judged_ship import HELD_INDEX, INDEX, INSTANT, PARTS, STATUSES, STOP
 
 PAGE = Page(
     "index.html",
-    Path(__file__).with_name("population.html.j2"),
+    Path(__file__).with_name("page.html.j2"),
     own=("figures/*.png", "tables/*.csv"),
     packages=("pymc-ship", "numpy", "scipy", "xarray", "numba"),
     digits=6,

@@ -9,13 +9,14 @@ import xarray as xr
 from scipy.stats import norm
 
 import pymc_ship as ps
-from pymc_ship.experiments.judged_ship import PARTS
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from studies.population.judged_ship import PARTS, DrawnShip
 
 STUDY = {
-    "population": "tests.experiments.ships:tanker",
+    "study": "studies.population:Population",
+    "population": "studies.tests.population.ships:tanker",
     "trials": {"two": ["zigzag 20/20", "zigzag 10/10"], "some": {"most": 2, "of": ["zigzag 10/10", "zigzag 20/20"]}},
     "forecasts": ["turning circle 35 port", "zigzag 15/15 port"],
     "ships": 6,
@@ -36,7 +37,7 @@ def tanker(rng):
         noisy = ps.pollute(sail(manoeuvre, 500.0), level=0.01, rng=rng)
         return noisy.drop_vars(["p", "phi"])
 
-    return ps.DrawnShip("tanker", vessel, sail, record)
+    return DrawnShip("tanker", vessel, sail, record)
 
 
 def stranger(rng):
@@ -68,7 +69,7 @@ def of_parts(rng, astern=1.0):
         motion = {name: ("time", row[0]) for name, row in zip(STATE, states, strict=True)}
         return xr.Dataset(motion | {"n": ("time", n)}, {"time": time})
 
-    return ps.DrawnShip("tanker", "kvlcc2", sail, record, stop)
+    return DrawnShip("tanker", "kvlcc2", sail, record, stop)
 
 
 def pulled_hard(rng):

@@ -12,16 +12,17 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.experiments import judged_ship
 from pymc_ship.experiments import run as engine
-from pymc_ship.experiments.judged_ship import INDEX, INSTANT, judge, stop_rows
-from pymc_ship.experiments.population import Population, TrialsCell
 from pymc_ship.experiments.run import read_study
 from pymc_ship.records.steering.stopping_tests import INDICES
-from tests.experiments import ships
+from studies.population import judged_ship
+from studies.population.judged_ship import INDEX, INSTANT, judge, stop_rows
+from studies.population.study import Population, TrialsCell
+from studies.tests.population import ships
+from studies.tests.population.ships import SD, STUDY, made_up, refused
 from tests.experiments.folders import ROOT, run
-from tests.experiments.ships import SD, STUDY, made_up, refused
 
+SHIPS = "studies.tests.population.ships"
 TABLES = ("results.parquet", "tables/coverage.csv", "tables/trials.csv", "tables/ships.csv")
 
 
@@ -41,15 +42,21 @@ def test_the_shipped_population_is_of_sixty_ships_or_more():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"ship": 3}, "unknown key ship; known here are title, population"),
+        ({"ship": 3}, "unknown key ship; known here are study, title, population"),
         ({"ships": 0}, "ships must be a whole number from 1 up, found 0"),
         ({"root_seed": -1}, "root_seed must be a whole number from 0 up, found -1"),
+        ({"study": 3}, "study must be the import path module:class of a kind of study, found 3; correct it"),
+        ({"study": f"{SHIPS}:tanker"}, "study must be the import path module:class of a kind of study, found"),
+        ({"study": "studies.population:Folk"}, "studies.population has no Folk; correct the name"),
         ({"title": 3}, "title must be a text, found 3"),
         ({"population": 3}, "population must be the import path module:function of what draws a ship, found 3"),
         ({"population": "tanker"}, "population must be the import path module:function .*, found 'tanker'"),
         ({"population": "no_module:f"}, "population cannot have 'no_module:f': ModuleNotFoundError"),
-        ({"population": "tests.experiments.ships:none"}, "tests.experiments.ships has no none; correct the name"),
-        ({"population": "tests.experiments.ships:SD"}, "population must be the import path module:function"),
+        (
+            {"population": "studies.tests.population.ships:none"},
+            "studies.tests.population.ships has no none; correct the name",
+        ),
+        ({"population": f"{SHIPS}:SD"}, "population must be the import path module:function"),
         ({"trials": {}}, "trials must name the trials of a ship, .*, found none; add one"),
         ({"trials": []}, r"trials must be a table, found \[\]; correct it"),
         ({"trials": {"a": []}}, r"trials.a must be a list of at least one text, found \[\]"),
@@ -68,7 +75,7 @@ def test_what_cannot_be_used_is_one_sentence(change, sentence):
 
 
 def test_methods_are_of_grids():
-    with pytest.raises(ps.MonteCarloError, match="is a population, whose ships are all identified in one way"):
+    with pytest.raises(ps.MonteCarloError, match="is no grid, and takes no methods; leave them out"):
         read_study(STUDY, {"mine": len})
 
 
@@ -120,7 +127,7 @@ def test_what_was_judged_is_kept_and_ships_may_be_added(plain, tmp_path):
     [
         ({"ships": 5}, "ships was 6, found 5"),
         ({"root_seed": 4}, "root_seed was 3, found 4"),
-        ({"population": "tests.experiments.ships:sunk"}, "population was tests.experiments.ships:tanker"),
+        ({"population": "studies.tests.population.ships:sunk"}, "population was studies.tests.population.ships:tanker"),
         ({"forecasts": ["zigzag 15/15 port"]}, "forecasts was"),
         ({"astern": 0.5}, "astern was 0.7, found 0.5"),
         ({"trials": {"two": STUDY["trials"]["two"]}}, "trials had 'some', which is gone"),
@@ -197,7 +204,8 @@ def test_the_command_tells_coverage_by_trials(plain, tmp_path, capsys, monkeypat
 def toml():
     """File of the study."""
     return (
-        'population = "tests.experiments.ships:tanker"\nforecasts = ["turning circle 35 port", "zigzag 15/15 port"]\n'
+        f'study = "studies.population:Population"\npopulation = "{SHIPS}:tanker"\n'
+        'forecasts = ["turning circle 35 port", "zigzag 15/15 port"]\n'
         'ships = 6\nroot_seed = 3\nastern = 0.7\n[trials]\ntwo = ["zigzag 20/20", "zigzag 10/10"]\n'
         'some = {most = 2, of = ["zigzag 10/10", "zigzag 20/20"]}\n'
     )
@@ -221,7 +229,7 @@ def test_a_function_that_fails_ends_the_study_in_a_sentence(tmp_path):
         "Ship 0 of the trials 'two' cannot be drawn or sailed: RuntimeError: no such ship; what was judged is kept"
     )
     with pytest.raises(ps.MonteCarloError, match=sentence):
-        engine.montecarlo(STUDY | {"population": "tests.experiments.ships:sunk"}, tmp_path, workers=1)
+        engine.montecarlo(STUDY | {"population": "studies.tests.population.ships:sunk"}, tmp_path, workers=1)
 
 
 @pytest.mark.slow
@@ -243,7 +251,7 @@ def test_a_tanker_of_the_package_is_found_again():
     assert instants["pit"].between(0.0, 1.0).all()
     assert np.isfinite(instants[["error", "sd", "beyond", "far"]]).all().all()
     assert result["identify"] > result["draw"] >= 0.0
-    strange = read_study(STUDY | {"population": "tests.experiments.ships:stranger"})
+    strange = read_study(STUDY | {"population": "studies.tests.population.ships:stranger"})
     other = judge(strange.task(TrialsCell("two"), 0))
     assert pd.DataFrame(other["indices"])["pit"].between(0.005, 0.995).mean() < 0.7
 
@@ -254,7 +262,7 @@ def test_a_ship_of_parts_stops_as_forecast_and_one_that_is_pulled_hard_sooner():
     """The second, a broken twin, has a propeller that no prior expects."""
     found = []
     for drawn in ("of_parts", "pulled_hard"):
-        population = read_study(STUDY | {"population": f"tests.experiments.ships:{drawn}"})
+        population = read_study(STUDY | {"population": f"studies.tests.population.ships:{drawn}"})
         result = judge(replace(population.task(TrialsCell("two"), 0), forecasts=()))
         assert (result["status"], result["stop"] > result["replay"]) == ("ok", True)
         found.append(pd.DataFrame(result["stops"]).set_index("index"))

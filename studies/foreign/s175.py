@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tests.foreign.sailing import Papers
+from studies.foreign.sailing import Papers
 
 WATER, GRAVITY = 1025.0, 9.81
 LENGTH, VOLUME, SPEED = 175.0, 21222.0, 8.0

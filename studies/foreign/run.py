@@ -18,8 +18,8 @@ import numpy as np
 
 import pymc_ship as ps
 from pymc_ship.machine.files import staged, writable_folder
-from tests.foreign import sailing
-from tests.foreign.cases import SHIPS, Case, named_cases
+from studies.foreign import sailing
+from studies.foreign.cases import SHIPS, Case, named_cases
 
 ROOT = Path(__file__).resolve().parents[2]
 GOALS = (
@@ -42,6 +42,7 @@ class Score:
 
     @property
     def inside(self) -> bool:
+        """Whether the interval holds the truth."""
         return self.lower <= self.truth <= self.upper
 
     @property
@@ -168,7 +169,7 @@ def page(results: Sequence[Result], seed: int) -> str:
 def main(words: Sequence[str] | None = None) -> int:
     """Run the cases one after the other; the page is written where all of them ran."""
     cases = named_cases()
-    parser = argparse.ArgumentParser(prog="python -m tests.foreign.run", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m studies.foreign.run", description=__doc__)
     parser.add_argument("--case", action="append", choices=cases, metavar="NAME", help=f"one of {', '.join(cases)}")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--draws", type=int, default=1000, help="of each identified ship")

@@ -37,7 +37,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from tests.foreign.sailing import Papers
+from studies.foreign.sailing import Papers
 
 WATER = 1025.0
 KNOT = 1852.0 / 3600.0

@@ -19,8 +19,9 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from tests.foreign import mariner, mmg, s175, sailing
-from tests.foreign.sailing import CALM, SENSORS, Trial, Weather
+from studies.foreign import mariner, mmg, s175, sailing
+from studies.foreign.sailing import CALM, SENSORS, Trial, Weather
+from studies.population.judged_ship import DrawnShip
 
 HULLS = ("tanker", "cargo ship", "cross flow", "mariner", "s175")
 """Kinds of ships, of equal probability."""
@@ -38,7 +39,7 @@ _USUAL = (Trial("circle", 35.0, side="port"), Trial("circle", 35.0), Trial("zigz
 _LASTS = {"zigzag": 20.0, "circle": 14.0, "pull-out": 20.0}  # L/U, of a record
 
 
-def drawn(rng: np.random.Generator) -> ps.DrawnShip:
+def drawn(rng: np.random.Generator) -> DrawnShip:
     """Draw a ship that turns and checks her yaw as ships do, and the conditions of her trials.
 
     Raises
@@ -77,7 +78,7 @@ def drawn(rng: np.random.Generator) -> ps.DrawnShip:
         trial = Trial("stop", 0.0, astern=test.astern, reversal=test.reversal)
         return sailing.sail(ship, trial, duration=duration)
 
-    return ps.DrawnShip(hull, vessel, sail, record, stop if hull in FINITE_AT_REST else None)
+    return DrawnShip(hull, vessel, sail, record, stop if hull in FINITE_AT_REST else None)
 
 
 def as_trial(manoeuvre: Manoeuvre) -> Trial:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import xarray as xr
 
-from tests.foreign import mmg, sailing
-from tests.foreign.mariner import Mariner
-from tests.foreign.s175 import S175
-from tests.foreign.sailing import CALM, SENSORS, Sensors, Trial, Weather
+from studies.foreign import mmg, sailing
+from studies.foreign.mariner import Mariner
+from studies.foreign.s175 import S175
+from studies.foreign.sailing import CALM, SENSORS, Sensors, Trial, Weather
 
 SHIPS = {
     "kvlcc2": mmg.kvlcc2,

@@ -7,11 +7,11 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from pymc_ship.experiments import coverage
-from pymc_ship.experiments.figures import coverage_by_index, motion_by_lead, reliability
 from pymc_ship.ships.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
 from pymc_ship.ships.forecasting.motion_error import TYPICAL as OF_MOTION
-from tests.experiments.ships import columns
+from studies.population import coverage
+from studies.population.figures import coverage_by_index, motion_by_lead, reliability
+from studies.tests.population.ships import columns
 
 
 def test_coverage_is_that_of_the_draws_and_that_of_narrow_ones_falls_out():

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from tests.foreign import mmg, sailing
-from tests.foreign.cases import SHIPS
-from tests.foreign.mariner import Mariner
-from tests.foreign.s175 import S175
-from tests.foreign.sailing import CALM, SENSORS, Trial, Weather
+from studies.foreign import mmg, sailing
+from studies.foreign.cases import SHIPS
+from studies.foreign.mariner import Mariner
+from studies.foreign.s175 import S175
+from studies.foreign.sailing import CALM, SENSORS, Trial, Weather
 
 STILL = (0.0, 0.0, 0.0, 0.0)
 SYMMETRIC = {

@@ -11,14 +11,14 @@ import pymc_ship as ps
 from pymc_ship.physics.motion.equations import scheme, set_parts, state_derivative, workspace
 from pymc_ship.physics.vessel.parts import with_parts
 from pymc_ship.physics.vessel.vessel import Rudder, Vessel, coefficient_names
-from tests.foreign.mmg import kvlcc2
+from studies.foreign.mmg import kvlcc2
 
 BODY = ("added mass", "hull", "propeller", "rudder")
 
 
 def published(tmp_path) -> tuple[Vessel, dict[str, float]]:
     """The tanker as a vessel of parts, and her published coefficients as parameters."""
-    from tests.foreign.sailing import vessel_file
+    from studies.foreign.sailing import vessel_file
 
     ship = kvlcc2()
     path = tmp_path / "tanker.toml"

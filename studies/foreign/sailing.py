@@ -72,6 +72,7 @@ class Trial:
 
     @property
     def label(self) -> str:
+        """Kind, angles [deg] and side."""
         if self.kind == "stop":
             return f"stop {self.astern:g}"
         angles = f"{self.rudder:g}" if self.kind == "circle" else f"{self.rudder:g}/{self.heading:g}"

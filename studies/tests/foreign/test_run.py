@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from tests.foreign import run, sailing
-from tests.foreign.cases import FOUR, SHIPS, named_cases
+from studies.foreign import run, sailing
+from studies.foreign.cases import FOUR, SHIPS, named_cases
 
 ROOMS = ("mmg", "mariner", "s175", "sailing", "cases")
 CASES = named_cases()
@@ -28,11 +28,11 @@ def test_a_simulator_shares_no_code_with_the_package(file):
     tree = ast.parse(Path(run.__file__).with_name(f"{file}.py").read_text(encoding="utf-8"))
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     names |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    allowed = {"__future__", "dataclasses", "json", "math", "numpy", "scipy", "xarray", "tests"}
+    allowed = {"__future__", "dataclasses", "json", "math", "numpy", "scipy", "xarray", "studies"}
     assert {name.split(".")[0] for name in names} <= allowed
-    assert {name for name in names if name.startswith("tests.")} <= {
-        "tests.foreign",
-        *(f"tests.foreign.{room}" for room in ROOMS),
+    assert {name for name in names if name.startswith("studies.")} <= {
+        "studies.foreign",
+        *(f"studies.foreign.{room}" for room in ROOMS),
     }
 
 
@@ -88,7 +88,7 @@ def played(monkeypatch, median):
     monkeypatch.setattr(ps, "identify_ship", lambda *args, **settings: Ship())
     monkeypatch.setattr(ps, "forecast_ship", forecast)
     monkeypatch.setattr(ps, "judged_trial", lambda record, path: record)
-    monkeypatch.setattr("tests.foreign.cases.Case.records", lambda self, seed: [])
+    monkeypatch.setattr("studies.foreign.cases.Case.records", lambda self, seed: [])
 
 
 def test_a_forecast_is_scored_against_the_truth(monkeypatch):
