@@ -64,33 +64,25 @@ def _regression(n_rows: int, n_terms: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _in_memory(n_rows: int, n_terms: int) -> Callable:
     X, y = _regression(n_rows, n_terms)
-    return lambda: ps.conjugate(ps.RegressionData.from_arrays(X, y), ps.ConjugatePrior())
-
-
-def _streamed(n_rows: int, n_terms: int) -> Callable:
-    X, y = _regression(n_rows, n_terms)
-    chunks = range(0, n_rows, 10000)
-    return lambda: ps.conjugate(
-        ps.stream_regression((X[k : k + 10000], y[k : k + 10000]) for k in chunks), ps.ConjugatePrior()
-    )
+    return lambda: ps.ConjugatePrior().exact(ps.RegressionData.from_arrays(X, y))
 
 
 def rows() -> Curve:
     """Exact posterior of 28 terms against the rows."""
-    methods = {"SVD in memory": lambda n: _in_memory(n, 28), "streamed": lambda n: _streamed(n, 28)}
+    methods = {"SVD in memory": lambda n: _in_memory(n, 28)}
     sizes = (400, 2000, 10_000, 100_000, 1_000_000)
     return _measured("rows", "rows", "exact posterior of 28 terms", sizes, methods)
 
 
 def terms() -> Curve:
     """Exact posterior of 4000 rows against the terms."""
-    methods = {"SVD in memory": lambda n: _in_memory(4000, n), "streamed": lambda n: _streamed(4000, n)}
+    methods = {"SVD in memory": lambda n: _in_memory(4000, n)}
     return _measured("terms", "terms", "exact posterior of 4000 rows", (5, 10, 20, 50, 100, 200), methods)
 
 
 def draws(data, prior) -> Curve:
     """Independent draws and Gibbs draws of one regression against their number."""
-    exact = ps.semiconjugate(data, prior)
+    exact = prior.exact(data)
 
     def gibbs(n: int) -> Callable:
         return lambda: ps.gibbs(data, prior, draws=n // 4, chains=4, tune=0, rng=np.random.default_rng(0))

@@ -68,7 +68,6 @@ def measurements(study: bool) -> Iterator[Callable[[], Iterator[Row]]]:
     yield partial(regression.sampling, data, prior)
     yield partial(regression.mcmcpack, data, prior)
     yield partial(regression.bayesian_ridge, data)
-    yield regression.million_rows
     yield partial(regression.nuts, data)
     yield processes.first_run
     yield partial(processes.trajectory_report, vessel, noisy)

@@ -12,8 +12,6 @@ from pymc_ship.inference.regression.calibration import coverage as coverage
 from pymc_ship.inference.regression.calibration import geweke as geweke
 from pymc_ship.inference.regression.calibration import simulation_based_calibration as simulation_based_calibration
 from pymc_ship.inference.regression.conjugate import ConjugatePrior as ConjugatePrior
-from pymc_ship.inference.regression.conjugate import conjugate as conjugate
-from pymc_ship.inference.regression.conjugate import conjugate_posterior as conjugate_posterior
 from pymc_ship.inference.regression.families import register_family as register_family
 from pymc_ship.inference.regression.identify import Identification as Identification
 from pymc_ship.inference.regression.identify import identify as identify
@@ -28,8 +26,7 @@ from pymc_ship.inference.regression.priors import ExactPosterior as ExactPosteri
 from pymc_ship.inference.regression.priors import Prior as Prior
 from pymc_ship.inference.regression.priors import PriorError as PriorError
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior as SemiConjugatePrior
-from pymc_ship.inference.regression.semiconjugate import semiconjugate as semiconjugate
-from pymc_ship.inference.regression.semiconjugate import semiconjugate_posterior as semiconjugate_posterior
+from pymc_ship.inference.regression.tree import exact_posterior as exact_posterior
 from pymc_ship.inference.regression.tree import read_posterior as read_posterior
 from pymc_ship.inference.regression.tree import write_posterior as write_posterior
 from pymc_ship.inference.regression.tune import maximise_evidence as maximise_evidence
@@ -37,8 +34,6 @@ from pymc_ship.inference.regression.tune import tune_prior as tune_prior
 from pymc_ship.inference.rows.data import RegressionData as RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data as regression_data
 from pymc_ship.inference.rows.scaling import RegressionDataError as RegressionDataError
-from pymc_ship.inference.rows.streamed import StreamedRegression as StreamedRegression
-from pymc_ship.inference.rows.streamed import stream_regression as stream_regression
 from pymc_ship.inference.rows.weak_form import coefficient_scales as coefficient_scales
 from pymc_ship.inference.rows.weak_form import weak_form_start as weak_form_start
 from pymc_ship.inference.sampling.gibbs import gibbs as gibbs

@@ -7,7 +7,6 @@ import nutpie
 import pytest
 from scipy import stats
 
-import pymc_ship as ps
 from pymc_ship.inference.sampling.hierarchical_model import marginal_model, reduced_groups, standardised_draws
 from tests.inference.sampling.test_hierarchical_model import GROUPS, PRIOR, SPREAD, columns, data_of, truth
 
@@ -37,7 +36,7 @@ def calibration(spread=SPREAD):
         of_each = of_means[:, None] + of_tau[:, None] * standard[:, 1:]
         found = np.column_stack([of_tau, of_means, of_each.reshape(KEPT, -1), of_variance])
         ranks.append((found < np.concatenate([tau, means, each.ravel(), variance])).sum(axis=0))
-        separate = [ps.semiconjugate(data.rows(columns()[1] == g), PRIOR).mean for g in range(GROUPS)]
+        separate = [PRIOR.exact(data.rows(columns()[1] == g)).mean for g in range(GROUPS)]
         errors.append([np.mean((of_each.mean(axis=0) - each) ** 2), np.mean((np.array(separate) - each) ** 2)])
     return np.array(ranks), np.array(errors)
 

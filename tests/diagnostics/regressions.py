@@ -21,7 +21,7 @@ def posterior(container, wave=0.0, draws=800):
     response = X @ container.coefficients("sway").values + noise
     labels = {"dof": "sway", "vessel": "container", "derivative": "euler"}
     data = ps.RegressionData.from_arrays(X, response, names, scaling="zscore", time=np.arange(120.0), **labels)
-    return ps.conjugate_posterior(data, ps.ConjugatePrior(kappa=1e4), draws=draws, chains=4, rng=rng)
+    return ps.exact_posterior(data, ps.ConjugatePrior(kappa=1e4), draws=draws, chains=4, rng=rng)
 
 
 def torn(tree):
@@ -47,9 +47,9 @@ def regression(seed=11):
 def three_ways(**changes):
     """Exact, Gibbs and NUTS draws of one posterior, those of NUTS (independent ones with its groups) last."""
     data, prior = regression()
-    exact = ps.conjugate_posterior(data, prior, draws=4000, rng=np.random.default_rng(1))
+    exact = ps.exact_posterior(data, prior, draws=4000, rng=np.random.default_rng(1))
     gibbs = ps.gibbs_posterior(data, prior, draws=1000, rng=np.random.default_rng(2))
-    nuts = ps.conjugate_posterior(data, prior, draws=4000, rng=np.random.default_rng(3))
+    nuts = ps.exact_posterior(data, prior, draws=4000, rng=np.random.default_rng(3))
     energy = np.random.default_rng(4).standard_normal((4, 1000))
     stats = {"diverging": np.zeros((4, 1000), dtype=bool), "energy": energy}
     stats = xr.Dataset({name: (("chain", "draw"), value) for name, value in stats.items()})

@@ -8,8 +8,8 @@ from scipy import stats
 
 from pymc_ship.diagnostics.agreement import agreement
 from pymc_ship.inference.regression.calibration import LEVEL
-from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
-from pymc_ship.inference.regression.tree import draws_tree
+from pymc_ship.inference.regression.conjugate import ConjugatePrior
+from pymc_ship.inference.regression.tree import draws_tree, exact_posterior
 from pymc_ship.inference.rows.data import RegressionData
 
 N_COMPARISONS = 5 * 4
@@ -27,7 +27,7 @@ PRIOR = ConjugatePrior(kappa=4.0, shape=5.0, scale=8.0)
 
 
 def right(seed=1, draws=8000):
-    return conjugate_posterior(regression(), PRIOR, draws=draws, rng=np.random.default_rng(seed))
+    return exact_posterior(regression(), PRIOR, draws=draws, rng=np.random.default_rng(seed))
 
 
 def tree_of(coefficients, noise_variance, **groups):
@@ -45,7 +45,7 @@ def changed(name, change):
 
 def wrong_prior(**changes):
     prior = ConjugatePrior(**{"kappa": 4.0, "shape": 5.0, "scale": 8.0} | changes)
-    return conjugate_posterior(regression(), prior, draws=8000, rng=np.random.default_rng(1))
+    return exact_posterior(regression(), prior, draws=8000, rng=np.random.default_rng(1))
 
 
 def half_shifted(coefficients):
@@ -66,7 +66,7 @@ def heavier_tails(coefficients):
 
 
 def test_right_draws_agree():
-    table = agreement(conjugate(regression(), PRIOR), {"first": right(1), "second": right(2)})
+    table = agreement(PRIOR.exact(regression()), {"first": right(1), "second": right(2)})
     assert table.attrs["comparisons"] == 2 * N_COMPARISONS
     assert table.attrs["z_limit"] == pytest.approx(stats.norm.isf(0.5 * LEVEL / (2 * N_COMPARISONS)))
     assert table["agrees"].all()
@@ -89,7 +89,7 @@ def test_right_draws_agree():
     ids=["reciprocal scale", "kappa squared", "shape", "order", "shifted", "wide", "tails", "sd for variance"],
 )
 def test_wrong_draws_exceed_the_limit(wrong):
-    table = agreement(conjugate(regression(), PRIOR), {"right": right(), "wrong": wrong()})
+    table = agreement(PRIOR.exact(regression()), {"right": right(), "wrong": wrong()})
     assert table["agrees"].values.tolist() == [True, False]
     assert table["largest_z"].sel({"method": "wrong"}) > table.attrs["z_limit"]
     assert "wrong DISAGREES" in table.attrs["verdict"]
@@ -97,14 +97,14 @@ def test_wrong_draws_exceed_the_limit(wrong):
 
 @pytest.mark.parametrize("change", [half_shifted, sticky])
 def test_chains_that_do_not_mix_are_flagged(change):
-    table = agreement(conjugate(regression(), PRIOR), {"chain": changed("coefficients", change)})
+    table = agreement(PRIOR.exact(regression()), {"chain": changed("coefficients", change)})
     assert table["r_hat"].max() > 1.01
     assert not table["agrees"].any()
 
 
 def test_a_stuck_chain_is_flagged():
     stuck = changed("coefficients", lambda b: np.broadcast_to([1.0, 2.0, 0.0], b.shape))
-    table = agreement(conjugate(regression(), PRIOR), {"stuck": stuck})
+    table = agreement(PRIOR.exact(regression()), {"stuck": stuck})
     assert not table["agrees"].any()
 
 
@@ -117,13 +117,13 @@ def test_divergences_are_counted_and_flagged():
         tree_of(*draws, sample_stats=xr.Dataset({"diverging": (("chain", "draw"), flags)}))
         for flags in (~diverging & False, diverging)
     )
-    table = agreement(conjugate(regression(), PRIOR), {"clean": clean, "broken": broken})
+    table = agreement(PRIOR.exact(regression()), {"clean": clean, "broken": broken})
     assert table["divergences"].values.tolist() == [0.0, 3.0]
     assert table["agrees"].values.tolist() == [True, False]
 
 
 def test_z_scores_of_right_draws_are_standard_normal():
-    exact = conjugate(regression(), PRIOR)
+    exact = PRIOR.exact(regression())
     table = agreement(exact, {f"run {seed}": right(seed, draws=2000) for seed in range(40)})
     assert table["agrees"].all()
     for name in ("z_mean", "z_sd", "z_quantile"):
@@ -133,7 +133,7 @@ def test_z_scores_of_right_draws_are_standard_normal():
 
 
 def test_table_holds_estimates_and_their_errors():
-    table = agreement(conjugate(regression(), PRIOR), {"exact": right()})
+    table = agreement(PRIOR.exact(regression()), {"exact": right()})
     b = right()["posterior"]["coefficients"].sel(coefficient="b").values
     row = table.sel({"method": "exact"}, drop=True)
     of_b = {name: value.item() for name, value in row.sel(quantity="b").data_vars.items() if value.ndim == 0}
@@ -155,7 +155,7 @@ def test_table_holds_estimates_and_their_errors():
 
 
 def test_exact_posterior_without_quantiles_is_compared_by_moments():
-    full = conjugate(regression(), PRIOR)
+    full = PRIOR.exact(regression())
     names = ("mean", "sd", "noise_variance_mean", "noise_variance_sd")
     table = agreement(SimpleNamespace(**{name: getattr(full, name) for name in names}), {"exact": right()})
     assert "z_quantile" not in table
@@ -164,7 +164,7 @@ def test_exact_posterior_without_quantiles_is_compared_by_moments():
 
 
 def test_table_survives_netcdf(tmp_path):
-    table = agreement(conjugate(regression(), PRIOR), {"exact": right()})
+    table = agreement(PRIOR.exact(regression()), {"exact": right()})
     table.to_netcdf(tmp_path / "agreement.nc")
     with xr.open_dataset(tmp_path / "agreement.nc") as read:
         xr.testing.assert_equal(read.load(), table)
@@ -172,9 +172,9 @@ def test_table_survives_netcdf(tmp_path):
 
 
 def test_posteriors_of_other_data_are_refused():
-    exact = conjugate(regression(), PRIOR)
+    exact = PRIOR.exact(regression())
     X = np.random.default_rng(1).normal(size=(30, 3))
-    other = conjugate_posterior(RegressionData.from_arrays(X, X[:, 0]), PRIOR, rng=np.random.default_rng(1))
+    other = exact_posterior(RegressionData.from_arrays(X, X[:, 0]), PRIOR, rng=np.random.default_rng(1))
     with pytest.raises(ValueError, match="found x1, x2, x3 in 'other'"):
         agreement(exact, {"right": right(), "other": other})
     with pytest.raises(ValueError, match="at least one posterior"):
@@ -187,13 +187,13 @@ def test_errors_that_are_not_normal_are_refused(errors):
     other = right()
     other.attrs["errors"] = errors
     with pytest.raises(ValueError, match=f"which is of normal errors, found {errors} errors in 'other'; leave it out"):
-        agreement(conjugate(regression(), PRIOR), {"right": right(), "other": other})
+        agreement(PRIOR.exact(regression()), {"right": right(), "other": other})
 
 
 def test_a_single_chain_is_compared_and_does_not_agree():
     """Its R-hat is not known."""
     single = changed("coefficients", lambda b: b)
     draws = [single["posterior"][name].values for name in ("coefficients", "noise_variance")]
-    table = agreement(conjugate(regression(), PRIOR), {"one": tree_of(*(values[:1] for values in draws))})
+    table = agreement(PRIOR.exact(regression()), {"one": tree_of(*(values[:1] for values in draws))})
     assert np.isfinite(table["largest_z"]).all()
     assert not table["agrees"].any()

@@ -8,6 +8,7 @@ import pymc_ship as ps
 from pymc_ship.diagnostics.agreement import comparisons
 from tests.diagnostics.cases import without
 from tests.diagnostics.regressions import regression, three_ways
+from tests.inference.regression.peers import exact_of
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -34,7 +35,7 @@ def test_draws_of_one_posterior_share_a_section_and_others_do_not():
 
 def test_saved_draws_are_compared_with_the_exact_posterior_itself():
     """Data and prior read from the exact draws give the agreement of the posterior they were drawn from."""
-    trees, exact = three_ways(), ps.conjugate(*regression())
+    trees, exact = three_ways(), exact_of(*regression())
     (found,) = comparisons(trees)
     xr.testing.assert_allclose(found.agreement, ps.agreement(exact, {"gibbs": trees["b"], "nuts": trees["c"]}))
     assert found.agreement["agrees"].all()

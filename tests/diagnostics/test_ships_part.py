@@ -29,7 +29,7 @@ def sway(container, zigzag_trial):
     """Posterior of the sway coefficients from a clean record by its own integrator, which is exact."""
     data = ps.regression_data(zigzag_trial, container, "sway", interval=1.0, derivative="weak_euler")
     prior = ps.ConjugatePrior(kappa=1e4, shape=2.0, scale=1e-6)
-    return ps.conjugate_posterior(data, prior, draws=800, rng=np.random.default_rng(7))
+    return ps.exact_posterior(data, prior, draws=800, rng=np.random.default_rng(7))
 
 
 def rng():

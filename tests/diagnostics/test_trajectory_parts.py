@@ -49,7 +49,7 @@ def regression():
     X = np.random.default_rng(1).standard_normal((60, 2))
     response = X.sum(axis=1) + 0.1 * np.random.default_rng(2).standard_normal(60)
     data = ps.RegressionData.from_arrays(X, response, ("Yv", "Yr"), dof="sway", vessel="raft")
-    return ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=2400, chains=4, rng=np.random.default_rng(3))
+    return ps.exact_posterior(data, ps.ConjugatePrior(), draws=2400, chains=4, rng=np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")

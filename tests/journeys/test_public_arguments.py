@@ -65,10 +65,10 @@ def test_an_integer_and_a_seed_sequence_stand_for_their_generators(trial, data):
     assert noisy(np.random.SeedSequence(3)).identical(noisy(np.int64(3)))
     assert not noisy(3).identical(noisy(4))
     prior = ps.ConjugatePrior()
-    for posterior in (ps.conjugate_posterior, ps.gibbs_posterior):
+    for posterior in (ps.exact_posterior, ps.gibbs_posterior):
         trees = [posterior(data, prior, draws=40, rng=rng) for rng in (3, np.random.default_rng(3))]
         assert trees[0].identical(trees[1])
-    exact, (scaled, _) = ps.conjugate(data, prior), prior.draw(2, 3, (5,))
+    exact, (scaled, _) = prior.exact(data), prior.draw(2, 3, (5,))
     np.testing.assert_array_equal(exact.draw(5, 3)[0], exact.draw(5, np.random.default_rng(3))[0])
     np.testing.assert_array_equal(scaled, prior.draw(2, np.random.default_rng(3), (5,))[0])
 
@@ -145,7 +145,7 @@ def test_several_manoeuvres_or_posteriors_are_refused_with_a_sentence(data):
         for given in (turns, "zigzag"):
             with pytest.raises(ps.ManoeuvreError, match=r"^One manoeuvre is meant, made by .*; give one of these\.$"):
                 called(name, manoeuvre=given, **rest)
-    tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
+    tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
     for given in ([tree], {"yaw": "posterior.nc"}, "posterior.nc"):
         with pytest.raises(ps.VesselError, match=r"^A forecast takes one joint posterior or posteriors by degree of"):
             ps.forecast(posteriors=given, manoeuvre=turns[0], **rest)

@@ -34,7 +34,7 @@ def plain_trees(names=("surge", "sway"), n_terms=3):
     X = rng.normal(size=(40, n_terms))
     data = ps.RegressionData.from_arrays(X, X.sum(axis=1) + rng.normal(size=40))
     prior = ps.ConjugatePrior(kappa=10.0)
-    return {name: ps.conjugate_posterior(data, prior, draws=400, rng=rng) for name in names}
+    return {name: ps.exact_posterior(data, prior, draws=400, rng=rng) for name in names}
 
 
 def denoising():

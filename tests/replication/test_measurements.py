@@ -9,7 +9,6 @@ import xarray as xr
 from scipy.stats import invgamma
 
 import pymc_ship as ps
-from pymc_ship.inference.regression.conjugate import conjugate
 from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.replication.measurements import (
@@ -180,7 +179,7 @@ def plain():
     rng = np.random.default_rng(8)
     X = rng.normal(size=(N_ROWS, N_TERMS))
     data = ps.RegressionData.from_arrays(X, X.sum(axis=1) + rng.normal(size=N_ROWS))
-    exact = conjugate(data, ps.ConjugatePrior(kappa=10.0, shape=3.0, scale=2.0))
+    exact = ps.ConjugatePrior(kappa=10.0, shape=3.0, scale=2.0).exact(data)
     return SimpleNamespace(exact={"conjugate": {"plain": exact}})
 
 

@@ -74,7 +74,7 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
     >>> draws = ps.gibbs_posterior(data, prior, draws=500, rng=np.random.default_rng(1))
-    >>> table = ps.agreement(ps.semiconjugate(data, prior), {"gibbs": draws})
+    >>> table = ps.agreement(prior.exact(data), {"gibbs": draws})
     >>> table["agrees"].sel({"method": "gibbs"}).item()
     True
     """

@@ -87,3 +87,8 @@ def largest_z(coefficients, noise_variance, exact):
         z.append((x.mean() - truth[0][j]) / float(az.mcse(x, method="mean")))
         z.append((x.std() - truth[1][j]) / float(az.mcse(x, method="sd")))
     return np.abs(z).max(), len(z)
+
+
+def exact_of(data, prior):
+    """Exact posterior of a pair of data and prior."""
+    return prior.exact(data)

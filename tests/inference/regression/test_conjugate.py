@@ -10,10 +10,10 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
-from pymc_ship.inference.regression.tree import rng_state
+from pymc_ship.inference.regression.conjugate import ConjugatePrior
+from pymc_ship.inference.regression.tree import exact_posterior, rng_state
 from pymc_ship.inference.rows.data import RegressionData
-from tests.inference.regression.peers import largest_z, oracle, simulated, z_limit
+from tests.inference.regression.peers import exact_of, largest_z, oracle, simulated, z_limit
 
 SHAPES = [(12, 3), (3, 7), (5, 5), (1, 2)]
 """Rows and terms: more rows, more terms, as many, and a single row."""
@@ -37,7 +37,7 @@ class TestOracle:
     @pytest.mark.parametrize("name", ["ds1", "ds2"])
     def test_posterior_and_evidence(self, name):
         known = oracle(name)
-        exact = conjugate(known.data, ConjugatePrior(kappa=known.kappa, shape=known.shape, scale=known.scale))
+        exact = ConjugatePrior(kappa=known.kappa, shape=known.shape, scale=known.scale).exact(known.data)
         np.testing.assert_allclose(exact.mean, known.conjugate["mean"], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(exact.t_scale, known.conjugate["t_scale"], rtol=1e-9)
         assert exact.degrees_of_freedom == known.conjugate["df"]
@@ -56,44 +56,42 @@ class TestEvidence:
     def test_it_is_the_multivariate_t_density_of_the_response(self, n_rows, n_terms):
         data, prior = simulated(n_rows, n_terms, seed=1), vector_prior(n_terms)
         known = dense_evidence(data.design_matrix, data.response, prior)
-        assert conjugate(data, prior).log_evidence == pytest.approx(known, abs=1e-10)
+        assert prior.exact(data).log_evidence == pytest.approx(known, abs=1e-10)
 
     def test_the_reciprocal_scale_of_the_paper_is_told_apart(self):
         data, prior = simulated(12, 3, seed=1), vector_prior(3)
         twin = replace(prior, scale=1.0 / prior.scale)
-        assert abs(conjugate(data, twin).log_evidence - dense_evidence(data.design_matrix, data.response, prior)) > 0.1
+        assert abs(twin.exact(data).log_evidence - dense_evidence(data.design_matrix, data.response, prior)) > 0.1
 
     @pytest.mark.parametrize(("n_rows", "n_terms"), [(12, 3), (4, 7)])
     def test_it_is_the_product_of_one_step_ahead_predictives(self, n_rows, n_terms):
         data, prior = simulated(n_rows, n_terms, seed=2), vector_prior(n_terms)
-        total = conjugate(data.rows(np.arange(1)), prior).log_evidence
+        total = prior.exact(data.rows(np.arange(1))).log_evidence
         for k in range(1, n_rows):
             step = data.rows(np.arange(k, k + 1))
-            exact = conjugate(data.rows(np.arange(k)), prior)
+            exact = prior.exact(data.rows(np.arange(k)))
             total += exact.log_predictive_density(step.design_matrix, step.response)
-        assert total == pytest.approx(conjugate(data, prior).log_evidence, abs=1e-10)
+        assert total == pytest.approx(prior.exact(data).log_evidence, abs=1e-10)
 
     @pytest.mark.parametrize(("n_rows", "n_terms"), [(12, 3), (6, 7)])
     def test_the_joint_predictive_is_a_ratio_of_evidences(self, n_rows, n_terms):
         data, prior = simulated(n_rows, n_terms, seed=3), vector_prior(n_terms)
         old, new = data.rows(np.arange(5)), data.rows(np.arange(5, n_rows))
-        joint = conjugate(old, prior).log_predictive_density(new.design_matrix, new.response)
-        assert joint == pytest.approx(
-            conjugate(data, prior).log_evidence - conjugate(old, prior).log_evidence, abs=1e-10
-        )
+        joint = prior.exact(old).log_predictive_density(new.design_matrix, new.response)
+        assert joint == pytest.approx(prior.exact(data).log_evidence - prior.exact(old).log_evidence, abs=1e-10)
 
 
 class TestUpdating:
     def test_two_batches_give_the_posterior_of_one(self):
         """The posterior of the first rows, diagonal in rotated coordinates, is the prior of the rest."""
         data, prior = simulated(40, 6, seed=4), vector_prior(6)
-        first = conjugate(data.rows(np.arange(15)), prior)
+        first = prior.exact(data.rows(np.arange(15)))
         rest = data.rows(np.arange(15, 40))
         rotated = RegressionData.from_arrays(
             rest.design_matrix @ first.basis.T, rest.response - rest.design_matrix @ first.center
         )
         update = ConjugatePrior(mean=first.location, kappa=first.spread, shape=first.shape, scale=first.scale)
-        second, whole = conjugate(rotated, update), conjugate(data, prior)
+        second, whole = update.exact(rotated), prior.exact(data)
         np.testing.assert_allclose(first.center + second.mean @ first.basis, whole.mean, rtol=0.0, atol=1e-10)
         np.testing.assert_allclose(
             first.basis.T @ second.covariance @ first.basis, whole.covariance, rtol=0.0, atol=1e-10
@@ -115,7 +113,7 @@ class TestScaling:
             shape=prior.shape,
             scale=prior.scale * scaled.response_scale**2,
         )
-        one, other = conjugate(scaled, prior), conjugate(RegressionData.from_arrays(X, y), plain_prior)
+        one, other = prior.exact(scaled), plain_prior.exact(RegressionData.from_arrays(X, y))
         np.testing.assert_allclose(one.mean, other.mean, rtol=1e-10)
         np.testing.assert_allclose(one.sd, other.sd, rtol=1e-10)
         assert one.noise_variance_mean == pytest.approx(other.noise_variance_mean, rel=1e-10)
@@ -127,7 +125,7 @@ class TestScaling:
         data = RegressionData.from_arrays(X, 1e-4 * (X @ [1.0, 2.0, 3.0] + rng.standard_normal(30)), scaling="zscore")
         plain = RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response)
         prior = vector_prior(3)
-        one, other = conjugate(data, prior), conjugate(plain, prior)
+        one, other = prior.exact(data), prior.exact(plain)
         np.testing.assert_allclose(one.mean, data.to_original(other.mean), rtol=1e-10)
         T = data.transformation[1]
         np.testing.assert_allclose(one.covariance, T @ other.covariance @ T.T, rtol=1e-9, atol=1e-20)
@@ -139,8 +137,8 @@ class TestScaling:
         data, prior = simulated(30, 4, seed=7), vector_prior(4)
         large = RegressionData.from_arrays(data.design_matrix * [1e6, 1.0, 1e6, 1.0], data.response)
         factor = np.array([1e6, 1.0, 1e6, 1.0])
-        one = conjugate(data, prior)
-        other = conjugate(large, replace(prior, mean=prior.mean / factor, kappa=prior.kappa / factor**2))
+        one = prior.exact(data)
+        other = replace(prior, mean=prior.mean / factor, kappa=prior.kappa / factor**2).exact(large)
         np.testing.assert_allclose(other.mean * factor, one.mean, rtol=1e-10)
         assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-10)
 
@@ -174,7 +172,7 @@ class TestNumerics:
     def test_an_offset_of_a_million_is_harmless(self):
         X, y = self.offset_data()
         mean, fit = rational_posterior(X, y, 1e13)
-        exact = conjugate(RegressionData.from_arrays(X, y), ConjugatePrior(kappa=1e13, shape=2.0, scale=1e-3))
+        exact = ConjugatePrior(kappa=1e13, shape=2.0, scale=1e-3).exact(RegressionData.from_arrays(X, y))
         np.testing.assert_allclose(exact.mean, mean, rtol=1e-8)
         assert exact.scale - 1e-3 == pytest.approx(fit, rel=1e-6)
 
@@ -186,8 +184,8 @@ class TestNumerics:
 
     def test_a_prior_mean_at_the_offset_leaves_the_posterior_where_it_was(self):
         X, y = self.offset_data()
-        low = conjugate(RegressionData.from_arrays(X, y - 1e6), ConjugatePrior(kappa=10.0))
-        high = conjugate(RegressionData.from_arrays(X, y), ConjugatePrior(mean=[1e6, 0.0, 0.0, 0.0], kappa=10.0))
+        low = ConjugatePrior(kappa=10.0).exact(RegressionData.from_arrays(X, y - 1e6))
+        high = ConjugatePrior(mean=[1e6, 0.0, 0.0, 0.0], kappa=10.0).exact(RegressionData.from_arrays(X, y))
         np.testing.assert_allclose(high.mean - [1e6, 0.0, 0.0, 0.0], low.mean, atol=1e-8)
         assert high.log_evidence == pytest.approx(low.log_evidence, abs=1e-7)
 
@@ -196,16 +194,16 @@ class TestLimits:
     def test_a_vague_prior_gives_least_squares(self):
         data = simulated(50, 4, seed=10)
         least_squares = np.linalg.lstsq(data.design_matrix, data.response, rcond=None)[0]
-        np.testing.assert_allclose(conjugate(data, ConjugatePrior(kappa=1e12)).mean, least_squares, rtol=1e-8)
+        np.testing.assert_allclose(ConjugatePrior(kappa=1e12).exact(data).mean, least_squares, rtol=1e-8)
 
     def test_a_firm_prior_gives_its_mean(self):
-        exact = conjugate(simulated(50, 4, seed=10), ConjugatePrior(mean=[1.0, 2.0, 3.0, 4.0], kappa=1e-12))
+        exact = ConjugatePrior(mean=[1.0, 2.0, 3.0, 4.0], kappa=1e-12).exact(simulated(50, 4, seed=10))
         np.testing.assert_allclose(exact.mean, [1.0, 2.0, 3.0, 4.0], rtol=1e-8)
 
     @pytest.mark.parametrize(("n_rows", "n_terms"), SHAPES[:3])
     def test_moments_are_those_of_the_normal_equations(self, n_rows, n_terms):
         data, prior = simulated(n_rows, n_terms, seed=11), vector_prior(n_terms)
-        X, y, exact = data.design_matrix, data.response, conjugate(data, prior)
+        X, y, exact = data.design_matrix, data.response, prior.exact(data)
         covariance = np.linalg.inv(np.diag(1.0 / prior.kappa) + X.T @ X)
         mean = covariance @ (prior.mean / prior.kappa + X.T @ y)
         np.testing.assert_allclose(exact.mean, mean, atol=1e-10)
@@ -214,13 +212,13 @@ class TestLimits:
         assert exact.scale == pytest.approx(prior.scale + 0.5 * square, rel=1e-12)
 
     def test_moments_that_do_not_exist_are_infinite(self):
-        exact = conjugate(simulated(1, 2, seed=1), ConjugatePrior(shape=0.25))
+        exact = ConjugatePrior(shape=0.25).exact(simulated(1, 2, seed=1))
         assert exact.noise_variance_mean == exact.noise_variance_sd == np.inf
 
 
 @pytest.fixture(scope="module")
 def exact():
-    return conjugate(simulated(20, 3, seed=12), vector_prior(3))
+    return vector_prior(3).exact(simulated(20, 3, seed=12))
 
 
 class TestDistributions:
@@ -266,18 +264,18 @@ class TestDraws:
     def z(self, drawn, seed=1, draws=40_000):
         coefficients, noise_variance = drawn.draw(draws, np.random.default_rng(seed))
         layout = coefficients.reshape(4, -1, 3), noise_variance.reshape(4, -1)
-        return largest_z(*layout, conjugate(*case()))
+        return largest_z(*layout, exact_of(*case()))
 
     def test_their_moments_are_exact(self):
-        z, comparisons = self.z(conjugate(*case()))
+        z, comparisons = self.z(exact_of(*case()))
         assert z < z_limit(comparisons)
 
     @pytest.mark.parametrize(
         "broken",
         [
-            lambda data, prior: replace(conjugate(data, prior), shape=prior.shape + 0.5 * (20 + 3)),
-            lambda data, prior: conjugate(data, replace(prior, scale=1.0 / prior.scale)),
-            lambda data, prior: conjugate(data.rows(np.arange(19)), prior),
+            lambda data, prior: replace(prior.exact(data), shape=prior.shape + 0.5 * (20 + 3)),
+            lambda data, prior: replace(prior, scale=1.0 / prior.scale).exact(data),
+            lambda data, prior: prior.exact(data.rows(np.arange(19))),
         ],
         ids=["full conditional as marginal", "reciprocal scale", "a row short"],
     )
@@ -287,7 +285,7 @@ class TestDraws:
 
     def test_coefficients_and_noise_variance_belong_together(self):
         """Given its sigma2, a standardised draw is standard normal: kurtosis 3, while marginally it is that of a t."""
-        exact = conjugate(*case())
+        exact = exact_of(*case())
         coefficients, noise_variance = exact.draw(40_000, np.random.default_rng(3))
         scale = np.sqrt(exact.spread @ exact.basis**2)
         standard = (coefficients - exact.mean) / scale / np.sqrt(noise_variance)[:, None]
@@ -301,7 +299,7 @@ class TestDraws:
 
 class TestTree:
     def test_draws_are_dealt_to_chains_and_worth_their_number(self):
-        tree = conjugate_posterior(*case(), draws=4000, rng=np.random.default_rng(1))
+        tree = exact_posterior(*case(), draws=4000, rng=np.random.default_rng(1))
         posterior = tree["posterior"]
         assert dict(posterior.sizes) == {"chain": 4, "draw": 1000, "coefficient": 3}
         ess = az.ess(posterior.dataset)
@@ -314,11 +312,11 @@ class TestTree:
         rng = np.random.default_rng(2)
         rng.standard_normal(7)
         state = rng_state(rng)
-        one = conjugate_posterior(*case(), draws=40, rng=rng)
-        other = conjugate_posterior(*case(), draws=40, rng=rng)
+        one = exact_posterior(*case(), draws=40, rng=rng)
+        other = exact_posterior(*case(), draws=40, rng=rng)
         assert one.attrs["rng_state"] == state != other.attrs["rng_state"]
         again = np.random.default_rng()
         again.bit_generator.state = json.loads(state)
-        repeated = conjugate_posterior(*case(), draws=40, rng=again)
+        repeated = exact_posterior(*case(), draws=40, rng=again)
         assert repeated.identical(one)
         assert not one["posterior"].identical(other["posterior"])

@@ -43,7 +43,7 @@ def test_evidence_selects_the_evidence_maximum_and_the_posterior_is_exact(found)
     assert found.priors["conjugate"]["yaw"] == prior
     assert found.exact["conjugate"]["yaw"].log_evidence == pytest.approx(log_evidence, rel=1e-12)
     for dof, data in found.data.items():
-        expected = ps.conjugate(data, found.priors["conjugate"][dof]).mean
+        expected = found.priors["conjugate"][dof].exact(data).mean
         np.testing.assert_array_equal(found.exact["conjugate"][dof].mean, expected)
         np.testing.assert_array_equal(found.coefficients("conjugate")[dof], expected)
 

@@ -14,7 +14,7 @@ from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
-from pymc_ship.inference.regression.tree import independent_posterior, read_posterior, write_posterior
+from pymc_ship.inference.regression.tree import exact_posterior, read_posterior, write_posterior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.predictive import prior_draws
 from pymc_ship.replication.figures import noise_variance
@@ -51,7 +51,7 @@ def root(**changes):
 
 def drawn(prior, draws=400):
     data = scaled()
-    return independent_posterior(data, prior, prior.exact(data).draw, draws=draws, rng=np.random.default_rng(2))
+    return exact_posterior(data, prior, draws=draws, rng=np.random.default_rng(2))
 
 
 # the exact posterior --------------------------------------------------------------------------------------------------
@@ -161,7 +161,7 @@ def test_gibbs_serves_a_family_of_power_one_and_refuses_one_of_a_half():
     "settings",
     [
         {},
-        pytest.param({"parametrisation": "direct"}, marks=pytest.mark.consistency),
+        pytest.param({"sampler": "pymc"}, marks=pytest.mark.consistency),
         pytest.param({"errors": "student_t"}, marks=pytest.mark.consistency),
     ],
 )

@@ -9,8 +9,8 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.prior_table import hold_fixed, informed_prior, restore_fixed, sister_ship_table
-from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, semiconjugate_posterior
-from pymc_ship.inference.regression.tree import read_posterior, write_posterior
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.inference.regression.tree import exact_posterior, read_posterior, write_posterior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
@@ -127,7 +127,7 @@ class TestRestored:
         data = hold_fixed(whole, values)
         names = set(data.coefficients)
         prior = informed_prior(data, SemiConjugatePrior(), sister_ship_table(container, "yaw", names=names))
-        drawn = semiconjugate_posterior(data, prior, draws=40, rng=np.random.default_rng(1))
+        drawn = exact_posterior(data, prior, draws=40, rng=np.random.default_rng(1))
         yaw = restore_fixed(drawn, values, whole.coefficients)
         rows = coefficient_draws(container, {"yaw": yaw}, 20, np.random.default_rng(2))
         before = sum(len(container.terms(dof)) for dof in ("surge", "sway"))

@@ -5,7 +5,6 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.streamed import stream_regression
 
 PRIOR = {"kappa": 10.0, "shape": 3.0, "scale": 0.5}
 
@@ -42,27 +41,17 @@ def test_regression_data():
     assert short(repr(plain))[2] == "  columns   not centred, scales 1 to 1"
 
 
-def test_streamed_regression():
-    X, y, names = rows()
-    one = stream_regression([(X[:25], y[:25]), (X[25:], y[25:])], names, scaling="zscore")
-    assert short(repr(one)) == ["StreamedRegression of 40 rows and 3 terms", *repr(data()).splitlines()[1:]]
-
-
 @pytest.mark.parametrize(
-    ("exact", "prior", "name"),
-    [
-        (ps.conjugate, ps.ConjugatePrior, "NormalInverseGamma"),
-        (ps.semiconjugate, ps.SemiConjugatePrior, "NormalMixture"),
-    ],
+    ("prior", "name"), [(ps.ConjugatePrior, "NormalInverseGamma"), (ps.SemiConjugatePrior, "NormalMixture")]
 )
-def test_an_exact_posterior(exact, prior, name):
-    found = exact(data(), prior(**PRIOR))
+def test_an_exact_posterior(prior, name):
+    found = prior(**PRIOR).exact(data())
     assert short(repr(found)) == [
         f"{name} of 3 coefficients, log evidence {found.log_evidence:.6g}",
         f"  noise variance  {found.noise_variance_mean:.4g} ± {found.noise_variance_sd:.2g}",
         *(f"  Y{k}              {found.mean[k]:.4g} ± {found.sd[k]:.2g}" for k in range(3)),
     ]
-    many = short(repr(exact(data(20), prior(**PRIOR))))
+    many = short(repr(prior(**PRIOR).exact(data(20))))
     assert many[-2].startswith("  Y7  ")
     assert many[-1] == "  and 12 more"
 

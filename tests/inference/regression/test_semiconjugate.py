@@ -10,10 +10,11 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, semiconjugate, semiconjugate_posterior
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.rows.data import RegressionData
 from tests.inference.regression.cases import case, dense, two_modes, vector_prior
-from tests.inference.regression.peers import largest_z, oracle, simulated, z_limit
+from tests.inference.regression.peers import exact_of, largest_z, oracle, simulated, z_limit
 
 
 def more_terms():
@@ -27,13 +28,13 @@ def known(request):
 
 @pytest.fixture(scope="module", params=[case, two_modes, more_terms], ids=lambda function: function.__name__)
 def exact(request):
-    return semiconjugate(*request.param())
+    return exact_of(*request.param())
 
 
 class TestOracle:
     def posterior(self, known):
         prior = SemiConjugatePrior(kappa=known.kappa, shape=known.shape, scale=known.scale)
-        return semiconjugate(known.data, prior)
+        return prior.exact(known.data)
 
     def test_moments(self, known):
         exact = self.posterior(known)
@@ -64,26 +65,26 @@ class TestEvidence:
     def test_it_is_the_product_of_one_step_ahead_predictives(self, n_rows, n_terms, pointwise):
         """``pointwise`` goes through the mixture, a single row jointly through a ratio of evidences."""
         data, prior = simulated(n_rows, n_terms, seed=2), vector_prior(n_terms)
-        total = semiconjugate(data.rows(np.arange(1)), prior).log_evidence
+        total = prior.exact(data.rows(np.arange(1))).log_evidence
         for k in range(1, n_rows):
             step = data.rows(np.arange(k, k + 1))
-            exact = semiconjugate(data.rows(np.arange(k)), prior)
+            exact = prior.exact(data.rows(np.arange(k)))
             total += np.sum(exact.log_predictive_density(step.design_matrix, step.response, pointwise=pointwise))
-        assert total == pytest.approx(semiconjugate(data, prior).log_evidence, abs=1e-10)
+        assert total == pytest.approx(prior.exact(data).log_evidence, abs=1e-10)
 
     @pytest.mark.parametrize(("n_rows", "n_terms"), [(12, 3), (6, 9)])
     def test_the_joint_predictive_is_a_ratio_of_evidences(self, n_rows, n_terms):
         data, prior = simulated(n_rows, n_terms, seed=3), vector_prior(n_terms)
         old, new = data.rows(np.arange(4)), data.rows(np.arange(4, n_rows))
-        joint = semiconjugate(old, prior).log_predictive_density(new.design_matrix, new.response)
-        ratio = semiconjugate(data, prior).log_evidence - semiconjugate(old, prior).log_evidence
+        joint = prior.exact(old).log_predictive_density(new.design_matrix, new.response)
+        ratio = prior.exact(data).log_evidence - prior.exact(old).log_evidence
         assert joint == pytest.approx(ratio, abs=1e-10)
 
     def test_a_known_noise_variance_leaves_a_normal_density(self):
         data = simulated(12, 3, seed=4)
         X, y = data.design_matrix, data.response
         known = stats.multivariate_normal.logpdf(y, np.zeros(12), 2.0 * X @ X.T + 0.8 * np.eye(12))
-        exact = semiconjugate(data, SemiConjugatePrior(kappa=2.0, shape=1e9, scale=0.8e9))
+        exact = SemiConjugatePrior(kappa=2.0, shape=1e9, scale=0.8e9).exact(data)
         assert exact.log_evidence == pytest.approx(known, abs=1e-5)
         ridge = np.linalg.solve(X.T @ X / 0.8 + np.eye(3) / 2.0, X.T @ y / 0.8)
         np.testing.assert_allclose(exact.mean, ridge, rtol=1e-7)
@@ -102,7 +103,7 @@ class TestScaling:
             shape=prior.shape,
             scale=prior.scale * scaled.response_scale**2,
         )
-        one, other = semiconjugate(scaled, prior), semiconjugate(RegressionData.from_arrays(X, y), plain_prior)
+        one, other = prior.exact(scaled), plain_prior.exact(RegressionData.from_arrays(X, y))
         np.testing.assert_allclose(one.mean, other.mean, rtol=1e-10)
         np.testing.assert_allclose(one.sd, other.sd, rtol=1e-10)
         assert one.noise_variance_mean == pytest.approx(other.noise_variance_mean, rel=1e-10)
@@ -113,7 +114,7 @@ class TestScaling:
         X = np.column_stack([rng.normal([3.0, -8.0], 1.0, (30, 2)), np.full(30, 2.0)])
         data = RegressionData.from_arrays(X, 1e-4 * (X @ [1.0, 2.0, 3.0] + rng.standard_normal(30)), scaling="zscore")
         plain = RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response)
-        one, other = semiconjugate(data, vector_prior(3)), semiconjugate(plain, vector_prior(3))
+        one, other = vector_prior(3).exact(data), vector_prior(3).exact(plain)
         np.testing.assert_allclose(one.mean, data.to_original(other.mean), rtol=1e-10)
         T = data.transformation[1]
         np.testing.assert_allclose(one.covariance, T @ other.covariance @ T.T, rtol=1e-9, atol=1e-20)
@@ -124,9 +125,9 @@ class TestScaling:
         X = np.column_stack([np.ones(15), rng.standard_normal((15, 3))])
         y = X[:, 1:] @ [1.0, -2.0, 0.5] + 0.1 * rng.standard_normal(15)
         offset, factor = np.array([1e6, 0.0, 0.0, 0.0]), np.array([1.0, 1e6, 1e6, 1.0])
-        one = semiconjugate(RegressionData.from_arrays(X, y), SemiConjugatePrior(kappa=4.0))
+        one = SemiConjugatePrior(kappa=4.0).exact(RegressionData.from_arrays(X, y))
         prior = SemiConjugatePrior(mean=offset, kappa=4.0 / factor**2)
-        other = semiconjugate(RegressionData.from_arrays(X * factor, y + 1e6), prior)
+        other = prior.exact(RegressionData.from_arrays(X * factor, y + 1e6))
         np.testing.assert_allclose(other.mean * factor - offset, one.mean, atol=1e-8)
         np.testing.assert_allclose(other.sd * factor, one.sd, rtol=1e-8)
         assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-6)
@@ -136,8 +137,8 @@ class TestScaling:
         X = np.column_stack([np.ones(15), rng.standard_normal((15, 3))])
         y = X[:, 1:] @ [1.0, -2.0, 0.5] + 0.1 * rng.standard_normal(15)
         prior = SemiConjugatePrior(kappa=[1e22, 4.0, 4.0, 4.0])
-        one = semiconjugate(RegressionData.from_arrays(X, y), prior)
-        other = semiconjugate(RegressionData.from_arrays(X, y + 1e6), prior)
+        one = prior.exact(RegressionData.from_arrays(X, y))
+        other = prior.exact(RegressionData.from_arrays(X, y + 1e6))
         np.testing.assert_allclose(other.mean - [1e6, 0.0, 0.0, 0.0], one.mean, atol=1e-6)
         np.testing.assert_allclose(other.sd, one.sd, rtol=1e-6)
         assert other.noise_variance_mean == pytest.approx(one.noise_variance_mean, rel=1e-6)
@@ -147,11 +148,11 @@ class TestLimits:
     def test_a_vague_prior_gives_least_squares(self):
         data = simulated(50, 4, seed=10)
         least_squares = np.linalg.lstsq(data.design_matrix, data.response, rcond=None)[0]
-        np.testing.assert_allclose(semiconjugate(data, SemiConjugatePrior(kappa=1e12)).mean, least_squares, rtol=1e-8)
+        np.testing.assert_allclose(SemiConjugatePrior(kappa=1e12).exact(data).mean, least_squares, rtol=1e-8)
 
     def test_a_firm_prior_gives_its_mean_and_an_inverse_gamma(self):
         data = simulated(50, 4, seed=10)
-        exact = semiconjugate(data, SemiConjugatePrior(mean=[1.0, 2.0, 3.0, 4.0], kappa=1e-14, shape=2.0, scale=1.0))
+        exact = SemiConjugatePrior(mean=[1.0, 2.0, 3.0, 4.0], kappa=1e-14, shape=2.0, scale=1.0).exact(data)
         np.testing.assert_allclose(exact.mean, [1.0, 2.0, 3.0, 4.0], rtol=1e-8)
         square = np.sum((data.response - data.design_matrix @ [1.0, 2.0, 3.0, 4.0]) ** 2)
         known = stats.invgamma(27.0, scale=1.0 + 0.5 * square)
@@ -163,7 +164,7 @@ class TestLimits:
     def test_moments_with_more_terms_than_rows(self):
         """Mean and covariance by dense conditionals over a fine grid of sigma2."""
         data, prior = simulated(3, 5, seed=11), vector_prior(5)
-        X, y, exact = data.design_matrix, data.response, semiconjugate(data, prior)
+        X, y, exact = data.design_matrix, data.response, prior.exact(data)
         t = np.linspace(-12.0, 14.0, 4001)
         log_density = dense(X, y, prior, t)
         weights = np.exp(log_density - logsumexp(log_density))
@@ -175,7 +176,7 @@ class TestLimits:
         np.testing.assert_allclose(exact.covariance, covariance, atol=1e-9)
 
     def test_moments_that_do_not_exist_are_infinite(self):
-        exact = semiconjugate(simulated(1, 2, seed=1), SemiConjugatePrior(shape=0.25))
+        exact = SemiConjugatePrior(shape=0.25).exact(simulated(1, 2, seed=1))
         assert exact.noise_variance_mean == exact.noise_variance_sd == np.inf
 
 
@@ -232,19 +233,19 @@ class TestDraws:
     def z(self, drawn, seed=1, draws=40_000):
         coefficients, noise_variance = drawn.draw(draws, np.random.default_rng(seed))
         layout = coefficients.reshape(4, -1, 3), noise_variance.reshape(4, -1)
-        return largest_z(*layout, semiconjugate(*case()))
+        return largest_z(*layout, exact_of(*case()))
 
     def test_their_moments_are_exact(self):
-        z, comparisons = self.z(semiconjugate(*case()))
+        z, comparisons = self.z(exact_of(*case()))
         assert z < z_limit(comparisons)
 
     @pytest.mark.parametrize(
         "broken",
         [
-            lambda data, prior: semiconjugate(data, replace(prior, scale=1.0 / prior.scale)),
-            lambda data, prior: semiconjugate(data, replace(prior, shape=prior.shape + 1.5)),
-            lambda data, prior: semiconjugate(data.rows(np.arange(19)), prior),
-            lambda data, prior: replace(semiconjugate(data, prior), residual_square=0.0),
+            lambda data, prior: replace(prior, scale=1.0 / prior.scale).exact(data),
+            lambda data, prior: replace(prior, shape=prior.shape + 1.5).exact(data),
+            lambda data, prior: prior.exact(data.rows(np.arange(19))),
+            lambda data, prior: replace(prior.exact(data), residual_square=0.0),
         ],
         ids=["reciprocal scale", "full conditional as marginal", "a row short", "no residual"],
     )
@@ -254,7 +255,7 @@ class TestDraws:
 
     @pytest.mark.parametrize("made", [case, two_modes])
     def test_the_noise_variance_falls_evenly_between_its_quantiles(self, made):
-        exact, draws, probabilities = semiconjugate(*made()), 100_000, np.array([0.001, 0.05, 0.5, 0.95, 0.999])
+        exact, draws, probabilities = exact_of(*made()), 100_000, np.array([0.001, 0.05, 0.5, 0.95, 0.999])
         noise_variance = exact.draw(draws, np.random.default_rng(2))[1]
         below = np.mean(noise_variance[:, None] < exact.noise_variance_quantiles(probabilities), axis=0)
         z = (below - probabilities) / np.sqrt(probabilities * (1.0 - probabilities) / draws)
@@ -264,7 +265,7 @@ class TestDraws:
 
     def test_coefficients_and_noise_variance_belong_together(self):
         """Given its sigma2 a draw is normal with the conditional's moments, so its standardised square averages 1."""
-        exact = semiconjugate(*case())
+        exact = exact_of(*case())
         coefficients, noise_variance = exact.draw(40_000, np.random.default_rng(3))
         total = noise_variance[:, None] + exact.singular_values**2
         middle = exact.center + (exact.singular_values * exact.projections / total) @ exact.basis
@@ -277,7 +278,7 @@ class TestDraws:
 
 class TestTree:
     def test_draws_are_dealt_to_chains_and_worth_their_number(self):
-        tree = semiconjugate_posterior(*case(), draws=4000, rng=np.random.default_rng(1))
+        tree = exact_posterior(*case(), draws=4000, rng=np.random.default_rng(1))
         posterior = tree["posterior"]
         assert dict(posterior.sizes) == {"chain": 4, "draw": 1000, "coefficient": 3}
         ess = az.ess(posterior.dataset)

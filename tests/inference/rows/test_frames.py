@@ -143,7 +143,7 @@ def test_new_rows_that_do_not_fit_are_refused_with_a_sentence(change, sentence):
     data = ps.RegressionData.from_arrays(Table(v=values["v"], r=values["r"]), y)
     columns = {name: [1.0] for name in change.get("columns", ["v", "r"])}
     new = Table(**columns | ({"r": [change["r"]]} if "r" in change else {}))
-    tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
+    tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
     for predict in (ps.ConjugatePrior().exact(data).predict, lambda rows: ps.predict(tree, rows, rng=1)):
         with pytest.raises(ps.RegressionDataError) as found:
             predict(change.get("array", new))
@@ -174,7 +174,7 @@ def test_a_default_prior_of_uneven_columns_is_warned_of():
     data = uneven(1000.0)
     assert "remark    The columns must be of one size" in repr(data)
     for fit in (
-        lambda: ps.conjugate(data, ps.ConjugatePrior()),
+        lambda: ps.ConjugatePrior().exact(data),
         lambda: ps.SemiConjugatePrior().exact(data),
         lambda: ps.gibbs_posterior(data, ps.ConjugatePrior(), draws=10, rng=1),
         lambda: ps.pymc_model(data, ps.ConjugatePrior()),

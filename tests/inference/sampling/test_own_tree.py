@@ -16,8 +16,7 @@ from tests.inference.sampling.cases import hyperparameters, regression
 SETTINGS = {"draws": 500, "tune": 500, "chains": 4}
 DATA, PRIOR = regression("zscored"), ps.ConjugatePrior(**hyperparameters())
 HORSESHOE = pytest.param("horseshoe", marks=pytest.mark.consistency)  # docs/how_to/change_the_model.md draws one
-DIRECT = pytest.param("direct", marks=pytest.mark.consistency)  # laid out by the same code as the whitened form
-PATHS = ("conjugate", "gibbs", "nuts", DIRECT, "own", HORSESHOE)
+PATHS = ("conjugate", "gibbs", "nuts", "own", HORSESHOE)
 
 
 def laplace(name, mu, sigma, given):
@@ -48,8 +47,6 @@ def tree_by(path):
         return posterior_tree(sampled(), DATA, plain_model(), prior=PRIOR, rng=rng)
     if path == "nuts":
         return nuts_posterior(DATA, PRIOR, rng=rng, **SETTINGS)
-    if path == "direct":
-        return nuts_posterior(DATA, PRIOR, rng=rng, parametrisation="direct", **SETTINGS)
     if path == "horseshoe":
         return nuts_posterior(DATA, ps.horseshoe, errors=laplace, rng=rng, target_accept=0.95, **SETTINGS)
     draw = {"conjugate": ps.conjugate_posterior, "gibbs": ps.gibbs_posterior}[path]
@@ -88,7 +85,7 @@ def test_the_tree_is_reported(path, tmp_path):
 
 
 def test_own_draws_agree_with_the_exact_posterior():
-    exact = ps.conjugate(DATA, PRIOR)
+    exact = PRIOR.exact(DATA)
     table = ps.agreement(exact, {"own": tree_by("own")})
     assert table["agrees"].all(), table.attrs["verdict"]
     wrong = tree_by("own").copy()
@@ -99,7 +96,7 @@ def test_own_draws_agree_with_the_exact_posterior():
 def test_agreement_skips_a_noise_variance_that_is_not_there():
     tree = tree_by("own").copy()
     tree["posterior"] = tree["posterior"].to_dataset().drop_vars(["noise_variance", "scaled_noise_variance"])
-    table = ps.agreement(ps.conjugate(DATA, PRIOR), {"own": tree})
+    table = ps.agreement(PRIOR.exact(DATA), {"own": tree})
     assert list(table["quantity"].values) == list(DATA.coefficients)
     assert table["agrees"].all()
 
@@ -112,16 +109,15 @@ def test_the_log_likelihood_is_that_of_the_rows():
     np.testing.assert_allclose(own["log_likelihood"]["response"], density, rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.consistency  # docs/how_to/change_the_model.md does, too
 def test_new_rows_are_predicted_by_pymc():
-    """From the tree of the direct model, at rows that it was not fitted to."""
-    tree, new = tree_by("direct"), DATA.design_matrix[::7] + 0.1
+    """From the draws of the model, at rows that it was not fitted to."""
+    tree, new = tree_by("own"), DATA.design_matrix[::7] + 0.1
     with pymc_model(DATA, PRIOR):
         rows = np.arange(len(new))
         pm.set_data({"design_matrix": new, "observed_response": np.zeros(len(new))}, coords={"row": rows})
         predicted = pm.sample_posterior_predictive(tree, predictions=True, random_seed=1, progressbar=False)
     drawn = predicted["predictions"]["response"].values.reshape(-1, len(new))
-    mean, sd = ps.conjugate(DATA, PRIOR).predict(new)
+    mean, sd = PRIOR.exact(DATA).predict(new)
     error = sd / np.sqrt(float(az.ess(tree["posterior"]["coefficients"]).min()))
     assert np.max(np.abs(drawn.mean(0) - mean) / error) < 4.5
     np.testing.assert_allclose(drawn.std(0), sd, rtol=0.15)
@@ -142,9 +138,7 @@ def test_a_tree_without_the_coefficients_is_refused(broken, sentence):
         posterior_tree(tree, DATA)
 
 
-def test_own_priors_have_the_direct_form_only():
-    with pytest.raises(ValueError, match="The whitened model knows the priors and errors of this package"):
-        pymc_model(DATA, ps.horseshoe, "whitened")
+def test_predictive_draws_need_a_generator():
     with pytest.raises(ValueError, match="need a generator"):
         posterior_tree(sampled(), DATA, plain_model())
 
@@ -167,8 +161,8 @@ def test_a_horseshoe_expects_some_coefficients_but_not_all(effective):
 
 def test_settings_of_the_sampler_are_checked():
     rng = np.random.default_rng(1)
-    for form in ("whitened", "direct"):
+    for prior in (PRIOR, ps.horseshoe):
         with pytest.raises(ValueError, match=r"An acceptance rate lies between 0 and 1, found 1\.0; give one such as"):
-            nuts_posterior(DATA, PRIOR, rng=rng, parametrisation=form, target_accept=1.0)
+            nuts_posterior(DATA, prior, rng=rng, target_accept=1.0)
     with pytest.raises(ValueError, match=r"The NUTS sampler is one of nutpie, pymc, numpyro, blackjax; found 'stan'"):
         nuts_posterior(DATA, PRIOR, rng=rng, sampler="stan")

@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
-from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, semiconjugate, semiconjugate_posterior
-from pymc_ship.inference.regression.tree import read_posterior, write_posterior
+from pymc_ship.inference.regression.conjugate import ConjugatePrior
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.inference.regression.tree import exact_posterior, read_posterior, write_posterior
 from pymc_ship.inference.sampling.error_laws import ERRORS
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
 from pymc_ship.inference.sampling.predictive import PREDICTIVE_DRAWS, predictive, prior_draws, with_predictive
 from tests.inference.sampling.cases import hyperparameters, regression
 
-EXACT = {ConjugatePrior: (conjugate, conjugate_posterior), SemiConjugatePrior: (semiconjugate, semiconjugate_posterior)}
+FAMILIES = (ConjugatePrior, SemiConjugatePrior)
 LIMIT = 4.8
 """Two-sided normal quantile at 1e-3 for some 600 comparisons."""
 
 
 def tree_of(family, case="zscored", draws=4000):
     data, prior = regression(case), family(**hyperparameters())
-    return data, prior, EXACT[family][1](data, prior, draws=draws, rng=np.random.default_rng(1))
+    return data, prior, exact_posterior(data, prior, draws=draws, rng=np.random.default_rng(1))
 
 
 def z_of_moments(draws, mean, sd):
@@ -30,32 +30,32 @@ def z_of_moments(draws, mean, sd):
 
 
 @pytest.mark.parametrize("case", ["tall", "zscored", "wide"])
-@pytest.mark.parametrize("family", EXACT)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_posterior_predictive_has_the_exact_mean_and_variance(family, case):
     data, prior, tree = tree_of(family, case)
-    mean, sd = EXACT[family][0](data, prior).predict(data.design_matrix)
+    mean, sd = prior.exact(data).predict(data.design_matrix)
     checked = with_predictive(tree, data, prior, rng=np.random.default_rng(2), draws=4000)
     response = checked["posterior_predictive"]["response"].values.reshape(4000, -1)
     z_mean, z_variance = z_of_moments(response, mean, sd)
     assert max(z_mean.max(), z_variance.max()) < LIMIT
 
 
-@pytest.mark.parametrize("family", EXACT)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_predictions_without_noise_or_under_another_prior_are_caught(family):
     data, prior, tree = tree_of(family)
-    mean, sd = EXACT[family][0](data, prior).predict(data.design_matrix)
+    mean, sd = prior.exact(data).predict(data.design_matrix)
     fit = tree["posterior"]["coefficients"].values.reshape(4000, -1) @ data.design_matrix.T
     assert z_of_moments(fit, mean, sd)[1].max() > LIMIT
 
     data, prior, tree = tree_of(family, "wide")
-    _, sd = EXACT[family][0](data, prior).predict(data.design_matrix)
+    _, sd = prior.exact(data).predict(data.design_matrix)
     wrong = family(**hyperparameters(mean=np.array([0.0, 0.3, -0.2, 1.0, 5.0])))
-    mean, _ = EXACT[family][0](data, wrong).predict(data.design_matrix)
+    mean, _ = wrong.exact(data).predict(data.design_matrix)
     checked = with_predictive(tree, data, prior, rng=np.random.default_rng(2), draws=4000)
     assert z_of_moments(checked["posterior_predictive"]["response"].values.reshape(4000, -1), mean, sd)[0].max() > LIMIT
 
 
-@pytest.mark.parametrize("family", EXACT)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_prior_draws_follow_the_prior(family):
     data, prior = regression("zscored"), family(**hyperparameters())
     drawn = prior_draws(data, prior, 4000, rng=np.random.default_rng(3))
@@ -71,7 +71,7 @@ def test_prior_draws_follow_the_prior(family):
     assert (parted > 0.1) == (family is ConjugatePrior)
 
 
-@pytest.mark.parametrize("family", EXACT)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_prior_predictive_has_the_mean_and_variance_of_the_prior(family):
     data, prior = regression("tall"), family(**hyperparameters())
     drawn = prior_draws(data, prior, 8000, rng=np.random.default_rng(4))

@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
+from pymc_ship.inference.regression.conjugate import ConjugatePrior
+from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.inference.sampling.predictive import predict
@@ -38,7 +39,7 @@ def test_predictions_of_new_rows_have_the_exact_mean_and_variance(family, case):
 def test_predictions_without_noise_or_of_other_rows_are_caught():
     data, prior, tree = tree_of(ConjugatePrior)
     new = np.random.default_rng(3).normal(size=(6, 5))
-    mean, sd = conjugate(data, prior).predict(new)
+    mean, sd = prior.exact(data).predict(new)
     found = predict(tree, new, rng=2)
     assert z_of_moments(found["expected"].values.reshape(4000, -1), mean, sd)[1].max() > LIMIT
     found = predict(tree, new[::-1], rng=2)
@@ -68,7 +69,7 @@ def test_a_formula_is_evaluated_for_a_tree():
     pytest.importorskip("formulae", reason="installed by pymc-ship[formula]")
     frame = pytest.importorskip("pandas").DataFrame(motion())
     data = RegressionData.from_formula("Y ~ v + v:r + I(delta**2)", frame)
-    tree = conjugate_posterior(data, ConjugatePrior(), draws=40, rng=1)
+    tree = exact_posterior(data, ConjugatePrior(), draws=40, rng=1)
     found = predict(tree, frame[["delta", "v", "r"]].iloc[:3], data=data, rng=2)
     assert found.identical(predict(tree, data.design_matrix[:3], rng=2))
     with pytest.raises(RegressionDataError, match=r"^New rows need the columns Intercept, v, v:r, I"):

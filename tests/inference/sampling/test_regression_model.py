@@ -6,115 +6,48 @@ from statistics import NormalDist
 import arviz as az
 import numpy as np
 import pytest
-from scipy import stats
 
-from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate_posterior
+from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.priors import PriorError
-from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, semiconjugate
-from pymc_ship.inference.regression.tree import read_posterior, write_posterior
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.inference.regression.tree import exact_posterior, read_posterior, write_posterior
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
-from tests.inference.sampling.cases import N_TERMS, POWER, hyperparameters, log_volume, regression, scaled_parameters
+from tests.inference.sampling.cases import POWER, hyperparameters, log_density_error, regression
 
 CASES = ("tall", "zscored", "wide")
 SAMPLED = (pytest.param("tall", marks=pytest.mark.consistency), "zscored", "wide")
 """The cases, of which the first two differ in their scales alone."""
 
 
-def flat_functions(model):
-    """Log density of the model and its scaled parameters, as functions of one flat vector."""
-    values = model.value_vars
-    outputs = model.replace_rvs_by_values([model["coefficients"], model["noise_variance"]])
-    parameters = model.compile_fn(outputs, inputs=values, on_unused_input="ignore", mode="FAST_COMPILE")
-    log_density = model.compile_logp(mode="FAST_COMPILE")
-    start = model.initial_point()
-    splits = np.cumsum([np.size(start[value.name]) for value in values])[:-1]
-
-    def point(flat):
-        pieces = np.split(flat, splits)
-        return {v.name: piece.reshape(np.shape(start[v.name])) for v, piece in zip(values, pieces, strict=True)}
-
-    return lambda flat: float(log_density(point(flat))), lambda flat: parameters(point(flat))
-
-
-def log_joint(data, prior, scaled, variance):
-    """Log density of the prior on the scaled columns and of the original response, from scipy."""
-    spread = np.sqrt(prior.kappa * variance ** POWER[type(prior)])
-    density = stats.invgamma.logpdf(variance, prior.shape, scale=prior.scale)
-    density += stats.norm.logpdf(scaled, prior.mean, spread).sum()
-    noise_sd = data.response_scale * np.sqrt(variance)
-    return density + stats.norm.logpdf(data.response, data.design_matrix @ data.to_original(scaled), noise_sd).sum()
-
-
-def log_density_error(model, data, prior, rng):
-    """Largest error of the model's log density over random points, against prior, likelihood and Jacobian."""
-    log_density, parameters = flat_functions(model)
-
-    def scaled(flat):
-        return scaled_parameters(data, *parameters(flat))
-
-    errors = []
-    for flat in rng.normal(size=(4, N_TERMS + 1)):
-        *coefficients, variance = scaled(flat)
-        expected = log_joint(data, prior, np.array(coefficients), variance) + log_volume(scaled, flat)
-        errors.append(abs(log_density(flat) - expected) / max(1.0, abs(expected)))
-    return max(errors)
-
-
-@pytest.mark.parametrize("parametrisation", ["whitened", "direct"])
 @pytest.mark.parametrize("family", POWER)
 @pytest.mark.parametrize("case", CASES)
-def test_log_density_is_prior_times_likelihood_with_constants(case, family, parametrisation):
+def test_log_density_is_prior_times_likelihood_with_constants(case, family):
     data, prior = regression(case), family(**hyperparameters())
-    error = log_density_error(pymc_model(data, prior, parametrisation), data, prior, np.random.default_rng(1))
+    error = log_density_error(pymc_model(data, prior), data, prior, np.random.default_rng(1))
     assert error < 1e-7
 
 
 @pytest.mark.parametrize("wrong", [{"scale": 1.0 / 9.0}, {"kappa": hyperparameters()["kappa"] ** 2}, {"shape": 9.0}])
-@pytest.mark.parametrize("parametrisation", ["whitened", "direct"])
-def test_log_density_of_a_wrong_prior_is_told_apart(wrong, parametrisation):
+def test_log_density_of_a_wrong_prior_is_told_apart(wrong):
     data, prior = regression("tall"), ConjugatePrior(**hyperparameters())
-    model = pymc_model(data, ConjugatePrior(**hyperparameters(**wrong)), parametrisation)
+    model = pymc_model(data, ConjugatePrior(**hyperparameters(**wrong)))
     assert log_density_error(model, data, prior, np.random.default_rng(1)) > 1e-3
 
 
-@pytest.mark.parametrize("family", POWER)
-@pytest.mark.parametrize("case", CASES)
-def test_whitened_directions_are_exactly_standard_normal(case, family):
-    model = pymc_model(regression(case), family(**hyperparameters(kappa=1e4)), "whitened")
-    log_density, _ = flat_functions(model)
-    for flat in np.random.default_rng(2).normal(size=(4, N_TERMS + 1)):
-        center = np.append(flat[0], np.zeros(N_TERMS))
-        assert model.value_vars[0].name == "noise_coordinate"
-        assert log_density(flat) - log_density(center) == pytest.approx(-0.5 * np.sum(flat[1:] ** 2), abs=1e-9)
-
-
-@pytest.mark.parametrize("family", POWER)
-@pytest.mark.parametrize("case", CASES)
-def test_chains_start_at_the_mode_of_the_noise_and_the_centre_of_the_directions(case, family):
-    model = pymc_model(regression(case), family(**hyperparameters()), "whitened")
-    assert all(np.all(value == 0.0) for value in model.initial_point().values())
-    log_density, _ = flat_functions(model)
-    grid = np.linspace(-6.0, 6.0, 241)
-    density = [log_density(np.append(level, np.zeros(N_TERMS))) for level in grid]
-    assert grid[np.argmax(density)] == pytest.approx(0.0, abs=0.05)
-
-
-def test_models_name_their_dims():
+def test_the_model_names_its_dims():
     data = regression("zscored")
-    for parametrisation in ("whitened", "direct"):
-        model = pymc_model(data, ConjugatePrior(), parametrisation)
-        assert model.coords["coefficient"] == data.coefficients
-        assert model.coords["row"] == tuple(range(data.n_rows))
-        assert model.named_vars_to_dims["coefficients"] == ("coefficient",)
+    model = pymc_model(data, ConjugatePrior())
+    assert model.coords["coefficient"] == data.coefficients
+    assert model.coords["row"] == tuple(range(data.n_rows))
+    assert model.named_vars_to_dims["coefficients"] == ("coefficient",)
     assert model.named_vars_to_dims["response"] == ("row",)
     assert np.array_equal(model["observed_response"].get_value(), data.response)
 
 
 @cache
-def nuts(case, family, parametrisation="whitened", sampler=None):
+def nuts(case, family, sampler=None):
     rng, prior = np.random.default_rng(7), family(**hyperparameters())
-    options = {"parametrisation": parametrisation, "sampler": sampler}
-    return nuts_posterior(regression(case), prior, draws=2000, rng=rng, **options)
+    return nuts_posterior(regression(case), prior, draws=2000, rng=rng, sampler=sampler)
 
 
 def conjugate_moments(data, prior):
@@ -170,7 +103,7 @@ def test_nuts_under_another_prior_is_caught(wrong):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", SAMPLED)
 def test_nuts_agrees_with_quadrature(case):
-    exact = semiconjugate(regression(case), SemiConjugatePrior(**hyperparameters()))
+    exact = SemiConjugatePrior(**hyperparameters()).exact(regression(case))
     tree = nuts(case, SemiConjugatePrior)
     mean, sd = np.append(exact.mean, exact.noise_variance_mean), np.append(exact.sd, exact.noise_variance_sd)
     z, limit = z_scores(tree, mean, sd)
@@ -179,17 +112,12 @@ def test_nuts_agrees_with_quadrature(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("parametrisation", "sampler"),
-    [pytest.param("direct", "nutpie", marks=pytest.mark.consistency), ("whitened", "pymc")],
-)
-def test_other_routes_agree_with_the_closed_form(parametrisation, sampler):
-    tree = nuts("zscored", ConjugatePrior, parametrisation, sampler)
+def test_the_sampler_of_pymc_on_the_model_agrees_with_the_closed_form():
+    tree = nuts("zscored", ConjugatePrior, "pymc")
     z, limit = z_scores(tree, *conjugate_moments(regression("zscored"), ConjugatePrior(**hyperparameters())))
     assert z.max() < limit
     check_convergence(tree)
-    assert tree["sample_stats"].attrs["inference_library"] == sampler
-    assert tree["sample_stats"].attrs["parametrisation"] == parametrisation
+    assert tree["sample_stats"].attrs["inference_library"] == "pymc"
     usual = nuts("zscored", ConjugatePrior)["sample_stats"].dataset
     assert {name: value.dtype for name, value in tree["sample_stats"].data_vars.items()} == {
         name: value.dtype for name, value in usual.data_vars.items()
@@ -215,7 +143,7 @@ def test_layout_is_that_of_every_posterior():
     data, prior = regression("zscored"), ConjugatePrior(**hyperparameters())
     rng = np.random.default_rng(5)
     tree = nuts_posterior(data, prior, draws=10, tune=100, chains=3, rng=rng)
-    exact = conjugate_posterior(data, prior, draws=30, chains=3, rng=rng)
+    exact = exact_posterior(data, prior, draws=30, chains=3, rng=rng)
     checks = {"prior", "prior_predictive", "posterior_predictive"}
     assert set(tree.children) == set(exact.children) | checks | {"sample_stats"}
     for name, group in exact.children.items():
@@ -245,10 +173,6 @@ def test_sampling_is_silent(capfd, caplog):
 
 def test_what_cannot_be_sampled_is_named():
     data, rng = regression("tall"), np.random.default_rng(1)
-    with pytest.raises(ValueError, match="one of direct, whitened; found 'centred'"):
-        pymc_model(data, ConjugatePrior(), "centred")
-    with pytest.raises(ValueError, match="one of direct, whitened; found 'centred'"):
-        nuts_posterior(data, ConjugatePrior(), rng=rng, parametrisation="centred")
     with pytest.raises(ValueError, match="found 'stan'"):
         nuts_posterior(data, ConjugatePrior(), rng=rng, sampler="stan")
     with pytest.raises(ValueError, match="tune=0"):

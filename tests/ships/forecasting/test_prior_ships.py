@@ -125,7 +125,7 @@ def test_regression_priors_are_drawn_on_the_columns_of_their_data(container, zig
 
 def test_a_tree_gives_the_draws_of_its_group_prior(container, zigzag_trial):
     data, prior, rng = ps.regression_data(zigzag_trial, container, "yaw", interval=1.0), ps.ConjugatePrior(), 5
-    tree = ps.conjugate_posterior(data, prior, draws=40, rng=np.random.default_rng(rng))
+    tree = ps.exact_posterior(data, prior, draws=40, rng=np.random.default_rng(rng))
     tree = ps.with_predictive(tree, data, prior, rng=np.random.default_rng(rng), draws=30)
     found = ships(container, {"yaw": tree}, draws=30, duration=100.0)
     names = list(data.coefficients)

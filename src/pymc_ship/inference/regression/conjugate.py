@@ -10,24 +10,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import xarray as xr
 from numba import njit
 
 from pymc_ship.inference.regression.priors import (
-    ExactPosterior,
     Prior,
-    PriorError,
-    check_prior,
+    RotatedPosterior,
+    inverse_gamma_density,
     rotate,
     warn_of_uneven_columns,
 )
-from pymc_ship.inference.regression.tree import independent_posterior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.frames import Formula, new_design
-from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.inference.rows.frames import Formula
 from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -78,34 +74,60 @@ class ConjugatePrior(Prior):
     citation = "Gelman et al. (2013), Bayesian Data Analysis, 3rd ed., ch. 14, doi:10.1201/b16018"
 
     def exact(self, data: RegressionData) -> NormalInverseGamma:
-        """Exact posterior; see :func:`conjugate`."""
-        return conjugate(data, self)
+        """Exact posterior, Eq. 12-17 of Xue et al. (2020).
+
+        Examples
+        --------
+        A rudder coefficient from a noisy zigzag, and its reference value:
+
+        >>> import numpy as np
+        >>> import pymc_ship as ps
+        >>> vessel = ps.load_vessel("kvlcc2")
+        >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+        >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
+        >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
+        >>> exact = ps.ConjugatePrior().exact(data)
+        >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
+        Ngsincos|delta| = -0.00150, sd 0.00070
+        >>> print(f"{vessel.coefficients('yaw')[-1]:.5f}")
+        -0.00114
+        """
+        warn_of_uneven_columns(data, self)
+        rotation, unit = rotate(data, self), data.response_scale
+        s, z = rotation.singular_values, unit * rotation.projection
+        spread = 1.0 / (1.0 + s**2)
+        fit = 0.5 * (unit**2 * rotation.residual_square + np.sum(z**2 * spread))
+        prior_scale = self.scale * unit**2
+        shape, scale = self.shape + 0.5 * data.n_rows, prior_scale + fit
+        log_evidence = math.lgamma(shape) - math.lgamma(self.shape) - self.shape * math.log1p(fit / prior_scale)
+        log_evidence -= 0.5 * (data.n_rows * (_LOG_2PI + math.log(scale)) + np.sum(np.log1p(s**2)))
+        return NormalInverseGamma(
+            coefficients=data.coefficients,
+            center=rotation.center,
+            basis=rotation.basis / unit,
+            location=s * z * spread,
+            spread=spread,
+            shape=shape,
+            scale=scale,
+            prior_shape=self.shape,
+            prior_scale=prior_scale,
+            formula=data.formula,
+            log_evidence=float(log_evidence),
+        )
 
 
 @dataclass(frozen=True, repr=False)
-class NormalInverseGamma(ExactPosterior):
+class NormalInverseGamma(RotatedPosterior):
     """Exact posterior under a conjugate prior, everything on the original scale.
 
     coefficients = center + g basis with g | sigma2 ~ N(location, sigma2 diag(spread)) and sigma2 ~ IG(shape, scale).
 
     Attributes
     ----------
-    coefficients : tuple of str
-        Names, length n_terms.
-    center : ndarray, shape (n_terms,)
-        Prior mean.
-    basis : ndarray, shape (n_terms, n_terms)
-        Rows map the rotated coefficients g to the original ones.
     location, spread : ndarray, shape (n_terms,)
         Mean of g, and its variance in units of the noise variance.
     shape, scale : float
         Inverse gamma of the noise variance, a posteriori.
-    prior_shape, prior_scale : float
-        The same a priori.
-    log_evidence : float
-        Log density of the original response, p(y).
-    formula : Formula or None
-        What made the columns of the data, for predictions.
 
     References
     ----------
@@ -169,11 +191,7 @@ class NormalInverseGamma(ExactPosterior):
 
     def noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
         """Posterior density of the noise variance at the given values, same shape."""
-        return _inverse_gamma_density(noise_variance, self.shape, self.scale)
-
-    def prior_noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
-        """Prior density of the noise variance at the given values, same shape."""
-        return _inverse_gamma_density(noise_variance, self.prior_shape, self.prior_scale)
+        return inverse_gamma_density(noise_variance, self.shape, self.scale)
 
     def draw(self, draws: int, rng: Seed) -> tuple[np.ndarray, np.ndarray]:
         """Independent draws: coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
@@ -182,34 +200,15 @@ class NormalInverseGamma(ExactPosterior):
         columns = np.ascontiguousarray(self.basis.T)
         return _draws(rng, noise_variance, (self.location, self.spread), columns, self.center), noise_variance
 
-    def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
+    def _moments(self, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rotated @ self.location, (1.0 + rotated**2 @ self.spread) * self.noise_variance_mean
 
-        New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
-        from a formula, a DataFrame of its variables. RegressionDataError for another shape, columns that are missing
-        and values that are no finite numbers.
-        """
-        rotated, middle = self._rotate_rows(new_rows)
-        variance = (1.0 + rotated**2 @ self.spread) * self.noise_variance_mean
-        return middle + rotated @ self.location, np.sqrt(variance)
+    def _log_each(self, rotated: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        variance = 1.0 + rotated**2 @ self.spread
+        return self._log_t(1, np.log(variance), (residual - rotated @ self.location) ** 2 / variance)
 
-    def log_predictive_density(
-        self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
-    ) -> float | np.ndarray:
-        """Log density of new rows given the data, a multivariate t.
-
-        The design matrix has shape (n_new, n_terms) and the original columns, the response shape (n_new,). A float for
-        all rows jointly or, when ``pointwise``, an array of shape (n_new,) for each row by itself. RegressionDataError
-        for wrong shapes or values that are not finite.
-        """
-        rotated, middle = self._rotate_rows(design_matrix)
-        y = np.asarray(response, dtype=float)
-        if y.shape != middle.shape or not np.isfinite(y).all():
-            raise RegressionDataError(f"The response has one finite value for each of {len(middle)} rows; check it.")
-        residual = y - middle - rotated @ self.location
-        if pointwise:
-            variance = 1.0 + rotated**2 @ self.spread
-            return self._log_t(1, np.log(variance), residual**2 / variance)
+    def _log_joint(self, rotated: np.ndarray, residual: np.ndarray) -> float:
+        residual = residual - rotated @ self.location
         left, s, _ = np.linalg.svd(rotated * np.sqrt(self.spread), full_matrices=False)
         z = left.T @ residual
         distance = np.sum((residual - left @ z) ** 2) + np.sum(z**2 / (1.0 + s**2))
@@ -219,124 +218,3 @@ class NormalInverseGamma(ExactPosterior):
         shape = self.shape + 0.5 * n_rows
         constant = math.lgamma(shape) - math.lgamma(self.shape) - 0.5 * n_rows * (_LOG_2PI + math.log(self.scale))
         return constant - 0.5 * log_determinant - shape * np.log1p(0.5 * distance / self.scale)
-
-    def _rotate_rows(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
-        X = new_design(new_rows, self.coefficients, self.formula)
-        return X @ self.basis.T, X @ self.center
-
-
-def conjugate(data: RegressionData, prior: ConjugatePrior) -> NormalInverseGamma:
-    """Exact posterior under a conjugate prior.
-
-    Parameters
-    ----------
-    data : RegressionData
-    prior : ConjugatePrior
-        On the scaled columns; mean and kappa may be vectors.
-
-    Returns
-    -------
-    NormalInverseGamma
-
-    Raises
-    ------
-    PriorError
-        For a prior of the other family, or vectors of the wrong length.
-
-    References
-    ----------
-    Xue et al. (2020), Eq. 12-17, doi:10.1016/j.oceaneng.2019.106612.
-
-    Examples
-    --------
-    A rudder coefficient from a noisy zigzag, and its reference value:
-
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
-    >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
-    >>> exact = ps.conjugate(data, ps.ConjugatePrior())
-    >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
-    Ngsincos|delta| = -0.00150, sd 0.00070
-    >>> print(f"{vessel.coefficients('yaw')[-1]:.5f}")
-    -0.00114
-    """
-    check_prior(prior)
-    if not isinstance(prior, ConjugatePrior):
-        raise PriorError(
-            f"The conjugate posterior takes a ConjugatePrior, found {type(prior).__name__}; give one or use the "
-            "semi-conjugate posterior."
-        )
-    warn_of_uneven_columns(data, prior)
-    rotation, unit = rotate(data, prior), data.response_scale
-    s, z = rotation.singular_values, unit * rotation.projection
-    spread = 1.0 / (1.0 + s**2)
-    fit = 0.5 * (unit**2 * rotation.residual_square + np.sum(z**2 * spread))
-    prior_scale = prior.scale * unit**2
-    shape, scale = prior.shape + 0.5 * data.n_rows, prior_scale + fit
-    log_evidence = math.lgamma(shape) - math.lgamma(prior.shape) - prior.shape * math.log1p(fit / prior_scale)
-    log_evidence -= 0.5 * (data.n_rows * (_LOG_2PI + math.log(scale)) + np.sum(np.log1p(s**2)))
-    return NormalInverseGamma(
-        coefficients=data.coefficients,
-        center=rotation.center,
-        basis=rotation.basis / unit,
-        location=s * z * spread,
-        spread=spread,
-        shape=shape,
-        scale=scale,
-        prior_shape=prior.shape,
-        prior_scale=prior_scale,
-        formula=data.formula,
-        log_evidence=float(log_evidence),
-    )
-
-
-def conjugate_posterior(
-    data: RegressionData, prior: ConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: Seed
-) -> xr.DataTree:
-    """Independent draws from the exact posterior, laid out as a DataTree.
-
-    Parameters
-    ----------
-    data : RegressionData
-    prior : ConjugatePrior
-    draws, chains : int, optional
-        Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
-    rng : int, SeedSequence or Generator
-
-    Returns
-    -------
-    DataTree
-        As :func:`~pymc_ship.inference.regression.tree.draws_tree`: dims chain (``chains``), draw (``draws // chains``),
-        coefficient, row.
-
-    Raises
-    ------
-    PriorError
-        For a prior of the other family, or vectors of the wrong length.
-    ValueError
-        When ``draws`` is no positive multiple of ``chains``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw")
-    >>> tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=400, rng=np.random.default_rng(1))
-    >>> dict(tree["posterior"].sizes)
-    {'chain': 4, 'draw': 100, 'coefficient': 12}
-    >>> print(f"{tree['posterior']['coefficients'].sel(coefficient='Ngsincos').mean():.4f}")
-    -0.0018
-    """
-    rng = random_generator(rng)
-    return independent_posterior(data, prior, conjugate(data, prior).draw, draws=draws, chains=chains, rng=rng)
-
-
-def _inverse_gamma_density(value: np.ndarray, shape: float, scale: float) -> np.ndarray:
-    value = np.asarray(value, dtype=float)
-    constant = shape * math.log(scale) - math.lgamma(shape)
-    return np.exp(constant - (shape + 1.0) * np.log(value) - scale / value)

@@ -10,7 +10,7 @@ import xarray as xr
 
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import ExactPosterior, Prior
-from pymc_ship.inference.regression.tree import independent_posterior
+from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.regression.tune import TunedPrior, maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data
@@ -52,11 +52,8 @@ class Identification:
     def posteriors(self, family: str, *, draws: int, rng: Seed) -> dict[str, xr.DataTree]:
         """Independent draws of every DOF under a family, by DOF."""
         rng = random_generator(rng)
-        priors, exact = self.priors[family], self.exact[family]
-        return {
-            dof: independent_posterior(data, priors[dof], exact[dof].draw, draws=draws, rng=rng)
-            for dof, data in self.data.items()
-        }
+        priors = self.priors[family]
+        return {dof: exact_posterior(data, priors[dof], draws=draws, rng=rng) for dof, data in self.data.items()}
 
     def edges(self, family: str) -> dict[str, tuple[str, ...]]:
         """Hyperparameters that lie on an edge of the family's box, by DOF; none for a DOF that is left out."""

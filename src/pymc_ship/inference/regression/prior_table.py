@@ -61,7 +61,7 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
     >>> prior = ps.informed_prior(data, ps.SemiConjugatePrior(), {"Nr": (-0.0023, 1e-9)})
-    >>> print(f"{ps.semiconjugate(data, prior).mean[data.coefficients.index('Nr')]:.5f}")
+    >>> print(f"{prior.exact(data).mean[data.coefficients.index('Nr')]:.5f}")
     -0.00230
     """
     check_prior(prior)
@@ -177,7 +177,7 @@ def restore_fixed(
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data, fixed = ps.regression_data(trial, vessel, "yaw", interval=2.0), {"Nr": -0.0023}
     >>> free = ps.hold_fixed(data, fixed)
-    >>> tree = ps.conjugate_posterior(free, ps.ConjugatePrior(), draws=40, rng=np.random.default_rng(1))
+    >>> tree = ps.exact_posterior(free, ps.ConjugatePrior(), draws=40, rng=np.random.default_rng(1))
     >>> whole = ps.restore_fixed(tree, fixed, data.coefficients)
     >>> print(np.unique(whole["posterior"]["coefficients"].sel(coefficient="Nr")))
     [-0.0023]

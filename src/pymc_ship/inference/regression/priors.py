@@ -17,12 +17,14 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.rows.frames import Formula, new_design
+from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.seeds import Seed, random_generator
 
@@ -237,6 +239,81 @@ class ExactPosterior(ABC):
         self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
     ) -> float | np.ndarray:
         """Log density of new rows given the data: of all jointly, or of each by itself when ``pointwise``."""
+
+
+class RotatedPosterior(ExactPosterior):
+    """Exact posterior of coefficients = center + g basis, where g given the noise variance has independent components.
+
+    Attributes
+    ----------
+    center : ndarray, shape (n_terms,)
+        Prior mean of the coefficients.
+    basis : ndarray, shape (n_terms, n_terms)
+        Rows map the rotated coefficients g to the original ones.
+    prior_shape, prior_scale : float
+        Inverse gamma of the noise variance, a priori.
+    formula : Formula or None
+        What made the columns of the data, for predictions.
+    """
+
+    center: np.ndarray
+    basis: np.ndarray
+    prior_shape: float
+    prior_scale: float
+    formula: Formula | None
+
+    @abstractmethod
+    def _moments(self, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean less that of the center and variance, shape (n_new,), of the response of rotated rows."""
+
+    @abstractmethod
+    def _log_each(self, rotated: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """Log density of each of new rows by itself; the residual is the response less the row times the center."""
+
+    @abstractmethod
+    def _log_joint(self, rotated: np.ndarray, residual: np.ndarray) -> float:
+        """Log density of new rows jointly."""
+
+    def prior_noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
+        """Prior density of the noise variance at the given values, same shape."""
+        return inverse_gamma_density(noise_variance, self.prior_shape, self.prior_scale)
+
+    def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
+
+        New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
+        from a formula, a DataFrame of its variables. RegressionDataError for another shape, columns that are missing
+        and values that are no finite numbers.
+        """
+        rotated, middle = self._rotate_rows(new_rows)
+        mean, variance = self._moments(rotated)
+        return middle + mean, np.sqrt(variance)
+
+    def log_predictive_density(
+        self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
+    ) -> float | np.ndarray:
+        """Log density of new rows given the data, integrated over coefficients and noise variance.
+
+        The design matrix has shape (n_new, n_terms) and the original columns, the response shape (n_new,). A float for
+        all rows jointly or, when ``pointwise``, an array of shape (n_new,) for each row by itself. RegressionDataError
+        for wrong shapes or values that are not finite.
+        """
+        rotated, middle = self._rotate_rows(design_matrix)
+        y = np.asarray(response, dtype=float)
+        if y.shape != middle.shape or not np.isfinite(y).all():
+            raise RegressionDataError(f"The response has one finite value for each of {len(middle)} rows; check it.")
+        return (self._log_each if pointwise else self._log_joint)(rotated, y - middle)
+
+    def _rotate_rows(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
+        X = new_design(new_rows, self.coefficients, self.formula)
+        return X @ self.basis.T, X @ self.center
+
+
+def inverse_gamma_density(value: np.ndarray, shape: float, scale: float) -> np.ndarray:
+    """Density of an inverse gamma variable at the given values, same shape."""
+    value = np.asarray(value, dtype=float)
+    constant = shape * math.log(scale) - math.lgamma(shape)
+    return np.exp(constant - (shape + 1.0) * np.log(value) - scale / value)
 
 
 def check_prior(prior: object, *, own: str = "") -> None:

@@ -11,25 +11,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import xarray as xr
 from numba import njit
 
-from pymc_ship.inference.regression.priors import (
-    ExactPosterior,
-    Prior,
-    PriorError,
-    check_prior,
-    rotate,
-    warn_of_uneven_columns,
-)
+from pymc_ship.inference.regression.priors import Prior, RotatedPosterior, rotate, warn_of_uneven_columns
 from pymc_ship.inference.regression.quadrature import log_kernels, quadrature
-from pymc_ship.inference.regression.tree import independent_posterior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.frames import Formula, new_design
-from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.inference.rows.frames import Formula
 from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -76,37 +66,55 @@ class SemiConjugatePrior(Prior):
     colour = "#c8551b"
 
     def exact(self, data: RegressionData) -> NormalMixture:
-        """Exact posterior; see :func:`semiconjugate`."""
-        return semiconjugate(data, self)
+        """Exact posterior of the model of Xue et al. (2020), Eq. 18-20; the quadrature is not there.
+
+        Examples
+        --------
+        >>> import pymc_ship as ps
+        >>> vessel = ps.load_vessel("kvlcc2")
+        >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+        >>> data = ps.regression_data(trial, vessel, "yaw")
+        >>> exact = ps.SemiConjugatePrior(kappa=1e4).exact(data)
+        >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.4f}, sd {exact.sd[-1]:.5f}")
+        Ngsincos|delta| = -0.0011, sd 0.00006
+        """
+        warn_of_uneven_columns(data, self)
+        rotation, unit = rotate(data, self), data.response_scale
+        s, z = unit * rotation.singular_values, unit * rotation.projection
+        residual_square, scale = unit**2 * rotation.residual_square, self.scale * unit**2
+        log_noise_variance, weights, log_evidence = _integrate(s, z, residual_square, data.n_rows, (self.shape, scale))
+        return NormalMixture(
+            coefficients=data.coefficients,
+            center=rotation.center,
+            basis=rotation.basis,
+            singular_values=s,
+            projections=z,
+            residual_square=residual_square,
+            n_rows=data.n_rows,
+            prior_shape=self.shape,
+            prior_scale=scale,
+            log_noise_variance=log_noise_variance,
+            weights=weights,
+            formula=data.formula,
+            log_evidence=log_evidence,
+        )
 
 
 @dataclass(frozen=True, repr=False)
-class NormalMixture(ExactPosterior):
+class NormalMixture(RotatedPosterior):
     """Exact posterior under a semi-conjugate prior, everything on the original scale.
 
     coefficients = center + g basis, where g given sigma2 is normal with independent components.
 
     Attributes
     ----------
-    coefficients : tuple of str
-        Names, length n_terms.
-    center : ndarray, shape (n_terms,)
-        Prior mean.
-    basis : ndarray, shape (n_terms, n_terms)
-        Rows map the rotated coefficients g to the original ones.
     singular_values, projections : ndarray, shape (n_terms,)
         s and z of the module's docstring, in units of the response.
     residual_square : float
         Sum of squared residuals that no coefficient can explain.
     n_rows : int
-    prior_shape, prior_scale : float
-        Inverse gamma of the noise variance, a priori.
     log_noise_variance, weights : ndarray, shape (n_nodes,)
         Equidistant nodes in log sigma2 and their posterior weights, which add up to 1.
-    log_evidence : float
-        Log density of the original response, p(y).
-    formula : Formula or None
-        What made the columns of the data, for predictions.
     """
 
     coefficients: tuple[str, ...]
@@ -189,11 +197,6 @@ class NormalMixture(ExactPosterior):
         value = np.asarray(noise_variance, dtype=float)
         return np.exp(self._log_density(np.log(value).ravel())).reshape(value.shape) / value
 
-    def prior_noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
-        """Prior density of the noise variance at the given values, same shape."""
-        value, shape, scale = np.asarray(noise_variance, dtype=float), self.prior_shape, self.prior_scale
-        return np.exp(shape * math.log(scale) - math.lgamma(shape) - (shape + 1.0) * np.log(value) - scale / value)
-
     def _log_density(self, t: np.ndarray) -> np.ndarray:
         s, z, prior = self.singular_values, self.projections, (self.prior_shape, self.prior_scale)
         kernel, constant = _kernel(s, z, self.residual_square, self.n_rows, prior)
@@ -210,37 +213,16 @@ class NormalMixture(ExactPosterior):
         rotated, columns = (self.singular_values, self.projections), np.ascontiguousarray(self.basis.T)
         return _draws(rng, noise_variance, rotated, columns, self.center), noise_variance
 
-    def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
-
-        New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
-        from a formula, a DataFrame of its variables. RegressionDataError for another shape, columns that are missing
-        and values that are no finite numbers.
-        """
-        rotated, middle = self._rotate_rows(new_rows)
+    def _moments(self, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         locations, variances = self._components
         location = self.weights @ locations
         variance = rotated**2 @ (self.weights @ variances) + self.weights @ ((locations - location) @ rotated.T) ** 2
-        return middle + rotated @ location, np.sqrt(self.noise_variance_mean + variance)
+        return rotated @ location, self.noise_variance_mean + variance
 
-    def log_predictive_density(
-        self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
-    ) -> float | np.ndarray:
-        """Log density of new rows given the data, integrated over the noise variance.
-
-        The design matrix has shape (n_new, n_terms) and the original columns, the response shape (n_new,). A float for
-        all rows jointly or, when ``pointwise``, an array of shape (n_new,) for each row by itself. RegressionDataError
-        for wrong shapes or values that are not finite.
-        """
-        rotated, middle = self._rotate_rows(design_matrix)
-        y = np.asarray(response, dtype=float)
-        if y.shape != middle.shape or not np.isfinite(y).all():
-            raise RegressionDataError(f"The response has one finite value for each of {len(middle)} rows; check it.")
-        if not pointwise:
-            return self._log_joint(rotated, y - middle)
+    def _log_each(self, rotated: np.ndarray, residual: np.ndarray) -> np.ndarray:
         locations, variances = self._components
         variance = variances @ rotated.T**2 + self.noise_variances[:, None]
-        exponent = -0.5 * (np.log(variance) + (y - middle - locations @ rotated.T) ** 2 / variance)
+        exponent = -0.5 * (np.log(variance) + (residual - locations @ rotated.T) ** 2 / variance)
         exponent += np.log(self.weights)[:, None]
         top = exponent.max(axis=0)
         return top + np.log(np.sum(np.exp(exponent - top), axis=0)) - 0.5 * _LOG_2PI
@@ -253,98 +235,6 @@ class NormalMixture(ExactPosterior):
         residual_square = self.residual_square + float(np.sum((response - left @ z) ** 2))
         n_rows = self.n_rows + len(residual)
         return _integrate(s, z, residual_square, n_rows, (self.prior_shape, self.prior_scale))[2] - self.log_evidence
-
-    def _rotate_rows(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
-        X = new_design(new_rows, self.coefficients, self.formula)
-        return X @ self.basis.T, X @ self.center
-
-
-def semiconjugate(data: RegressionData, prior: SemiConjugatePrior) -> NormalMixture:
-    """Exact posterior under a semi-conjugate prior.
-
-    The model is that of Xue et al. (2020), Eq. 18-20, doi:10.1016/j.oceaneng.2019.106612; the quadrature is not there.
-
-    Parameters
-    ----------
-    data : RegressionData
-    prior : SemiConjugatePrior
-        On the scaled columns; mean and kappa may be vectors.
-
-    Returns
-    -------
-    NormalMixture
-
-    Raises
-    ------
-    PriorError
-        For a prior of the other family, or vectors of the wrong length.
-
-    Examples
-    --------
-    >>> import pymc_ship as ps
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> data = ps.regression_data(trial, vessel, "yaw")
-    >>> exact = ps.semiconjugate(data, ps.SemiConjugatePrior(kappa=1e4))
-    >>> print(f"{data.coefficients[-1]} = {exact.mean[-1]:.4f}, sd {exact.sd[-1]:.5f}")
-    Ngsincos|delta| = -0.0011, sd 0.00006
-    """
-    check_prior(prior)
-    if not isinstance(prior, SemiConjugatePrior):
-        raise PriorError(
-            f"The semi-conjugate posterior takes a SemiConjugatePrior, found {type(prior).__name__}; give one or use "
-            "the conjugate posterior."
-        )
-    warn_of_uneven_columns(data, prior)
-    rotation, unit = rotate(data, prior), data.response_scale
-    s, z = unit * rotation.singular_values, unit * rotation.projection
-    residual_square, scale = unit**2 * rotation.residual_square, prior.scale * unit**2
-    log_noise_variance, weights, log_evidence = _integrate(s, z, residual_square, data.n_rows, (prior.shape, scale))
-    return NormalMixture(
-        coefficients=data.coefficients,
-        center=rotation.center,
-        basis=rotation.basis,
-        singular_values=s,
-        projections=z,
-        residual_square=residual_square,
-        n_rows=data.n_rows,
-        prior_shape=prior.shape,
-        prior_scale=scale,
-        log_noise_variance=log_noise_variance,
-        weights=weights,
-        formula=data.formula,
-        log_evidence=log_evidence,
-    )
-
-
-def semiconjugate_posterior(
-    data: RegressionData, prior: SemiConjugatePrior, *, draws: int = 4000, chains: int = 4, rng: Seed
-) -> xr.DataTree:
-    """Independent draws from the exact posterior, laid out as a DataTree.
-
-    Parameters
-    ----------
-    data : RegressionData
-    prior : SemiConjugatePrior
-    draws, chains : int, optional
-        Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
-    rng : int, SeedSequence or Generator
-
-    Returns
-    -------
-    DataTree
-        As :func:`~pymc_ship.inference.regression.tree.draws_tree`: dims chain (``chains``), draw (``draws // chains``),
-        coefficient, row.
-
-    Raises
-    ------
-    PriorError
-        For a prior of the other family, or vectors of the wrong length.
-    ValueError
-        When ``draws`` is no positive multiple of ``chains``.
-    """
-    rng = random_generator(rng)
-    return independent_posterior(data, prior, semiconjugate(data, prior).draw, draws=draws, chains=chains, rng=rng)
 
 
 def _kernel(s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int, prior: tuple[float, float]):

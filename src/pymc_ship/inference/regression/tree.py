@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.checksums import append_checksum, fits_its_checksum, folder_checksum
 from pymc_ship.machine.files import settle, staged
+from pymc_ship.machine.seeds import Seed, random_generator
 
 CITATIONS = {
     "method": "Xue, Liu, Ji & Xue (2020), Ocean Engineering 195:106612, doi:10.1016/j.oceaneng.2019.106612",
@@ -97,28 +97,51 @@ def draws_tree(
     return xr.DataTree.from_dict({"/": root, **tree, **(groups or {})})
 
 
-def independent_posterior(
-    data: RegressionData,
-    prior: Prior,
-    draw: Callable[[int, np.random.Generator], tuple[np.ndarray, np.ndarray]],
-    *,
-    draws: int = 4000,
-    chains: int = 4,
-    rng: np.random.Generator,
+def exact_posterior(
+    data: RegressionData, prior: Prior, *, draws: int = 4000, chains: int = 4, rng: Seed
 ) -> xr.DataTree:
-    """Lay out independent draws of an exact posterior, dealt to chains, as :func:`draws_tree` does.
+    """Independent draws from the exact posterior, laid out as a DataTree.
 
-    ``draw`` gives so many coefficients, shape (draws, n_terms), and noise variances, shape (draws,).
+    Parameters
+    ----------
+    data : RegressionData
+    prior : Prior
+        On the scaled columns; mean and kappa may be vectors.
+    draws, chains : int, optional
+        Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
+    rng : int, SeedSequence or Generator
+
+    Returns
+    -------
+    DataTree
+        As :func:`draws_tree`: dims chain (``chains``), draw (``draws // chains``), coefficient, row.
 
     Raises
     ------
+    PriorError
+        For what is no prior, or vectors of the wrong length.
     ValueError
         When ``draws`` is no positive multiple of ``chains``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pymc_ship as ps
+    >>> vessel = ps.load_vessel("kvlcc2")
+    >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
+    >>> data = ps.regression_data(trial, vessel, "yaw")
+    >>> tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=400, rng=np.random.default_rng(1))
+    >>> dict(tree["posterior"].sizes)
+    {'chain': 4, 'draw': 100, 'coefficient': 12}
+    >>> print(f"{tree['posterior']['coefficients'].sel(coefficient='Ngsincos').mean():.4f}")
+    -0.0018
     """
+    check_prior(prior)
+    rng = random_generator(rng)
     if draws < 1 or chains < 1 or draws % chains:
         raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
-    state = rng_state(rng)
-    coefficients, noise_variance = draw(draws, rng)
+    exact, state = prior.exact(data), rng_state(rng)
+    coefficients, noise_variance = exact.draw(draws, rng)
     coefficients, noise_variance = coefficients.reshape(chains, draws // chains, -1), noise_variance.reshape(chains, -1)
     return draws_tree(data, prior, coefficients, noise_variance, method=prior.family, rng_state=state)
 
@@ -220,7 +243,7 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data = ps.regression_data(trial, vessel, "yaw", interval=2.0)
-    >>> tree = ps.conjugate_posterior(data, ps.ConjugatePrior(), draws=40, rng=np.random.default_rng(1))
+    >>> tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=np.random.default_rng(1))
     >>> path = ps.write_posterior(tree, "yaw.nc")
     >>> ps.read_posterior(path).identical(tree)
     True

@@ -210,7 +210,7 @@ def maximise_evidence(
     >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
     >>> data = ps.regression_data(noisy, vessel, "yaw", derivative="weak")
     >>> prior, log_evidence = ps.maximise_evidence(data, family="conjugate")
-    >>> print(f"{log_evidence:.0f} > {ps.conjugate(data, ps.ConjugatePrior()).log_evidence:.0f}")
+    >>> print(f"{log_evidence:.0f} > {ps.ConjugatePrior().exact(data).log_evidence:.0f}")
     1360 > 1255
     """
     from scipy.optimize import minimize

@@ -5,5 +5,4 @@
 - `data`: rows in memory, from plain arrays.
 - `from_trials`: rows from the records of trials, by differences or in the weak form.
 - `weak_form`: the equations times test functions, and the start of a trajectory fit.
-- `streamed`: more rows than memory holds, reduced chunk by chunk.
 """

@@ -4,11 +4,10 @@
 - `error_laws`: normal, Student-t and AR(1) errors of rows.
 - `predictive`: prior, prior predictive and posterior predictive groups.
 - `linear_transform`: linear coordinates of a PyMC variable.
-- `whitened_model`: the PyMC models that are quick, and the fit that whitens.
-- `direct_model`: the PyMC model that users change.
-- `prior_laws`: horseshoe, R2-D2 and Student-t priors of the direct model.
+- `whitened_model`: the quick path of NUTS for normal errors.
+- `prior_laws`: horseshoe, R2-D2 and Student-t priors of the PyMC model.
 - `own_tree`: draws of a PyMC model of one's own, laid out as a posterior.
-- `regression_model`: the PyMC models of a regression, and their NUTS draws.
+- `regression_model`: the PyMC model of a regression, and its NUTS draws.
 - `hierarchical_model`: coefficients partially pooled over groups of runs.
 - `trajectory_model`: the PyMC model of whole trajectories.
 - `operations`: the simulated motion, and the density of pooled groups, as PyTensor operations.

@@ -131,7 +131,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
     >>> data = ps.regression_data(ps.pollute(trial, level=0.01, rng=1), "kvlcc2", "yaw", derivative="weak")
     >>> old, new = data.rows(np.arange(100)), data.rows(np.arange(100, data.n_rows))
     >>> prior, _ = ps.maximise_evidence(old)
-    >>> tree = ps.conjugate_posterior(old, prior, rng=1)
+    >>> tree = ps.exact_posterior(old, prior, rng=1)
     >>> found = ps.predict(tree, new.design_matrix, rng=1)
     >>> lower, upper = found["response"].quantile([0.05, 0.95], ("chain", "draw"))
     >>> print(f"{np.mean((lower < new.response) & (new.response < upper)):.2f}")
@@ -199,7 +199,7 @@ def with_predictive(
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> data, prior = ps.regression_data(trial, vessel, "yaw", interval=2.0), ps.ConjugatePrior()
-    >>> tree = ps.conjugate_posterior(data, prior, draws=200, rng=rng)
+    >>> tree = ps.exact_posterior(data, prior, draws=200, rng=rng)
     >>> checked = ps.with_predictive(tree, data, prior, rng=rng, draws=100)
     >>> dict(checked["posterior_predictive"]["response"].sizes)
     {'chain': 4, 'draw': 50, 'row': 300}

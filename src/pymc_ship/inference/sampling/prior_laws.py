@@ -1,7 +1,7 @@
 """Priors of coefficients that no formula integrates: horseshoe, R2-D2 and Student-t, as functions for the direct model.
 
 Each is what a prior of one's own is, a function ``prior(data, given)`` of
-:mod:`pymc_ship.inference.sampling.direct_model`. All live on the scaled columns; sigma2, the noise variance on the
+:mod:`pymc_ship.inference.sampling.regression_model`. All live on the scaled columns; sigma2, the noise variance on the
 scaled response, is a priori inverse gamma of shape 2 and scale 1, as in the default priors of the two conjugate
 families. Other hyperparameters come by ``functools.partial``.
 """
