@@ -49,7 +49,7 @@ def tree_by(path):
         return nuts_posterior(DATA, PRIOR, rng=rng, **SETTINGS)
     if path == "horseshoe":
         return nuts_posterior(DATA, ps.horseshoe, errors=laplace, rng=rng, target_accept=0.95, **SETTINGS)
-    draw = {"conjugate": ps.conjugate_posterior, "gibbs": ps.gibbs_posterior}[path]
+    draw = {"conjugate": ps.exact_posterior, "gibbs": ps.gibbs_posterior}[path]
     tree = draw(DATA, PRIOR, draws=2000 if path == "conjugate" else 500, rng=rng)
     return ps.with_predictive(tree, DATA, PRIOR, rng=rng)
 
