@@ -35,8 +35,7 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     Parameters
     ----------
     exact : NormalInverseGamma or NormalMixture
-        From :func:`~pymc_ship.inference.regression.conjugate.conjugate` or
-        :func:`~pymc_ship.inference.regression.semiconjugate.semiconjugate`; anything with ``mean`` and ``sd``, shape
+        As a prior's ``exact`` gives it; anything with ``mean`` and ``sd``, shape
         (n_terms,), ``noise_variance_mean`` and ``noise_variance_sd``. Quantiles are compared where it has ``quantiles``
         and ``noise_variance_quantiles``.
     posteriors : mapping of str to DataTree

@@ -136,8 +136,8 @@ def exact_posterior(
     >>> print(f"{tree['posterior']['coefficients'].sel(coefficient='Ngsincos').mean():.4f}")
     -0.0018
     """
-    check_prior(prior)
     rng = random_generator(rng)
+    check_prior(prior)
     if draws < 1 or chains < 1 or draws % chains:
         raise ValueError(f"The draws are dealt evenly to the chains, found {draws} for {chains}; give a multiple.")
     exact, state = prior.exact(data), rng_state(rng)
