@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.inference.regression.conjugate import ConjugatePrior, conjugate, conjugate_posterior
+from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.cross_validation import CrossValidationError, cross_validation, fold_rows
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.identify import SELECTIONS, identify
@@ -22,8 +22,9 @@ from pymc_ship.inference.regression.prior_table import (
     sister_ship_table,
 )
 from pymc_ship.inference.regression.priors import PriorError
-from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior, semiconjugate, semiconjugate_posterior
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import (
+    exact_posterior,
     read_posterior,
     write_posterior,
 )
@@ -32,7 +33,7 @@ from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
 from pymc_ship.machine.files import OutputError
 from tests.inference.regression.cases import case
-from tests.inference.regression.peers import simulated
+from tests.inference.regression.peers import exact_of, simulated
 from tests.inference.regression.plain_algebra import HELD, NAMES, base, ship
 from tests.inference.regression.test_identify_draws import PRIOR, rows
 from tests.inference.regression.test_new_prior import root, scaled
@@ -85,7 +86,7 @@ test_value_errors = wording(
     *(
         (
             f"found {draws} for {chains}; give a multiple",
-            lambda draws=draws, chains=chains: conjugate_posterior(
+            lambda draws=draws, chains=chains: exact_posterior(
                 case()[0], ConjugatePrior(), draws=draws, chains=chains, rng=np.random.default_rng(1)
             ),
         )
@@ -101,7 +102,7 @@ test_value_errors = wording(
     *(
         (
             f"found {draws} for {chains}; give a multiple",
-            lambda draws=draws, chains=chains: semiconjugate_posterior(
+            lambda draws=draws, chains=chains: exact_posterior(
                 *case(), draws=draws, chains=chains, rng=np.random.default_rng(1)
             ),
         )
@@ -126,14 +127,10 @@ test_value_errors = wording(
 
 test_prior_errors = wording(
     PriorError,
-    (
-        "takes a ConjugatePrior, found SemiConjugatePrior; give one or use",
-        lambda: conjugate(case()[0], SemiConjugatePrior()),
-    ),
     *(
         (
             f"The prior's {name} is one value or 3, one for each term; found 2",
-            lambda name=name: conjugate(case()[0], ConjugatePrior(**{name: [1.0, 2.0]})),
+            lambda name=name: ConjugatePrior(**{name: [1.0, 2.0]}).exact(case()[0]),
         )
         for name in ["mean", "kappa"]
     ),
@@ -196,14 +193,10 @@ test_prior_errors = wording(
         for name in ["mean", "kappa", "shape", "scale"]
         for value in ["wide", "3", None, [1.0, "a"], [[1.0], [1.0, 2.0]], 1j, {}, 10**400, np.nan]
     ),
-    (
-        "takes a SemiConjugatePrior, found ConjugatePrior; give one or use",
-        lambda: semiconjugate(case()[0], ConjugatePrior()),
-    ),
     *(
         (
             f"The prior's {name} is one value or 3, one for each term; found 2",
-            lambda name=name: semiconjugate(case()[0], SemiConjugatePrior(**{name: [1.0, 2.0]})),
+            lambda name=name: SemiConjugatePrior(**{name: [1.0, 2.0]}).exact(case()[0]),
         )
         for name in ["mean", "kappa"]
     ),
@@ -216,15 +209,15 @@ test_regression_data_errors = wording(
     *(
         (
             r"New rows are finite, of shape \(rows, 3\), found",
-            lambda rows=rows: conjugate(case()[0], ConjugatePrior()).predict(rows),
+            lambda rows=rows: ConjugatePrior().exact(case()[0]).predict(rows),
         )
         for rows in [np.ones((2, 4)), np.ones(3), np.full((2, 3), np.nan)]
     ),
     *(
         (
             "one finite value for each of 2 rows",
-            lambda response=response: conjugate(case()[0], ConjugatePrior()).log_predictive_density(
-                np.ones((2, 3)), response
+            lambda response=response: (
+                ConjugatePrior().exact(case()[0]).log_predictive_density(np.ones((2, 3)), response)
             ),
         )
         for response in [np.ones(3), np.ones((2, 1)), np.array([1.0, np.inf])]
@@ -283,13 +276,13 @@ test_regression_data_errors = wording(
         ]
     ),
     *(
-        (r"New rows are finite, of shape \(rows, 3\), found", lambda rows=rows: semiconjugate(*case()).predict(rows))
+        (r"New rows are finite, of shape \(rows, 3\), found", lambda rows=rows: exact_of(*case()).predict(rows))
         for rows in [np.ones((2, 4)), np.ones(3), np.full((2, 3), np.nan)]
     ),
     *(
         (
             "one finite value for each of 2 rows",
-            lambda response=response: semiconjugate(*case()).log_predictive_density(np.ones((2, 3)), response),
+            lambda response=response: exact_of(*case()).log_predictive_density(np.ones((2, 3)), response),
         )
         for response in [np.ones(3), np.ones((2, 1)), np.array([1.0, np.inf])]
     ),

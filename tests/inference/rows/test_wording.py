@@ -14,7 +14,6 @@ from pymc_ship.inference.rows.weak_form import weak_form
 from tests.inference.rows.frames import motion
 from tests.inference.rows.test_data_scaling import plain_arrays
 from tests.inference.rows.test_frames import FORMULA, uneven
-from tests.inference.rows.test_streamed import PRIORS, design
 from tests.sentences import wording
 
 
@@ -53,12 +52,6 @@ def formula_of_a_gap(frame):
 
 def predicted(frame, new):
     ps.ConjugatePrior().exact(ps.RegressionData.from_formula(FORMULA, frame)).predict(new(frame))
-
-
-def streamed(change, **settings):
-    rng = np.random.default_rng(0)
-    X, y = rng.standard_normal((9, 3)), rng.standard_normal(9)
-    ps.stream_regression([change(X, y)], **settings)
 
 
 def short(trial):
@@ -157,28 +150,6 @@ test_regression_data_errors = wording(
         lambda: ps.RegressionData.from_formula(FORMULA, motion()),
     ),
     *(
-        (sentence, lambda chunks=chunks: ps.stream_regression(iter(chunks)))
-        for chunks, sentence in [
-            ([], "as many rows as terms, found no chunk"),
-            ([(np.ones((2, 3)), np.ones(2))], "found 2 rows for 3 terms"),
-            ([(np.eye(3), np.ones(3)), (np.ones((4, 2)), np.ones(4))], "found 2 in chunk 2 after 3"),
-            ([(np.eye(3), np.ones(2))], r"found shapes \(3, 3\) and \(2,\) in chunk 1"),
-            ([(np.ones(3), np.ones(3))], "in chunk 1; reshape it"),
-            ([(np.eye(3), np.ones(3)), (np.full((2, 3), np.nan), np.ones(2))], "in x1, x2, x3 among rows 3 to 4"),
-            ([(np.eye(3), np.array([1.0, np.inf, 0.0]))], "in the response among rows 0 to 2"),
-        ]
-    ),
-    *(
-        ("a name of its own", lambda names=names: ps.stream_regression([(np.eye(3), np.ones(3))], names))
-        for names in [["a", "b"], ["a", "b", "a"]]
-    ),
-    ("one of none, zscore; found 'unit'", lambda: streamed(lambda X, y: (X, y), scaling="unit")),
-    ("response must vary", lambda: streamed(lambda X, y: (X, 0 * y), scaling="zscore")),
-    (
-        "must vary over the rows; x1 did not",
-        lambda: streamed(lambda X, y: (X * (0, 0, 1) + (0, 3, 0), y), scaling="zscore"),
-    ),
-    *(
         (sentence, partial(predicted, new=new))
         for new, sentence in [
             (lambda f: f[["v", "r"]], "^New rows need the columns v, r, delta, each of them once; found v, r; add"),
@@ -191,12 +162,6 @@ test_regression_data_errors = wording(
                 "^The formula 'Y ~ v .*' must hold for the new rows, found: .*; correct one",
             ),
         ]
-    ),
-    (
-        "keeps no rows",
-        lambda: ps.conjugate_posterior(
-            ps.stream_regression([design("plain")]), PRIORS["conjugate"], rng=np.random.default_rng(0)
-        ),
     ),
     (
         "28 terms and needs as many rows, found 19",
@@ -325,6 +290,6 @@ test_warnings = wording(
     UserWarning,
     (
         "^The columns must be of one size where all have the same prior, found v of .* and r of .*; take scaling=",
-        lambda: ps.conjugate(uneven(1000.0), ps.ConjugatePrior()),
+        lambda: ps.ConjugatePrior().exact(uneven(1000.0)),
     ),
 )
