@@ -4,6 +4,7 @@
 - `judged_ship`: one ship drawn, identified and compared with her own motion.
 - `coverage`: what the intervals of a population hold.
 - `figures`: coverage, reliability and bands of the motion.
+- `calibration`: what a study counts, written into the constants of the package.
 - `page`: the page of a population.
 """
 

@@ -12,7 +12,7 @@ ships (:data:`TYPICAL`), times the likelihood of the held-out indices of this sh
 
 No held-out zigzag says how wrong a model is where no run has been. What foreign ships showed there grows with the
 distance from the motion of the runs, in the same units: :data:`BEYOND`, of ships that share no code with the package
-and are none of those of ``studies/ships.toml`` (docs/explanation/foreign_ships.md).
+(docs/explanation/foreign_ships.md). ``calibration.toml`` has these constants and the ships that chose them.
 """
 
 from __future__ import annotations
@@ -27,23 +27,22 @@ from scipy.special import ndtr, ndtri
 from pymc_ship.physics.manoeuvre.kinds import ERRING
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.ships.forecasting.calibration import calibrated, calibrated_by, constants
 from pymc_ship.ships.forecasting.motion_error import GROWTH, equal_sizes, size_law
 
-BEYOND = 0.003
-"""Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L, roll];
-the ships of ``studies/ships.toml`` with ``root_seed`` 17, 19 and 20 chose it."""
+BEYOND = calibrated("index_growth")
+"""Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L,
+roll]."""
 
-TYPICAL = {"angle": 0.0007, "time": 0.0021, "distance": 0.0017, "roll": 0.010}
-"""Error of an index beyond the draws that half the ships exceed [swing, L/U, L, roll]; the first half of the ships of
-``studies/ships.toml`` with ``root_seed = 17`` chose it, and :data:`TOGETHER` (docs/explanation/model_error.md)."""
+TYPICAL = calibrated_by("index_typical")
+"""Error of an index beyond the draws that half the ships exceed [swing, L/U, L, roll]."""
 
-TOGETHER = 0.25
+TOGETHER = calibrated("index_together")
 """Weight of each held-out index in the law; the indices of one run err together."""
 
-HELD, MADE = 4636, 4682
+HELD, MADE = constants()["statements_held"].value, constants()["statements_made"].value
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
-and how many there were, on the ships of ``reports/ships``, on which no other number of this module was chosen.
-"""
+and how many there were, on ships by which no other constant was chosen."""
 
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
 _GROWN = dict.fromkeys(ERRING, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}

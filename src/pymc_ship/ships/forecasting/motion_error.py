@@ -8,8 +8,8 @@ doi:10.1214/06-BA117A), whose median is that of a population of foreign ships (:
 the replays of this ship beyond the variance of draws and readings. A replay holds the whole law.
 
 No held-out run says how wrong a model is where no run has been. What foreign ships showed there grows with the distance
-of the median ship from the motion of the runs: :data:`GROWTH`, of thirty ships that are none of those of
-``studies/ships.toml`` (docs/explanation/foreign_ships.md).
+of the median ship from the motion of the runs: :data:`GROWTH` (docs/explanation/foreign_ships.md).
+``calibration.toml`` has these constants and the ships that chose them.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from scipy.special import logsumexp, ndtr, ndtri
 
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.ships.forecasting.calibration import calibrated, calibrated_by
 from pymc_ship.ships.forecasting.draws import robust_sd
 
 LEADS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
@@ -36,17 +37,16 @@ SUMMED = ("psi", "x", "y")
 SETTLED = 10.0
 """Time from the start of a replay by which a turn is steady [L/U]."""
 
-TYPICAL = {"u": 4e-4, "v": 2e-4, "r": 5e-4, "psi": 2e-3, "x": 2e-3, "y": 2e-3}
-"""Error of the prime motion beyond the draws that half the ships exceed :data:`SETTLED` after a start; thirty-four
-ships of ``studies/ships.toml`` with ``root_seed = 21`` chose it, and :data:`RISE` (docs/explanation/model_error.md)."""
+TYPICAL = calibrated_by("motion_typical")
+"""Error of the prime motion beyond the draws that half the ships exceed :data:`SETTLED` after a start."""
 
-RISE = {"u": 0.5, "v": 0.5, "r": 0.5, "psi": 1.0, "x": 1.5, "y": 1.5}
+RISE = calibrated_by("motion_rise")
 """Power of the time with which an error grows; that of u, v and r up to the last of :data:`LEADS`."""
 
-TOGETHER = 0.01
+TOGETHER = calibrated("motion_together")
 """Weight of each time of each replay in the law; those of one run err together."""
 
-GROWTH = {"u": 0.007, "v": 0.0025, "r": 0.001, "psi": 0.001, "x": 0.003, "y": 0.003}
+GROWTH = calibrated_by("motion_growth")
 """Standard deviation of the prime motion for each range of the record by which the median ship leaves it; of heading
 [rad] and track for each L/U that she stays there, too."""
 

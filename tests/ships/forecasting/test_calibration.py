@@ -1,0 +1,35 @@
+"""Constants that other ships chose: each has its provenance, and what asks for the wrong kind is told."""
+
+from __future__ import annotations
+
+import datetime
+
+import pytest
+
+from pymc_ship.ships.forecasting.calibration import calibrated, calibrated_by, constants
+
+
+@pytest.mark.parametrize("name", constants())
+def test_every_constant_says_what_it_is_and_who_chose_it(name):
+    one = constants()[name]
+    assert one.about.endswith(".")
+    assert one.unit
+    assert one.study
+    assert len(one.commit) == 7
+    assert isinstance(one.date, datetime.date)
+    values = one.value.values() if isinstance(one.value, dict) else [one.value]
+    assert all(value > 0.0 for value in values)
+
+
+def test_a_number_and_a_table_are_not_taken_for_each_other():
+    assert calibrated("index_growth") == 0.003
+    assert calibrated_by("index_typical")["time"] == 0.0021
+    with pytest.raises(TypeError):
+        calibrated("index_typical")
+    with pytest.raises(TypeError):
+        calibrated_by("index_growth")
+
+
+def test_what_is_changed_in_an_answer_changes_no_other():
+    calibrated_by("motion_rise")["u"] = 9.0
+    assert calibrated_by("motion_rise")["u"] == 0.5
