@@ -22,7 +22,7 @@ DISTRICTS = {
     "physics": ("forces", "vessel", "manoeuvre", "motion"),
     "records": ("files", "denoising", "steering", "checks"),
     "inference": ("rows", "regression", "trajectory", "captive", "sampling", "identifiability"),
-    "ships": ("forecasting", "design", "identification", "sea_trials"),
+    "ships": ("ensemble", "forecasting", "design", "identification", "sea_trials"),
     "diagnostics": (),
     "replication": (),
     "experiments": (),

@@ -101,6 +101,9 @@ from pymc_ship.ships.design.candidates import candidate_trials as candidate_tria
 from pymc_ship.ships.design.next_run import next_runs as next_runs
 from pymc_ship.ships.design.trial_design import TrialDesignError as TrialDesignError
 from pymc_ship.ships.design.trial_design import design_trials as design_trials
+from pymc_ship.ships.ensemble.files import load_ship as load_ship
+from pymc_ship.ships.ensemble.files import save_ship as save_ship
+from pymc_ship.ships.ensemble.ship import Ship as Ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation as extrapolation
 from pymc_ship.ships.forecasting.forecast import forecast as forecast
 from pymc_ship.ships.forecasting.prior_ships import prior_ships as prior_ships
@@ -108,11 +111,7 @@ from pymc_ship.ships.forecasting.steady_turns import spiral_indices as spiral_in
 from pymc_ship.ships.forecasting.steady_turns import steady_turns as steady_turns
 from pymc_ship.ships.forecasting.stopping import StoppingTest as StoppingTest
 from pymc_ship.ships.forecasting.stopping import stopping as stopping
-from pymc_ship.ships.identification.files import forecast_ship as forecast_ship
-from pymc_ship.ships.identification.files import load_ship as load_ship
-from pymc_ship.ships.identification.files import save_ship as save_ship
-from pymc_ship.ships.identification.model import IdentifiedShip as IdentifiedShip
-from pymc_ship.ships.identification.model import ShipModel as ShipModel
+from pymc_ship.ships.identification.model import ShipIdentification as ShipIdentification
 from pymc_ship.ships.identification.model import identify_ship as identify_ship
 from pymc_ship.ships.identification.replayed import replay as replay
 from pymc_ship.ships.identification.replayed import score as score

@@ -21,7 +21,7 @@ from pathlib import Path
 from pymc_ship.cli.files import Outcome, Progress
 from pymc_ship.cli.main import run_command
 from pymc_ship.machine.files import staged
-from pymc_ship.ships.forecasting.calibration import FILE, Constant, constants
+from pymc_ship.ships.ensemble.calibration import FILE, Constant, constants
 from studies.command_line import study_parser
 
 COUNTED = ("beyond the motion of the runs", 0.99)
@@ -52,7 +52,7 @@ def with_statements(
 
 
 def text(known: Mapping[str, Constant]) -> str:
-    """File of the constants, as :func:`pymc_ship.ships.forecasting.calibration.constants` reads it."""
+    """File of the constants, as :func:`pymc_ship.ships.ensemble.calibration.constants` reads it."""
     lines = [_HEAD.rstrip("\n")]
     for name, one in known.items():
         value = repr(one.value)

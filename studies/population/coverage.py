@@ -17,9 +17,9 @@ from scipy.stats import norm, t
 
 from pymc_ship.physics.manoeuvre.kinds import ERRING
 from pymc_ship.physics.manoeuvre.registry import kind_named
-from pymc_ship.ships.forecasting import motion_error
-from pymc_ship.ships.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
-from pymc_ship.ships.forecasting.motion_error import GROWTH, risen, size_law
+from pymc_ship.ships.ensemble import motion_error
+from pymc_ship.ships.ensemble.index_error import BEYOND, TOGETHER, TYPICAL
+from pymc_ship.ships.ensemble.motion_error import GROWTH, risen, size_law
 
 Columns = Mapping[str, np.ndarray]
 """Rows of :data:`studies.population.judged_ship.INDEX` or `INSTANT` of all ships by column, with ``ship``, a number,
@@ -160,7 +160,7 @@ def growth_rows(indices: Columns, instants: Columns) -> list[dict]:
 
 
 def _grows(columns: Columns) -> np.ndarray:
-    """Whether the error of an index grows by :data:`pymc_ship.ships.forecasting.index_error.BEYOND`."""
+    """Whether the error of an index grows by :data:`pymc_ship.ships.ensemble.index_error.BEYOND`."""
     return np.isin(_quantities(columns), ERRING)
 
 

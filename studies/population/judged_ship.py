@@ -29,13 +29,15 @@ from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET, takes_part_sets, w
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.trial_checks import judged_trial
 from pymc_ship.records.steering.stopping_tests import INDICES
-from pymc_ship.ships.forecasting.draws import robust_sd
-from pymc_ship.ships.forecasting.index_error import index_scale, scaled
-from pymc_ship.ships.forecasting.motion_error import ERRING, prime_units, time_beyond
+from pymc_ship.ships.ensemble.draws import robust_sd
+from pymc_ship.ships.ensemble.index_error import index_scale, scaled
+from pymc_ship.ships.ensemble.motion_error import ERRING, prime_units, time_beyond
+from pymc_ship.ships.ensemble.scores import crps
+from pymc_ship.ships.ensemble.ship import Ship
+from pymc_ship.ships.forecasting.forecast import forecast
 from pymc_ship.ships.forecasting.stopping import LONGEST, StoppingTest, stopped, stopping
-from pymc_ship.ships.identification.files import forecast_ship
-from pymc_ship.ships.identification.model import ShipModel, identify_ship
-from pymc_ship.ships.identification.replayed import beyond_runs, crps, replay
+from pymc_ship.ships.identification.model import ShipIdentification, identify_ship
+from pymc_ship.ships.identification.replayed import beyond_runs, replay
 
 PARTS = ("draw", "identify", "forecast", "replay", "stop")
 """Parts of a task that are timed [s]; the motion that is forecast is sailed as part of ``forecast`` and of ``stop``."""
@@ -209,11 +211,12 @@ def _judged(task: ShipTask, drawn: DrawnShip, records: list[xr.Dataset], parts: 
     with timed(parts, "identify"):
         vessel = as_vessel(drawn.vessel)
         trials = [judged_trial(record, vessel) for record in records]
-        ship = identify_ship(trials, vessel, rng=task.rng("identification"))
-    found: dict[str, list] = {"indices": [], "instants": [], "held": held_rows(ship)}
+        identified = identify_ship(trials, vessel, rng=task.rng("identification"))
+    ship = identified.ship
+    found: dict[str, list] = {"indices": [], "instants": [], "held": held_rows(identified)}
     for manoeuvre in task.forecasts:
         with timed(parts, "forecast"):
-            tree = forecast_ship(ship, manoeuvre, rng=task.rng(f"forecast of a {manoeuvre.label}"), draws=_DRAWS)
+            tree = forecast(ship, manoeuvre, rng=task.rng(f"forecast of a {manoeuvre.label}"), draws=_DRAWS)
             with _of_the_user(task):
                 run = drawn.sail(manoeuvre, float(tree["trajectories"]["time"][-1]))
             found["indices"] += index_rows(tree, run, manoeuvre, ship.vessel)
@@ -239,22 +242,22 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
         truth = stopped(motion, run["time"].values).isel(draw=0)
     try:
         rng = task.rng("identification of a ship that is stopped")
-        models = identify_ship(trials, vessel, terms=[ANY_SPEED_SET], draws=_DRAWS, rng=rng).models
-        forecast = stopping(models, astern=full.astern)
+        models = identify_ship(trials, vessel, terms=[ANY_SPEED_SET], draws=_DRAWS, rng=rng).ship.models
+        forecasts = stopping(models, astern=full.astern)
     except TrajectoryError:
-        forecast = truth.expand_dims("draw").isel(draw=[])
+        forecasts = truth.expand_dims("draw").isel(draw=[])
     scale = {"m": vessel.particulars.L, "s": vessel.particulars.ship_time, "deg": math.degrees(1.0)}
     return [
-        {"index": name} | _told(_errors(forecast[name], float(truth[name]), scale[units]))
+        {"index": name} | _told(_errors(forecasts[name], float(truth[name]), scale[units]))
         for name, units in INDICES.items()
         if math.isfinite(truth[name])
     ]
 
 
-def held_rows(ship: ShipModel) -> list[dict]:
+def held_rows(identified: ShipIdentification) -> list[dict]:
     """Indices of her held-out runs, rows of :data:`HELD_INDEX`."""
     rows = []
-    for row in ship.index_rows:
+    for row in identified.held_out_indices:
         error, known = scaled(row)
         rows.append({"kind": row["kind"], "error": error, "known": known})
     return rows
@@ -300,7 +303,7 @@ def _errors(drawn: xr.DataArray, truth: float, scale: float) -> np.ndarray:
     return (values[np.isfinite(values)] - truth) / scale
 
 
-def instant_rows(ship: ShipModel, run: xr.Dataset, start: float) -> Iterator[dict]:
+def instant_rows(ship: Ship, run: xr.Dataset, start: float) -> Iterator[dict]:
     """Motion of a ship restarted in an exact run ``start`` L/U from its begin, rows of :data:`INSTANT`."""
     unit, units = ship.vessel.particulars.ship_time, prime_units(ship.vessel)
     begin = start * unit

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pymc_ship.ships.forecasting.calibration import constants
+from pymc_ship.ships.ensemble.calibration import constants
 
 ROOT = Path(__file__).parents[2]
 EXPLANATION = ROOT / "docs" / "explanation"

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import xarray as xr
+from pymc_ship.ships.identification.files import load_ship, save_ship
 
 from pymc_ship.experiments.run import read_study
 from pymc_ship.experiments.store import opened
@@ -14,8 +15,7 @@ from pymc_ship.inference.trajectory.prior import Statement
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
-from pymc_ship.ships.forecasting.motion_error import motion_error
-from pymc_ship.ships.identification.files import load_ship, save_ship
+from pymc_ship.ships.ensemble.motion_error import motion_error
 from tests.experiments.folders import run
 
 AGAIN = "done again"

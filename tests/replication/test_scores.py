@@ -15,7 +15,7 @@ from pymc_ship.replication.scores import (
     summary_rows,
     with_error,
 )
-from pymc_ship.ships.forecasting.forecast import BANDS
+from pymc_ship.ships.ensemble.scores import BANDS
 
 SCORED = ("u", "v", "r", "phi", "psi")
 ZIGZAG = ps.zigzag(20.0, 20.0)

@@ -53,7 +53,8 @@ from pymc_ship.machine.text import utf8
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.forecasting.forecast import BANDS, stated_shares
+from pymc_ship.ships.ensemble.scores import BANDS
+from pymc_ship.ships.forecasting.forecast import stated_shares
 from pymc_ship.trial.channels import CHANNELS, without_roll
 from pymc_ship.trial.record import TrialError, moving
 

@@ -39,7 +39,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.format import load_format
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised
-from pymc_ship.ships.forecasting.index_error import BEYOND, error_rows
+from pymc_ship.ships.ensemble.index_error import BEYOND, error_rows
 from pymc_ship.ships.identification.files import FOLDER, forecast_ship, load_ship, save_ship
 from pymc_ship.ships.identification.model import IdentifiedShip
 from pymc_ship.trial.record import facility_of

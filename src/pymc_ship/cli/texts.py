@@ -10,12 +10,13 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.forecasting.forecast import BANDS, NO_ROLL, rolls, stated_shares
+from pymc_ship.ships.ensemble.scores import BANDS
+from pymc_ship.ships.forecasting.forecast import NO_ROLL, rolls, stated_shares
 
 if TYPE_CHECKING:
     from pymc_ship.inference.regression.tune import TunedPrior
     from pymc_ship.records.checks.verdicts import Check
-    from pymc_ship.ships.identification.model import ShipModel
+    from pymc_ship.ships.identification.model import ShipIdentification
 
 
 class CoefficientRow(NamedTuple):
@@ -180,16 +181,16 @@ def probability_text(rows: Iterable[Mapping]) -> str:
     return "\n".join(f"IMO MSC.137(76): {row['verdict']}" for row in rows)
 
 
-def term_set_text(model: ShipModel) -> str:
+def term_set_text(found: ShipIdentification) -> str:
     """Weight, held-out score and errors of every term set."""
-    channels = dict.fromkeys(name for candidate in model.candidates for name in candidate.held_out.rms)
+    channels = dict.fromkeys(name for candidate in found.candidates for name in candidate.held_out.rms)
     rows = [
         (
             *(c.name, c.weight, c.held_out.log_density.sum()),
             *(c.held_out.rms.get(name, math.nan) for name in channels),
             f"{c.share_unsound:.0%}",
         )
-        for c in model.candidates
+        for c in found.candidates
     ]
     return table(("term set", "weight", "score", *(f"rms {name}" for name in channels), "ran away"), rows)
 
@@ -228,14 +229,14 @@ def form_text(form: Sequence[Mapping]) -> str:
     return table(keys, [[row[key] for key in keys] for row in form])
 
 
-def held_out_text(model: ShipModel) -> str:
+def held_out_text(found: ShipIdentification) -> str:
     """Indices of each held-out manoeuvre beside their forecast; empty where none was held out."""
-    if not model.index_rows:
+    if not found.held_out_indices:
         return ""
     header = ("held-out run", "manoeuvre", "index", "measured", "forecast", "± sd")
     names = ("run", "manoeuvre", "index", "measured", "forecast", "sd")
     return table(
-        header, [[str(row[n]).replace("_", " ") if n == "index" else row[n] for n in names] for row in model.index_rows]
+        header, [[str(row[n]).replace("_", " ") if n == "index" else row[n] for n in names] for row in found.held_out_indices]
     )
 
 

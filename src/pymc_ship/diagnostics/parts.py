@@ -16,7 +16,7 @@ from pymc_ship.diagnostics.numbers import CI_PROB, ENVELOPE
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.pages.tables import Columns, Table, fixed, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel, VesselError
-from pymc_ship.ships.forecasting.draws import coefficient_draws
+from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.forecasting.prior_ships import (
     STANDARD,
     RegressionPrior,

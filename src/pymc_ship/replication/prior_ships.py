@@ -12,7 +12,7 @@ from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_prior
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.replication.measurements import published_prior
-from pymc_ship.ships.forecasting.draws import coefficient_draws
+from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.forecasting.prior_ships import (
     STANDARD,
     RegressionPrior,

@@ -11,7 +11,7 @@ import xarray as xr
 from pymc_ship.inference.identifiability.bound import SHARES
 from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.forecasting.forecast import BANDS
+from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.trial.channels import channel_names
 
 

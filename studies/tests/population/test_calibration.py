@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pymc_ship.cli.main import run_command
-from pymc_ship.ships.forecasting.calibration import FILE, constants
+from pymc_ship.ships.ensemble.calibration import FILE, constants
 from studies.population import calibration
 from studies.population.calibration import counted, text, with_statements
 

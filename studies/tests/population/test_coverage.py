@@ -7,8 +7,8 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from pymc_ship.ships.forecasting.index_error import BEYOND, TOGETHER, TYPICAL
-from pymc_ship.ships.forecasting.motion_error import TYPICAL as OF_MOTION
+from pymc_ship.ships.ensemble.index_error import BEYOND, TOGETHER, TYPICAL
+from pymc_ship.ships.ensemble.motion_error import TYPICAL as OF_MOTION
 from studies.population import coverage
 from studies.population.figures import coverage_by_index, motion_by_lead, reliability
 from studies.tests.population.ships import columns

@@ -14,7 +14,7 @@ from pymc_ship.inference.regression.tree import exact_posterior, read_posterior,
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
-from pymc_ship.ships.forecasting.draws import coefficient_draws
+from pymc_ship.ships.ensemble.draws import coefficient_draws
 from tests.inference.regression.plain_algebra import HELD, NAMES, agree, base, plain, ship
 
 

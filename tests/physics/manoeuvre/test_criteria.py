@@ -8,7 +8,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.criteria import imo_limits, shown_probability
-from pymc_ship.ships.forecasting.forecast import quantile_bands
+from pymc_ship.ships.ensemble.scores import quantile_bands
 
 LENGTH = 230.66
 UNITS = {"initial_turning_distance": "m", "advance": "m", "tactical_diameter": "m"}

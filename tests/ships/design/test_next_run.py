@@ -16,7 +16,7 @@ from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.ships.design.next_run import CANDIDATES, _Run, next_runs, share_left
 from pymc_ship.ships.design.outlook import outlook
-from pymc_ship.ships.forecasting.index_error import model_error
+from pymc_ship.ships.ensemble.index_error import model_error
 from tests.ships.identification.cases import RUNS, tanker, trial
 
 CIRCLE = ps.turning_circle(35)

@@ -4,7 +4,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import reference_coefficients
-from pymc_ship.ships.forecasting.draws import fitted_motion, sensor_noise
+from pymc_ship.ships.ensemble.draws import fitted_motion, sensor_noise
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
 from pymc_ship.ships.forecasting.forecast import _quantiles, forecast, pooled_forecast, rolls, stated_shares
 from pymc_ship.trial.channels import SIMULATED

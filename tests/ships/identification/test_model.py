@@ -16,14 +16,14 @@ from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.vessel.term_sets import OWN, TERM_SETS
 from pymc_ship.physics.vessel.vessel import VesselError, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
+from pymc_ship.ships.ensemble.feasibility import is_feasible
+from pymc_ship.ships.ensemble.index_error import TYPICAL, index_sd
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
-from pymc_ship.ships.forecasting.index_error import TYPICAL, index_sd
 from pymc_ship.ships.identification import candidates as ship_candidates
 from pymc_ship.ships.identification import model as ship_model
 from pymc_ship.ships.identification.candidates import LARGEST_INFLATION, Candidate, Training
 from pymc_ship.ships.identification.held_out import HeldOut
 from pymc_ship.ships.identification.model import identify_ship
-from pymc_ship.ships.identification.soundness import sound
 from pymc_ship.trial.record import TrialError
 from tests.ships.identification.cases import RUNS, TRUE_TERMS, scored_upright, tanker, trial, trials
 
@@ -70,7 +70,7 @@ class TestEnsemble:
 
     def test_they_do_not_run_away(self, ship):
         for vessel, draws in ship.models:
-            assert sound(vessel, draws).all()
+            assert is_feasible(vessel, draws).all()
             assert len(np.unique(draws[:, 0])) == len(draws)
 
     def test_each_set_was_fitted_to_all_runs_and_to_all_but_one(self, ship):
@@ -170,7 +170,7 @@ class TestWeights:
 class TestDraws:
     @pytest.mark.parametrize(("weights", "dealt"), [((0.66, 0.34), [1, 1]), ((0.9, 0.1), [2, 0])])
     def test_the_rest_of_the_draws_goes_to_the_largest_remainders(self, monkeypatch, weights, dealt):
-        monkeypatch.setattr(ship_model, "sound", lambda vessel, rows: np.ones(len(rows), dtype=bool))
+        monkeypatch.setattr(ship_model, "is_feasible", lambda vessel, rows: np.ones(len(rows), dtype=bool))
         fit = WindowFit(tanker(), np.zeros(1), np.eye(1), np.eye(1), np.eye(1), {}, 1.0, 1)
         found = [replace(TestWeights.candidate([0.0]), fit=fit, weight=weight) for weight in weights]
         drawn = ship_model._drawn(found, 2, np.random.default_rng(1))
@@ -229,7 +229,7 @@ class TestOneRun:
         def judged(vessel, rows):
             return np.full(len(rows), "vvv" in vessel.terms("sway"))
 
-        monkeypatch.setattr(ship_candidates, "sound", judged)
+        monkeypatch.setattr(ship_candidates, "is_feasible", judged)
         monkeypatch.setattr(ship_candidates, "first_failure", lambda vessel, row: "in a turn")
         found = identified(trials(0)[:1], (POORER, TRUE_TERMS))
         assert [candidate.name for candidate in found.candidates] == [TRUE_TERMS]
@@ -242,9 +242,11 @@ class TestOneRun:
     @pytest.mark.parametrize(("share", "kept"), [(0.09, False), (0.11, True)])
     def test_a_set_is_left_out_where_fewer_than_one_draw_in_ten_is_sound(self, monkeypatch, share, kept):
         """Her estimate is; of the draws about it so many are, and of those of the ensemble all."""
-        monkeypatch.setattr(ship_candidates, "sound", lambda vessel, rows: np.arange(len(rows)) < share * len(rows))
+        monkeypatch.setattr(
+            ship_candidates, "is_feasible", lambda vessel, rows: np.arange(len(rows)) < share * len(rows)
+        )
         monkeypatch.setattr(ship_candidates, "first_failure", lambda vessel, row: "in a turn")
-        monkeypatch.setattr(ship_model, "sound", lambda vessel, rows: np.ones(len(rows), dtype=bool))
+        monkeypatch.setattr(ship_model, "is_feasible", lambda vessel, rows: np.ones(len(rows), dtype=bool))
         if kept:
             assert len(identified(trials(0)[:1]).candidates) == 1
         else:
@@ -254,7 +256,7 @@ class TestOneRun:
     def test_draws_that_all_run_away_are_an_error(self, monkeypatch):
         """Those of the trial before it were sound."""
         for room in (ship_candidates, ship_model):
-            monkeypatch.setattr(room, "sound", lambda vessel, rows: np.full(len(rows), len(rows) == 51))
+            monkeypatch.setattr(room, "is_feasible", lambda vessel, rows: np.full(len(rows), len(rows) == 51))
         with pytest.raises(
             TrajectoryError, match=r"terms, 0 of 2000 do not run away in a standard manoeuvre; give more"
         ):

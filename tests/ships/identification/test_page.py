@@ -19,7 +19,7 @@ from pymc_ship.pages.tables import fixed
 from pymc_ship.physics.forces.hull_database import typical_rudder
 from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.records.checks.verdicts import Check
-from pymc_ship.ships.forecasting.index_error import TYPICAL, model_error
+from pymc_ship.ships.ensemble.index_error import TYPICAL, model_error
 from pymc_ship.ships.identification import page as ship_report
 from pymc_ship.ships.identification.figures import held_out_windows
 from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors

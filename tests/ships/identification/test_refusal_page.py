@@ -11,9 +11,9 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.checks.verdicts import Check
+from pymc_ship.ships.ensemble.feasibility import FASTEST, TIGHTEST, first_failure, is_feasible
 from pymc_ship.ships.identification.candidates import Refusal, TermSetsRefusedError
 from pymc_ship.ships.identification.refusal_page import write_refusal_page
-from pymc_ship.ships.identification.soundness import FASTEST, TIGHTEST, first_failure, sound
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_a_sound_ship_has_no_failure(tanker):
 
 def test_the_first_failure_is_where_the_motion_leaves_what_a_ship_can_do(tanker, spinning):
     failure = first_failure(tanker, spinning)
-    assert not sound(tanker, spinning[None])[0]
+    assert not is_feasible(tanker, spinning[None])[0]
     assert "in the zigzag 10/10 port she " in str(failure)
     ship = failure.motion
     assert float(ship["time"][-1]) == failure.time

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -27,10 +27,11 @@ from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.design.candidates import labelled_trials
 from pymc_ship.ships.design.trial_design import TrialDesignError
-from pymc_ship.ships.forecasting.draws import knowing_models, thinned_draws
+from pymc_ship.ships.ensemble.draws import knowing_models, thinned_draws
+from pymc_ship.ships.ensemble.index_error import equivalent_sd, error_sizes, readings_noise, steady_error
+from pymc_ship.ships.ensemble.motion_error import SIZES
+from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
-from pymc_ship.ships.forecasting.index_error import equivalent_sd, error_sizes, readings_noise, steady_error
-from pymc_ship.ships.forecasting.motion_error import SIZES
 
 CANDIDATES = tuple(
     make(*angles, side=side)
@@ -54,30 +55,6 @@ _SWINGS = 3  # of a zigzag
 _POINTS = 64  # of a track
 _FAR, _TINY = 1e3, 1e-12  # sd from the middle of a draw without an index, and an interval without width
 _QUANTILE = float(ndtri(0.5 + 0.5 * _INSIDE))
-
-
-class Ensemble(Protocol):
-    """What is needed of an identified ship, see :class:`pymc_ship.IdentifiedShip`."""
-
-    @property
-    def models(self) -> list[tuple[Vessel, np.ndarray]]:
-        """Vessel and draws of each term set."""
-
-    @property
-    def motion(self) -> xr.DataArray:
-        """Prime motion of the runs."""
-
-    @property
-    def model_error(self) -> dict[str, np.ndarray]:
-        """Sizes of the error of indices by kind."""
-
-    @property
-    def motion_error(self) -> dict[str, np.ndarray]:
-        """Sizes of the error of the motion by state."""
-
-    @property
-    def known_rows(self) -> list[dict]:
-        """Indices of held-out runs."""
 
 
 class _Run(NamedTuple):
@@ -107,7 +84,7 @@ class _Known(NamedTuple):
 
 
 def next_runs(
-    ship: Ensemble,
+    ship: Ship,
     candidates: Mapping[str, Manoeuvre] | Sequence[Manoeuvre] = CANDIDATES,
     n: int = 1,
     *,
@@ -121,7 +98,7 @@ def next_runs(
 
     Parameters
     ----------
-    ship : IdentifiedShip or ShipModel
+    ship : Ship
         From :func:`pymc_ship.identify_ship` or :func:`pymc_ship.load_ship`.
     candidates : mapping of str to Manoeuvre or sequence of Manoeuvre, optional
         Of kinds that have indices.
@@ -166,7 +143,7 @@ def next_runs(
     >>> sides = ("port", "starboard")
     >>> runs = [ps.simulate(vessel, ps.zigzag(10, 10, side=side), duration=600, step=0.5) for side in sides]
     >>> runs = [ps.pollute(run, level=0.01, rng=rng) for run in runs]
-    >>> ship = ps.identify_ship(runs, vessel, terms=["hull and loading, cubic"], draws=100, rng=rng)
+    >>> ship = ps.identify_ship(runs, vessel, terms=["hull and loading, cubic"], draws=100, rng=rng).ship
     >>> plan = ps.next_runs(ship, [ps.zigzag(10, 10), ps.turning_circle(35)])
     >>> plan["chosen"].item()
     'turning circle 35 port'
@@ -291,7 +268,7 @@ class _Design:
         return np.maximum(_QUANTILE * np.array([equivalent_sd(row) for row in sd]), _TINY)
 
 
-def _design(ship: Ensemble, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
+def _design(ship: Ship, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
     """The targets of an ensemble; TrialDesignError where too few draws reach any."""
     targets = []
     for run in sailed:
@@ -308,8 +285,8 @@ def _design(ship: Ensemble, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
     away = (asked - np.nanmedian(asked, axis=0)) / np.where(sd > 0.0, sd, 1.0)
     return _Design(
         vessel=vessel,
-        errors=ship.model_error | steady_error(ship.motion_error),
-        rows=ship.known_rows,
+        errors=ship.index_error | steady_error(ship.motion_error),
+        rows=ship.held_out_indices,
         targets=targets,
         asked=asked,
         central=int(np.argmin(np.sum(np.nan_to_num(away, nan=_FAR) ** 2, axis=1))),

@@ -6,24 +6,25 @@ import numpy as np
 
 from pymc_ship.physics.manoeuvre.standard import STANDARD
 from pymc_ship.physics.motion.stepping import simulation_settings
-from pymc_ship.ships.design.next_run import Ensemble, next_runs
+from pymc_ship.ships.design.next_run import next_runs
 from pymc_ship.ships.design.trial_design import TrialDesignError
-from pymc_ship.ships.forecasting.draws import thinned_draws
+from pymc_ship.ships.ensemble.draws import thinned_draws
+from pymc_ship.ships.ensemble.index_error import steady_error
+from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
-from pymc_ship.ships.forecasting.index_error import steady_error
 
 _DRAWS = 200  # at most
 _INSIDE = 0.95  # probability of intervals
 
 
-def outlook(ship: Ensemble, rng: np.random.Generator) -> tuple[str, ...]:
+def outlook(ship: Ship, rng: np.random.Generator) -> tuple[str, ...]:
     """Sentences on the turning circle of an identified ship, and on the standard manoeuvre that would tell most next.
 
     Empty where hardly any draw reaches an index.
     """
     vessel, drawn = ship.models[0][0], thinned_draws(ship.models, _DRAWS)
     settings = simulation_settings(vessel) | {"ci_prob": _INSIDE, "rng": rng, "motion": ship.motion}
-    settings["errors"] = ship.model_error | steady_error(ship.motion_error)
+    settings["errors"] = ship.index_error | steady_error(ship.motion_error)
     turns = []
     for manoeuvre in (one for one in STANDARD if one.traits.circles):
         duration = manoeuvre.traits.reach * vessel.particulars.ship_time

@@ -27,7 +27,7 @@ from pymc_ship.records.files.noise import noise_factors
 from pymc_ship.records.files.noise import noise_sd as noise_size
 from pymc_ship.ships.design.candidates import NextRun, candidate_trials, labelled_trials
 from pymc_ship.ships.design.closed_loop import STEP, closed_loop_sensitivities, straight_course
-from pymc_ship.ships.forecasting.draws import coefficient_draws
+from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.forecasting.stopping import StoppingTest
 from pymc_ship.trial.channels import channel_names, sensors
 

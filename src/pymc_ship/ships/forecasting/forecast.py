@@ -3,62 +3,73 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.indices import indices, of_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.simulation import simulate
-from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
+from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, fullest
-from pymc_ship.ships.forecasting.draws import coefficient_draws, fitted_motion, sensor_noise
+from pymc_ship.records.steering.recognition import Steering, with_steering
+from pymc_ship.ships.ensemble.draws import knowing_models, thinned_draws
+from pymc_ship.ships.ensemble.feasibility import is_feasible
+from pymc_ship.ships.ensemble.index_error import reliability, steady_error, with_model_error
+from pymc_ship.ships.ensemble.scores import quantile_bands, quantiles
+from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import UNKNOWN, extrapolation, sentence, share_outside
-from pymc_ship.ships.forecasting.index_error import reliability, with_model_error
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
-
-BANDS = ("lower", "median", "upper")
-"""Coordinate ``band`` of what a forecast summarises."""
+from pymc_ship.trial.record import TrialError
 
 NO_ROLL = "There is no forecast of roll angles: none or too few of the simulated ships roll."
 """What a forecast without roll says."""
 
 
 def forecast(
-    vessel: VesselLike,
-    posteriors: Mapping[str, xr.DataTree] | xr.DataTree,
+    ship: ShipLike,
     manoeuvre: Manoeuvre,
     *,
-    draws: int = 300,
     rng: Seed,
-    duration: float = 400.0,
-    ci_prob: float = 0.9,
-    noise_sd: Mapping[str, float] | None = None,
+    draws: int = 1000,
+    duration: float | None = None,
+    ci_prob: float = 0.95,
+    n: float | None = None,
+    wind: tuple[float, float] | None = None,
+    current: tuple[float, float] | None = None,
+    facility: str | None = None,
     **settings: Any,
 ) -> xr.DataTree:
-    """Forecast a manoeuvre with one simulated ship for each posterior draw.
+    """Forecast a manoeuvre with one simulated ship for each draw.
 
     Parameters
     ----------
-    vessel : Vessel, str or Path
-    posteriors : DataTree or mapping of str to DataTree
-        Joint posterior of all coefficients, or the posterior of each DOF, of any method; a DOF that a mapping leaves
-        out keeps the vessel's reference values.
+    ship : Ship, Vessel, str or Path
+        From :func:`pymc_ship.load_ship`, an identification, or :meth:`pymc_ship.Ship.from_posterior`; a vessel is a
+        ship of one draw.
     manoeuvre : Manoeuvre
-    draws : int, optional
-        Simulated ships.
     rng : int, SeedSequence or Generator
+    draws : int, optional
+        At most; the models of an ensemble keep their shares of them.
     duration : float, optional
-        [s].
+        [s]; as far as the kind of manoeuvre reaches by default, 40 L/U for the standard ones.
     ci_prob : float, optional
         Probability inside the equal-tailed bands.
-    noise_sd : mapping of str to float, optional
-        Standard deviation of the noise of the sensors by channel [SI]; by default what a joint posterior holds.
+    n, wind, current
+        Revolutions, wind and current as in :func:`pymc_ship.simulate`; revolutions and wind leave the models out whose
+        forces do not know them.
+    facility : str, optional
+        One of the facilities of the trials, whose steering gear moves the rudder and whose revolutions give the speed
+        of the approach, unless the manoeuvre has a speed or ``n`` is given; by default the gear is that of most trials
+        and the speed the nominal one.
     **settings
-        ``step``, ``method`` and ``record_interval`` of :func:`pymc_ship.simulate`; by default Euler at 0.02 s,
-        recorded every 0.5 s.
+        ``step``, ``method`` and ``record_interval`` of :func:`pymc_ship.simulate`; by default Runge-Kutta steps that
+        suit the size and speed of the ship.
 
     Returns
     -------
@@ -66,46 +77,102 @@ def forecast(
         ``trajectories`` (dims draw, time: the simulated ships with ``diverged`` and ``diverged_at``), ``bands`` (dims
         band, time) and, for a manoeuvre that has indices, ``indices`` (dims draw) and ``index_bands`` (dims band).
         Bands are quantiles of the ships still running at that instant; attrs tell the ``share_diverged``. ``bands``
-        hold the uncertainty of the coefficients alone; ``measured_bands``, there where a noise is known, that of what
-        the sensors would read on top of it. ``extrapolation``, there where the posterior holds the motion it was fitted
-        to: how the ships leave it, ``share_outside`` and median ``distance`` over time, and over symbol what is in
-        :func:`pymc_ship.extrapolation`, medians over draws. Attrs tell ``share_extrapolated``, the share of outside
-        instants of running ships (NaN where unknown), and ``extrapolation``, a sentence.
+        have the uncertainty of the coefficients alone; ``measured_bands``, there where a noise is known, that of what
+        the sensors would read on top of it. Where the ship has laws of its errors, ``indices`` and their bands have the
+        model error, and draws that are not feasible in this manoeuvre are left out, ``share_refused`` in attrs.
+        ``extrapolation``, there where the motion of the runs is known: how the ships leave it, ``share_outside`` and
+        median ``distance`` over time, and over symbol what is in :func:`pymc_ship.extrapolation`, medians over draws.
+        Attrs tell ``share_extrapolated``, the share of outside instants of running ships (NaN where unknown),
+        ``extrapolation``, a sentence, and ``steering``, how the rudder moves.
 
     Raises
     ------
-    VesselError, SimulationError, ValueError
-        For posteriors that do not fit the vessel, settings that cannot run, fewer than two draws, ``ci_prob`` not in
-        (0, 1), noise of an unknown channel or one that is negative or not finite.
+    TrajectoryError
+        When no draw of a ship with laws of its errors is feasible.
     TrialError
-        For a fitted motion that cannot be read.
+        For a facility that none of the trials is of, or a motion of the runs that cannot be read.
+    SimulationError
+        For settings that cannot run, or revolutions or wind that no model of the ship knows.
+    ValueError
+        For fewer than two draws or ``ci_prob`` not in (0, 1).
 
     Examples
     --------
-    A turning circle, forecast from a noisy zigzag; the band of 90 % holds the diameter of the ship herself:
+    A turning circle, forecast from a noisy zigzag; the band of 90 % has the diameter of the ship itself:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
     >>> trial = ps.pollute(ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5), level=0.01, rng=rng)
     >>> found = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
-    >>> posteriors = found.posteriors("conjugate", draws=40, rng=rng)
-    >>> turn = ps.forecast(vessel, posteriors, ps.turning_circle(35), draws=40, duration=900, step=0.5, rng=rng)
+    >>> ship = ps.Ship.from_posterior(vessel, found.posteriors("conjugate", draws=40, rng=rng), draws=40, rng=rng)
+    >>> turn = ps.forecast(ship, ps.turning_circle(35), duration=900, step=0.5, method="euler", ci_prob=0.9, rng=rng)
     >>> lower, median, upper = turn["index_bands"]["tactical_diameter"].values
     >>> truth = ps.indices(ps.simulate(vessel, ps.turning_circle(35), duration=900, step=0.5))["tactical_diameter"]
     >>> turn.attrs["share_diverged"], bool(lower < truth < upper)
     (0.0, True)
     """
-    rng, vessel, manoeuvre = random_generator(rng), as_vessel(vessel), one_manoeuvre(manoeuvre)
+    rng, ship, manoeuvre = random_generator(rng), as_ship(ship), one_manoeuvre(manoeuvre)
     if draws < 2 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A forecast needs two draws and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
-    noise = sensor_noise(posteriors) if noise_sd is None else dict(noise_sd)
-    _check_noise(noise)
-    models = [(vessel, coefficient_draws(vessel, posteriors, draws, rng))]
-    motion = fitted_motion(posteriors)
-    return pooled_forecast(
-        models, manoeuvre, duration=duration, ci_prob=ci_prob, noise=noise, motion=motion, rng=rng, **settings
+    around = {"n": n, "wind": wind, "current": current}
+    known = knowing_models(_steered_at(ship, facility), n=n, wind=wind)
+    if facility is not None and manoeuvre.approach_speed is None and n is None:
+        speed = ship.facilities[facility].approach_speed
+        manoeuvre = replace(manoeuvre, approach_speed=speed if np.isfinite(speed) else None)
+    unit = known[0][0].particulars.ship_time
+    duration = manoeuvre.traits.reach * unit if duration is None else duration
+    drawn = thinned_draws(known, draws)
+    models = drawn if ship.index_error is None else _feasible(drawn, manoeuvre, duration / unit, around)
+    tree = pooled_forecast(
+        models,
+        manoeuvre,
+        duration=duration,
+        ci_prob=ci_prob,
+        rng=rng,
+        noise=ship.noise_sd,
+        motion=ship.motion,
+        errors=None if ship.index_error is None else ship.index_error | steady_error(ship.motion_error),
+        **(simulation_settings(models[0][0]) | settings),
+        **around,
     )
+    tree.attrs["steering"] = _steering(models[0][0], ship.facilities, facility)
+    if facility is not None:
+        tree.attrs["steering"] += f" The approach is at {tree.attrs['approach_speed']:.4g} m/s."
+    tree.attrs["share_refused"] = 1.0 - tree.attrs["draws"] / sum(len(rows) for _, rows in drawn)
+    return tree
+
+
+def _feasible(
+    models: Sequence[tuple[Vessel, np.ndarray]], manoeuvre: Manoeuvre, reach: float, around: Mapping[str, object]
+) -> list[tuple[Vessel, np.ndarray]]:
+    """Models with the draws that are feasible in a manoeuvre; TrajectoryError where fewer than two are."""
+    found = [(vessel, rows[is_feasible(vessel, rows, [manoeuvre], reach, **around)]) for vessel, rows in models]
+    if sum(len(rows) for _, rows in found) < 2:
+        raise TrajectoryError(f"Every draw runs away in the {manoeuvre.label}; give more trials or a prior.")
+    return [(vessel, rows) for vessel, rows in found if len(rows)]
+
+
+def _steering(vessel: Vessel, facilities: Mapping[str, Steering], facility: str | None) -> str:
+    """Sentence on how the rudder of a forecast moves; it names a facility whose runs have shown that."""
+    gear, where = vessel.particulars, facility or next(iter(facilities), "")
+    named = f" as at {where}" if where and facilities[where].n_reversals else ""
+    unseen = f" (no run at {where} reverses its rudder)" if where and not named else ""
+    return f"The rudder moves{named} at {gear.rudder_rate_deg:.3g} deg/s after {gear.rudder_delay:.3g} s{unseen}."
+
+
+def _steered_at(ship: Ship, facility: str | None) -> list[tuple[Vessel, np.ndarray]]:
+    """Models of a ship with the steering gear of a facility; TrialError for one that none of the trials is of."""
+    if facility is None:
+        return ship.models
+    named = tuple(filter(None, ship.facilities))
+    if not named:
+        raise TrialError(
+            f"The trials of this ship name no facility, found {facility!r} asked for; leave it out, or state facility "
+            "in their format files and identify her anew."
+        )
+    check_choice("A facility", facility, named, TrialError)
+    return [(with_steering(vessel, ship.facilities[facility]), rows) for vessel, rows in ship.models]
 
 
 def pooled_forecast(
@@ -129,14 +196,16 @@ def pooled_forecast(
     ----------
     models : sequence of (Vessel, ndarray of shape (n_draws, n_coefficients))
         Each model counts by its number of draws.
-    manoeuvre, duration, ci_prob, rng, **settings
+    manoeuvre, duration, ci_prob, rng
         As :func:`forecast`.
+    **settings
+        Of :func:`pymc_ship.simulate`.
     noise : mapping of str to float, optional
         Standard deviation of the sensors by channel [SI].
     motion : DataArray, dims (row, symbol), optional
         Prime motion the models were fitted to.
     errors : mapping of str to ndarray or float, optional
-        Model error of the indices by kind, see :func:`pymc_ship.ships.forecasting.index_error.model_error`: ``indices``
+        Model error of the indices by kind, see :func:`pymc_ship.ships.ensemble.index_error.model_error`: ``indices``
         are then those that a trial would show, and hold the error of a model that leaves the motion of its runs.
 
     Returns
@@ -144,7 +213,6 @@ def pooled_forecast(
     DataTree
         As :func:`forecast`.
     """
-    settings = {"step": 0.02, "record_interval": 0.5} | settings
     runs = [simulate(ship, manoeuvre, duration=duration, coefficients=rows, **settings) for ship, rows in models]
     rolling = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])
     if not rolling.all() and rolling.sum() < round(2.0 / (1.0 - ci_prob)):
@@ -207,15 +275,6 @@ def stated_shares(tree: xr.DataTree) -> str:
     return f"{tree.attrs['draws']} ships, {100.0 * diverged:.3g} % diverged{known}"
 
 
-def _check_noise(noise: Mapping[str, float]) -> None:
-    for name, sd in noise.items():
-        if name not in SIMULATED or not 0.0 <= sd < np.inf:
-            raise ValueError(
-                f"Sensor noise has a standard deviation from 0 up for any of {', '.join(SIMULATED)}; found {sd} for "
-                f"{name!r}; correct it."
-            )
-
-
 def _measured(ships: xr.Dataset, noise: Mapping[str, float], rng: np.random.Generator) -> xr.Dataset:
     """Readings of the ships' sensors: the motion plus independent normal noise at every instant."""
     read = ships[[name for name in ships if name in noise]]
@@ -230,7 +289,7 @@ def _over_draws(found: xr.Dataset) -> xr.Dataset:
     share = np.where(count > 0, outside.sum(axis=0) / np.maximum(count, 1), np.nan)
     over_time = {
         "share_outside": ("time", share),
-        "distance": ("time", _quantiles(distance, [0.5])[0], found["distance"].attrs),
+        "distance": ("time", quantiles(distance, [0.5])[0], found["distance"].attrs),
     }
     over_symbol = found.drop_dims("time").median("draw", keep_attrs=True)
     attrs = {
@@ -238,25 +297,3 @@ def _over_draws(found: xr.Dataset) -> xr.Dataset:
         "median_distance": float(np.median(distance[outside])) if outside.any() else 0.0,
     }
     return over_symbol.assign(over_time).assign_coords(time=found["time"]).assign_attrs(attrs)
-
-
-def quantile_bands(values: xr.Dataset, ci_prob: float) -> xr.Dataset:
-    """Equal-tailed band and median over the draws that are not NaN."""
-    tail = 0.5 * (1.0 - ci_prob)
-    variables = {
-        name: (("band", *variable.dims[1:]), _quantiles(variable.values, [tail, 0.5, 1.0 - tail]), variable.attrs)
-        for name, variable in values.data_vars.items()
-    }
-    coords = {"band": list(BANDS)} | {name: values.coords[name] for name in values.coords if name != "draw"}
-    return xr.Dataset(variables, coords)
-
-
-def _quantiles(values: np.ndarray, probabilities: list[float]) -> np.ndarray:
-    """Quantiles over the first axis without NaN (which sorts last), linear between order statistics."""
-    ordered = np.sort(values, axis=0)
-    count = np.isfinite(ordered).sum(axis=0)
-    rank = np.multiply.outer(probabilities, np.maximum(count - 1, 0))
-    below = np.floor(rank).astype(int)
-    above = np.minimum(below + 1, np.maximum(count - 1, 0))
-    low, high = (np.take_along_axis(ordered, index, axis=0) for index in (below, above))
-    return low + (rank - below) * (high - low)

@@ -18,8 +18,9 @@ from pymc_ship.physics.motion.stability import growth_rates
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
-from pymc_ship.ships.forecasting.draws import coefficient_draws
-from pymc_ship.ships.forecasting.forecast import BANDS, pooled_forecast
+from pymc_ship.ships.ensemble.draws import coefficient_draws
+from pymc_ship.ships.ensemble.scores import BANDS
+from pymc_ship.ships.forecasting.forecast import pooled_forecast
 
 STATUSES = ("ran away", "wrong way", "course-unstable", "sailed")
 """How a ship of a prior ends: the first that is true of her. `ran away`: she leaves the model's range. `wrong way`: she

@@ -37,8 +37,9 @@ from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, places_of
 from pymc_ship.records.checks.plausibility import DRIFT, SHORTEST_PIECE, SLOW, piece_check, pieces_ahead
 from pymc_ship.records.checks.verdicts import ship_scale
 from pymc_ship.records.steering.recognition import Steering
+from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feasible
+from pymc_ship.ships.ensemble.ship import Member
 from pymc_ship.ships.identification.held_out import HeldOut, held_out
-from pymc_ship.ships.identification.soundness import Failure, first_failure, sound
 from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
@@ -74,11 +75,11 @@ class Candidate:
     name: str
     fit: WindowFit
     prior: CoefficientPrior
-    held_out: HeldOut
-    inflation: float
-    weight: float
-    draws: np.ndarray
-    share_unsound: float
+    held_out: HeldOut | None = None
+    inflation: float = 1.0
+    weight: float = 0.0
+    draws: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    share_unsound: float = 0.0
     captive: CaptiveFit | None = None
     apart: tuple[float, ...] = ()
 
@@ -92,10 +93,23 @@ class Candidate:
         old = [earlier[self.name].log_density] if self.name in earlier else []
         return np.concatenate([*old, self.held_out.log_density])
 
-    def told(self, earlier: Mapping[str, Earlier]) -> Earlier:
-        """What all runs so far have said, for runs to come."""
+    def likelihood(self, earlier: Mapping[str, Earlier]) -> Earlier:
+        """Likelihood of all runs so far, for runs to come."""
         names, prior = tuple(coefficient_names(self.vessel)), self.prior
         return Earlier(names, self.said, self.densities(earlier), prior.mean, prior.scale)
+
+    def member(self, earlier: Mapping[str, Earlier]) -> Member:
+        """Member of the ensemble that this term set is."""
+        return Member(
+            name=self.name,
+            vessel=self.vessel,
+            draws=self.draws,
+            estimate=self.fit.coefficients,
+            weight=self.weight,
+            likelihood=self.likelihood(earlier),
+            inflation=self.inflation,
+            dispersion=self.fit.dispersion,
+        )
 
     @property
     def vessel(self) -> Vessel:
@@ -250,52 +264,111 @@ def candidates_of(wanted: Sequence[str], training: Training) -> tuple[list[Candi
     return found, [refusal.sentence for refusal in refusals]
 
 
+@dataclass(frozen=True)
+class _Problem:
+    """A term set with the pieces and windows of the runs that its forces can represent, and its prior.
+
+    ``plain`` is the vessel without what the prior knows of it, from which a fit can begin.
+    """
+
+    name: str
+    plain: Vessel
+    vessel: Vessel
+    trials: list[xr.Dataset]
+    runs: list[list[Window]]
+    prior: CoefficientPrior
+
+    @property
+    def windows(self) -> list[Window]:
+        """Windows of all runs."""
+        return [window for run in self.runs for window in run]
+
+
 def _attempt(name: str, training: Training) -> Candidate | Refusal:
     """Candidate of a term set, or why there is none."""
     try:
-        plain = as_recorded(with_terms(training.vessel, name), training.trials)
-        vessel = informed(plain, training.prior)
-        trials = [piece for trial in training.trials for piece in held_pieces(trial, vessel)]
-        runs = [held_windows(trial, vessel, k) for k, trial in enumerate(training.trials)]
-        prior = stated_prior(trials, vessel, training.prior)
-        windows = [window for run in runs for window in run]
-        whole, tests = _first_fit(trials, windows, vessel, prior, plain), None
-        if training.captive is not None:
-            tests = fit_captive(training.captive, vessel, prior)
-            tests = shared_with_trials(tests, prior, whole.coefficients, whole.covariance)
-        before, apart = None, ()
-        if name in training.earlier:
-            earlier = training.earlier[name]
-            if training.reloaded and vessel.modular:
-                earlier = earlier.at_loading(coefficient_names(vessel), prior)
-            known = np.linalg.inv(whole.information)  # the scatter of a few windows would claim to know too much
-            own = places_of_facility(vessel) if training.elsewhere else ()
-            before, apart = loosened(earlier.of(vessel), prior, whole.coefficients, known, own)
-        beside = joined([before, tests.statement if tests else None])
-        if beside is not None:
-            prior = replace(prior, statement=beside)
-            whole = fit_windows(windows, vessel, prior, whole.coefficients, whole.spread)
-
-        def fit(windows: Sequence[Window]) -> WindowFit:
-            return fit_windows(windows, vessel, prior, whole.coefficients, whole.spread)
-
-        judged = held_out(
-            held_together(runs), vessel, fit, _shared(training, vessel) if holds_any_speed(vessel) else None
-        )
+        problem = _with_prior(name, training)
+        fit = _fit(problem)
+        candidate = _combine(problem, fit, training)
+        candidate = _hold_out(problem, candidate, training)
     except TrajectoryError as error:
         return Refusal(name, f"The {name} terms were left out: {error}")
+    return _accept(candidate)
+
+
+def _with_prior(name: str, training: Training) -> _Problem:
+    """Windows of a term set with the prior of its coefficients."""
+    plain = as_recorded(with_terms(training.vessel, name), training.trials)
+    vessel = informed(plain, training.prior)
+    trials = [piece for trial in training.trials for piece in held_pieces(trial, vessel)]
+    runs = [held_windows(trial, vessel, k) for k, trial in enumerate(training.trials)]
+    return _Problem(name, plain, vessel, trials, runs, stated_prior(trials, vessel, training.prior))
+
+
+def _fit(problem: _Problem) -> WindowFit:
+    """Fit to all windows.
+
+    It begins at the weak form or, where that ship leaves the model's range, at that of the plain vessel with a prior
+    that damps high orders.
+    """
+
+    def from_weak_form(law: CoefficientPrior) -> WindowFit:
+        start = weak_form_start(problem.trials, problem.vessel, law.mean, law.scale, method="rk4")
+        return fit_windows(problem.windows, problem.vessel, problem.prior, start)
+
+    try:
+        return from_weak_form(problem.prior)
+    except TrajectoryError:
+        if problem.plain.modular:
+            raise
+        return from_weak_form(coefficient_prior(problem.trials, problem.plain))
+
+
+def _combine(problem: _Problem, fit: WindowFit, training: Training) -> Candidate:
+    """The fit with the likelihoods of earlier runs and of captive tests beside the prior."""
+    prior, vessel, tests, before, apart = problem.prior, problem.vessel, None, None, ()
+    if training.captive is not None:
+        tests = fit_captive(training.captive, vessel, prior)
+        tests = shared_with_trials(tests, prior, fit.coefficients, fit.covariance)
+    if problem.name in training.earlier:
+        earlier = training.earlier[problem.name]
+        if training.reloaded and vessel.modular:
+            earlier = earlier.at_loading(coefficient_names(vessel), prior)
+        known = np.linalg.inv(fit.information)  # the scatter of a few windows would claim to know too much
+        own = places_of_facility(vessel) if training.elsewhere else ()
+        before, apart = loosened(earlier.of(vessel), prior, fit.coefficients, known, own)
+    beside = joined([before, tests.statement if tests else None])
+    if beside is not None:
+        prior = replace(prior, statement=beside)
+        fit = fit_windows(problem.windows, vessel, prior, fit.coefficients, fit.spread)
+    return Candidate(problem.name, fit, prior, captive=tests, apart=apart)
+
+
+def _hold_out(problem: _Problem, candidate: Candidate, training: Training) -> Candidate:
+    """Candidate judged by the runs that are left out in turn, and widened by how far each run moves it."""
+    vessel, whole = problem.vessel, candidate.fit
+
+    def fit(windows: Sequence[Window]) -> WindowFit:
+        return fit_windows(windows, vessel, candidate.prior, whole.coefficients, whole.spread)
+
+    shared = _shared(training, vessel) if holds_any_speed(vessel) else None
+    judged = held_out(held_together(problem.runs), vessel, fit, shared)
     inflation = _inflation(whole, judged)
-    whole, *others = (widened(fit, inflation) for fit in (whole, *judged.fits))
-    judged = replace(judged, fits=tuple(others))
-    tried = np.vstack([whole.coefficients, carried_draws(whole, _TRIED, np.random.default_rng(_TRIED))])
-    good = sound(vessel, tried)
-    if not good[0] or good.mean() < _FEWEST_SOUND:
-        failure = first_failure(vessel, tried[np.argmin(good)])
-        share = "" if not good[0] else f" in {100.0 * (1.0 - good.mean()):.0f} % of the draws"
-        sentence = f"The {name} terms were left out: fitted to these trials, they make a ship that runs away{share}"
-        return Refusal(name, f"{sentence}, {failure}.", vessel, failure)
-    not_drawn = {"weight": 0.0, "draws": tried[:0], "share_unsound": 0.0}
-    return Candidate(name, whole, prior, judged, inflation, **not_drawn, captive=tests, apart=apart)
+    whole, *others = (widened(one, inflation) for one in (whole, *judged.fits))
+    return replace(candidate, fit=whole, held_out=replace(judged, fits=tuple(others)), inflation=inflation)
+
+
+def _accept(candidate: Candidate) -> Candidate | Refusal:
+    """The candidate, or its refusal where the estimate or most draws are not feasible in a standard manoeuvre."""
+    vessel, fit, name = candidate.vessel, candidate.fit, candidate.name
+    tried = np.vstack([fit.coefficients, carried_draws(fit, _TRIED, np.random.default_rng(_TRIED))])
+    good = is_feasible(vessel, tried)
+    if good[0] and good.mean() >= _FEWEST_SOUND:
+        return replace(candidate, draws=tried[:0])
+    failure = first_failure(vessel, tried[np.argmin(good)])
+    share = "" if not good[0] else f" in {100.0 * (1.0 - good.mean()):.0f} % of the draws"
+    sentence = f"The {name} terms were left out: fitted to these trials, they make a ship that runs away{share}"
+    return Refusal(name, f"{sentence}, {failure}.", vessel, failure)
 
 
 def cut_runs(names: Sequence[str], training: Training, found: Sequence[Candidate]) -> list[str]:
@@ -349,22 +422,6 @@ def held_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list[Win
 
 def _windows(pieces: Sequence[xr.Dataset], vessel: Vessel, number: int) -> list[Window]:
     return [window for piece in pieces for window in prepared_windows(piece, vessel, number)]
-
-
-def _first_fit(
-    trials: Sequence[xr.Dataset], windows: Sequence[Window], vessel: Vessel, prior: CoefficientPrior, plain: Vessel
-) -> WindowFit:
-    """Fit from the weak form or, where that ship leaves the model's range, from that of ``plain`` with small orders."""
-
-    def from_weak_form(law: CoefficientPrior) -> WindowFit:
-        return fit_windows(windows, vessel, prior, weak_form_start(trials, vessel, law.mean, law.scale, method="rk4"))
-
-    try:
-        return from_weak_form(prior)
-    except TrajectoryError:
-        if plain.modular:
-            raise
-        return from_weak_form(coefficient_prior(trials, plain))
 
 
 def held_together(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:

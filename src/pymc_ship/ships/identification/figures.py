@@ -108,7 +108,7 @@ def held_out_overshoots(rows: Sequence[Mapping]) -> Figure:
     Parameters
     ----------
     rows : sequence of mapping
-        ``index_rows`` of a :class:`pymc_ship.ships.identification.model.ShipModel`.
+        ``held_out_indices`` of a :class:`pymc_ship.ShipIdentification`.
 
     Returns
     -------

@@ -28,8 +28,8 @@ from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
 from pymc_ship.records.steering.measured import drawn_indices, measured_indices
 from pymc_ship.records.steering.recognition import unrecognised
-from pymc_ship.ships.forecasting.draws import robust_sd
-from pymc_ship.ships.forecasting.index_error import index_scale
+from pymc_ship.ships.ensemble.draws import robust_sd
+from pymc_ship.ships.ensemble.index_error import index_scale
 from pymc_ship.trial.channels import sensors, without_roll
 from pymc_ship.trial.record import moving
 

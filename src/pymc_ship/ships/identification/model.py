@@ -9,7 +9,7 @@ between the sets is one part of the model error, the other is what the indices o
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -28,10 +28,11 @@ from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, fullest
 from pymc_ship.records.files.judgement import judgement
-from pymc_ship.records.steering.recognition import Steering, recognise_by_facility, with_steering
-from pymc_ship.ships.design.outlook import outlook
-from pymc_ship.ships.forecasting.index_error import index_sd, model_error
-from pymc_ship.ships.forecasting.motion_error import LEADS, Replayed, motion_error
+from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
+from pymc_ship.ships.ensemble.feasibility import is_feasible
+from pymc_ship.ships.ensemble.index_error import index_sd, model_error
+from pymc_ship.ships.ensemble.motion_error import LEADS, Replayed, motion_error
+from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.identification.along import measured_states, reading_noise, sailed_along
 from pymc_ship.ships.identification.candidates import (
     Candidate,
@@ -43,7 +44,6 @@ from pymc_ship.ships.identification.candidates import (
     default_sets,
 )
 from pymc_ship.ships.identification.held_out import index_rows, left_out, readings_sd
-from pymc_ship.ships.identification.soundness import sound
 from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
 
 _REPLAYS = 40  # draws of a held-out run from each window on
@@ -54,100 +54,43 @@ _PRIOR_DRAWS = 500  # beside captive tests
 _ATTEMPTS = 50
 
 
-@dataclass(frozen=True)
-class ShipModel:
-    """A ship identified from trials.
+@dataclass(frozen=True, eq=False)
+class ShipIdentification:
+    """A ship identified from trials, with the evidence.
 
     Attributes
     ----------
+    ship : Ship
+        What forecasts and later runs take.
     vessel : Vessel
         As given, with the steering gear as it was measured, at the first facility.
-    prior : {"hull_database", "order_damped", "sister_ship"}
     names : tuple of str
         Of the runs.
     manoeuvres : tuple of Manoeuvre or None
         What each run was recognised as.
-    facilities : dict of str to Steering
-        How the rudder was steered at each facility, by name, that with the most trials first; the name is empty where
-        the trials state none.
     candidates : tuple of Candidate
         By falling weight; those of weight 0 have no draws.
-    index_rows : list of dict
-        Indices of held-out manoeuvres, see :func:`pymc_ship.ships.identification.held_out.index_rows`, and the ``sd``
-        of each error, model error and all.
-    model_error : dict of str to ndarray
-        Equally probable sizes of the error of indices beyond the draws by kind, see
-        :func:`pymc_ship.ships.forecasting.index_error.model_error`.
-    motion_error : dict of str to ndarray
-        Equally probable sizes of the error of the motion beyond the draws by state, see
-        :func:`pymc_ship.ships.forecasting.motion_error.motion_error`.
-    motion : DataArray, dims (row, symbol)
-        Prime motion of all runs.
-    remarks : tuple of str
-    outlook : tuple of str
-        What she does in hard turns, and which manoeuvre would tell most next.
+    held_out_indices : list of dict
+        Indices of held-out manoeuvres of these runs, see :func:`pymc_ship.ships.identification.held_out.index_rows`,
+        and the ``sd`` of each error, model error and all.
     judgement : dict of str to str
         Of the records, see :func:`pymc_ship.records.files.judgement.judgement`.
-    said : dict of str to Earlier
-        What all runs so far have said of each term set, for runs to come.
-    known_rows : list of dict
-        Index rows of all runs so far.
-    held_tests : bool
-        Whether captive tests have said something of her so far.
     captive : Dataset or None
-        Captive tests beside the forces of the candidate that weighs most, see
-        :func:`pymc_ship.inference.captive.comparison.compared`, drawn by "prior alone" and as "identified".
+        The captive tests that were given.
     """
 
+    ship: Ship
     vessel: Vessel
-    prior: str
     names: tuple[str, ...]
     manoeuvres: tuple[Manoeuvre | None, ...]
-    facilities: dict[str, Steering]
     candidates: tuple[Candidate, ...]
-    index_rows: list[dict]
-    model_error: dict[str, np.ndarray]
-    motion_error: dict[str, np.ndarray]
-    motion: xr.DataArray
-    remarks: tuple[str, ...]
-    outlook: tuple[str, ...]
+    held_out_indices: list[dict]
     judgement: dict[str, str]
-    said: dict[str, Earlier] = field(default_factory=dict)
-    known_rows: list[dict] = field(default_factory=list)
-    held_tests: bool = False
     captive: xr.Dataset | None = None
 
-    @property
-    def models(self) -> list[tuple[Vessel, np.ndarray]]:
-        """Vessel and draws of each candidate that counts, as a pooled forecast takes them."""
-        return [(c.vessel, c.draws) for c in self.candidates if len(c.draws)]
-
-
-@dataclass(frozen=True)
-class IdentifiedShip:
-    """What forecasts and later runs need of an identified ship; part of a :class:`ShipModel`, whose names it has.
-
-    ``models`` holds vessel and coefficient draws of each term set, ``motion`` the prime motion of the runs,
-    ``model_error`` the sizes of the error of indices by kind, ``motion_error`` that of the motion by state, ``remarks``
-    how the intervals came about and ``facilities`` how the rudder was steered at each facility, the first being that
-    of the models' vessels. ``prior``, ``said``, ``known_rows`` and ``held_tests`` are for runs to come.
-    """
-
-    models: list[tuple[Vessel, np.ndarray]]
-    motion: xr.DataArray
-    model_error: dict[str, np.ndarray]
-    motion_error: dict[str, np.ndarray]
-    remarks: tuple[str, ...]
-    facilities: dict[str, Steering] = field(default_factory=dict)
-    prior: str = ""
-    said: dict[str, Earlier] = field(default_factory=dict)
-    known_rows: list[dict] = field(default_factory=list)
-    held_tests: bool = False
-
-    @property
-    def vessel(self) -> Vessel:
-        """Vessel of the term set that weighs most, of those that roll where some do."""
-        return fullest(vessel for vessel, _ in self.models)
+    def __repr__(self) -> str:
+        """Runs, term sets and the ship."""
+        return f"ShipIdentification({len(self.names)} runs, {len(self.candidates)} term sets, {self.ship})"
 
 
 def identify_ship(
@@ -156,12 +99,12 @@ def identify_ship(
     *,
     names: Sequence[str] | None = None,
     terms: Sequence[str] | None = None,
-    prior: str | IdentifiedShip | ShipModel | None = None,
+    prior: str | Ship | None = None,
     captive: xr.Dataset | None = None,
     draws: int = 1000,
     rng: Seed,
     progress: Callable[[str], None] = lambda _: None,
-) -> ShipModel:
+) -> ShipIdentification:
     """Identify a real ship from several trials, with intervals that hold model error.
 
     Parameters
@@ -174,7 +117,7 @@ def identify_ship(
         Of the trials; numbers by default.
     terms : sequence of str, optional
         Of :func:`pymc_ship.physics.vessel.term_sets.term_sets` or "own terms"; by default all sets the vessel can have.
-    prior : {"hull_database", "order_damped", "sister_ship"}, IdentifiedShip or ShipModel, optional
+    prior : {"hull_database", "order_damped", "sister_ship"} or Ship, optional
         Of the coefficients without an ``sd``: what captive tests of other ships say of the hull, see
         :func:`pymc_ship.physics.vessel.hull_database.hull_coefficients`, and wide about 0 for the rest; wide about 0
         for all; or about the values of the vessel file. By default the first where the vessel states her draught, the
@@ -191,7 +134,7 @@ def identify_ship(
 
     Returns
     -------
-    ShipModel
+    ShipIdentification
 
     Raises
     ------
@@ -212,21 +155,23 @@ def identify_ship(
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
     >>> runs = [ps.simulate(vessel, ps.zigzag(angle, angle), duration=400, step=0.5) for angle in (10, 20)]
     >>> runs = [ps.pollute(run, level=0.005, rng=rng) for run in runs]
-    >>> ship = ps.identify_ship(runs, vessel, terms=["hull and loading"], draws=100, rng=rng)
-    >>> [(manoeuvre.kind, manoeuvre.rudder_deg) for manoeuvre in ship.manoeuvres]
+    >>> found = ps.identify_ship(runs, vessel, terms=["hull and loading"], draws=100, rng=rng)
+    >>> [(manoeuvre.kind, manoeuvre.rudder_deg) for manoeuvre in found.manoeuvres]
     [('zigzag', 10.0), ('zigzag', 20.0)]
+    >>> found.ship
+    Ship(kvlcc2: 1 model, 100 draws, errors beyond the draws from 2 held-out runs)
     """
     rng, vessel, trials = random_generator(rng), as_vessel(vessel), trial_list(trials)
-    before = prior if isinstance(prior, IdentifiedShip | ShipModel) else _nothing_known(prior or "")
-    kind = chosen_prior(vessel, before.prior or None)
+    before = prior if isinstance(prior, Ship) else None
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
     if not trials or len(names) != len(trials) or draws < 2:
         raise TrialError(
             f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
             f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
         )
+    kind = chosen_prior(vessel, (before.prior if before else prior) or None)
     training = _after(before, replace(_prepared(trials, vessel, kind), captive=captive))
-    wanted = tuple(dict.fromkeys(terms or before.said or default_sets(training)))
+    wanted = tuple(dict.fromkeys(terms or training.earlier or default_sets(training)))
     _check_goes_with(before, wanted, captive)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
     found, refused = candidates_of(wanted, training)
@@ -235,55 +180,65 @@ def identify_ship(
     progress("weights and model error from held-out runs")
     found = _weighted(found, training.earlier, rng)
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
-    known_rows = [*before.known_rows, *rows]
-    errors = model_error(known_rows)
-    rows = [row | {"sd": index_sd(row, errors)} for row in rows]
+    all_rows = [*(before.held_out_indices if before else ()), *rows]
+    errors = model_error(all_rows)
     remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
-    if not known_rows:
-        remarks.append(
-            "No run of a standard manoeuvre was held out: beside the spread of the term sets and of the windows, the "
-            "intervals hold the error of a whole manoeuvre that is typical of other ships, not that of this one."
-        )
+    remarks += [] if all_rows else [_NOTHING_HELD_OUT]
     progress("draws that do not run away")
     found = sorted(_drawn(found, draws, rng), key=lambda candidate: -candidate.weight)
-    if captive is not None:
-        remarks.append(
-            f"{captive.sizes['test']} captive tests stand beside the prior of every term set; held-out runs are "
-            "forecast with them, too. Each coefficient differs between carriage and ship by "
-            f"{found[0].captive.apart:.2g} of its prior sd ({found[0].name})."
-        )
-    if before.said:
-        remarks.append(beside_earlier(found[0], training))
+    remarks += [] if captive is None else [_beside_captive(captive, found[0])]
+    remarks += [beside_earlier(found[0], training)] if training.earlier else []
     moved = motion_error(_held_out_motion(found, training, rng), vessel)
-    moved = moved if len(trials) > 1 or not before.said else before.motion_error
-    motion = _motion(training, fullest_vessel, before)
-    models = [(c.vessel, c.draws) for c in found if len(c.draws)]
-    progress("outlook on standard manoeuvres")
-    return ShipModel(
-        vessel=training.vessel,
+    known_facilities = before.facilities if before else {}
+    ship = Ship(
+        members=tuple(candidate.member(training.earlier) for candidate in found),
+        motion=_motion(training, fullest_vessel, before),
+        index_error=errors,
+        motion_error=moved if len(trials) > 1 or not training.earlier else before.motion_error,
+        facilities=training.facilities | {k: v for k, v in known_facilities.items() if k not in training.facilities},
+        remarks=tuple(remarks),
         prior=training.prior,
+        held_out_indices=all_rows,
+        uses_captive_tests=captive is not None or (before is not None and before.uses_captive_tests),
+    )
+    return ShipIdentification(
+        ship=ship,
+        vessel=training.vessel,
         names=names,
         manoeuvres=tuple(training.manoeuvres),
-        facilities=training.facilities | {k: v for k, v in before.facilities.items() if k not in training.facilities},
         candidates=tuple(found),
-        index_rows=rows,
-        model_error=errors,
-        motion_error=moved,
-        motion=motion,
-        remarks=tuple(remarks),
-        outlook=outlook(IdentifiedShip(models, motion, errors, moved, (), known_rows=known_rows), rng),
+        held_out_indices=[row | {"sd": index_sd(row, errors)} for row in rows],
         judgement=judgement(trials, names),
-        said={c.name: c.told(training.earlier) for c in found},
-        known_rows=known_rows,
-        held_tests=captive is not None or before.held_tests,
-        captive=None if captive is None else _compared(captive, found[0], rng),
+        captive=captive,
     )
 
 
-def _compared(tests: xr.Dataset, best: Candidate, rng: np.random.Generator) -> xr.Dataset:
-    """Captive tests beside the best candidate before and after it was fitted."""
-    draws = {"prior alone": best.prior.draw(_PRIOR_DRAWS, rng), "identified": best.draws}
-    return compared(tests, best.vessel, draws, revolutions=best.captive.revolutions)
+_NOTHING_HELD_OUT = (
+    "No run of a standard manoeuvre was held out: beside the spread of the term sets and of the windows, the "
+    "intervals hold the error of a whole manoeuvre that is typical of other ships, not that of this one."
+)
+
+
+def _beside_captive(tests: xr.Dataset, best: Candidate) -> str:
+    """Sentence on how far the coefficients differ between the captive tests and the trials."""
+    return (
+        f"{tests.sizes['test']} captive tests stand beside the prior of every term set; held-out runs are "
+        "forecast with them, too. Each coefficient differs between carriage and ship by "
+        f"{best.captive.apart:.2g} of its prior sd ({best.name})."
+    )
+
+
+def captive_comparison(found: ShipIdentification, rng: Seed) -> xr.Dataset | None:
+    """Captive tests beside the forces of the candidate that weighs most, before and after it was fitted.
+
+    See :func:`pymc_ship.inference.captive.comparison.compared`; drawn by "prior alone" and as "identified". None
+    without captive tests.
+    """
+    if found.captive is None:
+        return None
+    best = found.candidates[0]
+    draws = {"prior alone": best.prior.draw(_PRIOR_DRAWS, random_generator(rng)), "identified": best.draws}
+    return compared(found.captive, best.vessel, draws, revolutions=best.captive.revolutions)
 
 
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Training:
@@ -294,31 +249,26 @@ def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Train
     return Training([thinned(trial, vessel) for trial in trials], manoeuvres, facilities, vessel, prior)
 
 
-def _after(before: IdentifiedShip | ShipModel, training: Training) -> Training:
-    """Training with what earlier runs said, and whether facility and draught are theirs."""
-    if not before.said:
+def _after(before: Ship | None, training: Training) -> Training:
+    """Training with the likelihood of earlier runs, and whether facility and draught are theirs."""
+    if before is None or not before.likelihoods:
         return training
     here, there = (ship.vessel.particulars for ship in (training, before))
     reloaded = (here.d, here.volume) != (there.d, there.volume)
     elsewhere = not set(before.facilities) & set(training.facilities)
-    return replace(training, earlier=before.said, reloaded=reloaded, elsewhere=elsewhere)
+    return replace(training, earlier=before.likelihoods, reloaded=reloaded, elsewhere=elsewhere)
 
 
-def _nothing_known(prior: str) -> IdentifiedShip:
-    """A ship of whom no run has said anything."""
-    motion = xr.DataArray(np.empty((0, len(SYMBOLS))), {"symbol": list(SYMBOLS)}, ("row", "symbol"))
-    return IdentifiedShip([], motion, {}, {}, (), prior=prior)
-
-
-def _check_goes_with(before: IdentifiedShip | ShipModel, wanted: Sequence[str], captive: xr.Dataset | None) -> None:
-    """Refuse term sets that earlier runs said nothing of, and captive tests that stand beside them already."""
-    unknown = [name for name in wanted if name not in before.said]
-    if before.said and unknown:
+def _check_goes_with(before: Ship | None, wanted: Sequence[str], captive: xr.Dataset | None) -> None:
+    """Refuse term sets without a likelihood of the earlier runs, and captive tests that are part of it already."""
+    earlier = before.likelihoods if before else {}
+    unknown = [name for name in wanted if name not in earlier]
+    if earlier and unknown:
         raise PriorError(
-            f"Earlier runs were identified with {'; '.join(before.said)}, found {unknown[0]!r} asked for; choose of "
+            f"Earlier runs were identified with {'; '.join(earlier)}, found {unknown[0]!r} asked for; choose of "
             "theirs, or identify all runs together."
         )
-    if captive is not None and before.held_tests:
+    if captive is not None and before is not None and before.uses_captive_tests:
         raise PriorError("Captive tests stand beside the earlier runs already; leave them out.")
 
 
@@ -379,7 +329,7 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
         kept, tried = np.empty((0, candidate.fit.coefficients.size)), 0
         while len(kept) < count and tried < _ATTEMPTS * count:
             batch = carried_draws(candidate.fit, int(count), rng)
-            kept, tried = np.vstack([kept, batch[sound(candidate.vessel, batch)]]), tried + int(count)
+            kept, tried = np.vstack([kept, batch[is_feasible(candidate.vessel, batch)]]), tried + int(count)
         if len(kept) < count:
             raise TrajectoryError(
                 f"Of the draws of the {candidate.name} terms, {len(kept)} of {tried} do not run away in a standard "
@@ -390,9 +340,9 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
     return drawn
 
 
-def _motion(training: Training, vessel: Vessel, before: IdentifiedShip | ShipModel) -> xr.DataArray:
+def _motion(training: Training, vessel: Vessel, before: Ship | None) -> xr.DataArray:
     """Prime motion of all runs so far at every fifth sample."""
-    rows = [before.motion.values]
+    rows = [] if before is None or before.motion is None else [before.motion.values]
     for trial in training.trials:
         prime, _, _ = prime_record(vessel, motion_record(trial.isel(time=slice(None, None, 5)), vessel))
         rows.append(np.column_stack([prime[symbol] for symbol in SYMBOLS]))

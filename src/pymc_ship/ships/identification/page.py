@@ -21,8 +21,8 @@ from pymc_ship.physics.vessel.term_sets import PART_SETS, TERM_SETS
 from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, fullest
 from pymc_ship.records.checks.trial_checks import worst_verdict
 from pymc_ship.records.checks.verdicts import Check
+from pymc_ship.ships.ensemble.index_error import error_rows
 from pymc_ship.ships.forecasting.force_curves import force_curves
-from pymc_ship.ships.forecasting.index_error import error_rows
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
 from pymc_ship.ships.identification.candidates import Candidate
 from pymc_ship.ships.identification.figures import (
@@ -33,7 +33,7 @@ from pymc_ship.ships.identification.figures import (
     term_set_scores,
 )
 from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
-from pymc_ship.ships.identification.model import ShipModel
+from pymc_ship.ships.identification.model import ShipIdentification
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval
 
@@ -71,13 +71,15 @@ _WORDS = {"first": "First overshoot angle", "second": "Second overshoot angle"}
 
 
 def write_ship_report(
-    model: ShipModel,
+    result: ShipIdentification,
     trials: Mapping[str, xr.Dataset],
     checks: Mapping[str, Sequence[Check]],
     out: str | Path,
     *,
     command: str,
     seed: int,
+    outlook: Sequence[str] = (),
+    captive: xr.Dataset | None = None,
     given: Vessel | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
@@ -85,9 +87,10 @@ def write_ship_report(
 
     Parameters
     ----------
-    model : ShipModel
+    result : ShipIdentification
+        From :func:`pymc_ship.identify_ship`.
     trials : mapping of str to Dataset, dims (time,)
-        As they were fitted, by the names of the model's runs.
+        As they were fitted, by the names of the runs.
     checks : mapping of str to sequence of Check
         Of the same runs, see :func:`pymc_ship.trial_checks`; a run without checks says so.
     out : str or Path
@@ -96,6 +99,10 @@ def write_ship_report(
         What repeats the page.
     seed : int
         Root of every random number.
+    outlook : sequence of str, optional
+        From :func:`pymc_ship.ships.design.outlook.outlook`.
+    captive : Dataset, optional
+        From :func:`pymc_ship.ships.identification.model.captive_comparison`.
     given : Vessel, optional
         As in its file: its steering gear is set beside the measured one.
     progress : callable, optional
@@ -109,43 +116,43 @@ def write_ship_report(
     Raises
     ------
     ValueError
-        For trials that are not those of the model.
+        For trials that are not those of the identification.
     OutputError
         When the folder cannot be written.
     """
-    if tuple(trials) != model.names:
+    if tuple(trials) != result.names:
         raise ValueError(
-            f"The report takes the trials of the model, {', '.join(model.names)}, in this order; found "
+            f"The report takes the trials of the identification, {', '.join(result.names)}, in this order; found "
             f"{', '.join(trials) or 'none'}."
         )
     out = writable_folder(out)
     rows = {
-        "runs": run_rows(model, trials, checks),
+        "runs": run_rows(result, trials, checks),
         "checks": check_rows(checks),
-        "term_sets": term_set_rows(model),
-        "held_out_indices": held_out_rows(model.index_rows),
-        "model_error": error_rows(model.model_error, fullest(c.vessel for c in model.candidates)),
-        "coefficients": coefficient_rows(model.candidates[0]),
-        "correlations": correlation_rows(model.candidates[0]),
-        "captive": comparison_rows(model.captive) if model.captive is not None else [],
+        "term_sets": term_set_rows(result),
+        "held_out_indices": held_out_rows(result.held_out_indices),
+        "model_error": error_rows(result.ship.index_error, fullest(c.vessel for c in result.candidates)),
+        "coefficients": coefficient_rows(result.candidates[0]),
+        "correlations": correlation_rows(result.candidates[0]),
+        "captive": comparison_rows(captive) if captive is not None else [],
     }
     progress("drawing the figures")
-    turns = steady_turns(model.models)
-    drawn = _figures(model, list(trials.values()), seed) | {"spiral": spiral_curve(turns)}
+    turns = steady_turns(result.ship.models)
+    drawn = _figures(result, list(trials.values()), seed, captive) | {"spiral": spiral_curve(turns)}
     progress("writing the page")
-    values = _values(model, trials, rows) | {"steering": _steering(model, given), "command": command, "seed": seed}
+    values = _values(result, trials, rows, outlook) | {"steering": _steering(result, given), "command": command, "seed": seed}
     values["spiral"] = spiral_sentence(turns)
-    return write_page(PAGE, out, Content(values, drawn, rows, sources=(*model.vessel.sources, *SOURCES)))
+    return write_page(PAGE, out, Content(values, drawn, rows, sources=(*result.vessel.sources, *SOURCES)))
 
 
-def run_rows(model: ShipModel, trials: Mapping[str, xr.Dataset], checks: Mapping[str, Sequence[Check]]) -> list[dict]:
+def run_rows(result: ShipIdentification, trials: Mapping[str, xr.Dataset], checks: Mapping[str, Sequence[Check]]) -> list[dict]:
     """What each run is: manoeuvre, duration [s and L/U], approach speed [m/s], sampling [s], verdict of its checks."""
-    unit, rows = model.vessel.particulars.ship_time, []
-    for (name, trial), manoeuvre in zip(trials.items(), model.manoeuvres, strict=True):
+    unit, rows = result.vessel.particulars.ship_time, []
+    for (name, trial), manoeuvre in zip(trials.items(), result.manoeuvres, strict=True):
         duration = float(np.ptp(trial["time"].values))
         row = {"run": name, "manoeuvre": "none recognised" if manoeuvre is None else manoeuvre.label}
         row |= {"duration": duration, "duration_L_U": duration / unit, "approach_speed": approach_speed(trial)}
-        row |= {"sampling": sampling_interval(trial), "fitted_at": sampling_interval(thinned(trial, model.vessel))}
+        row |= {"sampling": sampling_interval(trial), "fitted_at": sampling_interval(thinned(trial, result.vessel))}
         made = [check for check in checks.get(name, ()) if check.verdict != "not checked"]
         rows.append(row | {"checks": len(made), "verdict": worst_verdict(made) if made else "not checked"})
     return rows
@@ -160,11 +167,11 @@ def check_rows(checks: Mapping[str, Sequence[Check]]) -> list[dict]:
     ]
 
 
-def term_set_rows(model: ShipModel) -> list[dict]:
+def term_set_rows(result: ShipIdentification) -> list[dict]:
     """Weight, held-out score, rms of each channel [SI], inflation and draws of each term set, by falling weight."""
-    best = model.candidates[0].held_out.log_density.sum()
+    best = result.candidates[0].held_out.log_density.sum()
     rows = []
-    for candidate in model.candidates:
+    for candidate in result.candidates:
         score = candidate.held_out.log_density.sum()
         lost = not np.isfinite(score)
         row = {"terms": candidate.name, "coefficients": candidate.fit.coefficients.size, "weight": candidate.weight}
@@ -206,60 +213,67 @@ def correlation_rows(candidate: Candidate) -> list[dict]:
     ]
 
 
-def _figures(model: ShipModel, trials: Sequence[xr.Dataset], seed: int) -> dict[str, Figure]:
-    best, drawn = model.candidates[0], {}
+def _figures(
+    result: ShipIdentification, trials: Sequence[xr.Dataset], seed: int, captive: xr.Dataset | None
+) -> dict[str, Figure]:
+    best, drawn = result.candidates[0], {}
     density = np.where(np.isfinite(best.held_out.log_density), best.held_out.log_density, -np.inf)
     order = np.argsort(density, kind="stable").tolist()
     ends = {order[-1]: "best", order[0]: "worst"} if len(trials) > 1 else {0: "only"}
-    heads = {f"{model.names[k]}, the {word} forecast run": k for k, word in ends.items()}
+    heads = {f"{result.names[k]}, the {word} forecast run": k for k, word in ends.items()}
     drawn["held_out_windows"] = restarted_motion({head: held_out_windows(best, trials, k) for head, k in heads.items()})
-    if any("overshoot" in row["index"] for row in model.index_rows):
-        drawn["held_out_overshoots"] = held_out_overshoots(model.index_rows)
-    if len(model.candidates) > 1:
-        differences = score_differences(model.candidates, np.random.default_rng(seed))
+    if any("overshoot" in row["index"] for row in result.held_out_indices):
+        drawn["held_out_overshoots"] = held_out_overshoots(result.held_out_indices)
+    if len(result.candidates) > 1:
+        differences = score_differences(result.candidates, np.random.default_rng(seed))
         drawn["term_set_scores"] = term_set_scores(differences, best.name)
-    drawn["force_curves"] = force_curves(model.models, model.motion)
-    if model.captive is not None:
-        drawn["captive_forces"] = captive_forces(model.captive)
+    drawn["force_curves"] = force_curves(result.ship.models, result.ship.motion)
+    if captive is not None:
+        drawn["captive_forces"] = captive_forces(captive)
     return drawn
 
 
-def _values(model: ShipModel, trials: Mapping[str, xr.Dataset], rows: Mapping[str, list[dict]]) -> dict:
-    """What the template shows of the model and its runs."""
-    left_out = [remark for remark in model.remarks if _LEFT_OUT in remark]
+def _values(
+    result: ShipIdentification,
+    trials: Mapping[str, xr.Dataset],
+    rows: Mapping[str, list[dict]],
+    outlook: Sequence[str],
+) -> dict:
+    """What the template shows of the ship and its runs."""
+    left_out = [remark for remark in result.ship.remarks if _LEFT_OUT in remark]
     return {
-        "vessel": model.vessel,
+        "vessel": result.vessel,
         "n_runs": len(trials),
         "length": f"{LENGTH:g}",
         "correlated": f"{CORRELATED:g}",
-        "short": _short(model, rows),
-        "prior": _PRIORS[model.prior],
+        "short": _short(result, rows, outlook),
+        "prior": _PRIORS[result.ship.prior],
         "corrections": {name: list(trial.attrs.get("corrections", ())) for name, trial in trials.items()},
         "doubtful": [row for row in rows["checks"] if row["verdict"] in ("doubtful", "bad")],
         "unchecked": _unchecked(rows["checks"]),
         "left_out": left_out,
-        "best": model.candidates[0],
+        "best": result.candidates[0],
         "apart": [row for row in rows["coefficients"] if abs(row["apart"]) > DISAGREE],
         "disagree": f"{DISAGREE:g}",
         "n_coefficients": len(rows["coefficients"]),
         "summary": _summary(rows["held_out_indices"]),
-        "tables": _tables(model, rows),
-        "remarks": [remark for remark in model.remarks if remark not in left_out],
+        "tables": _tables(result, rows),
+        "remarks": [remark for remark in result.ship.remarks if remark not in left_out],
     }
 
 
-def _short(model: ShipModel, rows: Mapping[str, list[dict]]) -> list[str]:
+def _short(result: ShipIdentification, rows: Mapping[str, list[dict]], outlook: Sequence[str]) -> list[str]:
     """What the page says in a few sentences."""
-    best, drawn = model.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
+    best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
     share = sum(row["weight"] * row["share_unsound"] for row in drawn)
     worst = [row["run"] for row in rows["runs"] if row["verdict"] in ("doubtful", "bad")]
     found = [
-        f"{len(model.candidates)} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %.",
+        f"{len(result.candidates)} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %.",
         *_summary(rows["held_out_indices"]),
         f"Runs with a doubtful check: {', '.join(worst)}." if worst else "No check of a run is doubtful.",
     ]
     text = f"{100.0 * share:.2g} % ran away and were drawn anew, none of those kept does" if share else "none ran away"
-    return [*found, f"Every draw of the coefficients was tried in six standard manoeuvres; {text}.", *model.outlook]
+    return [*found, f"Every draw of the coefficients was tried in six standard manoeuvres; {text}.", *outlook]
 
 
 _PRIORS = {
@@ -269,23 +283,23 @@ _PRIORS = {
 }
 
 
-def _steering(model: ShipModel, given: Vessel | None) -> list[str]:
+def _steering(result: ShipIdentification, given: Vessel | None) -> list[str]:
     """The steering gear as measured, beside the vessel file."""
-    found, first = [], next(iter(model.facilities))
+    found, first = [], next(iter(result.ship.facilities))
     main = first or "the runs that name no facility"
-    for name, gear in model.facilities.items():
+    for name, gear in result.ship.facilities.items():
         where = f" at {name}" if name else ""
         if not gear.n_reversals:
-            whose = "the vessel file" if name == first or not model.facilities[first].n_reversals else main
+            whose = "the vessel file" if name == first or not result.ship.facilities[first].n_reversals else main
             found.append(f"No run{where} reverses its rudder: the steering gear is that of {whose}.")
             continue
         for key, word, unit in (("rudder_rate_deg", "rate", "deg/s"), ("rudder_delay", "delay", "s")):
             text = f"Rudder {word}{where} measured over {gear.n_reversals} movements: {getattr(gear, key):.3g} {unit}"
             stated = "" if given is None else f"; the vessel file says {getattr(given.particulars, key):.3g} {unit}"
             found.append(f"{text}{stated}.")
-    if len(model.facilities) > 1:
+    if len(result.ship.facilities) > 1:
         return [*found, f"Forecasts use the gear of {main} where no other facility is asked for."]
-    return [*found, "Fits and forecasts use the measured values."] if model.facilities[first].n_reversals else found
+    return [*found, "Fits and forecasts use the measured values."] if result.ship.facilities[first].n_reversals else found
 
 
 def _unchecked(rows: Sequence[Mapping]) -> str:
@@ -314,10 +328,10 @@ def _summary(rows: Sequence[Mapping]) -> list[str]:
     return [*found, f"{text}{apart if known else ''}."]
 
 
-def _tables(model: ShipModel, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
+def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
     """Tables of the page, by name; those without rows are left out."""
     n = number(3)
-    channels = tuple(dict.fromkeys(name for candidate in model.candidates for name in candidate.held_out.rms))
+    channels = tuple(dict.fromkeys(name for candidate in result.candidates for name in candidate.held_out.rms))
     runs = {"run": ("run", str), "manoeuvre": ("recognised as", str), "duration": ("duration s", fixed(0))}
     runs |= {"duration_L_U": ("in L/U", fixed(1)), "approach_speed": ("approach speed m/s", fixed(2))}
     runs |= {"sampling": ("sampled every s", n), "fitted_at": ("fitted every s", n)}
@@ -343,12 +357,12 @@ def _tables(model: ShipModel, rows: Mapping[str, list[dict]]) -> dict[str, Table
         "correlations": (rows["correlations"], pairs),
         "captive": shown_comparison(rows["captive"]),
     }
-    if model.candidates[0].vessel.modular:
+    if result.candidates[0].vessel.modular:
         four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}
         four = {"coefficient": ("parameter", str)} | four | {"apart": ("sd away", fixed(1))}
         free = [row for row in rows["coefficients"] if row["known_sd"] > HELD]
         found["parameters"] = (free, four | {"unit": ("unit, or what it is", str), "source": ("known from", str)})
-    for dof in model.candidates[0].vessel.dofs if not model.candidates[0].vessel.modular else ():
+    for dof in result.candidates[0].vessel.dofs if not result.candidates[0].vessel.modular else ():
         mine = [row for row in rows["coefficients"] if row["coefficient"][0] == LETTER[dof]]
         found[f"coefficients_{dof}"] = ([_prime(row) for row in mine], coefficients)
     return {name: table(lines, columns) for name, (lines, columns) in found.items() if lines}

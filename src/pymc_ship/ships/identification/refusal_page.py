@@ -14,9 +14,9 @@ from pymc_ship.pages.tables import number, table
 from pymc_ship.physics.vessel.term_sets import holds_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import Check
+from pymc_ship.ships.ensemble.feasibility import FASTEST, TIGHTEST
 from pymc_ship.ships.identification.candidates import Refusal
 from pymc_ship.ships.identification.page import check_rows
-from pymc_ship.ships.identification.soundness import FASTEST, TIGHTEST
 
 PAGE = Page(
     "refused.html",

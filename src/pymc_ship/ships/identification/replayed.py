@@ -8,20 +8,18 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
-from pymc_ship.machine.seeds import random_generator
+from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.motion.equations import STATE
-from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
-from pymc_ship.ships.forecasting.draws import thinned_draws
+from pymc_ship.ships.ensemble.draws import thinned_draws
+from pymc_ship.ships.ensemble.index_error import index_sd
+from pymc_ship.ships.ensemble.motion_error import with_motion_error
+from pymc_ship.ships.ensemble.scores import BANDS, crps, quantile_bands
+from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
-from pymc_ship.ships.forecasting.forecast import BANDS, quantile_bands
-from pymc_ship.ships.forecasting.index_error import index_sd
-from pymc_ship.ships.forecasting.motion_error import with_motion_error
 from pymc_ship.ships.identification.along import reading_noise, sailed_along
 from pymc_ship.ships.identification.held_out import index_rows, readings_sd
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
-from pymc_ship.ships.identification.model import IdentifiedShip, ShipModel
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import TrialError, check_trial, facility_of, one_trial, trial_list
 
@@ -34,7 +32,7 @@ _MEASURED = ("u", "v", "r", "psi", "delta")
 
 
 def replay(
-    ship: ShipModel | IdentifiedShip | VesselLike,
+    ship: ShipLike,
     trial: xr.Dataset,
     *,
     start: float | None = None,
@@ -46,8 +44,8 @@ def replay(
 
     Parameters
     ----------
-    ship : ShipModel, IdentifiedShip, Vessel, str or Path
-        An identified ship, or a vessel with her own coefficients.
+    ship : Ship, Vessel, str or Path
+        A vessel is a ship of one draw, its own coefficients.
     trial : Dataset, dims (time,)
         u, v, r, psi and delta; n, wind_speed and wind_direction count where the ship has parts for them; x and y where
         the track is to be compared.
@@ -85,10 +83,10 @@ def replay(
     """
     if draws < 1 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A replay needs a draw and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
-    trial = one_trial(trial)
+    ship, trial = as_ship(ship), one_trial(trial)
     place = _place(trial, start, duration)
-    piece = trial.isel(time=place)
-    states = np.concatenate([sailed_along(vessel, rows, trial, place) for vessel, rows in _models(ship, draws)], axis=1)
+    piece, models = trial.isel(time=place), thinned_draws(ship.models, draws)
+    states = np.concatenate([sailed_along(vessel, rows, trial, place) for vessel, rows in models], axis=1)
     coords = {"draw": np.arange(states.shape[1]), "time": piece["time"].values}
     units = {name: {"units": CHANNELS[name].unit.name} for name in STATE}
 
@@ -97,7 +95,7 @@ def replay(
 
     ships = motion(states)
     predictive = ships
-    if isinstance(ship, ShipModel | IdentifiedShip):
+    if ship.motion_error:
         since = piece["time"].values - piece["time"].values[0]
         beyond = beyond_runs(ship, ships.median("draw"), piece)
         predictive = motion(with_motion_error(states, since, ship.motion_error, ship.vessel, beyond))
@@ -109,15 +107,15 @@ def replay(
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
 
 
-def beyond_runs(ship: ShipModel | IdentifiedShip, median: xr.Dataset, piece: xr.Dataset) -> np.ndarray | None:
+def beyond_runs(ship: Ship, median: xr.Dataset, piece: xr.Dataset) -> np.ndarray | None:
     """Distance of the median ship from the motion of the runs that a ship was identified from, by instant."""
-    if not ship.motion.sizes["row"]:
+    if ship.motion is None:
         return None
     return extrapolation(ship.vessel, median.assign(delta=piece["delta"]), ship.motion)["distance"].values
 
 
 def score(
-    ship: ShipModel | IdentifiedShip | VesselLike,
+    ship: ShipLike,
     trials: xr.Dataset | Sequence[xr.Dataset],
     *,
     names: Sequence[str] | None = None,
@@ -130,7 +128,7 @@ def score(
 
     Parameters
     ----------
-    ship : ShipModel, IdentifiedShip, Vessel, str or Path
+    ship : Ship, Vessel, str or Path
     trials : Dataset or sequence of Dataset
         Records as for :func:`replay`.
     names : sequence of str, optional
@@ -166,11 +164,11 @@ def score(
     >>> bool(found.attrs["score"] < 0.05), int(found["ran_away"].sum())
     (True, 0)
     """
-    trials = trial_list(trials)
+    ship, trials = as_ship(ship), trial_list(trials)
     for trial in trials:
         check_trial(trial, (*_MEASURED, "x", "y"))
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
-    unit = _first_vessel(ship).particulars.ship_time
+    unit = ship.vessel.particulars.ship_time
     length = 5.0 * unit if length is None else length
     every = length if every is None else every
     if not trials or len(names) != len(trials) or not 0.0 < length < np.inf or not 0.0 < every < np.inf:
@@ -194,12 +192,12 @@ def score(
 
 
 def score_indices(
-    ship: ShipModel | IdentifiedShip | VesselLike,
+    ship: ShipLike,
     trials: xr.Dataset | Sequence[xr.Dataset],
     *,
     names: Sequence[str] | None = None,
     draws: int = 200,
-    seed: int = 2020,
+    rng: Seed,
 ) -> list[dict]:
     """Indices of recorded standard manoeuvres beside the forecasts of a ship.
 
@@ -209,8 +207,8 @@ def score_indices(
         As for :func:`score`.
     draws : int, optional
         At most; term sets keep their share of them.
-    seed : int, optional
-        Of the draws of the denoised records, by which ``measured_sd`` is found.
+    rng : int, SeedSequence or Generator
+        Draws the denoised records, by which ``measured_sd`` is found.
 
     Returns
     -------
@@ -231,32 +229,30 @@ def score_indices(
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5, method="rk4")
-    >>> rows = ps.score_indices(vessel, trial)
+    >>> rows = ps.score_indices(vessel, trial, rng=1)
     >>> print(rows[0]["index"], bool(abs(rows[0]["forecast"] - rows[0]["measured"]) < 0.5))
     first_overshoot_angle True
     """
-    trials = trial_list(trials)
+    ship, trials, rng = as_ship(ship), trial_list(trials), random_generator(rng)
     names = names or [str(k + 1) for k in range(len(trials))]
-    found, rng = _models(ship, draws), random_generator(seed)
+    found, errors = thinned_draws(ship.models, draws), ship.index_error or {}
     weight = np.array([len(rows) for _, rows in found], dtype=float)
-    identified = isinstance(ship, ShipModel | IdentifiedShip)
-    errors, known = (ship.model_error, ship.facilities) if identified else ({}, {})
-    manoeuvres, _ = recognise_by_facility(trials, _first_vessel(ship))
+    manoeuvres, _ = recognise_by_facility(trials, ship.vessel)
     rows = []
     for name, trial, manoeuvre in zip(names, trials, manoeuvres, strict=True):
         if manoeuvre is not None:
-            gear = known.get(facility_of(trial))
+            gear = ship.facilities.get(facility_of(trial))
             models = [
                 (with_steering(vessel, gear) if gear else vessel, np.vstack([drawn.mean(axis=0), drawn]))
                 for vessel, drawn in found
             ]
             delay = models[0][0].particulars.rudder_delay
-            noise = readings_sd(trial, manoeuvre, delay, rng) if identified else {}
+            noise = {} if ship.index_error is None else readings_sd(trial, manoeuvre, delay, rng)
             rows += index_rows(name, trial, manoeuvre, models, weight / weight.sum(), noise)
     return [row | {"sd": index_sd(row, errors)} for row in rows]
 
 
-def _scored(ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: float) -> dict:
+def _scored(ship: Ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: float) -> dict:
     """Errors, coverage and CRPS of the windows of one record, each list in the order of :data:`SCORED`."""
     time, (length, every) = trial["time"].values, windows
     begins = np.arange(time[0], time[-1] - length + 1e-9, every)
@@ -305,29 +301,6 @@ def _window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[flo
     found["coverage"].append(float(np.mean(apart <= np.hypot(reach, blurred))))
     found["crps"].append(float(np.nanmean(np.hypot(*(ships[name].values - measured[name].values for name in "xy")))))
     return found
-
-
-def crps(drawn: np.ndarray, seen: np.ndarray) -> float:
-    """Continuous ranked probability score of an ensemble (n_draws, n_time), mean over time.
-
-    Gneiting & Raftery (2007), doi:10.1198/016214506000001437, Eq. 20, with the spread of a sorted ensemble.
-    """
-    held = np.sort(drawn[np.isfinite(drawn[:, -1])], axis=0)
-    n = len(held)
-    weight = (2.0 * np.arange(1, n + 1) - n - 1.0) / (n * n)
-    return float(np.mean(np.mean(np.abs(held - seen), axis=0) - weight @ held))
-
-
-def _models(ship, draws: int) -> list[tuple[Vessel, np.ndarray]]:
-    """Vessels with rows of coefficients; models of an identified ship keep their shares of the draws."""
-    if not isinstance(ship, ShipModel | IdentifiedShip):
-        vessel = as_vessel(ship)
-        return [(vessel, reference_coefficients(vessel)[None])]
-    return thinned_draws(ship.models, draws)
-
-
-def _first_vessel(ship) -> Vessel:
-    return ship.vessel if isinstance(ship, ShipModel | IdentifiedShip) else as_vessel(ship)
 
 
 def _place(trial: xr.Dataset, start: float | None, duration: float | None) -> slice:

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import fixed, number, table
-from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.identification.model import IdentifiedShip
+from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 from pymc_ship.ships.identification.replayed import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
 
@@ -32,7 +31,7 @@ _DRAWN = SCORED[:-1]
 
 
 def write_score_page(
-    ship: IdentifiedShip | Vessel,
+    ship: ShipLike,
     trials: Mapping[str, xr.Dataset],
     found: xr.Dataset,
     indices: Sequence[Mapping],
@@ -45,7 +44,7 @@ def write_score_page(
 
     Parameters
     ----------
-    ship : IdentifiedShip or Vessel
+    ship : Ship, Vessel, str or Path
     trials : mapping of str to Dataset
         The records that were scored, by name.
     found : Dataset
@@ -69,7 +68,7 @@ def write_score_page(
     OutputError
         When the folder cannot be written.
     """
-    vessel = ship.vessel if isinstance(ship, IdentifiedShip) else ship
+    ship = as_ship(ship)
     rows, runs = channel_rows(found), run_rows(found)
     unit, percent = number(3), fixed(0)
     channels = {"run": ("run", str), "channel": ("channel", str), "rmse": ("RMSE [SI]", unit)}
@@ -81,7 +80,7 @@ def write_score_page(
     heads |= {"sd": ("± sd", unit), "inside": ("inside 95 %", str)}
     beside = index_errors(indices)
     values = {
-        "vessel": vessel,
+        "vessel": ship.vessel,
         "attrs": found.attrs,
         "covered": 100.0 * float(found["coverage"].mean()),
         "tables": {
@@ -145,7 +144,7 @@ def errors_by_channel(found: xr.Dataset) -> Figure:
 
 @styled
 def windows_of(
-    ship: IdentifiedShip | Vessel,
+    ship: ShipLike,
     trials: Mapping[str, xr.Dataset],
     length: float,
     every: float,
@@ -157,7 +156,7 @@ def windows_of(
 
     Parameters
     ----------
-    ship : IdentifiedShip or Vessel
+    ship : Ship, Vessel, str or Path
     trials : mapping of str to Dataset
         By the name that heads the column.
     length, every : float

@@ -22,7 +22,7 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import drawn_indices, finite_indices, smooth_indices, smoothed
-from pymc_ship.ships.forecasting.draws import thinned_draws
+from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.sea_trials.conditions import Conditions, SeaTrialError
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.loading import at_loading
@@ -42,7 +42,7 @@ class Model:
     Attributes
     ----------
     models : list of (Vessel, ndarray of shape (n_draws, n_coefficients))
-        As identified, see :class:`pymc_ship.ships.identification.model.IdentifiedShip`; empty where nothing is
+        As identified, see :class:`pymc_ship.Ship`; empty where nothing is
         corrected.
     tried : Vessel or None
         Her file at the loading of the trial.

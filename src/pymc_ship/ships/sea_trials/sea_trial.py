@@ -17,8 +17,8 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised
 from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
 from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping
+from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.steady_turns import largest_loop, steady_turns
-from pymc_ship.ships.identification.model import IdentifiedShip, ShipModel
 from pymc_ship.ships.sea_trials.conditions import SeaTrialError, condition_rows, load_conditions
 from pymc_ship.ships.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
@@ -79,7 +79,7 @@ def sea_trial(
     vessel: VesselLike,
     *,
     conditions: str | Path | Mapping | None = None,
-    ship: ShipModel | IdentifiedShip | None = None,
+    ship: Ship | None = None,
     full_load: VesselLike | None = None,
     rng: Seed,
     progress: Callable[[str], None] = lambda _: None,
@@ -95,7 +95,7 @@ def sea_trial(
         As she was tried.
     conditions : str, Path or mapping, optional
         TOML file, or its table, of what was noted of the day; see docs/how_to/report_a_sea_trial.md.
-    ship : ShipModel or IdentifiedShip, optional
+    ship : Ship, optional
         By which wind and loading are corrected; without her they are not.
     full_load : Vessel, str or Path, optional
         Her file at full load, where she was tried at another draught.
@@ -220,7 +220,7 @@ def _mean_current(found: Sequence[DriftCurrent]) -> DriftCurrent:
 
 
 def _model(
-    ship: ShipModel | IdentifiedShip | None, vessel: Vessel, loaded: Vessel | None, *, blowing: bool
+    ship: Ship | None, vessel: Vessel, loaded: Vessel | None, *, blowing: bool
 ) -> tuple[Model, list[str]]:
     """Model by which wind and loading are corrected, and a sentence on what is not."""
     if ship is None:

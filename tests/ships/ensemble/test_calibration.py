@@ -6,7 +6,7 @@ import datetime
 
 import pytest
 
-from pymc_ship.ships.forecasting.calibration import calibrated, calibrated_by, constants
+from pymc_ship.ships.ensemble.calibration import calibrated, calibrated_by, constants
 
 
 @pytest.mark.parametrize("name", constants())

@@ -3,7 +3,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.ships.forecasting.draws import coefficient_draws
+from pymc_ship.ships.ensemble.draws import coefficient_draws
 from tests.ships.forecasting.posteriors import joint, posterior, reference_row, scattered
 
 

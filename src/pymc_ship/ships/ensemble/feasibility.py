@@ -1,4 +1,4 @@
-"""Whether a model runs away in the manoeuvres that every ship must be able to run."""
+"""Whether a model is feasible: its simulation does not diverge in the manoeuvres that every ship can sail."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _REACH = 60.0  # L/U, of the manoeuvres
 _STEP = 1.0 / 60.0  # L/U
 
 
-def sound(
+def is_feasible(
     vessel: Vessel,
     coefficients: np.ndarray,
     manoeuvres: Sequence[Manoeuvre] = STANDARD,
@@ -91,7 +91,7 @@ class Failure:
 
 
 def first_failure(vessel: Vessel, coefficients: np.ndarray) -> Failure | None:
-    """The first standard manoeuvre in which one ship runs away; None where she is sound.
+    """The first standard manoeuvre in which one ship runs away; None where it is feasible in all.
 
     Parameters
     ----------

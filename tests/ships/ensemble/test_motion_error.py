@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 import pymc_ship as ps
 from pymc_ship.physics.motion.equations import STATE
-from pymc_ship.ships.forecasting.motion_error import (
+from pymc_ship.ships.ensemble.motion_error import (
     ERRING,
     LEADS,
     RISE,
@@ -19,7 +19,7 @@ from pymc_ship.ships.forecasting.motion_error import (
     motion_error,
     with_motion_error,
 )
-from pymc_ship.ships.forecasting.motion_error import GROWTH as BEYOND
+from pymc_ship.ships.ensemble.motion_error import GROWTH as BEYOND
 
 DRAWS, TIMES, RUNS = 200, 41, 300
 GROWTH = {"u": 0.02, "v": 0.05, "r": 0.1, "psi": 0.1, "x": 0.2, "y": 0.2}

@@ -22,8 +22,8 @@ from scipy.special import logsumexp, ndtr, ndtri
 
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.forecasting.calibration import calibrated, calibrated_by
-from pymc_ship.ships.forecasting.draws import robust_sd
+from pymc_ship.ships.ensemble.calibration import calibrated, calibrated_by
+from pymc_ship.ships.ensemble.draws import robust_sd
 
 LEADS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 """Times from the start of a replay [L/U] at which its error is taken."""

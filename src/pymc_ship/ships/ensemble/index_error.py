@@ -27,8 +27,8 @@ from scipy.special import ndtr, ndtri
 from pymc_ship.physics.manoeuvre.kinds import ERRING
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.forecasting.calibration import calibrated, calibrated_by, constants
-from pymc_ship.ships.forecasting.motion_error import GROWTH, equal_sizes, size_law
+from pymc_ship.ships.ensemble.calibration import calibrated, calibrated_by, constants
+from pymc_ship.ships.ensemble.motion_error import GROWTH, equal_sizes, size_law
 
 BEYOND = calibrated("index_growth")
 """Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L,
@@ -64,7 +64,7 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
     Parameters
     ----------
     rows : sequence of mapping
-        ``index_rows`` of a :class:`pymc_ship.ships.identification.model.ShipModel`, of any number of runs; without any,
+        ``held_out_indices`` of a :class:`pymc_ship.Ship`, of any number of runs; without any,
         the law is that of foreign ships.
 
     Returns
@@ -132,7 +132,7 @@ def steady_error(motion_error: Mapping[str, np.ndarray]) -> dict[str, np.ndarray
     Parameters
     ----------
     motion_error : mapping of str to ndarray
-        From :func:`pymc_ship.ships.forecasting.motion_error.motion_error`.
+        From :func:`pymc_ship.ships.ensemble.motion_error.motion_error`.
 
     Returns
     -------

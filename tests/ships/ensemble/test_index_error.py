@@ -13,8 +13,8 @@ from scipy import stats
 from pymc_ship.physics.manoeuvre.kinds import ERRING
 from pymc_ship.physics.manoeuvre.turning_circles import TURNING_CIRCLE
 from pymc_ship.physics.manoeuvre.zigzags import ZIGZAG
-from pymc_ship.ships.forecasting.draws import robust_sd
-from pymc_ship.ships.forecasting.index_error import (
+from pymc_ship.ships.ensemble.draws import robust_sd
+from pymc_ship.ships.ensemble.index_error import (
     BEYOND,
     HELD,
     MADE,
@@ -27,7 +27,7 @@ from pymc_ship.ships.forecasting.index_error import (
     steady_error,
     with_model_error,
 )
-from pymc_ship.ships.forecasting.motion_error import GROWTH, SIZES, size_law
+from pymc_ship.ships.ensemble.motion_error import GROWTH, SIZES, size_law
 from tests.ships.identification.cases import tanker
 
 N = 20_000

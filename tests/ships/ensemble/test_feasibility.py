@@ -7,8 +7,8 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.ships.identification import soundness
-from pymc_ship.ships.identification.soundness import first_failure, sound
+from pymc_ship.ships.ensemble import feasibility as soundness
+from pymc_ship.ships.ensemble.feasibility import first_failure, is_feasible
 from tests.ships.identification.cases import tanker
 
 UNSOUND = {
@@ -38,36 +38,36 @@ def extremes(row, manoeuvre, vessel=None):
 
 
 def test_the_shipped_model_is_sound():
-    found = sound(tanker(), reference_coefficients(tanker())[None])
+    found = is_feasible(tanker(), reference_coefficients(tanker())[None])
     assert found.dtype == bool
     assert found.tolist() == [True]
 
 
 @pytest.mark.parametrize("name", UNSOUND)
 def test_one_that_runs_away_is_not(name):
-    assert not sound(tanker(), changed(**UNSOUND[name])[None])[0]
+    assert not is_feasible(tanker(), changed(**UNSOUND[name])[None])[0]
 
 
 def test_each_row_is_judged_by_itself():
     rows = np.array([changed(), changed(**UNSOUND["turn on the spot"]), changed(Yv=-0.0225)])
     many = np.tile(rows, (12, 1))
-    assert sound(tanker(), many).tolist() == [True, False, True] * 12
+    assert is_feasible(tanker(), many).tolist() == [True, False, True] * 12
 
 
 def test_a_ship_may_run_away_in_a_single_manoeuvre():
     row = changed(**UNSOUND["resistance that stops it in a turn only"])
     assert extremes(row, ps.zigzag(20.0, 20.0)) is not None
     assert extremes(row, ps.turning_circle(35.0)) is None
-    assert not sound(tanker(), row[None])[0]
+    assert not is_feasible(tanker(), row[None])[0]
 
 
 def test_it_may_not_go_much_faster_than_it_came(monkeypatch):
     row = changed(Yv=0.15)
     fastest, _ = extremes(row, ps.zigzag(10.0, 10.0))
     assert fastest > 1.15
-    assert not sound(tanker(), row[None])[0]
+    assert not is_feasible(tanker(), row[None])[0]
     monkeypatch.setattr(soundness, "FASTEST", 2.0)
-    assert sound(tanker(), row[None])[0]
+    assert is_feasible(tanker(), row[None])[0]
 
 
 def test_it_may_not_turn_within_its_own_length(monkeypatch):
@@ -75,19 +75,19 @@ def test_it_may_not_turn_within_its_own_length(monkeypatch):
     reached = [extremes(row, what) for what in (ps.zigzag(10.0, 10.0), ps.zigzag(20.0, 20.0), ps.turning_circle(35.0))]
     assert max(speed for speed, _ in reached) < 1.15
     assert max(rate for _, rate in reached) > 2.0
-    assert not sound(tanker(), row[None])[0]
+    assert not is_feasible(tanker(), row[None])[0]
     monkeypatch.setattr(soundness, "TIGHTEST", 0.4)
-    assert sound(tanker(), row[None])[0]
+    assert is_feasible(tanker(), row[None])[0]
 
 
 def test_forces_that_hold_at_any_speed_may_turn_her_on_the_spot(monkeypatch):
     vessel = ps.with_terms(tanker(), "modular at any speed")
     row = reference_coefficients(vessel)
     assert max(extremes(row, what, vessel)[1] for what in soundness.STANDARD) > 2.0
-    assert sound(vessel, row[None])[0]
+    assert is_feasible(vessel, row[None])[0]
     assert first_failure(vessel, row) is None
     monkeypatch.setattr(soundness, "holds_any_speed", lambda _: False)
-    assert not sound(vessel, row[None])[0]
+    assert not is_feasible(vessel, row[None])[0]
     assert "turns on a radius below 0.5 L" in str(first_failure(vessel, row))
 
 
@@ -96,4 +96,4 @@ def test_they_may_not_go_much_faster_than_they_came():
     row = reference_coefficients(vessel)
     row[coefficient_names(vessel).index("Xvv")] = 0.2
     assert extremes(row, ps.zigzag(20.0, 20.0), vessel)[0] > 1.15
-    assert not sound(vessel, row[None])[0]
+    assert not is_feasible(vessel, row[None])[0]

@@ -1,0 +1,303 @@
+"""A ship as files: one vessel (TOML) and one posterior (NetCDF) for each member, and what joins them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.inference.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
+from pymc_ship.inference.trajectory.prior import Statement
+from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.machine.checksums import folder_checksum
+from pymc_ship.machine.files import settle, staged
+from pymc_ship.physics.vessel.reading import load_vessel
+from pymc_ship.physics.vessel.vessel import Vessel, VesselError, coefficient_names, reference_coefficients
+from pymc_ship.records.steering.recognition import Steering
+from pymc_ship.ships.ensemble.motion_error import ERRING, motion_error
+from pymc_ship.ships.ensemble.ship import Member, Ship
+
+FOLDER = "model"
+"""Folder of a ship inside that of its report."""
+
+FORMAT = 3
+"""Number of the format that is written; those of :data:`MIGRATIONS` are read, too."""
+
+_INDEX, _SUM = "ship.json", "sha256"
+_KEYS = (
+    *("terms", "facilities", "index_error", "motion_error", "remarks", "prior"),
+    *("held_out_indices", "uses_captive_tests"),
+)
+_LIKELIHOOD = ("motion", "statement", "stated", "prior_mean", "prior_scale")
+_CHAINS = 4
+
+
+def save_ship(
+    ship: Ship,
+    out: str | Path,
+    *,
+    made_by: str = "",
+    runs: Sequence[str] = (),
+    judgement: Mapping[str, str] | None = None,
+) -> Path:
+    """Write a ship to the folder ``model`` of a report, moved into place when complete.
+
+    Parameters
+    ----------
+    ship : Ship
+    out : str or Path
+        Folder of the report, which must exist.
+    made_by : str, optional
+        What made it.
+    runs : sequence of str, optional
+        Names of the runs it was identified from.
+    judgement : mapping of str to str, optional
+        Of their records, see :func:`pymc_ship.records.files.judgement.judgement`.
+
+    Returns
+    -------
+    Path
+        ``out/model``: ``<terms>.toml``, the vessel with the posterior means, ``<terms>.nc``, its draws, and
+        ``ship.json``.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+    VesselError
+        For a ship without the likelihood of its runs, such as that of a vessel file.
+    """
+    members = [one for one in ship.members if len(one.draws)]
+    if ship.motion is None or any(one.likelihood is None for one in members):
+        raise VesselError(
+            f"A ship is saved with the likelihood of its runs, found none of {ship.vessel.name!r}; save that of "
+            "identify_ship, or write the posterior and keep the vessel file."
+        )
+    with staged(Path(out) / FOLDER) as folder:
+        folder.mkdir()
+        for member in members:
+            path = folder / _stem(member.name)
+            path.with_suffix(".toml").write_text(_vessel_text(member), encoding="utf-8")
+            write_posterior(_tree(member, ship, made_by), path.with_suffix(".nc"))
+        index = {
+            "format": FORMAT,
+            "terms": [_entry(member) for member in members],
+            "prior": ship.prior,
+            "index_error": {kind: sizes.tolist() for kind, sizes in (ship.index_error or {}).items()},
+            "motion_error": {name: sizes.tolist() for name, sizes in ship.motion_error.items()},
+            "facilities": {name: asdict(gear) for name, gear in ship.facilities.items()},
+            "runs": list(runs),
+            "held_out_indices": ship.held_out_indices,
+            "uses_captive_tests": ship.uses_captive_tests,
+            "remarks": list(ship.remarks),
+            **(judgement or {}),
+            "made_by": made_by,
+        }
+        index[_SUM] = _checksum(folder, index)
+        (folder / _INDEX).write_text(json.dumps(index, indent=2) + "\n", encoding="utf-8")
+    return Path(out) / FOLDER
+
+
+def load_ship(out: str | Path) -> Ship:
+    """Read a ship from the folder of its report.
+
+    Parameters
+    ----------
+    out : str or Path
+        Folder of a report, written in :data:`FORMAT` or in one of the two formats before it.
+
+    Raises
+    ------
+    VesselError
+        When the folder holds none, one of another format, or one that was damaged or changed since it was written.
+    """
+    settle(out)
+    folder = Path(out) / FOLDER
+    index = _read_index(folder)
+    members, motion = [], None
+    for entry in index["terms"]:
+        path = folder / entry["file"]
+        vessel, tree = load_vessel(path.with_suffix(".toml")), read_posterior(path.with_suffix(".nc"))
+        constant = tree["constant_data"].to_dataset()
+        if not set(_LIKELIHOOD) <= set(constant):
+            raise _other_format(folder, path.with_suffix(".nc").name, _LIKELIHOOD)
+        motion = constant["motion"]
+        members.append(_member(entry, vessel, tree, constant))
+    return Ship(
+        members=tuple(members),
+        motion=motion,
+        index_error=_laws(index["index_error"]),
+        motion_error=_laws(index["motion_error"]),
+        facilities={name: Steering(**gear) for name, gear in index["facilities"].items()},
+        remarks=tuple(index["remarks"]),
+        prior=index["prior"],
+        held_out_indices=index["held_out_indices"],
+        uses_captive_tests=index["uses_captive_tests"],
+    )
+
+
+def _read_index(folder: Path) -> dict:
+    """What joins the members, under the names of the present format; VesselError where it cannot be."""
+    try:
+        index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
+        given = index.pop(_SUM, None)
+        whole = given is None or given == _checksum(folder, index)
+    except OSError as error:
+        reason = error.strerror or error
+        raise VesselError(f"{folder} holds no identified ship: {reason}; run `pymc-ship identify` first.") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise VesselError(f"{folder / _INDEX} cannot be read: {error!r}; run `pymc-ship identify` again.") from None
+    if not whole:
+        raise VesselError(
+            f"The identified ship in {folder} was damaged or changed, its checksum does not fit; copy it again or run "
+            "`pymc-ship identify` again."
+        )
+    return _current(index, folder)
+
+
+def _current(index: dict, folder: Path) -> dict:
+    """Index under the names of the present format; VesselError for a format that is not read."""
+    by_lead = "coords" in index.get("motion_error", {})
+    number = index.get("format", 1 if by_lead else 2)
+    while number in MIGRATIONS:
+        index, number = MIGRATIONS[number](index, folder), number + 1
+    gear = {one.name for one in fields(Steering)}
+    known = number == FORMAT and set(_KEYS) <= set(index) and set(index["motion_error"]) == set(ERRING)
+    known = known and all(set(one) == gear for one in index["facilities"].values())
+    if not known or not all("measured_sd" in row for row in index["held_out_indices"]):
+        raise _other_format(folder, _INDEX, _KEYS)
+    return index
+
+
+def _typical_motion_error(index: dict, folder: Path) -> dict:
+    """Format 1 has an error of the motion by lead, of which no law can be made: that of other ships takes its place."""
+    vessel = load_vessel((folder / index["terms"][0]["file"]).with_suffix(".toml"))
+    laws = {name: sizes.tolist() for name, sizes in motion_error((), vessel).items()}
+    remark = (
+        "The report is of an earlier version: the error of the motion is the one typical of other ships. Run "
+        "`pymc-ship identify` again for that of this ship."
+    )
+    return index | {"motion_error": laws, "remarks": [*index["remarks"], remark]}
+
+
+def _named_as_attributes(index: dict, folder: Path) -> dict:
+    """Format 2 has other names for three entries."""
+    names = {"model_error": "index_error", "index_rows": "held_out_indices", "held_tests": "uses_captive_tests"}
+    return {names.get(key, key): value for key, value in index.items()}
+
+
+MIGRATIONS: dict[int, Callable[[dict, Path], dict]] = {1: _typical_motion_error, 2: _named_as_attributes}
+"""What makes the index of a format into that of the next one."""
+
+
+def _member(entry: Mapping, vessel: Vessel, tree: xr.DataTree, constant: xr.Dataset) -> Member:
+    """Member of an entry of the index, from its vessel and its posterior."""
+    draws = tree["posterior"]["coefficients"].stack(sample=("draw", "chain"))
+    rows = draws.sel(coefficient=coefficient_names(vessel)).transpose("sample", "coefficient").values
+    statement = Statement(constant["statement"].values, constant["stated"].values)
+    names, density = tuple(map(str, constant["coefficient"].values)), np.array(entry["log_density"], dtype=float)
+    likelihood = Earlier(names, statement, density, constant["prior_mean"].values, constant["prior_scale"].values)
+    settings = {"weight": entry["weight"], "likelihood": likelihood}
+    settings |= {"inflation": tree.attrs["inflation"], "dispersion": tree.attrs["dispersion"]}
+    return Member(entry["name"], vessel, rows, reference_coefficients(vessel), **settings)
+
+
+def _laws(index: Mapping[str, Sequence[float]]) -> dict[str, np.ndarray]:
+    return {name: np.atleast_1d(values) for name, values in index.items()}
+
+
+def _other_format(folder: Path, file: str, lacking: Sequence[str]) -> VesselError:
+    return VesselError(
+        f"The identified ship in {folder} was written by another version of pymc_ship: its {file} does not have "
+        f"{', '.join(lacking)} as this one reads them; run `pymc-ship identify` again."
+    )
+
+
+def _checksum(folder: Path, index: Mapping) -> str:
+    """Checksum of an index and of the files that it names."""
+    names = [str(Path(entry["file"]).with_suffix(ending)) for entry in index["terms"] for ending in (".toml", ".nc")]
+    return folder_checksum(folder, names, index)
+
+
+def _entry(member: Member) -> dict:
+    """What ship.json says of a member."""
+    density = member.likelihood.log_density.tolist()
+    return {"name": member.name, "file": _stem(member.name), "weight": member.weight, "log_density": density}
+
+
+def _stem(name: str) -> str:
+    return name.replace(",", "").replace(" ", "-")
+
+
+def _tree(member: Member, ship: Ship, made_by: str) -> xr.DataTree:
+    """Draws of a member with the motion they were fitted to.
+
+    Four chains of equal length hold the draws; if their number is no multiple of four, one chain holds all of them.
+    """
+    chains = _CHAINS if len(member.draws) % _CHAINS == 0 else 1
+    values = member.draws.reshape(-1, chains, member.draws.shape[1]).swapaxes(0, 1)
+    names, said = coefficient_names(member.vessel), member.likelihood
+    coords = {"chain": np.arange(chains), "draw": np.arange(values.shape[1]), "coefficient": names}
+    posterior = xr.Dataset({"coefficients": (("chain", "draw", "coefficient"), values)}, coords)
+    attrs = {
+        "method": "windows",
+        "vessel": member.vessel.name,
+        "dof": " ".join(member.vessel.dofs),
+        "terms": member.name,
+        "weight": member.weight,
+        "inflation": member.inflation,
+        "dispersion": member.dispersion,
+        "prior": ship.prior,
+        "made_by": made_by,
+        **provenance(CITATIONS["windows"]),
+    }
+    return xr.DataTree.from_dict(
+        {
+            "/": xr.Dataset(attrs=attrs),
+            "posterior": posterior,
+            "constant_data": xr.Dataset(
+                {
+                    "motion": ship.motion,
+                    "statement": (("statement_row", "coefficient"), said.statement.rows),
+                    "stated": ("statement_row", said.statement.values),
+                    "prior_mean": ("coefficient", said.mean),
+                    "prior_scale": ("coefficient", said.scale),
+                },
+                {"coefficient": names},
+            ),
+        }
+    )
+
+
+def _vessel_text(member: Member) -> str:
+    """TOML of a member's vessel, its coefficients at the estimates; what was known beforehand is in them."""
+    vessel = member.vessel
+    lines = [f"name = {json.dumps(vessel.name)}", f"title = {json.dumps(f'{vessel.title}; {member.name} terms')}"]
+    lines += [f"parts = {json.dumps(list(vessel.parts))}"] if vessel.parts else []
+    tables: list[tuple[str, Mapping[str, float]]] = [("particulars", asdict(vessel.particulars))]
+    inertia = {"m": vessel.m, "I_zz": vessel.I_zz} | ({"I_xx": vessel.I_xx} if "roll" in vessel.dofs else {})
+    tables += [("inertia", inertia), ("added_mass", vessel.added_mass)]
+    if vessel.propeller is not None:
+        tables.append(("propeller", asdict(vessel.propeller)))
+    tables += [("rudder", asdict(vessel.rudder))] if vessel.rudder else []
+    tables += [("windage", asdict(vessel.windage))] if vessel.windage else []
+    begin = 0
+    for dof in vessel.dofs if not vessel.modular else ():
+        names = [str(name) for name in vessel.coefficients(dof)["coefficient"].values]
+        values = member.estimate[begin : begin + len(names)]
+        begin += len(names)
+        tables.append((f"coefficients.{dof}", dict(zip(names, values.tolist(), strict=True))))
+    for head, table in tables:
+        lines += ["", f"[{head}]", *_entries(table)]
+    lines += ["", "[parameters]"] if vessel.parameters else []
+    for parameter, value in zip(vessel.parameters, member.estimate[begin:].tolist(), strict=True):
+        lines.append(f"{json.dumps(parameter.name)} = {{ value = {value!r}, sd = {float(parameter.sd)!r} }}")
+    return "\n".join(lines) + "\n"
+
+
+def _entries(table: Mapping[str, float]) -> Sequence[str]:
+    return [f"{json.dumps(key)} = {float(value)!r}" for key, value in table.items()]
