@@ -16,6 +16,7 @@ from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.draws import coefficient_draws
+from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
 
 
 def trajectory(vessel, noisy) -> Iterator[Row]:
@@ -50,7 +51,13 @@ def forecasts(vessel, noisy) -> Iterator[Row]:
     """A thousand forecasts with bands and extrapolation against one ship at a time without them."""
     tree = ps.trajectory_posterior(noisy, vessel, rng=np.random.default_rng(3), method="euler")
     circle = ps.turning_circle(35)
-    ours, found = median_seconds(lambda: ps.forecast(vessel, tree, circle, draws=1000, rng=np.random.default_rng(4)), 3)
+
+    def forecast():
+        rng = np.random.default_rng(4)
+        ship = ps.Ship.from_posterior(vessel, tree, draws=1000, rng=rng)
+        return ps.forecast(ship, circle, rng=rng, duration=400.0, **AS_PUBLISHED)
+
+    ours, found = median_seconds(forecast, 3)
     draws = coefficient_draws(vessel, tree, 1000, np.random.default_rng(4))[:50]
     settings = {"duration": 400, "record_interval": 0.5}
     theirs, runs = median_seconds(

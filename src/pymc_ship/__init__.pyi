@@ -97,10 +97,8 @@ from pymc_ship.replication.estimates import Estimate as Estimate
 from pymc_ship.replication.page import study as study
 from pymc_ship.replication.study import StudyResult as StudyResult
 from pymc_ship.replication.study import run_study as run_study
-from pymc_ship.ships.design.candidates import candidate_trials as candidate_trials
-from pymc_ship.ships.design.next_run import next_runs as next_runs
-from pymc_ship.ships.design.trial_design import TrialDesignError as TrialDesignError
-from pymc_ship.ships.design.trial_design import design_trials as design_trials
+from pymc_ship.ships.design.next_run import TrialDesignError as TrialDesignError
+from pymc_ship.ships.design.next_run import design as design
 from pymc_ship.ships.ensemble.files import load_ship as load_ship
 from pymc_ship.ships.ensemble.files import save_ship as save_ship
 from pymc_ship.ships.ensemble.ship import Ship as Ship

@@ -80,20 +80,20 @@ def judged(case: Case, *, seed: int, draws: int) -> Result:
             path = Path(folder) / "vessel.toml"
             path.write_text(case.vessel_file(), encoding="utf-8")
             trials = [ps.judged_trial(record, path) for record in case.records(seed)]
-            ship = ps.identify_ship(trials, path, rng=seed, draws=draws)
+            ship = ps.identify_ship(trials, path, rng=seed, draws=draws).ship
         scores = tuple(score for trial in sailing.JUDGED for score in scored(case, ship, trial, seed))
     except ValueError as error:
         return Result(case.name, refusal=str(error), seconds=time.perf_counter() - begin)
     return Result(case.name, scores, seconds=time.perf_counter() - begin)
 
 
-def scored(case: Case, ship: ps.ShipModel, trial: sailing.Trial, seed: int) -> list[Score]:
+def scored(case: Case, ship: ps.Ship, trial: sailing.Trial, seed: int) -> list[Score]:
     """Forecast a judged manoeuvre and compare it with the truth."""
     if trial.kind == "circle":
         manoeuvre, unit = ps.turning_circle(trial.rudder, side=trial.side), ship.vessel.particulars.L
     else:
         manoeuvre, unit = ps.zigzag(trial.rudder, trial.heading, side=trial.side), 1.0
-    bands = ps.forecast_ship(ship, manoeuvre, rng=seed)["index_bands"]
+    bands = ps.forecast(ship, manoeuvre, rng=seed)["index_bands"]
     found = []
     for name, truth in truths(case.ship)[trial.label].items():
         ends = {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}

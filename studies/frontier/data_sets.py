@@ -9,11 +9,10 @@ import xarray as xr
 
 from pymc_ship.inference.identifiability.bound import cramer_rao_bound
 from pymc_ship.machine.seeds import generator
-from pymc_ship.physics.manoeuvre.standard import Manoeuvre, zigzag
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, held_angles, zigzag
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.files.noise import RECORD_STEP, noisy_trial
-from pymc_ship.ships.design.trial_design import candidate_trials
 from pymc_ship.trial.channels import sensors
 
 LEVELS = (0.001, 0.01, 0.05)
@@ -123,8 +122,13 @@ def data_set(vessel: Vessel, cell: Cell, level: float, seed: int, *, root: int, 
 
 
 def _manoeuvres(vessel: Vessel, n_designed: int, duration: float, rng: np.random.Generator) -> list[Manoeuvre]:
-    steps = candidate_trials(vessel, duration=duration, rng=rng)["random steps 35"]
-    return [zigzag(20, 20), replace(steps, approach_speed=SLOW_SPEED), zigzag(35, 35)][: 1 + n_designed]
+    """A zigzag, and up to two runs more; angles of up to 35 deg are held for 8 to 30 s in the first of these."""
+    dwells, angles = [], []
+    while sum(dwells) < duration:
+        dwells.append(float(rng.integers(8, 31)))
+        angles.append(rng.integers(-35, 36))
+    steps = held_angles(angles, dwells, approach_speed=SLOW_SPEED)
+    return [zigzag(20, 20), steps, zigzag(35, 35)][: 1 + n_designed]
 
 
 def _bound(data: DataSet) -> np.ndarray:

@@ -26,7 +26,8 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import denoise
 from pymc_ship.replication.estimates import DIFFERENCES
 from pymc_ship.replication.scores import forecast_row, relative_error
-from pymc_ship.ships.forecasting.forecast import forecast
+from pymc_ship.ships.ensemble.ship import Ship
+from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED, forecast
 from studies.frontier.data_sets import CELLS, Cell, DataSet, data_set
 
 FORECASTS = {
@@ -150,7 +151,8 @@ def _forecasts(data: DataSet) -> list[Measurement]:
         if posterior is None:
             measured.append(_measurement(data, name, {"error": np.inf, "band_coverage": 0.0}))
             continue
-        tree = forecast(data.vessel, posterior, manoeuvre, draws=DRAWS, rng=rng, duration=duration, noise_sd={})
+        ship = Ship.from_posterior(data.vessel, posterior, draws=DRAWS, rng=rng, noise_sd={})
+        tree = forecast(ship, manoeuvre, rng=rng, duration=duration, **AS_PUBLISHED)
         reference = simulate(data.vessel, manoeuvre, duration=duration, record_interval=0.5)
         row = forecast_row(reference, indices(reference), tree)
         values = {"error": row["error"], "band_coverage": row["coverage"], "share_diverged": row["share_diverged"]}

@@ -242,8 +242,8 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
         truth = stopped(motion, run["time"].values).isel(draw=0)
     try:
         rng = task.rng("identification of a ship that is stopped")
-        models = identify_ship(trials, vessel, terms=[ANY_SPEED_SET], draws=_DRAWS, rng=rng).ship.models
-        forecasts = stopping(models, astern=full.astern)
+        stopped_ship = identify_ship(trials, vessel, terms=[ANY_SPEED_SET], draws=_DRAWS, rng=rng).ship
+        forecasts = stopping(stopped_ship, astern=full.astern)
     except TrajectoryError:
         forecasts = truth.expand_dims("draw").isel(draw=[])
     scale = {"m": vessel.particulars.L, "s": vessel.particulars.ship_time, "deg": math.degrees(1.0)}

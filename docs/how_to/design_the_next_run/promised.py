@@ -28,11 +28,11 @@ def main() -> None:
         drawn = task.draw(task.rng("ship of a population"))
         runs = [drawn.record(manoeuvre, k) for k, manoeuvre in enumerate(task.sailed())]
         before = identified(drawn, runs)
-        plan = ps.next_runs(before, THIRD)
+        plan = ps.design(before, THIRD)
         row = []
         for third in THIRD:
             after = identified(drawn, [*runs, drawn.record(third, len(runs))])
-            widths = plan["half_width"][0], ps.next_runs(after, [third])["half_width"][0]
+            widths = plan["half_width"][0], ps.design(after, [third])["half_width"][0]
             promised = float(plan["width_ratio"].sel(step=1, candidate=third.label))
             row.append((promised, float(np.exp(np.log(widths[1] / widths[0]).mean()))))
         ratios.append(row)
@@ -48,7 +48,7 @@ def print_row(ship: str, ratios: list | np.ndarray) -> None:
 def identified(drawn: DrawnShip, runs: list) -> ps.ShipModel:
     """The ship from her records."""
     trials = [ps.judged_trial(run, drawn.vessel) for run in runs]
-    return ps.identify_ship(trials, drawn.vessel, draws=400, rng=1)
+    return ps.identify_ship(trials, drawn.vessel, draws=400, rng=1).ship
 
 
 if __name__ == "__main__":

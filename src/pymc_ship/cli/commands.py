@@ -19,7 +19,6 @@ import pymc_ship as ps
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
-    check_options,
     judged_arguments,
     made_by,
     model_argument,
@@ -30,16 +29,14 @@ from pymc_ship.cli.files import (
     write_csv,
     write_trial_file,
 )
-from pymc_ship.cli.parser import CRITERIA, FAMILIES
+from pymc_ship.cli.parser import FAMILIES
 from pymc_ship.cli.texts import (
     CoefficientRow,
     check_text,
     coefficient_rows,
     coefficient_table,
     criteria_table,
-    design_text,
     divergence,
-    forecast_text,
     index_table,
     montecarlo_text,
     table,
@@ -53,8 +50,6 @@ from pymc_ship.machine.text import utf8
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.ensemble.scores import BANDS
-from pymc_ship.ships.forecasting.forecast import stated_shares
 from pymc_ship.trial.channels import CHANNELS, without_roll
 from pymc_ship.trial.record import TrialError, moving
 
@@ -239,60 +234,17 @@ def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Forecast manoeuvres; the text has the indices of each beside those of the vessel file's ship."""
-    from pymc_ship.cli.ship_commands import forecast_identified, holds_ship
+    """Forecast manoeuvres, see :func:`pymc_ship.cli.ship_commands.forecast`."""
+    from pymc_ship.cli.ship_commands import forecast as forecasted
 
-    if holds_ship(args.posterior):
-        return forecast_identified(args, progress)
-    check_options(args, needed=("vessel", "out"), of_ship=("measured", "n", "wind", "current", "facility"))
-    vessel, side, duration = model_argument(args.vessel, progress), args.side or "port", args.duration or 400.0
-    manoeuvres = requested_manoeuvres(args, (side,))
-    if not manoeuvres:
-        raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10 or --turn 35.")
-    posteriors, ending = _posteriors(Path(args.posterior), args.family, vessel)
-    out, text = writable_folder(args.out), []
-    with staged_files(out) as folder:
-        for manoeuvre in manoeuvres:
-            progress(f"forecasting the {manoeuvre.label}")
-            rng = np.random.default_rng(args.seed)
-            settings = {"draws": 300 if args.draws is None else args.draws, "duration": duration}
-            tree = ps.forecast(vessel, posteriors, manoeuvre, rng=rng, **settings)
-            name = manoeuvre.label.replace(" ", "-").replace("/", "-")
-            _write_bands(folder / f"{name}-{ending}.csv", tree, args)
-            reference = ps.simulate(vessel, manoeuvre, duration=duration, record_interval=0.5)
-            beside = {"reference": ps.indices(reference)} if manoeuvre.traits.indices else {}
-            text.append(forecast_text(tree, beside))
-    return "\n\n".join(text), out
+    return forecasted(args, progress)
 
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Design the next runs; the text has the gain of each candidate and the accuracy that the chosen ones promise."""
-    from pymc_ship.cli.ship_commands import design_identified, holds_ship
+    """Design the next runs, see :func:`pymc_ship.cli.ship_commands.design`."""
+    from pymc_ship.cli.ship_commands import design as designed
 
-    if holds_ship(args.posterior):
-        return design_identified(args, progress)
-    check_options(args, needed=("vessel",), of_ship=("sea_room", "wind"))
-    vessel, rng = model_argument(args.vessel, progress), np.random.default_rng(args.seed)
-    posterior = _of_vessel(read_posterior(args.posterior), Path(args.posterior), vessel)
-    duration = 400.0 if args.duration is None else args.duration
-    candidates = ps.candidate_trials(vessel, duration=duration, rng=rng)
-    out, settings = writable_folder(args.out), {"criterion": args.criterion or CRITERIA[0], "duration": duration}
-    progress(f"simulating {len(candidates)} candidates")
-    found = ps.design_trials(vessel, posterior, candidates, args.n, rng=rng, **settings)
-    with staged_files(out) as folder:
-        for label in np.unique(found["chosen"].values):
-            manoeuvre = candidates[label]
-            if isinstance(manoeuvre, Manoeuvre) and manoeuvre.time:
-                rows = zip(manoeuvre.time, np.rad2deg(manoeuvre.delta).round(6).tolist(), strict=True)
-                path = folder / f"{label.replace('m/s', 'mps').replace(' ', '-')}.csv"
-                write_csv(path, _PROGRAMME_HEADER, rows, args, remark=label)
-        table = found.drop_dims(("stage", "coefficient")).to_dataframe().reset_index()
-        write_csv(folder / "design.csv", tuple(table), table.itertuples(index=False), args)
-        sd = found["sd"].transpose("coefficient", "stage")
-        header = ("coefficient", "sd", *(f"sd_after_{k}" for k in sd["stage"].values[1:]))
-        rows = zip(sd["coefficient"].values, *sd.values.T.tolist(), strict=True)
-        write_csv(folder / "predicted_sd.csv", header, rows, args)
-    return design_text(found), out
+    return designed(args, progress)
 
 
 def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -355,35 +307,3 @@ def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> 
         return trial
     progress("denoising")
     return ps.denoise(trial)
-
-
-def _posteriors(path: Path, family: str, vessel: Vessel) -> tuple[xr.DataTree | dict[str, xr.DataTree], str]:
-    """Joint posterior of a file or those of each DOF that `regress` wrote, and how a result of them is called."""
-    if path.suffix in (".nc", ".zarr"):
-        return _of_vessel(read_posterior(path), path, vessel), path.stem
-    return {dof: _posterior(path, dof, family, vessel) for dof in vessel.dofs}, family
-
-
-def _posterior(folder: Path, dof: str, family: str, vessel: Vessel) -> xr.DataTree:
-    """Posterior that `regress` wrote, of the vessel asked for."""
-    path = folder / f"{dof}-{family}.nc"
-    tree = read_posterior(path)
-    if tree.attrs.get("dof") != dof:
-        raise ValueError(f"{path} is no posterior of the {dof}; run `pymc-ship regress` first.")
-    return _of_vessel(tree, path, vessel)
-
-
-def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
-    """The posterior itself, where it is of the vessel."""
-    found = tree.attrs.get("vessel")
-    if found != vessel.name:
-        raise ValueError(f"The posterior is to be of {vessel.name!r}, found {found!r} in {path}; use its own vessel.")
-    return tree
-
-
-def _write_bands(path: Path, forecast: xr.DataTree, args: argparse.Namespace) -> None:
-    bands = forecast["bands"].to_dataset()
-    names = [f"{channel}_{band}" for channel in bands.data_vars for band in BANDS]
-    columns = [values.sel(band=band).values for values in bands.data_vars.values() for band in BANDS]
-    rows = np.column_stack([bands["time"].values, *columns]).tolist()
-    write_csv(path, ("time", *names), rows, args, remark=stated_shares(forecast))

@@ -127,26 +127,6 @@ def write_trial_file(trial: xr.Dataset, path: Path, args: argparse.Namespace) ->
         partial.write_text("".join(remarks) + text, encoding="utf-8")
 
 
-def check_options(
-    args: argparse.Namespace,
-    *,
-    needed: Sequence[str] = (),
-    of_ship: Sequence[str] = (),
-    of_posterior: Sequence[str] = (),
-) -> None:
-    """Refuse a missing option of a posterior, and options that only an identified ship or only a posterior has."""
-    for option in needed:
-        if getattr(args, option) is None:
-            raise ValueError(
-                f"A {args.command} from a posterior needs --{option}, found none and no identified ship in "
-                f"{args.posterior}; add --{option}."
-            )
-    for option in (*of_ship, *of_posterior):
-        if getattr(args, option) not in ([], None):
-            whose = "of an identified ship" if option in of_ship else "from a posterior"
-            raise ValueError(f"Only a {args.command} {whose} takes --{option.replace('_', '-')}; leave it out.")
-
-
 def write_csv(
     path: Path, header: Sequence[str], rows: Iterable[Sequence], args: argparse.Namespace, remark: str = ""
 ) -> None:

@@ -29,7 +29,6 @@ DOFS = ("surge", "sway", "yaw", "roll")
 TRAJECTORY_PRIORS = ("order_damped", "sister_ship", "flat")
 SHIP_PRIORS = ("hull_database", "order_damped", "sister_ship")
 NOISE_MODELS = ("auto", "white", "ar1", "student_t")
-CRITERIA = ("information", "forecast")
 
 
 class Parser(argparse.ArgumentParser):
@@ -274,46 +273,50 @@ def _add_tune(commands) -> None:
     command.add_argument("--out", help="JSON file of the chosen prior (not written)")
 
 
-def _add_forecast(commands) -> None:
-    command = _command(commands, "forecast", "forecast manoeuvres with bands from a posterior", examples.FORECAST)
+def _add_source(command) -> None:
+    """Options that name the ship of a command: an identified one, or that of a posterior."""
     command.add_argument(
         "posterior",
         metavar="POSTERIOR",
         help="folder that `identify` or `regress` wrote, or joint posterior, .nc or .zarr",
     )
     command.add_argument(
-        "--vessel", help="shipped vessel or TOML file: the reference ship (an identified one: herself)"
+        "--vessel",
+        help="shipped vessel or TOML file: particulars and terms of a posterior, which states none (the ship's own)",
     )
-    _add_manoeuvres(command, "{0.words} [deg]; repeatable", action="append", default=[])
     command.add_argument(
         "--family", choices=FAMILIES, default="conjugate", help="prior family, of a folder of `regress` (%(default)s)"
     )
+
+
+def _add_forecast(commands) -> None:
+    command = _command(commands, "forecast", "forecast manoeuvres with bands from a posterior", examples.FORECAST)
+    _add_source(command)
+    _add_manoeuvres(command, "{0.words} [deg]; repeatable", action="append", default=[])
     command.add_argument(
         "--measured", action="append", default=[], metavar="TRIAL", help="trial to forecast and show beside; repeatable"
     )
     command.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
     _add_overrule(command)
-    command.add_argument(
-        "--spiral", action="store_true", help="steady turns and course stability, of an identified ship (none)"
-    )
+    command.add_argument("--spiral", action="store_true", help="steady turns and course stability (none)")
     command.add_argument(
         "--stop",
         type=float,
         metavar="RPS",
-        help="stopping test with these revolutions astern [1/s], of an identified ship with forces at any speed (none)",
+        help="stopping test with these revolutions astern [1/s], of a ship with forces at any speed (none)",
     )
-    command.add_argument("--draws", type=int, help="simulated ships (300, of an identified ship 1000)")
-    command.add_argument("--duration", type=float, help="[s] (400, of an identified ship 40 L/U)")
-    command.add_argument("--n", type=float, help="revolutions [1/s], of an identified ship (those of the approach)")
+    command.add_argument("--draws", type=int, help="simulated ships at most (1000, of a posterior 300)")
+    command.add_argument("--duration", type=float, help="[s] (40 L/U, of a posterior 400)")
+    command.add_argument("--n", type=float, help="revolutions [1/s] (those of the approach)")
     command.add_argument("--wind", type=flow, metavar="SPEED/FROM", help="true wind [m/s, deg] (none)")
     command.add_argument("--current", type=flow, metavar="SPEED/TO", help="water [m/s, deg] (none)")
     command.add_argument(
         "--facility",
         metavar="NAME",
-        help="whose steering gear and approach speed, of an identified ship (gear of most runs)",
+        help="whose steering gear and approach speed (gear of most runs)",
     )
-    command.add_argument("--side", choices=SIDES, help="side turned to first (port, of an identified ship both)")
-    command.add_argument("--out", help="folder of the bands, or of an identified ship's page (her own folder)")
+    command.add_argument("--side", choices=SIDES, help="side turned to first (both, of a posterior port)")
+    command.add_argument("--out", help="folder of the page (that of the posterior)")
 
 
 def _add_score(commands) -> None:
@@ -345,27 +348,13 @@ def _add_trial_report(commands) -> None:
 
 def _add_design(commands) -> None:
     command = _command(commands, "design", "choose the runs that will tell most about a ship", examples.DESIGN)
-    command.add_argument(
-        "posterior", metavar="POSTERIOR", help="folder that `identify` wrote, or joint posterior of a fit, .nc or .zarr"
-    )
+    _add_source(command)
     command.add_argument("--n", type=int, default=2, help="runs to choose (%(default)s)")
+    command.add_argument("--sea-room", type=float, metavar="M", help="largest extent of a run's track [m] (any)")
     command.add_argument(
-        "--sea-room", type=float, metavar="M", help="largest extent of a run's track [m], of an identified ship (any)"
+        "--wind", type=flow, metavar="SPEED/FROM", help="true wind [m/s, deg from the approach course] (none)"
     )
-    command.add_argument(
-        "--wind",
-        type=flow,
-        metavar="SPEED/FROM",
-        help="true wind [m/s, deg from the approach course], of an identified ship (none)",
-    )
-    command.add_argument("--vessel", help="shipped vessel or TOML file: terms and reference values, with a posterior")
-    command.add_argument(
-        "--criterion",
-        choices=CRITERIA,
-        help="precision of the coefficients, or of a 10/10 zigzag and a 35 deg turn, with a posterior (information)",
-    )
-    command.add_argument("--duration", type=float, help="of each run [s], with a posterior (400)")
-    command.add_argument("--out", required=True, help="folder of the tables and, with a posterior, rudder programmes")
+    command.add_argument("--out", required=True, help="folder of the tables")
 
 
 def _add_montecarlo(commands) -> None:

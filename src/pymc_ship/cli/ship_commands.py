@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,24 +14,25 @@ import pymc_ship as ps
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
-    check_options,
     judged_arguments,
     made_by,
+    model_argument,
     requested_manoeuvres,
     vessel_argument,
     write_csv,
 )
 from pymc_ship.cli.parser import SHIP_PRIORS
 from pymc_ship.cli.texts import (
+    design_text,
     forecast_text,
     form_text,
     held_out_text,
     index_text,
-    next_runs_text,
     probability_text,
     score_text,
     term_set_text,
 )
+from pymc_ship.inference.regression.tree import read_posterior
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -39,18 +41,20 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.format import load_format
 from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised
-from pymc_ship.ships.ensemble.index_error import BEYOND, error_rows
-from pymc_ship.ships.identification.files import FOLDER, forecast_ship, load_ship, save_ship
-from pymc_ship.ships.identification.model import IdentifiedShip
+from pymc_ship.ships.ensemble.files import FOLDER, load_ship, save_ship
+from pymc_ship.ships.ensemble.ship import Ship
+from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
 from pymc_ship.trial.record import facility_of
 
 SIDES = ("port", "starboard")
+_DESIGN_DRAWS = 400  # of a posterior, as many as a design simulates
 
 
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Identify a ship from her trials, report on it and save it."""
+    from pymc_ship.ships.design.outlook import outlook
     from pymc_ship.ships.identification.candidates import TermSetsRefusedError
-    from pymc_ship.ships.identification.model import identify_ship
+    from pymc_ship.ships.identification.model import captive_comparison, identify_ship
     from pymc_ship.ships.identification.page import PAGE, write_ship_report
     from pymc_ship.ships.identification.refusal_page import write_refusal_page
 
@@ -70,16 +74,19 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         "draws": args.draws,
     }
     try:
-        model = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
+        found = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
     except TermSetsRefusedError as error:
         page = write_refusal_page(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
+    progress("outlook on standard manoeuvres")
+    ahead = outlook(found.ship, rng)
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
+    made |= {"outlook": ahead, "captive": captive_comparison(found, rng)}
     with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
-        save_ship(model, folder, made_by=made_by(args))
-        write_ship_report(model, trials, checks, folder, **made)
-    text = [term_set_text(model), held_out_text(model), "\n".join(model.outlook), "\n".join(model.remarks)]
-    return "\n\n".join(filter(None, [*text, model.judgement["record_remarks"]])), out / PAGE.file
+        save_ship(found.ship, folder, made_by=made_by(args), runs=found.names, judgement=found.judgement)
+        write_ship_report(found, trials, checks, folder, **made)
+    text = [term_set_text(found), held_out_text(found), "\n".join(ahead), "\n".join(found.ship.remarks)]
+    return "\n\n".join(filter(None, [*text, found.judgement["record_remarks"]])), out / PAGE.file
 
 
 def _names(paths: Sequence[str]) -> list[str]:
@@ -124,21 +131,81 @@ def holds_ship(path: str) -> bool:
     return (Path(path) / FOLDER).is_dir()
 
 
-def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Forecast manoeuvres of an identified ship and write the page; the text has indices and IMO verdicts."""
+@dataclass(frozen=True)
+class _Source:
+    """What a command forecasts with: a ship, the vessel that heads its page, and the settings of its forecasts.
+
+    ``reference`` is the vessel whose own coefficients stand beside the forecast, None without; ``sides`` are those
+    that are sailed where none is asked for.
+    """
+
+    ship: Ship
+    vessel: Vessel
+    reference: Vessel | None
+    settings: Mapping[str, float | str]
+    sides: tuple[str, ...]
+
+
+_AS_FITTED = {"duration": 400.0, **AS_PUBLISHED}
+"""Settings of the forecast of a posterior."""
+
+
+def _source(args: argparse.Namespace, rng: np.random.Generator, progress: Progress, *, draws: int) -> _Source:
+    """Ship of a folder of `identify`, or of a posterior; a posterior knows no particulars and needs the vessel."""
+    if holds_ship(args.posterior):
+        ship = load_ship(args.posterior)
+        vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
+        return _Source(ship, vessel, None, {}, SIDES)
+    if args.vessel is None:
+        raise ValueError(
+            f"The posterior {args.posterior} states no particulars of its ship, found no --vessel; add --vessel."
+        )
+    vessel = model_argument(args.vessel, progress)
+    posteriors = read_posteriors(Path(args.posterior), args.family, vessel)
+    ship = Ship.from_posterior(vessel, posteriors, draws=draws, rng=rng)
+    return _Source(ship, vessel, vessel, _AS_FITTED, SIDES[:1])
+
+
+def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | dict[str, xr.DataTree]:
+    """Joint posterior of a file, or those of each DOF that `regress` wrote."""
+    if path.suffix in (".nc", ".zarr"):
+        return _of_vessel(read_posterior(path), path, vessel)
+    return {dof: _posterior(path, dof, family, vessel) for dof in vessel.dofs}
+
+
+def _posterior(folder: Path, dof: str, family: str, vessel: Vessel) -> xr.DataTree:
+    """Posterior that `regress` wrote, of the vessel asked for."""
+    path = folder / f"{dof}-{family}.nc"
+    tree = read_posterior(path)
+    if tree.attrs.get("dof") != dof:
+        raise ValueError(f"{path} is no posterior of the {dof}; run `pymc-ship regress` first.")
+    return _of_vessel(tree, path, vessel)
+
+
+def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
+    """The posterior itself, where it is of the vessel."""
+    found = tree.attrs.get("vessel")
+    if found != vessel.name:
+        raise ValueError(f"The posterior is to be of {vessel.name!r}, found {found!r} in {path}; use its own vessel.")
+    return tree
+
+
+def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Forecast manoeuvres and write the page; the text has indices and IMO verdicts."""
     from pymc_ship.ships.forecasting.page import write_forecast_page
     from pymc_ship.ships.forecasting.steady_turns import spiral_sentence, steady_turns
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
 
-    ship = load_ship(args.posterior)
-    vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
-    manoeuvres = requested_manoeuvres(args, (args.side,) if args.side else SIDES)
+    drawn, rng = 300 if args.draws is None else args.draws, np.random.default_rng(args.seed)
+    source = _source(args, rng, progress, draws=drawn)
+    ship, state = source.ship, rng.bit_generator.state
+    manoeuvres = requested_manoeuvres(args, (args.side,) if args.side else source.sides)
     measured = _measured(args, ship, progress)
     known = {manoeuvre.label for manoeuvre, _ in measured.values()}
     wanted = {manoeuvre.label: manoeuvre for manoeuvre in manoeuvres if manoeuvre.label not in known}
     wanted |= {label: manoeuvre for label, (manoeuvre, _) in measured.items()}
-    turns = steady_turns(ship.models) if args.spiral else None
-    stop = None if args.stop is None else stopping(ship.models, astern=args.stop)
+    turns = steady_turns(ship) if args.spiral else None
+    stop = None if args.stop is None else stopping(ship, astern=args.stop)
     if not wanted and turns is None and stop is None:
         raise ManoeuvreError(
             "A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35, --spiral, --stop or --measured."
@@ -147,35 +214,43 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
     trees, text = {}, []
     for label, manoeuvre in wanted.items():
         progress(f"forecasting the {label}")
-        settings = {"draws": 1000 if args.draws is None else args.draws, "duration": args.duration}
+        settings = {"draws": 1000 if args.draws is None else args.draws, **source.settings}
+        settings |= {} if args.duration is None else {"duration": args.duration}
         settings |= {"n": args.n, "wind": args.wind, "current": args.current}
         settings["facility"] = args.facility or _facility(ship, measured.get(label))
-        trees[label] = forecast_ship(ship, manoeuvre, rng=np.random.default_rng(args.seed), **settings)
-        text.append(_text(trees[label], label, measured, ship.vessel))
+        rng.bit_generator.state = state  # every manoeuvre has the same random numbers
+        trees[label] = ps.forecast(ship, manoeuvre, rng=rng, **settings)
+        reference = _reference(manoeuvre, source.reference, trees[label])
+        text.append(_text(trees[label], label, measured, ship.vessel, reference))
     text += [spiral_sentence(turns)] if turns is not None else []
     text += [stopping_sentence(stop)] if stop is not None else []
     page = write_forecast_page(
+        ship,
         trees,
-        vessel,
         out,
+        vessel=source.vessel,
         measured={label: trial for label, (_, trial) in measured.items()},
-        models=ship.models,
-        motion=ship.motion,
         turns=turns,
         stop=stop,
-        remarks=(*ship.remarks, *_remarks(ship, trees)),
         command=made_by(args),
         progress=progress,
     )
     return "\n\n".join(text), page
 
 
-def design_identified(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Design the next runs of an identified ship; the text has what each candidate promises and its sea room."""
-    check_options(args, of_posterior=("vessel", "criterion", "duration"))
-    ship, out = load_ship(args.posterior), writable_folder(args.out)
-    room = np.inf if args.sea_room is None else args.sea_room
-    found = ps.next_runs(ship, n=args.n, sea_room=room, wind=args.wind, progress=progress)
+def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree) -> xr.Dataset | None:
+    """Indices of the ship of a vessel file in the manoeuvre of a forecast; None without a vessel or indices."""
+    if vessel is None or not manoeuvre.traits.indices:
+        return None
+    duration = float(tree["trajectories"]["time"][-1])
+    return ps.indices(ps.simulate(vessel, manoeuvre, duration=duration, record_interval=0.5))
+
+
+def design(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Design the next runs; the text has what each candidate promises and its sea room."""
+    source = _source(args, np.random.default_rng(args.seed), progress, draws=_DESIGN_DRAWS)
+    out, room = writable_folder(args.out), np.inf if args.sea_room is None else args.sea_room
+    found = ps.design(source.ship, n=args.n, sea_room=room, wind=args.wind, progress=progress)
     with staged_files(out) as folder:
         ratio = found["width_ratio"].transpose("candidate", "step")
         header = ("candidate", "sea_room", *(f"width_ratio_{k}" for k in ratio["step"].values))
@@ -186,22 +261,21 @@ def design_identified(args: argparse.Namespace, progress: Progress) -> Outcome:
         targets = [str(target).split(", ") for target in found["target"].values]
         rows = zip(*zip(*targets, strict=True), found["units"].values, *width.values.T, strict=True)
         write_csv(folder / "half_widths.csv", header, rows, args)
-    return next_runs_text(found), out
+    return design_text(found), out
 
 
 def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Score a ship on records in which she is restarted; the text has every channel of every run."""
-    ship = load_ship(args.ship) if holds_ship(args.ship) else vessel_argument(args.ship, progress)
-    vessel = ship.vessel if isinstance(ship, IdentifiedShip) else ship
-    models = [one for one, _ in ship.models] if isinstance(ship, IdentifiedShip) else [ship]
-    any_speed = any(map(holds_any_speed, models))
+    stored = holds_ship(args.ship)
+    ship = load_ship(args.ship) if stored else Ship.from_vessel(vessel_argument(args.ship, progress))
+    any_speed = any(holds_any_speed(vessel) for vessel, _ in ship.models)
     files = [(path, args.format) for path in args.trials]
-    trials, _ = checked_trials(files, vessel, args, progress, any_speed=any_speed)
+    trials, _ = checked_trials(files, ship.vessel, args, progress, any_speed=any_speed)
     out = writable_folder(args.out) if args.out else None
     progress("replaying windows")
     settings = {"length": args.length, "every": args.every, "draws": args.draws}
     found = ps.score(ship, list(trials.values()), names=list(trials), **settings)
-    rows = ps.score_indices(ship, list(trials.values()), names=list(trials), seed=args.seed)
+    rows = ps.score_indices(ship, list(trials.values()), names=list(trials), rng=args.seed)
     text = "\n\n".join(filter(None, [score_text(found), index_text(rows)]))
     if out is None:
         return text, None
@@ -225,9 +299,7 @@ def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
     return text, ps.trial_report(found, out, command=made_by(args))
 
 
-def _measured(
-    args: argparse.Namespace, ship: IdentifiedShip, progress: Progress
-) -> dict[str, tuple[Manoeuvre, xr.Dataset]]:
+def _measured(args: argparse.Namespace, ship: Ship, progress: Progress) -> dict[str, tuple[Manoeuvre, xr.Dataset]]:
     """Measured trials by the label of the manoeuvre they were recognised as; a second one carries its file's name."""
     found: dict[str, tuple[Manoeuvre, xr.Dataset]] = {}
     if not args.measured:
@@ -243,54 +315,31 @@ def _measured(
     return found
 
 
-def _facility(ship: IdentifiedShip, measured: tuple[Manoeuvre, xr.Dataset] | None) -> str | None:
+def _facility(ship: Ship, measured: tuple[Manoeuvre, xr.Dataset] | None) -> str | None:
     """Facility of a measured trial, where the ship was identified at it."""
     name = facility_of(measured[1]) if measured else ""
     return name if name and name in ship.facilities else None
 
 
-def _text(tree: xr.DataTree, label: str, measured: Mapping[str, tuple[Manoeuvre, xr.Dataset]], vessel: Vessel) -> str:
-    """Bands of the indices beside what was measured, where it was, and the probability of each IMO criterion."""
+def _text(
+    tree: xr.DataTree,
+    label: str,
+    measured: Mapping[str, tuple[Manoeuvre, xr.Dataset]],
+    vessel: Vessel,
+    reference: xr.Dataset | None,
+) -> str:
+    """Bands of the indices beside what was measured and the reference, and the probability of each IMO criterion."""
     from pymc_ship.records.steering.measured import measured_indices
+    from pymc_ship.ships.forecasting.page import refused_sentence
 
     beside = {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
+    beside |= {} if reference is None else {"reference": reference}
     verdicts = ps.imo_probabilities(tree, vessel)
     parts = [
         forecast_text(tree, beside),
         tree.attrs["steering"],
-        _refused(tree),
+        refused_sentence(tree),
         probability_text(verdicts),
         tree.attrs.get("reliability", "") if verdicts else "",
     ]
     return "\n".join(filter(None, parts))
-
-
-def _refused(tree: xr.DataTree) -> str:
-    """Sentence on the draws that run away in a manoeuvre; empty where none does."""
-    share = 100.0 * tree.attrs["share_refused"]
-    return f"{share:.2g} % of the draws run away in the {tree.attrs['label']} and are left out." if share else ""
-
-
-def _remarks(ship: IdentifiedShip, trees: Mapping[str, xr.DataTree]) -> list[str]:
-    """How the intervals of an identified ship are made."""
-    widened = ", ".join(
-        "{kind} {median:.2g} of {unit} (95 % below {upper:.2g})".format(**row)
-        for row in error_rows(ship.model_error, ship.vessel)
-    )
-    found = [
-        f"{len(ship.models)} term sets take part by their score on held-out runs: their scatter and that of the "
-        "coefficients make the bands, tracks and force curves.",
-        *(f"{label}: {tree.attrs['steering']}" for label, tree in trees.items()),
-        *filter(None, map(_refused, trees.values())),
-        *dict.fromkeys(tree.attrs["reliability"] for tree in trees.values() if "reliability" in tree.attrs),
-    ]
-    if widened:
-        found.append(
-            "Intervals of the indices also hold the error that foreign ships and held-out manoeuvres show beyond it. "
-            f"Its sd by kind of index is: {widened}."
-        )
-    return [
-        *found,
-        f"They hold the error of a model where no run has been, too: an sd of {BEYOND:g} of the swing, of L/U and of L "
-        "for each range of the runs by which the median ship leaves their motion, as foreign ships showed it.",
-    ]

@@ -136,18 +136,6 @@ def criteria_table(criteria: list[dict]) -> str:
 
 
 def design_text(found: xr.Dataset) -> str:
-    """Gain and median relative standard deviation of every candidate, and what the chosen runs leave."""
-    steps = found["step"].values
-    header = ("candidate", *(word for k in steps for word in (f"gain {k}", f"sd % {k}")), "diverged")
-    columns = [found[name].sel(step=k).values for k in steps for name in ("gain", "relative_sd")]
-    rows = list(zip(found["candidate"].values, *columns, found["n_diverged"].values, strict=True))
-    runs = ("nothing", *found["chosen"].values)
-    stages = [found[name].values for name in ("relative_sd_chosen", "shrinkage_chosen", "forecast_sd")]
-    chosen = table(("after", "median sd %", "cut by", "forecast sd %"), zip(runs, *stages, strict=True))
-    return f"{table(header, rows)}\n\n{chosen}"
-
-
-def next_runs_text(found: xr.Dataset) -> str:
     """How many times as wide intervals would be after each candidate, its sea room, and what the chosen runs leave."""
     steps = found["step"].values
     header = ("candidate", *(f"width ratio {k}" for k in steps), "sea room m")
@@ -236,7 +224,8 @@ def held_out_text(found: ShipIdentification) -> str:
     header = ("held-out run", "manoeuvre", "index", "measured", "forecast", "± sd")
     names = ("run", "manoeuvre", "index", "measured", "forecast", "sd")
     return table(
-        header, [[str(row[n]).replace("_", " ") if n == "index" else row[n] for n in names] for row in found.held_out_indices]
+        header,
+        [[str(row[n]).replace("_", " ") if n == "index" else row[n] for n in names] for row in found.held_out_indices],
     )
 
 

@@ -31,7 +31,8 @@ from pymc_ship.replication.estimates import trajectory_modes
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.prior_ships import prior_ship_rows
 from pymc_ship.replication.scores import forecast_row, published_rows, summary_rows
-from pymc_ship.ships.forecasting.forecast import forecast
+from pymc_ship.ships.ensemble.ship import Ship
+from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED, forecast
 from pymc_ship.trial.channels import sensors
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
@@ -147,8 +148,8 @@ def _forecast(
     result: StudyResult, found: Identification, family: str, manoeuvre: Manoeuvre, level: float
 ) -> xr.DataTree:
     rng = generator(result.seed, "forecast", level, family, manoeuvre.kind)
-    posteriors = found.posteriors(family, draws=400, rng=rng)
-    return forecast(result.vessel, posteriors, manoeuvre, draws=300, rng=rng, duration=DURATION, step=STEP)
+    ship = Ship.from_posterior(result.vessel, found.posteriors(family, draws=400, rng=rng), rng=rng)
+    return forecast(ship, manoeuvre, rng=rng, duration=DURATION, **AS_PUBLISHED)
 
 
 def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
@@ -228,9 +229,8 @@ def _trajectory_forecasts(
     labels = {"level": level, "pareto_khat": posterior.attrs["pareto_khat"]}
     for name, manoeuvre in MANOEUVRES.items():
         progress(f"noise level {level:.3g}: forecast of the {manoeuvre.label} from the trajectory fit")
-        tree = forecast(
-            result.vessel, posterior, manoeuvre, draws=300, rng=rng, duration=DURATION, step=STEP, noise_sd={}
-        )
+        ship = Ship.from_posterior(result.vessel, posterior, rng=rng, noise_sd={})
+        tree = forecast(ship, manoeuvre, rng=rng, duration=DURATION, **AS_PUBLISHED)
         reference = result.references[name]
         row = forecast_row(reference, indices(reference), tree, **labels)
         result.tables.setdefault(f"trajectory_{name}", []).append(row)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from pymc_ship.ships.forecasting.index_error import index_sd, model_error
+
 from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
 
 

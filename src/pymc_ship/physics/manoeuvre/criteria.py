@@ -51,8 +51,8 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
     >>> trial = ps.pollute(ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5), level=0.01, rng=rng)
     >>> found = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
-    >>> posteriors = found.posteriors("conjugate", draws=40, rng=rng)
-    >>> turn = ps.forecast(vessel, posteriors, ps.turning_circle(35), draws=40, duration=900, step=0.5, rng=rng)
+    >>> ship = ps.Ship.from_posterior(vessel, found.posteriors("conjugate", draws=40, rng=rng), draws=40, rng=rng)
+    >>> turn = ps.forecast(ship, ps.turning_circle(35), duration=900, rng=rng)
     >>> for row in ps.imo_probabilities(turn, vessel):
     ...     print(row["criterion"], row["judgement"], row["probability"])
     advance passes 1.0

@@ -25,12 +25,10 @@ from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.design.candidates import labelled_trials
-from pymc_ship.ships.design.trial_design import TrialDesignError
 from pymc_ship.ships.ensemble.draws import knowing_models, thinned_draws
-from pymc_ship.ships.ensemble.index_error import equivalent_sd, error_sizes, readings_noise, steady_error
-from pymc_ship.ships.ensemble.motion_error import SIZES
-from pymc_ship.ships.ensemble.ship import Ship
+from pymc_ship.ships.ensemble.index_error import equivalent_sd, error_sizes, model_error, readings_noise, steady_error
+from pymc_ship.ships.ensemble.motion_error import SIZES, motion_error
+from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
 
 CANDIDATES = tuple(
@@ -46,6 +44,11 @@ CANDIDATES = tuple(
     for side in ("port", "starboard")
 )
 """Runs to choose from where none are given."""
+
+
+class TrialDesignError(ValueError):
+    """A design that cannot be made; the sentence says why."""
+
 
 _ASKED = ("angle", "distance")  # quantities of the indices that are to be known
 _REACHED = 0.9  # of the draws, by which an index is reached that counts
@@ -83,8 +86,8 @@ class _Known(NamedTuple):
     motion: xr.DataArray
 
 
-def next_runs(
-    ship: Ship,
+def design(
+    ship: ShipLike,
     candidates: Mapping[str, Manoeuvre] | Sequence[Manoeuvre] = CANDIDATES,
     n: int = 1,
     *,
@@ -99,7 +102,8 @@ def next_runs(
     Parameters
     ----------
     ship : Ship
-        From :func:`pymc_ship.identify_ship` or :func:`pymc_ship.load_ship`.
+        From :func:`pymc_ship.identify_ship`, :func:`pymc_ship.load_ship` or :meth:`pymc_ship.Ship.from_posterior`. A
+        ship without laws of its errors has those that are typical of other ships.
     candidates : mapping of str to Manoeuvre or sequence of Manoeuvre, optional
         Of kinds that have indices.
     n : int, optional
@@ -144,11 +148,11 @@ def next_runs(
     >>> runs = [ps.simulate(vessel, ps.zigzag(10, 10, side=side), duration=600, step=0.5) for side in sides]
     >>> runs = [ps.pollute(run, level=0.01, rng=rng) for run in runs]
     >>> ship = ps.identify_ship(runs, vessel, terms=["hull and loading, cubic"], draws=100, rng=rng).ship
-    >>> plan = ps.next_runs(ship, [ps.zigzag(10, 10), ps.turning_circle(35)])
+    >>> plan = ps.design(ship, [ps.zigzag(10, 10), ps.turning_circle(35)])
     >>> plan["chosen"].item()
     'turning circle 35 port'
     """
-    labelled = labelled_trials(candidates)
+    ship, labelled = as_ship(ship), labelled_trials(candidates)
     sailable = [isinstance(one, Manoeuvre) and bool(one.traits.indices) for one in (*labelled.values(), *interest)]
     if n < 1 or draws < 2 or not labelled or not interest or not all(sailable):
         raise TrialDesignError(
@@ -285,13 +289,36 @@ def _design(ship: Ship, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
     away = (asked - np.nanmedian(asked, axis=0)) / np.where(sd > 0.0, sd, 1.0)
     return _Design(
         vessel=vessel,
-        errors=ship.index_error | steady_error(ship.motion_error),
+        errors=_laws(ship),
         rows=ship.held_out_indices,
         targets=targets,
         asked=asked,
         central=int(np.argmin(np.sum(np.nan_to_num(away, nan=_FAR) ** 2, axis=1))),
-        known=_Known(np.empty((len(asked), 0)), np.empty(0), ship.motion),
+        known=_Known(np.empty((len(asked), 0)), np.empty(0), _motion(ship)),
     )
+
+
+def _laws(ship: Ship) -> dict[str, np.ndarray]:
+    """Laws of the errors of a ship; those typical of other ships where the ship has none."""
+    if ship.index_error is None:
+        return model_error(()) | steady_error(motion_error((), ship.vessel))
+    return ship.index_error | steady_error(ship.motion_error)
+
+
+def _motion(ship: Ship) -> xr.DataArray:
+    """Prime motion of the runs of a ship.
+
+    Raises
+    ------
+    TrialDesignError
+        Where it is unknown: how far a run leaves it cannot be said.
+    """
+    if ship.motion is None:
+        raise TrialDesignError(
+            "A design needs the motion of the runs so far, found a ship without it; give that of identify_ship, or of "
+            "a posterior whose constant_data has `motion`."
+        )
+    return ship.motion
 
 
 def share_left(asked: np.ndarray, seen: np.ndarray, noise: np.ndarray) -> np.ndarray:
@@ -368,3 +395,18 @@ def _chosen(design: _Design, offered: Mapping[str, _Run], n: int, sea_room: floa
         },
         {"vessel": design.vessel.name},
     )
+
+
+def labelled_trials(manoeuvres: Mapping[str, Manoeuvre] | Sequence[Manoeuvre]) -> dict[str, Manoeuvre]:
+    """Manoeuvres by label.
+
+    A manoeuvre without a label is named by kind, angles and speed, and by a number where a name repeats.
+    """
+    if isinstance(manoeuvres, Mapping):
+        return dict(manoeuvres)
+    labelled: dict[str, Manoeuvre] = {}
+    for one in manoeuvres:
+        label = one.label + (f" from {one.approach_speed:g} m/s" if one.approach_speed else "")
+        same = sum(name.split(" #")[0] == label for name in labelled)
+        labelled[f"{label} #{same + 1}" if same else label] = one
+    return labelled

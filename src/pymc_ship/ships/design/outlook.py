@@ -6,8 +6,7 @@ import numpy as np
 
 from pymc_ship.physics.manoeuvre.standard import STANDARD
 from pymc_ship.physics.motion.stepping import simulation_settings
-from pymc_ship.ships.design.next_run import next_runs
-from pymc_ship.ships.design.trial_design import TrialDesignError
+from pymc_ship.ships.design.next_run import TrialDesignError, design
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.ensemble.index_error import steady_error
 from pymc_ship.ships.ensemble.ship import Ship
@@ -33,7 +32,7 @@ def outlook(ship: Ship, rng: np.random.Generator) -> tuple[str, ...]:
         turns += [f"{median:.2f} L ({lower:.2f} to {upper:.2f}) to {manoeuvre.side}"] if np.isfinite(median) else []
     said = [f"Tactical diameter of the turning circle of 35 deg: {', '.join(turns)}."] if turns else []
     try:
-        plan = next_runs(ship, STANDARD, draws=_DRAWS)
+        plan = design(ship, STANDARD, draws=_DRAWS)
     except TrialDesignError:
         return tuple(said)
     best = plan.sel(candidate=plan["chosen"].item(), step=1)

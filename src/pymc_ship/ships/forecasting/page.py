@@ -16,6 +16,8 @@ from pymc_ship.physics.manoeuvre.criteria import SURE, imo_probabilities, shown_
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import measured_indices
+from pymc_ship.ships.ensemble.index_error import BEYOND, error_rows
+from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.figures import manoeuvre_figures
 from pymc_ship.ships.forecasting.force_curves import force_curves
 from pymc_ship.ships.forecasting.forecast import NO_ROLL, rolls
@@ -54,16 +56,14 @@ _FORCES = (
 
 
 def write_forecast_page(
+    ship: ShipLike,
     forecasts: Mapping[str, xr.DataTree],
-    vessel: Vessel,
     out: str | Path,
     *,
+    vessel: Vessel | None = None,
     measured: Mapping[str, xr.Dataset] | None = None,
-    models: Sequence[tuple[Vessel, np.ndarray]] = (),
-    motion: xr.DataArray | None = None,
     turns: xr.Dataset | None = None,
     stop: xr.Dataset | None = None,
-    remarks: Sequence[str] = (),
     command: str = "",
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
@@ -71,24 +71,21 @@ def write_forecast_page(
 
     Parameters
     ----------
+    ship : Ship, Vessel, str or Path
+        Whose force curves are shown, with the motion of its runs, and whose remarks say how the intervals are made.
     forecasts : mapping of str to DataTree
         Forecasts from :func:`pymc_ship.forecast` by the name of their section, such as ``"zigzag 10/10 port"``.
-    vessel : Vessel
     out : str or Path
         Folder of the page; created where it is missing. What else is in it stays.
+    vessel : Vessel, optional
+        Whose name and particulars head the page; that of the ship by default.
     measured : mapping of str to Dataset, optional
         Measured trials by the name of the forecast they belong to; see
         :func:`pymc_ship.records.steering.measured.aligned`.
-    models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients)), optional
-        Draws whose force curves are shown, pooled over the vessels.
-    motion : DataArray, dims (row, symbol), optional
-        Prime motion of the training record, shaded in the force curves.
     turns : Dataset, dims (draw, rate), optional
         From :func:`pymc_ship.steady_turns`: adds a section on steady turns and course stability.
     stop : Dataset, dims (draw, time), optional
         From :func:`pymc_ship.stopping`: adds a section on the stopping test.
-    remarks : sequence of str, optional
-        How the intervals were made, a paragraph each.
     command : str, optional
         What repeats the page.
     progress : callable, optional
@@ -103,10 +100,12 @@ def write_forecast_page(
     Raises
     ------
     ValueError
-        For nothing to show, a trial of none of them, or draws that do not fit their vessel.
+        For nothing to show, or a trial of none of the forecasts.
     OutputError
         When the folder cannot be written.
     """
+    ship = as_ship(ship)
+    vessel = ship.vessel if vessel is None else vessel
     measured = dict(measured or {})
     if not forecasts and turns is None and stop is None:
         raise ValueError("A page of forecasts needs at least one, found none; forecast a manoeuvre.")
@@ -122,26 +121,59 @@ def write_forecast_page(
         rows |= {slug: lines} if lines else {}
         mine = [row["verdict"] for row in verdicts if row["manoeuvre"] == name]
         sections.append(_section(slug, name, tree, lines, mine))
-    if models:
-        progress("drawing the force curves")
-        drawn["forecast_forces"] = force_curves(models, motion)
+    progress("drawing the force curves")
+    drawn["forecast_forces"] = force_curves(ship.models, ship.motion)
     if turns is not None:
         drawn["forecast_spiral"] = spiral_curve(turns)
     if stop is not None:
         drawn["forecast_stopping"] = stopping_tracks(stop)
         rows["forecast_stopping"] = stopping_rows(stop)
+    no_roll = [] if all(map(rolls, forecasts.values())) else [NO_ROLL]
     progress("writing the page")
     values = _head(forecasts, vessel) | {
         "verdicts": verdict_table(verdicts) if verdicts else None,
         "sections": sections,
-        "forces": _FORCES if models else "",
+        "forces": _FORCES,
         "spiral": spiral_sentence(turns) if turns is not None else "",
         "stopping": stopping_sentence(stop) if stop is not None else "",
         "stopping_table": table(rows["forecast_stopping"], STOPPING_COLUMNS) if stop is not None else None,
-        "remarks": [*remarks, *([] if all(map(rolls, forecasts.values())) else [NO_ROLL])],
+        "remarks": [*ship.remarks, *interval_remarks(ship, forecasts), *no_roll],
         "command": command,
     }
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*vessel.sources, *SOURCES)))
+
+
+def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[str]:
+    """How the intervals of a ship with laws of its errors are made; nothing of another."""
+    if ship.index_error is None:
+        return []
+    found = [
+        f"{len(ship.models)} term sets take part by their score on held-out runs: their scatter and that of the "
+        "coefficients make the bands, tracks and force curves.",
+        *(f"{label}: {tree.attrs['steering']}" for label, tree in forecasts.items()),
+        *filter(None, map(refused_sentence, forecasts.values())),
+        *dict.fromkeys(tree.attrs["reliability"] for tree in forecasts.values() if "reliability" in tree.attrs),
+    ]
+    widened = ", ".join(
+        "{kind} {median:.2g} of {unit} (95 % below {upper:.2g})".format(**row)
+        for row in error_rows(ship.index_error, ship.vessel)
+    )
+    if widened:
+        found.append(
+            "Intervals of the indices also hold the error that foreign ships and held-out manoeuvres show beyond it. "
+            f"Its sd by kind of index is: {widened}."
+        )
+    return [
+        *found,
+        f"They hold the error of a model where no run has been, too: an sd of {BEYOND:g} of the swing, of L/U and of L "
+        "for each range of the runs by which the median ship leaves their motion, as foreign ships showed it.",
+    ]
+
+
+def refused_sentence(tree: xr.DataTree) -> str:
+    """Sentence on the draws that run away in a manoeuvre; empty where none does."""
+    share = 100.0 * tree.attrs["share_refused"]
+    return f"{share:.2g} % of the draws run away in the {tree.attrs['label']} and are left out." if share else ""
 
 
 def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:

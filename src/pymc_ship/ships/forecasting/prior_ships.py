@@ -129,7 +129,7 @@ def simulated_ships(
     """Ships of given coefficients, shape (n_draws, n_coefficients); the rest as :func:`prior_ships`, which words it."""
     if duration is None:
         duration = manoeuvre.traits.reach * vessel.particulars.ship_time
-    settings = settings or simulation_settings(vessel)
+    settings = {"step": 0.02, "record_interval": 0.5} | settings if settings else simulation_settings(vessel)
     tree = pooled_forecast([(vessel, rows)], manoeuvre, duration=duration, ci_prob=0.9, rng=rng, **settings)
     ships = tree["trajectories"].to_dataset()
     growth = growth_rates(vessel, rows, ships.attrs["approach_speed"])

@@ -8,8 +8,6 @@ one rate to the next.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -20,6 +18,7 @@ from pymc_ship.physics.manoeuvre.criteria import shown_probability
 from pymc_ship.physics.motion.equations import STATE, scheme, set_parts, state_derivative, workspace
 from pymc_ship.physics.motion.inputs import steady_inputs
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 
 RATES = np.linspace(-0.8, 0.8, 65)
 """Prime rates of turn r' = r L / U of the curve."""
@@ -32,13 +31,12 @@ _SMALL, _CONVERGED = 1e-6, 1e-8
 _LONGEST = 0.2  # change of an unknown in one step: of the speed, or rad
 
 
-def steady_turns(models: Sequence[tuple[Vessel, np.ndarray]]) -> xr.Dataset:
+def steady_turns(ship: ShipLike) -> xr.Dataset:
     """Speed, drift and rudder of every drawn ship in a steady turn at each rate, at the revolutions of nominal speed.
 
     Parameters
     ----------
-    models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients))
-        As a pooled forecast takes them.
+    ship : Ship, Vessel, str or Path
 
     Returns
     -------
@@ -51,15 +49,14 @@ def steady_turns(models: Sequence[tuple[Vessel, np.ndarray]]) -> xr.Dataset:
     A tanker that is course-unstable: the rudder of slow turns lies on the wrong side.
 
     >>> import pymc_ship as ps
-    >>> from pymc_ship.physics.vessel.vessel import reference_coefficients
-    >>> vessel = ps.load_vessel("kvlcc2")
-    >>> turns = ps.steady_turns([(vessel, reference_coefficients(vessel))])
+    >>> turns = ps.steady_turns("kvlcc2")
     >>> print(turns["delta"].isel(draw=0).sel(rate=[0.1, 0.5], method="nearest").values.round(1))
     [  1.6 -25.3]
     >>> print(f"loop of {ps.spiral_indices(turns)['loop_width'].item():.1f} deg")
     loop of 3.1 deg
     """
-    parts = [_of_model(vessel, np.atleast_2d(draws)) for vessel, draws in models]
+    models = as_ship(ship).models
+    parts = [_of_model(vessel, draws) for vessel, draws in models]
     names = ("delta", "speed", "r", "drift")
     values = {name: np.concatenate([part[name] for part in parts]) for name in names}
     units = dict(zip(names, ("deg", "m/s", "deg/s", "deg"), strict=True))

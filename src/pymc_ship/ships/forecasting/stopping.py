@@ -7,7 +7,7 @@ A right-handed screw pushes the stern to port, so that most ships swing to starb
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ from pymc_ship.physics.vessel.parts import ship_of
 from pymc_ship.physics.vessel.term_sets import holds_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.stopping_tests import INDICES, LARGE, LIMIT
+from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 
 COLUMNS = {"index": ("index", str), "units": ("", str)} | {
     name: (name, fixed(1)) for name in ("median", "lower", "upper")
@@ -101,7 +102,7 @@ class StoppingTest:
 
 
 def stopping(
-    models: Sequence[tuple[Vessel, np.ndarray]],
+    ship: ShipLike,
     *,
     astern: float,
     reversal: float | None = None,
@@ -111,8 +112,8 @@ def stopping(
 
     Parameters
     ----------
-    models : sequence of (Vessel, ndarray, shape (n_draws, n_coefficients))
-        As a pooled forecast takes them; ships whose forces do not know way astern are left out.
+    ship : Ship, Vessel, str or Path
+        Models whose forces do not know way astern are left out.
     astern : float
         Revolutions astern [1/s], a magnitude.
     reversal : float, optional
@@ -137,13 +138,12 @@ def stopping(
     A tanker of parts that hold at any speed, with what is typical of her propeller astern:
 
     >>> import pymc_ship as ps
-    >>> from pymc_ship.physics.vessel.vessel import reference_coefficients
     >>> vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed")
-    >>> stop = ps.stopping([(vessel, reference_coefficients(vessel)[None])], astern=1.0)
+    >>> stop = ps.stopping(vessel, astern=1.0)
     >>> print(f"track reach {stop['track_reach'].item() / 320.0:.1f} L in {stop['stopping_time'].item():.0f} s")
     track reach 13.1 L in 1304 s
     """
-    known = [(vessel, np.atleast_2d(rows)) for vessel, rows in models if knows_astern(vessel)]
+    known = [(vessel, rows) for vessel, rows in as_ship(ship).models if knows_astern(vessel)]
     if not known:
         raise SimulationError(_NOT_ASTERN)
     first = known[0][0]

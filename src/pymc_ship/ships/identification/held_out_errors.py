@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pymc_ship.ships.forecasting.index_error import index_sd, model_error
+from pymc_ship.ships.ensemble.index_error import index_sd, model_error
 
 OVERSHOOTS = ("first_overshoot", "second_overshoot")
 """Overshoots whose angles and times are summarised."""
@@ -49,7 +49,7 @@ def held_out_rows(index_rows: Sequence[Mapping]) -> list[dict]:
     Parameters
     ----------
     index_rows : sequence of mapping
-        Of a :class:`pymc_ship.ships.identification.model.ShipModel`.
+        ``held_out_indices`` of a :class:`pymc_ship.ShipIdentification`.
 
     Returns
     -------

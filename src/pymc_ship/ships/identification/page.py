@@ -137,15 +137,21 @@ def write_ship_report(
         "captive": comparison_rows(captive) if captive is not None else [],
     }
     progress("drawing the figures")
-    turns = steady_turns(result.ship.models)
+    turns = steady_turns(result.ship)
     drawn = _figures(result, list(trials.values()), seed, captive) | {"spiral": spiral_curve(turns)}
     progress("writing the page")
-    values = _values(result, trials, rows, outlook) | {"steering": _steering(result, given), "command": command, "seed": seed}
+    values = _values(result, trials, rows, outlook) | {
+        "steering": _steering(result, given),
+        "command": command,
+        "seed": seed,
+    }
     values["spiral"] = spiral_sentence(turns)
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*result.vessel.sources, *SOURCES)))
 
 
-def run_rows(result: ShipIdentification, trials: Mapping[str, xr.Dataset], checks: Mapping[str, Sequence[Check]]) -> list[dict]:
+def run_rows(
+    result: ShipIdentification, trials: Mapping[str, xr.Dataset], checks: Mapping[str, Sequence[Check]]
+) -> list[dict]:
     """What each run is: manoeuvre, duration [s and L/U], approach speed [m/s], sampling [s], verdict of its checks."""
     unit, rows = result.vessel.particulars.ship_time, []
     for (name, trial), manoeuvre in zip(trials.items(), result.manoeuvres, strict=True):
@@ -299,7 +305,9 @@ def _steering(result: ShipIdentification, given: Vessel | None) -> list[str]:
             found.append(f"{text}{stated}.")
     if len(result.ship.facilities) > 1:
         return [*found, f"Forecasts use the gear of {main} where no other facility is asked for."]
-    return [*found, "Fits and forecasts use the measured values."] if result.ship.facilities[first].n_reversals else found
+    return (
+        [*found, "Fits and forecasts use the measured values."] if result.ship.facilities[first].n_reversals else found
+    )
 
 
 def _unchecked(rows: Sequence[Mapping]) -> str:

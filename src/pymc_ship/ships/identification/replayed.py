@@ -252,7 +252,9 @@ def score_indices(
     return [row | {"sd": index_sd(row, errors)} for row in rows]
 
 
-def _scored(ship: Ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: float) -> dict:
+def _scored(
+    ship: Ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: float
+) -> dict:
     """Errors, coverage and CRPS of the windows of one record, each list in the order of :data:`SCORED`."""
     time, (length, every) = trial["time"].values, windows
     begins = np.arange(time[0], time[-1] - length + 1e-9, every)

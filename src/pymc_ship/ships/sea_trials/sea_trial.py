@@ -178,7 +178,7 @@ def sea_trial(
         ship_data=ship_rows(vessel, loaded, noted, windiest),
         form=form_rows(rows),
         spirals=spirals,
-        turns=steady_turns(ship.models) if spirals and ship is not None else None,
+        turns=steady_turns(ship) if spirals and ship is not None else None,
         remarks=(*remarks, *said, *more),
     )
 
@@ -219,9 +219,7 @@ def _mean_current(found: Sequence[DriftCurrent]) -> DriftCurrent:
     return DriftCurrent(velocities.mean(axis=0), sd, np.vstack([one.local for one in found]))
 
 
-def _model(
-    ship: Ship | None, vessel: Vessel, loaded: Vessel | None, *, blowing: bool
-) -> tuple[Model, list[str]]:
+def _model(ship: Ship | None, vessel: Vessel, loaded: Vessel | None, *, blowing: bool) -> tuple[Model, list[str]]:
     """Model by which wind and loading are corrected, and a sentence on what is not."""
     if ship is None:
         if loaded is not None:
