@@ -31,6 +31,7 @@ from pymc_ship.records.checks.trial_checks import judged_trial
 from pymc_ship.records.steering.stopping_tests import INDICES
 from pymc_ship.ships.ensemble.draws import robust_sd
 from pymc_ship.ships.ensemble.index_error import index_scale, scaled
+from pymc_ship.ships.ensemble.index_table import index_rows as table_rows
 from pymc_ship.ships.ensemble.motion_error import ERRING, prime_units, time_beyond
 from pymc_ship.ships.ensemble.scores import crps
 from pymc_ship.ships.ensemble.ship import Ship
@@ -257,7 +258,7 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
 def held_rows(identified: ShipIdentification) -> list[dict]:
     """Indices of her held-out runs, rows of :data:`HELD_INDEX`."""
     rows = []
-    for row in identified.held_out_indices:
+    for row in table_rows(identified.held_out_indices):
         error, known = scaled(row)
         rows.append({"kind": row["kind"], "error": error, "known": known})
     return rows

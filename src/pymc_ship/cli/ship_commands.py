@@ -55,8 +55,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ships.design.outlook import outlook
     from pymc_ship.ships.identification.candidates import TermSetsRefusedError
     from pymc_ship.ships.identification.model import captive_comparison, identify_ship
-    from pymc_ship.ships.identification.page import PAGE, write_ship_report
-    from pymc_ship.ships.identification.refusal_page import write_refusal_page
+    from pymc_ship.ships.identification.page import PAGE, write_refusals, write_ship_report
 
     vessel = vessel_argument(args.vessel, progress)
     any_speed = takes_part_sets(vessel) and not args.terms
@@ -76,7 +75,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     try:
         found = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
     except TermSetsRefusedError as error:
-        page = write_refusal_page(error.refusals, vessel, checks, out, command=made_by(args))
+        page = write_refusals(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
     progress("outlook on standard manoeuvres")
     ahead = outlook(found.ship, rng)

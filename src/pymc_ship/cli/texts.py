@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import NO_ROLL, rolls, stated_shares
 
@@ -200,15 +201,15 @@ def score_text(found: xr.Dataset) -> str:
     return "\n\n".join([*tables, words])
 
 
-def index_text(rows: Sequence[Mapping]) -> str:
+def index_text(indices: xr.Dataset) -> str:
     """Indices of recorded manoeuvres beside the forecasts; empty where there are none."""
-    if not rows:
+    if not indices.sizes["run"]:
         return ""
     from pymc_ship.ships.identification.replayed import index_errors
 
     header = ("run", "manoeuvre", "index", "measured", "forecast", "error", "± sd", "inside")
     keys = ("run", "manoeuvre", "index", "measured", "forecast", "error", "sd", "inside")
-    return table(header, [[row[key] for key in keys] for row in index_errors(rows)])
+    return table(header, [[row[key] for key in keys] for row in index_errors(indices)])
 
 
 def form_text(form: Sequence[Mapping]) -> str:
@@ -219,13 +220,16 @@ def form_text(form: Sequence[Mapping]) -> str:
 
 def held_out_text(found: ShipIdentification) -> str:
     """Indices of each held-out manoeuvre beside their forecast; empty where none was held out."""
-    if not found.held_out_indices:
+    if not found.held_out_indices.sizes["run"]:
         return ""
     header = ("held-out run", "manoeuvre", "index", "measured", "forecast", "± sd")
     names = ("run", "manoeuvre", "index", "measured", "forecast", "sd")
     return table(
         header,
-        [[str(row[n]).replace("_", " ") if n == "index" else row[n] for n in names] for row in found.held_out_indices],
+        [
+            [str(row[n]).replace("_", " ") if n == "index" else row[n] for n in names]
+            for row in index_rows(found.held_out_indices)
+        ],
     )
 
 

@@ -27,6 +27,7 @@ from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.draws import knowing_models, thinned_draws
 from pymc_ship.ships.ensemble.index_error import equivalent_sd, error_sizes, model_error, readings_noise, steady_error
+from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.motion_error import SIZES, motion_error
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
@@ -290,7 +291,7 @@ def _design(ship: Ship, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
     return _Design(
         vessel=vessel,
         errors=_laws(ship),
-        rows=ship.held_out_indices,
+        rows=list(index_rows(ship.held_out_indices)),
         targets=targets,
         asked=asked,
         central=int(np.argmin(np.sum(np.nan_to_num(away, nan=_FAR) ** 2, axis=1))),
@@ -318,7 +319,7 @@ def _motion(ship: Ship) -> xr.DataArray:
             "A design needs the motion of the runs so far, found a ship without it; give that of identify_ship, or of "
             "a posterior whose constant_data has `motion`."
         )
-    return ship.motion
+    return ship.motion.drop_vars("row", errors="ignore")
 
 
 def share_left(asked: np.ndarray, seen: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from pymc_ship.machine.files import settle, staged
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, VesselError, coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
+from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import ERRING, motion_error
 from pymc_ship.ships.ensemble.ship import Member, Ship
 
@@ -91,7 +92,7 @@ def save_ship(
             "motion_error": {name: sizes.tolist() for name, sizes in ship.motion_error.items()},
             "facilities": {name: asdict(gear) for name, gear in ship.facilities.items()},
             "runs": list(runs),
-            "held_out_indices": ship.held_out_indices,
+            "held_out_indices": list(index_rows(ship.held_out_indices)),
             "uses_captive_tests": ship.uses_captive_tests,
             "remarks": list(ship.remarks),
             **(judgement or {}),
@@ -135,7 +136,7 @@ def load_ship(out: str | Path) -> Ship:
         facilities={name: Steering(**gear) for name, gear in index["facilities"].items()},
         remarks=tuple(index["remarks"]),
         prior=index["prior"],
-        held_out_indices=index["held_out_indices"],
+        held_out_indices=index_table(index["held_out_indices"]),
         uses_captive_tests=index["uses_captive_tests"],
     )
 

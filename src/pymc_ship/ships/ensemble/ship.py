@@ -18,6 +18,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, fullest, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.draws import coefficient_draws, fitted_motion, sensor_noise
+from pymc_ship.ships.ensemble.index_table import index_table
 from pymc_ship.trial.channels import SIMULATED
 
 
@@ -78,8 +79,9 @@ class Ship:
         How the intervals were made.
     prior : str
         Kind of prior of the coefficients.
-    held_out_indices : list of dict
-        Rows of :func:`pymc_ship.ships.identification.held_out.index_rows` of all runs so far.
+    held_out_indices : Dataset, dims (run, index)
+        Indices of the held-out manoeuvres of all runs so far, see
+        :func:`pymc_ship.ships.ensemble.index_table.index_table`.
     uses_captive_tests : bool
         Whether captive tests are part of the likelihoods.
     """
@@ -92,7 +94,7 @@ class Ship:
     facilities: dict[str, Steering] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     prior: str = ""
-    held_out_indices: list[dict] = field(default_factory=list)
+    held_out_indices: xr.Dataset = field(default_factory=lambda: index_table(()))
     uses_captive_tests: bool = False
 
     @classmethod
@@ -189,7 +191,7 @@ class Ship:
 
     def __repr__(self) -> str:
         """Name, number of models and draws, and whether the errors beyond the draws are known."""
-        n, runs = len(self.models), len({row["run"] for row in self.held_out_indices})
+        n, runs = len(self.models), self.held_out_indices.sizes["run"]
         known = "unknown" if self.index_error is None else f"from {runs} held-out run{'s' * (runs != 1)}"
         return (
             f"Ship({self.vessel.name}: {n} model{'s' * (n != 1)}, {self.draws} draws, errors beyond the draws {known})"

@@ -9,5 +9,4 @@
 - `score_page`: the page of a score.
 - `figures`: held-out windows, overshoots and scores.
 - `page`: the page of an identification and its tables.
-- `refusal_page`: the page of term sets that were all refused.
 """

@@ -253,15 +253,15 @@ class TermSetsRefusedError(TrajectoryError):
         self.refusals = tuple(refusals)
 
 
-def candidates_of(wanted: Sequence[str], training: Training) -> tuple[list[Candidate], list[str]]:
-    """Candidates of the term sets that can be fitted, and why others were left out."""
+def candidates_of(wanted: Sequence[str], training: Training) -> tuple[list[Candidate], list[Refusal]]:
+    """Candidates of the term sets that can be fitted, and refusals of the others."""
     with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(wanted)) as pool:
         attempts = list(pool.map(lambda name: _attempt(name, training), wanted))
     found = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not found:
         raise TermSetsRefusedError(refusals)
-    return found, [refusal.sentence for refusal in refusals]
+    return found, refusals
 
 
 @dataclass(frozen=True)

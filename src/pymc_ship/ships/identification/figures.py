@@ -13,7 +13,10 @@ from matplotlib.lines import Line2D
 from pymc_ship.inference.trajectory.windows import restarted, thinned
 from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
-from pymc_ship.ships.identification.candidates import Candidate, held_together, held_windows
+from pymc_ship.physics.vessel.term_sets import holds_any_speed
+from pymc_ship.ships.ensemble.feasibility import FASTEST, TIGHTEST
+from pymc_ship.ships.ensemble.index_table import index_rows
+from pymc_ship.ships.identification.candidates import Candidate, Refusal, held_together, held_windows
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 
@@ -102,12 +105,12 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
 
 
 @styled
-def held_out_overshoots(rows: Sequence[Mapping]) -> Figure:
+def held_out_overshoots(table: xr.Dataset) -> Figure:
     """Forecast of held-out overshoots against what was measured: angles, and times from reversal to peak.
 
     Parameters
     ----------
-    rows : sequence of mapping
+    table : Dataset, dims (run, index)
         ``held_out_indices`` of a :class:`pymc_ship.ShipIdentification`.
 
     Returns
@@ -116,6 +119,7 @@ def held_out_overshoots(rows: Sequence[Mapping]) -> Figure:
         Bars of 95 %; on the diagonal a forecast is right.
     """
     fig, axes = subplots(8.0, 4.3, 1, 2)
+    rows = list(index_rows(table))
     panels = (("angle", "overshoot angle", "deg"), ("time", "time to overshoot", "s"))
     for ax, (kind, title, unit) in zip(axes[0], panels, strict=True):
         ends = []
@@ -199,4 +203,36 @@ def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
         Line2D([], [], ls="", marker="|", ms=9, color=RUST, label="single runs"),
     ]
     fig.legend(handles=marks, loc="outside upper center", ncols=2)
+    return fig
+
+
+@styled
+def runaways(refusals: Sequence[Refusal]) -> Figure:
+    """Speed and rate of turn of the ships that run away, against time in L/U, and what a ship may reach.
+
+    Parameters
+    ----------
+    refusals : sequence of Refusal
+        Each with its failure.
+
+    Returns
+    -------
+    Figure
+    """
+    fig, axes = subplots(8.0, 4.2, 2, 1, sharex="col")
+    speed_axes, turn_axes = axes[:, 0]
+    for refusal in refusals:
+        ship, particulars = refusal.failure.motion, refusal.vessel.particulars
+        speed = np.hypot(ship["u"].values, ship["v"].values)
+        time = ship["time"].values / particulars.ship_time
+        (line,) = speed_axes.plot(time, speed / particulars.nominal_speed, label=refusal.name)
+        turn = ship["r"].values * particulars.L / np.maximum(speed, 1e-3 * particulars.nominal_speed)
+        turn_axes.plot(time, turn, color=line.get_color())
+    speed_axes.axhline(FASTEST, color=REFERENCE, ls="--", lw=0.9)
+    ahead = not all(holds_any_speed(refusal.vessel) for refusal in refusals)
+    for side in (1.0, -1.0) if ahead else ():
+        turn_axes.axhline(side / TIGHTEST, color=REFERENCE, ls="--", lw=0.9)
+    speed_axes.set_ylabel("speed over nominal")
+    turn_axes.set(xlabel="time [L/U]", ylabel="rL/U")
+    fig.legend(*speed_axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig

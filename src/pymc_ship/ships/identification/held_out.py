@@ -201,7 +201,7 @@ def left_out(trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | 
     return [*found, unrolled] if unrolled else found
 
 
-def index_rows(
+def forecast_rows(
     run: str,
     trial: xr.Dataset,
     manoeuvre: Manoeuvre,

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import xarray as xr
 
 from pymc_ship.ships.ensemble.index_error import index_sd, model_error
+from pymc_ship.ships.ensemble.index_table import index_rows
 
 OVERSHOOTS = ("first_overshoot", "second_overshoot")
 """Overshoots whose angles and times are summarised."""
@@ -21,7 +23,7 @@ def overshoot_errors(rows: Sequence[dict]) -> dict[str, float]:
     Parameters
     ----------
     rows : sequence of dict
-        From :func:`pymc_ship.ships.identification.held_out.index_rows`.
+        From :func:`pymc_ship.ships.identification.held_out.forecast_rows`.
 
     Returns
     -------
@@ -43,12 +45,12 @@ def overshoot_errors(rows: Sequence[dict]) -> dict[str, float]:
     return found
 
 
-def held_out_rows(index_rows: Sequence[Mapping]) -> list[dict]:
+def held_out_rows(table: xr.Dataset) -> list[dict]:
     """Indices of held-out manoeuvres with their errors, and how far the intervals owe to the run itself.
 
     Parameters
     ----------
-    index_rows : sequence of mapping
+    table : Dataset, dims (run, index)
         ``held_out_indices`` of a :class:`pymc_ship.ShipIdentification`.
 
     Returns
@@ -56,9 +58,9 @@ def held_out_rows(index_rows: Sequence[Mapping]) -> list[dict]:
     list of dict
         With ``error`` and ``z``, and ``apart_sd``: the sd whose model error comes from the other runs alone.
     """
-    rows = []
-    for row in index_rows:
-        others = model_error([other for other in index_rows if other["run"] != row["run"]])
+    rows, known = [], list(index_rows(table))
+    for row in known:
+        others = model_error([other for other in known if other["run"] != row["run"]])
         error = row["forecast"] - row["measured"]
         found = dict(row) | {"error": error, "z": error / row["sd"]}
         rows.append(found | {"apart_sd": index_sd(row, others)})

@@ -31,11 +31,13 @@ from pymc_ship.records.files.judgement import judgement
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
 from pymc_ship.ships.ensemble.index_error import index_sd, model_error
+from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import LEADS, Replayed, motion_error
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.identification.along import measured_states, reading_noise, sailed_along
 from pymc_ship.ships.identification.candidates import (
     Candidate,
+    Refusal,
     Training,
     beside_earlier,
     candidates_of,
@@ -43,7 +45,7 @@ from pymc_ship.ships.identification.candidates import (
     cut_runs,
     default_sets,
 )
-from pymc_ship.ships.identification.held_out import index_rows, left_out, readings_sd
+from pymc_ship.ships.identification.held_out import forecast_rows, left_out, readings_sd
 from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
 
 _REPLAYS = 40  # draws of a held-out run from each window on
@@ -70,9 +72,11 @@ class ShipIdentification:
         What each run was recognised as.
     candidates : tuple of Candidate
         By falling weight; those of weight 0 have no draws.
-    held_out_indices : list of dict
-        Indices of held-out manoeuvres of these runs, see :func:`pymc_ship.ships.identification.held_out.index_rows`,
-        and the ``sd`` of each error, model error and all.
+    refusals : tuple of Refusal
+        Term sets that were left out.
+    held_out_indices : Dataset, dims (run, index)
+        Indices of held-out manoeuvres of these runs, see :func:`pymc_ship.ships.ensemble.index_table.index_table`, with
+        the ``sd`` of each error, model error and all.
     judgement : dict of str to str
         Of the records, see :func:`pymc_ship.records.files.judgement.judgement`.
     captive : Dataset or None
@@ -84,7 +88,8 @@ class ShipIdentification:
     names: tuple[str, ...]
     manoeuvres: tuple[Manoeuvre | None, ...]
     candidates: tuple[Candidate, ...]
-    held_out_indices: list[dict]
+    refusals: tuple[Refusal, ...]
+    held_out_indices: xr.Dataset
     judgement: dict[str, str]
     captive: xr.Dataset | None = None
 
@@ -174,13 +179,13 @@ def identify_ship(
     wanted = tuple(dict.fromkeys(terms or training.earlier or default_sets(training)))
     _check_goes_with(before, wanted, captive)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
-    found, refused = candidates_of(wanted, training)
+    found, refusals = candidates_of(wanted, training)
     fullest_vessel = fullest(candidate.vessel for candidate in found)
-    remarks = [*vessel_remarks(fullest_vessel), *refused, *cut_runs(names, training, found)]
+    remarks = [*vessel_remarks(fullest_vessel), *(one.sentence for one in refusals), *cut_runs(names, training, found)]
     progress("weights and model error from held-out runs")
     found = _weighted(found, training.earlier, rng)
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
-    all_rows = [*(before.held_out_indices if before else ()), *rows]
+    all_rows = [*(index_rows(before.held_out_indices) if before else ()), *rows]
     errors = model_error(all_rows)
     remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
     remarks += [] if all_rows else [_NOTHING_HELD_OUT]
@@ -198,7 +203,7 @@ def identify_ship(
         facilities=training.facilities | {k: v for k, v in known_facilities.items() if k not in training.facilities},
         remarks=tuple(remarks),
         prior=training.prior,
-        held_out_indices=all_rows,
+        held_out_indices=index_table(all_rows),
         uses_captive_tests=captive is not None or (before is not None and before.uses_captive_tests),
     )
     return ShipIdentification(
@@ -207,7 +212,8 @@ def identify_ship(
         names=names,
         manoeuvres=tuple(training.manoeuvres),
         candidates=tuple(found),
-        held_out_indices=[row | {"sd": index_sd(row, errors)} for row in rows],
+        refusals=tuple(refusals),
+        held_out_indices=index_table([row | {"sd": index_sd(row, errors)} for row in rows]),
         judgement=judgement(trials, names),
         captive=captive,
     )
@@ -299,7 +305,7 @@ def _held_out_indices(
                 )
                 models.append((with_steering(candidate.vessel, gear), coefficients))
             noise = readings_sd(trial, manoeuvre, models[0][0].particulars.rudder_delay, rng)
-            rows += index_rows(names[k], trial, manoeuvre, models, weight / weight.sum(), noise)
+            rows += forecast_rows(names[k], trial, manoeuvre, models, weight / weight.sum(), noise)
     return rows
 
 

@@ -24,11 +24,12 @@ from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ships.ensemble.index_error import error_rows
 from pymc_ship.ships.forecasting.force_curves import force_curves
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
-from pymc_ship.ships.identification.candidates import Candidate
+from pymc_ship.ships.identification.candidates import Candidate, Refusal
 from pymc_ship.ships.identification.figures import (
     held_out_overshoots,
     held_out_windows,
     restarted_motion,
+    runaways,
     score_differences,
     term_set_scores,
 )
@@ -51,10 +52,18 @@ SOURCES = (
     "doi:10.1007/s11538-023-01208-6",
 )
 
-_FIGURES = ("held_out_windows", "held_out_overshoots", "term_set_scores", "force_curves", "captive_forces", "spiral")
+_FIGURES = (
+    "runaways",
+    "held_out_windows",
+    "held_out_overshoots",
+    "term_set_scores",
+    "force_curves",
+    "captive_forces",
+    "spiral",
+)
 _OF_PARAMETER = ("estimate", "sd", "known_value", "known_sd")
 _TABLES = (
-    *("runs", "checks", "term_sets", "held_out_indices", "model_error", "coefficients", "correlations"),
+    *("runs", "checks", "term_sets", "refusals", "held_out_indices", "model_error", "coefficients", "correlations"),
     "captive",
 )
 
@@ -67,6 +76,22 @@ PAGE = Page(
 """The page of a ship, which may share its folder with the page of her forecasts."""
 
 _LEFT_OUT = " terms were left out: "
+REFUSED = Page(
+    "refused.html",
+    PAGE.template,
+    own=("figures/runaways.png", "tables/refusals.csv", "tables/doubts.csv"),
+    packages=PAGE.packages,
+)
+"""The page where every term set is refused; it stands beside that of an identification that succeeded before."""
+
+_DOUBTS = ("doubtful", "bad")
+_REFUSALS = {
+    "terms": ("term set", str),
+    "manoeuvre": ("fails in", str),
+    "time": ("after [s]", number(3)),
+    "fault": ("the ship", str),
+}
+
 _WORDS = {"first": "First overshoot angle", "second": "Second overshoot angle"}
 
 
@@ -130,6 +155,7 @@ def write_ship_report(
         "runs": run_rows(result, trials, checks),
         "checks": check_rows(checks),
         "term_sets": term_set_rows(result),
+        "refusals": refusal_rows(result.refusals),
         "held_out_indices": held_out_rows(result.held_out_indices),
         "model_error": error_rows(result.ship.index_error, fullest(c.vessel for c in result.candidates)),
         "coefficients": coefficient_rows(result.candidates[0]),
@@ -147,6 +173,71 @@ def write_ship_report(
     }
     values["spiral"] = spiral_sentence(turns)
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*result.vessel.sources, *SOURCES)))
+
+
+def write_refusals(
+    refusals: Sequence[Refusal],
+    vessel: Vessel,
+    checks: Mapping[str, Sequence[Check]],
+    out: str | Path,
+    *,
+    command: str,
+) -> Path:
+    """Write the page of an identification that refused every term set: the sections on refusals and on the checks.
+
+    Parameters
+    ----------
+    refusals : sequence of Refusal
+        Of a :class:`pymc_ship.ships.identification.candidates.TermSetsRefusedError`.
+    vessel : Vessel
+    checks : mapping of str to sequence of Check
+        Of each run, by its name.
+    out : str or Path
+        Folder, created where it is missing.
+    command : str
+        What repeats the page.
+
+    Returns
+    -------
+    Path
+        ``out/refused.html``, beside the page of an identification that succeeded before.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be written.
+    """
+    made = check_rows(checks)
+    rows = {"refusals": refusal_rows(refusals), "doubts": [row for row in made if row["verdict"] in _DOUBTS]}
+    values = {
+        "vessel": vessel,
+        "best": None,
+        "n_runs": len(checks),
+        "doubtful": rows["doubts"],
+        "unchecked": _unchecked(made),
+        "corrections": {},
+        "steering": [],
+        "left_out": [refusal.sentence for refusal in refusals if refusal.failure is None],
+        "tables": {"refusals": table(rows["refusals"], _REFUSALS)},
+        "command": command,
+    }
+    return write_page(REFUSED, out, Content(values, _runaways(refusals), rows))
+
+
+def refusal_rows(refusals: Sequence[Refusal]) -> list[dict]:
+    """Where each term set fails: ``terms``, ``manoeuvre``, ``time`` [s] and ``fault``."""
+    rows = []
+    for refusal in refusals:
+        row = {"terms": refusal.name, "manoeuvre": "the fit itself", "time": np.nan, "fault": "cannot be fitted"}
+        if (failure := refusal.failure) is not None:
+            row |= {"manoeuvre": failure.manoeuvre.label, "time": failure.time, "fault": failure.fault}
+        rows.append(row)
+    return rows
+
+
+def _runaways(refusals: Sequence[Refusal]) -> dict[str, Figure]:
+    shown = [refusal for refusal in refusals if refusal.failure is not None]
+    return {"runaways": runaways(shown)} if shown else {}
 
 
 def run_rows(
@@ -228,12 +319,13 @@ def _figures(
     ends = {order[-1]: "best", order[0]: "worst"} if len(trials) > 1 else {0: "only"}
     heads = {f"{result.names[k]}, the {word} forecast run": k for k, word in ends.items()}
     drawn["held_out_windows"] = restarted_motion({head: held_out_windows(best, trials, k) for head, k in heads.items()})
-    if any("overshoot" in row["index"] for row in result.held_out_indices):
+    if any("overshoot" in name for name in result.held_out_indices["index"].values):
         drawn["held_out_overshoots"] = held_out_overshoots(result.held_out_indices)
     if len(result.candidates) > 1:
         differences = score_differences(result.candidates, np.random.default_rng(seed))
         drawn["term_set_scores"] = term_set_scores(differences, best.name)
     drawn["force_curves"] = force_curves(result.ship.models, result.ship.motion)
+    drawn |= _runaways(result.refusals)
     if captive is not None:
         drawn["captive_forces"] = captive_forces(captive)
     return drawn
@@ -255,7 +347,7 @@ def _values(
         "short": _short(result, rows, outlook),
         "prior": _PRIORS[result.ship.prior],
         "corrections": {name: list(trial.attrs.get("corrections", ())) for name, trial in trials.items()},
-        "doubtful": [row for row in rows["checks"] if row["verdict"] in ("doubtful", "bad")],
+        "doubtful": [row for row in rows["checks"] if row["verdict"] in _DOUBTS],
         "unchecked": _unchecked(rows["checks"]),
         "left_out": left_out,
         "best": result.candidates[0],
@@ -272,7 +364,7 @@ def _short(result: ShipIdentification, rows: Mapping[str, list[dict]], outlook: 
     """What the page says in a few sentences."""
     best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
     share = sum(row["weight"] * row["share_unsound"] for row in drawn)
-    worst = [row["run"] for row in rows["runs"] if row["verdict"] in ("doubtful", "bad")]
+    worst = [row["run"] for row in rows["runs"] if row["verdict"] in _DOUBTS]
     found = [
         f"{len(result.candidates)} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %.",
         *_summary(rows["held_out_indices"]),
@@ -360,6 +452,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     found = {
         "runs": (rows["runs"], runs),
         "term_sets": ([_shown(row, channels) for row in rows["term_sets"]], sets),
+        "refusals": (rows["refusals"], _REFUSALS),
         "held_out_indices": ([_named(row) for row in rows["held_out_indices"]], held),
         "model_error": (rows["model_error"], {"kind": ("kind", str)} | sizes | {"unit": ("of", str)}),
         "correlations": (rows["correlations"], pairs),

@@ -13,12 +13,12 @@ from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.ensemble.index_error import index_sd
-from pymc_ship.ships.ensemble.motion_error import with_motion_error
+from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.scores import BANDS, crps, quantile_bands
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
 from pymc_ship.ships.identification.along import reading_noise, sailed_along
-from pymc_ship.ships.identification.held_out import index_rows, readings_sd
+from pymc_ship.ships.identification.held_out import forecast_rows, readings_sd
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import TrialError, check_trial, facility_of, one_trial, trial_list
@@ -198,7 +198,7 @@ def score_indices(
     names: Sequence[str] | None = None,
     draws: int = 200,
     rng: Seed,
-) -> list[dict]:
+) -> xr.Dataset:
     """Indices of recorded standard manoeuvres beside the forecasts of a ship.
 
     Parameters
@@ -212,11 +212,11 @@ def score_indices(
 
     Returns
     -------
-    list of dict
-        ``run``, ``manoeuvre``, ``index``, ``kind``, ``measured``, ``forecast`` [deg, s or m], ``parameter_sd``,
-        ``model_sd`` (between the term sets), ``measured_sd`` (what the noise of the readings leaves open), ``scale``,
-        and ``sd`` of the error, which holds these and the model error of an identified ship; all are 0 for a vessel,
-        which is one ship. A record that is no standard manoeuvre has no row; one of a facility that the ship was
+    Dataset, dims (run, index)
+        ``measured``, ``forecast``, ``parameter_sd``, ``model_sd`` (between the models), ``measured_sd`` (what the noise
+        of the readings leaves open), ``scale``, and ``sd`` of the error, from these and the model error; all sds are 0
+        for a vessel. Coordinates are ``manoeuvre`` (run), ``quantity`` and ``units`` (index); NaN stands where a run
+        does not have an index. A record that is no standard manoeuvre is left out; one of a facility that the ship was
         identified at is steered as there.
 
     Raises
@@ -229,9 +229,9 @@ def score_indices(
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5, method="rk4")
-    >>> rows = ps.score_indices(vessel, trial, rng=1)
-    >>> print(rows[0]["index"], bool(abs(rows[0]["forecast"] - rows[0]["measured"]) < 0.5))
-    first_overshoot_angle True
+    >>> found = ps.score_indices(vessel, trial, rng=1).sel(run="1", index="first_overshoot_angle")
+    >>> bool(abs(found["forecast"] - found["measured"]) < 0.5)
+    True
     """
     ship, trials, rng = as_ship(ship), trial_list(trials), random_generator(rng)
     names = names or [str(k + 1) for k in range(len(trials))]
@@ -248,8 +248,8 @@ def score_indices(
             ]
             delay = models[0][0].particulars.rudder_delay
             noise = {} if ship.index_error is None else readings_sd(trial, manoeuvre, delay, rng)
-            rows += index_rows(name, trial, manoeuvre, models, weight / weight.sum(), noise)
-    return [row | {"sd": index_sd(row, errors)} for row in rows]
+            rows += forecast_rows(name, trial, manoeuvre, models, weight / weight.sum(), noise)
+    return index_table([row | {"sd": index_sd(row, errors)} for row in rows])
 
 
 def _scored(
@@ -337,10 +337,10 @@ def run_rows(found: xr.Dataset) -> list[dict]:
     ]
 
 
-def index_errors(indices: Sequence[Mapping]) -> list[dict]:
+def index_errors(indices: xr.Dataset) -> list[dict]:
     """Rows of :func:`pymc_ship.score_indices` with the error of the forecast and whether its interval of 95 % holds."""
     found = []
-    for row in indices:
+    for row in index_rows(indices):
         error = row["forecast"] - row["measured"]
         inside = ("yes" if abs(error) <= QUANTILES["95"] * row["sd"] else "no") if row["sd"] > 0.0 else ""
         names = {"run": row["run"], "manoeuvre": row["manoeuvre"], "index": row["index"].replace("_", " ")}

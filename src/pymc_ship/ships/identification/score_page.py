@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +34,7 @@ def write_score_page(
     ship: ShipLike,
     trials: Mapping[str, xr.Dataset],
     found: xr.Dataset,
-    indices: Sequence[Mapping],
+    indices: xr.Dataset,
     out: str | Path,
     *,
     draws: int,
@@ -49,7 +49,7 @@ def write_score_page(
         The records that were scored, by name.
     found : Dataset
         From :func:`pymc_ship.score`.
-    indices : sequence of mapping
+    indices : Dataset, dims (run, index)
         From :func:`pymc_ship.score_indices`.
     out : str or Path
         Folder, created where it is missing.

@@ -1,0 +1,74 @@
+"""The table of indices of recorded manoeuvres beside their forecasts: runs x indices, with the parts of the error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from pymc_ship.physics.manoeuvre.kinds import UNITS
+from pymc_ship.physics.manoeuvre.registry import KINDS
+
+NUMBERS = ("measured", "forecast", "parameter_sd", "model_sd", "measured_sd", "scale", "sd")
+"""Variables of the table; ``scale`` is what the model error of an index is measured in."""
+
+
+def index_table(rows: Sequence[Mapping]) -> xr.Dataset:
+    """Table of rows.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        ``run``, ``manoeuvre``, ``index``, ``kind`` (its quantity) and any of :data:`NUMBERS`, run after run.
+
+    Returns
+    -------
+    Dataset, dims (run, index)
+        :data:`NUMBERS`, NaN for an index that a run does not have; coordinates ``manoeuvre`` (run), ``quantity`` and
+        ``units`` (index). Runs of several days may share a name.
+    """
+    runs: list[dict[str, Mapping]] = []
+    for row in rows:
+        if not runs or row["index"] in runs[-1] or next(iter(runs[-1].values()))["run"] != row["run"]:
+            runs.append({})
+        runs[-1][row["index"]] = row
+    quantity = {row["index"]: row["kind"] for row in rows}
+    known = [name for name in _order() if name in quantity]
+    names = [*known, *(name for name in quantity if name not in known)]
+    firsts = [next(iter(run.values())) for run in runs]
+    given = [name for name in NUMBERS if not rows or name in rows[0]]
+    values = {
+        name: (("run", "index"), np.array([[run.get(index, {}).get(name, np.nan) for index in names] for run in runs]))
+        for name in given
+    }
+    empty = (("run", "index"), np.empty((0, 0)))
+    return xr.Dataset(
+        values if rows else dict.fromkeys(given, empty),
+        {
+            "run": [row["run"] for row in firsts],
+            "manoeuvre": ("run", [row["manoeuvre"] for row in firsts]),
+            "index": names,
+            "quantity": ("index", [quantity[name] for name in names]),
+            "units": ("index", [UNITS[quantity[name]] for name in names]),
+        },
+    )
+
+
+def index_rows(table: xr.Dataset) -> Iterator[dict]:
+    """Rows of :func:`index_table`, run after run."""
+    heads = {name: table[name].values.tolist() for name in ("run", "manoeuvre", "index", "quantity")}
+    numbers = {name: table[name].values for name in NUMBERS if name in table}
+    for k, (run, manoeuvre) in enumerate(zip(heads["run"], heads["manoeuvre"], strict=True)):
+        for j, (index, quantity) in enumerate(zip(heads["index"], heads["quantity"], strict=True)):
+            if np.isfinite(numbers["measured"][k, j]):
+                row = {"run": run, "manoeuvre": manoeuvre, "index": index, "kind": quantity}
+                yield row | {name: float(values[k, j]) for name, values in numbers.items()}
+
+
+def _order() -> list[str]:
+    """Indices of every kind of manoeuvre; those that several kinds have come with the last of these."""
+    order: list[str] = []
+    for kind in KINDS.values():
+        order = [name for name in order if name not in kind.scored] + list(kind.scored)
+    return order
