@@ -14,6 +14,7 @@ from pymc_ship.records.steering.recognition import recognise_by_facility, with_s
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.ensemble.index_error import index_sd
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
+from pymc_ship.ships.ensemble.motion_error import with_motion_error
 from pymc_ship.ships.ensemble.scores import BANDS, crps, quantile_bands
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
