@@ -56,6 +56,7 @@ NOT_CONVERTED = {
     "journeys",
     "replication",
     "ships/design",
+    "ships/ensemble",
     "ships/forecasting",
     "ships/identification",
     "ships/sea_trials",

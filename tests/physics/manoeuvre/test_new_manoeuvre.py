@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from pymc_ship.ships.design.closed_loop import STEP, closed_loop_sensitivities
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
@@ -24,7 +25,6 @@ from pymc_ship.physics.manoeuvre.kinds import SIDES, Index, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, register
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre, written_manoeuvre
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.ships.design.closed_loop import STEP, closed_loop_sensitivities
 from pymc_ship.ships.forecasting.page import index_rows, write_forecast_page
 from pymc_ship.ships.identification.held_out import index_rows as held_out_rows
 from pymc_ship.ships.identification.model import IdentifiedShip

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pymc_ship.ships.identification.refusal_page import write_refusal_page
 
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ships.ensemble.feasibility import FASTEST, TIGHTEST, first_failure, is_feasible
 from pymc_ship.ships.identification.candidates import Refusal, TermSetsRefusedError
-from pymc_ship.ships.identification.refusal_page import write_refusal_page
 
 
 @pytest.fixture(scope="module")

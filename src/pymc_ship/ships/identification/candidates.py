@@ -253,10 +253,12 @@ class TermSetsRefusedError(TrajectoryError):
         self.refusals = tuple(refusals)
 
 
-def candidates_of(wanted: Sequence[str], training: Training) -> tuple[list[Candidate], list[Refusal]]:
+def candidates_of(
+    wanted: Sequence[str], training: Training, rng: np.random.Generator
+) -> tuple[list[Candidate], list[Refusal]]:
     """Candidates of the term sets that can be fitted, and refusals of the others."""
     with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(wanted)) as pool:
-        attempts = list(pool.map(lambda name: _attempt(name, training), wanted))
+        attempts = list(pool.map(lambda name, own: _attempt(name, training, own), wanted, rng.spawn(len(wanted))))
     found = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not found:
@@ -284,8 +286,8 @@ class _Problem:
         return [window for run in self.runs for window in run]
 
 
-def _attempt(name: str, training: Training) -> Candidate | Refusal:
-    """Candidate of a term set, or why there is none."""
+def _attempt(name: str, training: Training, rng: np.random.Generator) -> Candidate | Refusal:
+    """Candidate of a term set, or why there is none; ``rng`` draws the ships that are tried."""
     try:
         problem = _with_prior(name, training)
         fit = _fit(problem)
@@ -293,7 +295,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         candidate = _hold_out(problem, candidate, training)
     except TrajectoryError as error:
         return Refusal(name, f"The {name} terms were left out: {error}")
-    return _accept(candidate)
+    return _accept(candidate, rng)
 
 
 def _with_prior(name: str, training: Training) -> _Problem:
@@ -326,7 +328,8 @@ def _fit(problem: _Problem) -> WindowFit:
 
 def _combine(problem: _Problem, fit: WindowFit, training: Training) -> Candidate:
     """The fit with the likelihoods of earlier runs and of captive tests beside the prior."""
-    prior, vessel, tests, before, apart = problem.prior, problem.vessel, None, None, ()
+    prior, vessel = problem.prior, problem.vessel
+    tests, before, apart = None, None, ()
     if training.captive is not None:
         tests = fit_captive(training.captive, vessel, prior)
         tests = shared_with_trials(tests, prior, fit.coefficients, fit.covariance)
@@ -358,10 +361,10 @@ def _hold_out(problem: _Problem, candidate: Candidate, training: Training) -> Ca
     return replace(candidate, fit=whole, held_out=replace(judged, fits=tuple(others)), inflation=inflation)
 
 
-def _accept(candidate: Candidate) -> Candidate | Refusal:
+def _accept(candidate: Candidate, rng: np.random.Generator) -> Candidate | Refusal:
     """The candidate, or its refusal where the estimate or most draws are not feasible in a standard manoeuvre."""
     vessel, fit, name = candidate.vessel, candidate.fit, candidate.name
-    tried = np.vstack([fit.coefficients, carried_draws(fit, _TRIED, np.random.default_rng(_TRIED))])
+    tried = np.vstack([fit.coefficients, carried_draws(fit, _TRIED, rng)])
     good = is_feasible(vessel, tried)
     if good[0] and good.mean() >= _FEWEST_SOUND:
         return replace(candidate, draws=tried[:0])

@@ -179,7 +179,7 @@ def identify_ship(
     wanted = tuple(dict.fromkeys(terms or training.earlier or default_sets(training)))
     _check_goes_with(before, wanted, captive)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
-    found, refusals = candidates_of(wanted, training)
+    found, refusals = candidates_of(wanted, training, rng)
     fullest_vessel = fullest(candidate.vessel for candidate in found)
     remarks = [*vessel_remarks(fullest_vessel), *(one.sentence for one in refusals), *cut_runs(names, training, found)]
     progress("weights and model error from held-out runs")
