@@ -31,13 +31,18 @@ under their name only when they are complete.
 def api() -> str:
     """Page of the public names."""
     public = [getattr(ps, name) for name in ps.__all__ if name != "__version__"]
-    wings = dict.fromkeys(value.__module__.split(".")[1] for value in public)
+    wings = dict.fromkeys(map(_wing, public))
     text = API
     for wing in wings:
         contract = inspect.getdoc(import_module(f"pymc_ship.{wing}")).partition("\n")[0]
-        names = [value for value in public if value.__module__.split(".")[1] == wing]
+        names = [value for value in public if _wing(value) == wing]
         text += f"\n## {wing}\n\n{contract}\n\n" + "\n".join(map(_public_line, names)) + "\n"
     return text
+
+
+def _wing(value) -> str:
+    """Dotted name of the folder that a public name stands in."""
+    return value.__module__.removeprefix("pymc_ship.").rpartition(".")[0]
 
 
 def _public_line(value) -> str:

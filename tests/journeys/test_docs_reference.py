@@ -18,7 +18,7 @@ from pymc_ship.physics.vessel.vessel import ADDED_MASS, Particulars
 from pymc_ship.records.files.format import load_format
 from pymc_ship.trial.channels import readable
 from tests.journeys.markdown import ROOT, Page
-from tests.test_structure import WINGS
+from tests.test_structure import DISTRICTS
 
 DOCS = ROOT / "docs"
 ARCHITECTURE = Page("docs/explanation/architecture.md")
@@ -175,41 +175,28 @@ def test_the_page_of_the_posterior_has_the_groups_of_a_trajectory(ship, zigzag):
 
 
 def drawn():
-    """The drawing of the page as a table of wings: what each of them imports."""
-    lines = ARCHITECTURE.blocks("text")[0].splitlines()[1:]
-    names = [line.split()[1] for line in lines]
-    marks = {line.split()[1]: line.split()[2:] for line in lines}
-    assert all(row[k] == "o" and len(row) == k + 1 for k, row in enumerate(marks.values()))
-    return {name: " ".join(names[k] for k, mark in enumerate(row) if mark == "x") for name, row in marks.items()}
+    """Districts of the drawing with their wings; a line without wings says what a district is for."""
+    lines = [line for line in ARCHITECTURE.blocks("text")[0].splitlines() if line[:1].isalpha() and "/" not in line]
+    rows = {line.split()[0]: line.split(maxsplit=1)[1] for line in lines}
+    return {name: tuple(text.split(" > ")) if " > " in text else () for name, text in rows.items()}
 
 
-def drawing():
-    """The drawing as it should be."""
-    width = max(map(len, WINGS))
-    lines = [" " * (width + 4) + " ".join(f"{k:2d}" for k in range(1, len(WINGS) + 1))]
-    for k, (name, others) in enumerate(WINGS.items(), start=1):
-        marks = ["x" if other in others.split() else "." for other in list(WINGS)[: k - 1]]
-        lines.append(f"{k:2d} {name:<{width}}  " + "  ".join([*marks, "o"]))
-    return "\n".join(lines) + "\n"
+def test_the_drawing_is_the_table_of_districts_and_wings():
+    assert drawn() == DISTRICTS
+    assert list(drawn()) == list(DISTRICTS)
 
 
-def test_the_drawing_is_the_table_of_the_wings():
-    assert {name: set(others.split()) for name, others in drawn().items()} == {
-        name: set(others.split()) for name, others in WINGS.items()
-    }
-    assert ARCHITECTURE.blocks("text")[0] == drawing()
-
-
-def test_every_wing_has_its_paragraph_in_order():
-    assert re.findall(r"^\*\*(\w+)\*\* ", ARCHITECTURE.text, flags=re.MULTILINE) == list(WINGS)
+def test_the_way_of_a_record_visits_rooms_that_are_there():
+    rooms = [code(row[1])[0] for row in rows(ARCHITECTURE, 1)]
+    assert len(rooms) == 9
+    assert all((ROOT / "src" / "pymc_ship" / room).exists() for room in rooms)
 
 
 def test_files_that_a_newcomer_touches_are_there():
     """Files are named from the root of the repository, or from the package."""
-    table = [row for row in rows(ARCHITECTURE) if len(row) == 3]
-    assert {row[0] for row in table} == {
-        f"a {thing}" for thing in ("term", "symbol", "part", "prior", "manoeuvre", "channel", "page", "command")
-    }
+    table = rows(ARCHITECTURE, 3)
+    things = ("term", "symbol", "part", "prior", "manoeuvre", "channel", "sensor", "check", "page", "command", "study")
+    assert {row[0] for row in table} == {*(f"a {thing}" for thing in things), "an error law"}
     for row in table:
         names = [name for cell in row[1:] for name in code(cell) if "/" in name]
         assert names

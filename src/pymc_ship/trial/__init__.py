@@ -1,4 +1,4 @@
-"""The record of a trial: read, checked for form, written and polluted.
+"""The record of a trial: its table of channels, their units, and the check of its form.
 
 - `units`: SI units, how files spell them and how they grow with the ship.
 - `channels`: the one table of channels.

@@ -1,4 +1,4 @@
-"""What is steered, its indices and IMO criteria, and how a record of it is recognised.
+"""What is steered, its indices and the IMO criteria on them.
 
 - `kinds`: what the manoeuvres of one kind have in common, as one value.
 - `zigzags`: the zigzag test as such a value, with its indices, limits and recognition.
