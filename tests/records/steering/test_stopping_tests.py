@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.records.steering.stopping_tests import INDICES, measured_stopping, stopping_order
 
 
@@ -13,7 +12,7 @@ from pymc_ship.records.steering.stopping_tests import INDICES, measured_stopping
 def stopped():
     """What the forecast has, and the record of the same ship: 60 s of approach, then full astern."""
     vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular at any speed")
-    forecast = ps.stopping([(vessel, reference_coefficients(vessel)[None])], astern=1.0, reversal=30.0).isel(draw=0)
+    forecast = ps.stopping(vessel, astern=1.0, reversal=30.0).isel(draw=0)
     time = np.arange(0.0, 60.0 + float(forecast["stopping_time"]) + 20.0, 1.0)
     begun = np.clip(time - 60.0, 0.0, None)
 

@@ -3,41 +3,32 @@
 from __future__ import annotations
 
 import re
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.standard import STANDARD
-from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.ships.design.next_run import CANDIDATES, _Run, next_runs, share_left
+from pymc_ship.ships.design.next_run import CANDIDATES, _Run, design, share_left
 from pymc_ship.ships.design.outlook import outlook
 from pymc_ship.ships.ensemble.index_error import model_error
+from pymc_ship.ships.ensemble.index_table import index_table
+from tests.ships.ensemble.cases import motion_of, ship_of
 from tests.ships.identification.cases import RUNS, tanker, trial
 
 CIRCLE = ps.turning_circle(35)
 
 
-def motion_of(manoeuvres):
-    """Prime motion of exact runs, as that of trials."""
-    rows = [prime_record(tanker(), motion_record(trial(one), tanker()))[0] for one in manoeuvres]
-    values = np.vstack([np.column_stack([row[symbol] for symbol in SYMBOLS]) for row in rows])
-    return xr.DataArray(values, {"symbol": list(SYMBOLS)}, ("row", "symbol"))
-
-
-def ship_of(rows, motion, errors=None):
-    return SimpleNamespace(
-        models=[(tanker(), rows)], motion=motion, model_error=errors or {}, motion_error={}, known_rows=[]
-    )
+def alike(count=20):
+    """A tanker whose draws are all the same."""
+    return tanker(), np.tile(reference_coefficients(tanker()), (count, 1))
 
 
 @pytest.fixture(scope="module")
 def zigzags():
-    return motion_of(RUNS)
+    return motion_of(tanker(), map(trial, RUNS))
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +36,8 @@ def ship(zigzags):
     """A tanker whose coefficients are known to half a percent."""
     values = reference_coefficients(tanker())
     rows = values * (1.0 + 0.005 * np.random.default_rng(2).standard_normal((60, values.size)))
-    return ship_of(
-        rows, zigzags, {"angle": np.full(1, 0.001), "distance": np.full(1, 0.002), "time": np.full(1, 0.002)}
-    )
+    errors = {"angle": np.full(1, 0.001), "distance": np.full(1, 0.002), "time": np.full(1, 0.002)}
+    return ship_of((tanker(), rows), motion=zigzags, index_error=errors)
 
 
 # the linear Bayes estimate --------------------------------------------------------------------------------------------
@@ -121,11 +111,11 @@ def test_nothing_is_told_by_nothing_by_what_is_the_same_for_all_or_by_too_few_dr
 
 @pytest.fixture(scope="module")
 def plan(ship):
-    return next_runs(ship, STANDARD, 2)
+    return design(ship, STANDARD, 2)
 
 
 def test_after_zigzags_a_circle_tells_of_circles(ship):
-    plan = next_runs(ship, [ps.zigzag(10, 10), CIRCLE], interest=[CIRCLE])
+    plan = design(ship, [ps.zigzag(10, 10), CIRCLE], interest=[CIRCLE])
     assert plan["chosen"].item() == CIRCLE.label
     assert list(plan["target"].values) == [
         f"{CIRCLE.label}, {name}" for name in ("advance", "transfer", "tactical diameter")
@@ -149,7 +139,7 @@ def test_each_run_that_is_added_leaves_less(plan):
 
 def test_the_first_half_width_is_that_of_the_forecast(ship, plan):
     """1.96 sd of draws and model error beside half the interval of 95 % of a forecast; 60 draws."""
-    tree = ps.forecast_ship(ps.IdentifiedShip(ship.models, ship.motion, ship.model_error, {}, ()), CIRCLE, rng=1)
+    tree = ps.forecast(ship, CIRCLE, rng=1)
     lower, _, upper = tree["index_bands"]["advance"].values
     found = plan["half_width"].sel(stage=0, target=f"{CIRCLE.label}, advance")
     assert float(found) == pytest.approx(0.5 * (upper - lower), rel=0.35)
@@ -160,8 +150,9 @@ def test_half_widths_hold_the_whole_law_of_the_model_error():
 
     Broken twin: 1.96 of its median.
     """
-    rows, errors, zigzag = np.tile(reference_coefficients(tanker()), (20, 1)), model_error([]), ps.zigzag(10, 10)
-    plan = next_runs(ship_of(rows, motion_of([zigzag]), errors), [zigzag], interest=[zigzag])
+    errors, zigzag = model_error([]), ps.zigzag(10, 10)
+    one = ship_of(alike(), motion=motion_of(tanker(), [trial(zigzag)]), index_error=errors)
+    plan = design(one, [zigzag], interest=[zigzag])
     found = float(plan["half_width"].sel(stage=0, target="zigzag 10/10 port, initial turning distance"))
     size = 320.0 * errors["distance"]
     draws = np.random.default_rng(6).choice(size, 200_000) * np.random.default_rng(7).standard_normal(200_000)
@@ -174,22 +165,21 @@ def test_errors_beyond_the_runs_end_where_the_next_run_goes(zigzags):
 
     Broken twin: a zigzag does not go where the circle goes.
     """
-    rows = np.tile(reference_coefficients(tanker()), (20, 1))
-    plan = next_runs(ship_of(rows, zigzags), [CIRCLE, ps.zigzag(10, 10)], interest=[CIRCLE])
+    one = ship_of(alike(), motion=zigzags, index_error={})
+    plan = design(one, [CIRCLE, ps.zigzag(10, 10)], interest=[CIRCLE])
     first, then = plan["half_width"].values
     assert (first > 3.0).all()
     assert (then < 1e-6).all()
-    twin = next_runs(ship_of(rows, zigzags), [ps.zigzag(10, 10)], interest=[CIRCLE])
+    twin = design(one, [ps.zigzag(10, 10)], interest=[CIRCLE])
     np.testing.assert_allclose(twin["half_width"].values[1], first, rtol=0.02)
 
 
 def test_the_noise_of_a_run_leaves_more(ship):
     """A zigzag is asked about, whose angles keep their error; the noise of a circle is in times and distances."""
     asked = [ps.zigzag(20, 20)]
-    noisy = SimpleNamespace(**vars(ship))
-    noisy.model_error = ship.model_error | {kind: np.full(1, 0.1) for kind in ("time", "distance")}
+    noisy = replace(ship, index_error=ship.index_error | {kind: np.full(1, 0.1) for kind in ("time", "distance")})
     angles = [f"{asked[0].label}, {name} overshoot angle" for name in ("first", "second")]
-    quiet, loud = (next_runs(one, [CIRCLE], interest=asked)["half_width"].sel(target=angles) for one in (ship, noisy))
+    quiet, loud = (design(one, [CIRCLE], interest=asked)["half_width"].sel(target=angles) for one in (ship, noisy))
     np.testing.assert_allclose(quiet.sel(stage=0), loud.sel(stage=0), rtol=1e-9)
     assert (loud.sel(stage=1) > 1.1 * quiet.sel(stage=1)).all()
 
@@ -197,25 +187,35 @@ def test_the_noise_of_a_run_leaves_more(ship):
 def test_sensors_as_noisy_as_those_of_held_out_runs_leave_more(ship):
     """They are no error of the ship: what is asked about is as sure as before until a run was sailed."""
     asked = [ps.turning_circle(35, side="port")]
-    noisy = SimpleNamespace(**vars(ship))
     sides = [("distance", 320.0), ("time", 320.0 / 7.974)]
-    noisy.known_rows = [{"kind": kind, "measured_sd": 0.1 * scale, "scale": scale} for kind, scale in sides]
-    quiet, loud = (next_runs(one, [CIRCLE], interest=asked)["half_width"] for one in (ship, noisy))
+    rows = [
+        {
+            "run": "1",
+            "manoeuvre": "",
+            "index": kind,
+            "kind": kind,
+            "measured": 1.0,
+            "measured_sd": 0.1 * scale,
+            "scale": scale,
+        }
+        for kind, scale in sides
+    ]
+    noisy = replace(ship, held_out_indices=index_table(rows))
+    quiet, loud = (design(one, [CIRCLE], interest=asked)["half_width"] for one in (ship, noisy))
     np.testing.assert_allclose(quiet.sel(stage=0), loud.sel(stage=0), rtol=1e-9)
     assert (loud.sel(stage=1) > 1.1 * quiet.sel(stage=1)).all()
 
 
 def test_steady_values_tell_nothing_while_nobody_knows_their_error(ship):
     """The error of a steady yaw rate is that of held-out motion: without any its index is left out."""
-    sure = SimpleNamespace(**vars(ship))
-    sure.motion_error = dict.fromkeys(("u", "v", "r"), np.array([1e-6]))
-    unknown, known = (next_runs(one, [ps.pull_out(20, 90)], interest=[CIRCLE]) for one in (ship, sure))
+    sure = replace(ship, motion_error=dict.fromkeys(("u", "v", "r"), np.array([1e-6])))
+    unknown, known = (design(one, [ps.pull_out(20, 90)], interest=[CIRCLE]) for one in (ship, sure))
     assert float(known["width_ratio"][0, 0]) < 0.98 * float(unknown["width_ratio"][0, 0])
 
 
 def test_a_run_whose_indices_no_draw_reaches_tells_of_the_edge_alone(ship, monkeypatch):
     monkeypatch.setattr(_Run, "reached", lambda run, names: names if run.manoeuvre == CIRCLE else [])
-    plan = next_runs(ship, [ps.zigzag(10, 10)], interest=[CIRCLE])
+    plan = design(ship, [ps.zigzag(10, 10)], interest=[CIRCLE])
     np.testing.assert_allclose(plan["half_width"][1], plan["half_width"][0], rtol=0.02)
 
 
@@ -243,7 +243,7 @@ def test_a_run_without_sea_room_is_not_chosen(ship, plan):
     room = 0.5 * float(
         plan["sea_room"].sel(candidate="zigzag 20/20 port") + plan["sea_room"].sel(candidate=CIRCLE.label)
     )
-    near = next_runs(ship, STANDARD, sea_room=room)
+    near = design(ship, STANDARD, sea_room=room)
     fits = near["sea_room"].values <= room
     np.testing.assert_array_equal(np.isnan(near["width_ratio"].values[0]), ~fits)
     assert 0 < fits.sum() < fits.size
@@ -252,7 +252,7 @@ def test_a_run_without_sea_room_is_not_chosen(ship, plan):
 
 def test_no_sea_room_at_all_is_said(ship):
     with pytest.raises(ps.TrialDesignError, match=r"in 100 m: the turning circle 35 \w+ takes \d+ m; give more"):
-        next_runs(ship, [CIRCLE, ps.zigzag(20, 20)], sea_room=100.0)
+        design(ship, [CIRCLE, ps.zigzag(20, 20)], sea_room=100.0)
 
 
 # what is refused ------------------------------------------------------------------------------------------------------
@@ -271,18 +271,18 @@ def test_no_sea_room_at_all_is_said(ship):
 )
 def test_what_cannot_be_chosen_from_or_for_is_refused(ship, candidates, n, interest):
     with pytest.raises(ps.TrialDesignError, match="one manoeuvre or more that have indices"):
-        next_runs(ship, candidates, n, interest=interest)
+        design(ship, candidates, n, interest=interest)
 
 
 def test_indices_that_hardly_any_draw_reaches_cannot_be_asked_for(ship, monkeypatch):
     monkeypatch.setattr(_Run, "reached", lambda run, names: [])
     with pytest.raises(ps.TrialDesignError, match="that nine tenths of the draws reach, found none of"):
-        next_runs(ship, [CIRCLE], interest=[ps.zigzag(10, 10)])
+        design(ship, [CIRCLE], interest=[ps.zigzag(10, 10)])
 
 
 def test_wind_asks_for_forces_that_know_it(ship):
     with pytest.raises(ps.SimulationError, match="knows wind"):
-        next_runs(ship, [CIRCLE], wind=(10.0, 90.0))
+        design(ship, [CIRCLE], wind=(10.0, 90.0))
 
 
 def test_wind_drifts_the_candidates_and_not_what_is_asked(zigzags):
@@ -292,8 +292,8 @@ def test_wind_drifts_the_candidates_and_not_what_is_asked(zigzags):
     values, k = reference_coefficients(vessel), coefficient_names(vessel).index("Nv")
     rows = np.tile(values, (20, 1))
     rows[:, k] *= np.linspace(0.95, 1.05, 20)
-    one = SimpleNamespace(models=[(vessel, rows)], motion=zigzags, model_error={}, motion_error={}, known_rows=[])
-    calm, windy = (next_runs(one, [CIRCLE], interest=[CIRCLE], wind=wind) for wind in (None, (15.0, 0.0)))
+    one = ship_of((vessel, rows), motion=zigzags, index_error={})
+    calm, windy = (design(one, [CIRCLE], interest=[CIRCLE], wind=wind) for wind in (None, (15.0, 0.0)))
     np.testing.assert_array_equal(windy["half_width"].values[0], calm["half_width"].values[0])
     assert abs(float(windy["sea_room"][0]) / float(calm["sea_room"][0]) - 1.0) > 0.02
 

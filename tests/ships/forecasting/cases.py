@@ -10,6 +10,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.forecasting.figures import manoeuvre_figures
+from tests.ships.ensemble.cases import posterior_forecast
 
 MANOEUVRES = {
     "zigzag": (ps.zigzag(20.0, 20.0, side="starboard"), 320.0),
@@ -38,7 +39,7 @@ def forecast(vessel, manoeuvre, duration, draws=None):
     """Forecast with bands of 95 %."""
     draws = scattered(vessel) if draws is None else draws
     settings = {"draws": len(draws), "rng": np.random.default_rng(2), "ci_prob": 0.95, **SETTINGS}
-    return ps.forecast(vessel, posterior(vessel, draws), manoeuvre, duration=duration, **settings)
+    return posterior_forecast(vessel, posterior(vessel, draws), manoeuvre, duration=duration, **settings)
 
 
 def trial(vessel, manoeuvre, duration, *, course=0.7, approach=60.0, begin=100.0):

@@ -5,15 +5,16 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.draws import fitted_motion, sensor_noise
+from pymc_ship.ships.ensemble.scores import BANDS, quantiles
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
-from pymc_ship.ships.forecasting.forecast import _quantiles, forecast, pooled_forecast, rolls, stated_shares
+from pymc_ship.ships.forecasting.forecast import pooled_forecast, rolls, stated_shares
 from pymc_ship.trial.channels import SIMULATED
 from tests.inference.trajectory.cases import without_roll
+from tests.ships.ensemble.cases import posterior_forecast
 from tests.ships.forecasting.posteriors import joint, posterior, scattered
 
 ZIGZAG = ps.zigzag(20.0, 20.0)
 STEPS = ps.rudder_programme([0.0, 20.0, 60.0], [0.0, 0.3, -0.3])
-BANDS = ("lower", "median", "upper")
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +22,7 @@ def fan(container):
     """41 ships with coefficients scattered by 1 %."""
     rng = np.random.default_rng(1)
     posteriors = {dof: scattered(container, dof, 41, rng) for dof in container.dofs}
-    return forecast(container, posteriors, ZIGZAG, draws=41, rng=rng, duration=150.0)
+    return posterior_forecast(container, posteriors, ZIGZAG, draws=41, rng=rng, duration=150.0)
 
 
 SAME = {"rtol": 1e-11, "atol": 1e-12}
@@ -34,7 +35,7 @@ def test_certainty_about_the_reference_forecasts_the_reference_ship(container, m
         dof: posterior(container.coefficients(dof)["coefficient"].values, np.tile(container.coefficients(dof), (20, 1)))
         for dof in container.dofs
     }
-    tree = forecast(container, posteriors, manoeuvre, draws=20, rng=np.random.default_rng(1), duration=300.0)
+    tree = posterior_forecast(container, posteriors, manoeuvre, draws=20, rng=np.random.default_rng(1), duration=300.0)
     ship = ps.simulate(container, manoeuvre, duration=300.0, step=0.02, record_interval=0.5)
     found = ps.indices(ship)
     for band in BANDS:
@@ -71,10 +72,11 @@ def test_index_bands_are_quantiles_of_the_ships(fan):
 def test_a_wider_probability_gives_wider_bands(container):
     posteriors = {"yaw": scattered(container, "yaw", 40, np.random.default_rng(2))}
     settings = {"draws": 40, "duration": 60.0}
-    half, most = (
-        forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(3), ci_prob=prob, **settings)["bands"]["psi"]
+    trees = (
+        posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(3), ci_prob=prob, **settings)
         for prob in (0.5, 0.9)
     )
+    half, most = (tree["bands"]["psi"] for tree in trees)
     assert float(most[2, -1] - most[0, -1]) > 1.5 * float(half[2, -1] - half[0, -1]) > 0.0
     np.testing.assert_array_equal(most[1], half[1])
 
@@ -85,7 +87,7 @@ def test_the_share_of_diverged_ships_is_counted_and_bands_are_of_the_others(cont
     draws[[1, 4, 8], 0] = 5.0
     draws[:, 0] *= 1.0 + 0.01 * np.arange(10)
     posteriors = {"surge": posterior(reference["coefficient"].values, draws)}
-    tree = forecast(container, posteriors, ZIGZAG, draws=10, rng=np.random.default_rng(4), duration=200.0)
+    tree = posterior_forecast(container, posteriors, ZIGZAG, draws=10, rng=np.random.default_rng(4), duration=200.0)
     ships = tree["trajectories"].to_dataset()
     assert tree.attrs["share_diverged"] == 0.3
     assert int(ships["diverged"].sum()) == 3
@@ -98,7 +100,7 @@ def test_the_share_of_diverged_ships_is_counted_and_bands_are_of_the_others(cont
 def test_the_same_generator_gives_the_same_forecast(container):
     posteriors = {"yaw": scattered(container, "yaw", 100, np.random.default_rng(9))}
     one, two, other = (
-        forecast(container, posteriors, ZIGZAG, draws=20, rng=np.random.default_rng(seed), duration=40.0)
+        posterior_forecast(container, posteriors, ZIGZAG, draws=20, rng=np.random.default_rng(seed), duration=40.0)
         for seed in (10, 10, 11)
     )
     xr.testing.assert_identical(one, two)
@@ -108,7 +110,7 @@ def test_the_same_generator_gives_the_same_forecast(container):
 def test_a_rudder_programme_has_bands_but_no_indices(container):
     programme = ps.rudder_programme([0.0, 10.0, 20.0], [0.0, 0.2, -0.1])
     posteriors = {"yaw": scattered(container, "yaw", 4, np.random.default_rng(12))}
-    tree = forecast(container, posteriors, programme, draws=4, rng=np.random.default_rng(1), duration=30.0)
+    tree = posterior_forecast(container, posteriors, programme, draws=4, rng=np.random.default_rng(1), duration=30.0)
     assert sorted(tree.children) == ["bands", "trajectories"]
     assert tree["bands"].sizes == {"band": 3, "time": 60}
 
@@ -121,16 +123,16 @@ def test_quantiles_leave_nan_out_like_numpy():
     values[:, 1, 1] = [*[np.nan] * 29, 2.0, 1.0]
     probabilities = [0.0, 0.05, 0.5, 0.77, 1.0]
     np.testing.assert_allclose(
-        _quantiles(values, probabilities), np.nanquantile(values, probabilities, axis=0), rtol=1e-13
+        quantiles(values, probabilities), np.nanquantile(values, probabilities, axis=0), rtol=1e-13
     )
     values[:, 2, 2] = np.nan
-    assert np.isnan(_quantiles(values, probabilities)[:, 2, 2]).all()
+    assert np.isnan(quantiles(values, probabilities)[:, 2, 2]).all()
 
 
 @pytest.mark.parametrize("settings", [{"draws": 1}, {"ci_prob": 0.0}, {"ci_prob": 1.0}, {"ci_prob": np.nan}])
 def test_settings_without_meaning_are_refused(container, settings):
     with pytest.raises(ValueError, match=r"needs two draws and 0 < ci_prob < 1, found"):
-        forecast(container, {}, ZIGZAG, rng=np.random.default_rng(1), duration=10.0, **settings)
+        ps.forecast(container, ZIGZAG, rng=1, duration=10.0, **settings)
 
 
 def read_back(tree, sd, instants):
@@ -148,7 +150,7 @@ def test_measured_bands_of_a_ship_that_is_known_are_those_of_its_noise(container
     """
     tree = joint(container, 50, np.random.default_rng(18), spread=0.0)
     settings = {"draws": 1000, "duration": 80.0, "step": 0.1, "noise_sd": {"v": 0.05 * factor}}
-    found = forecast(container, tree, STEPS, rng=np.random.default_rng(19), **settings)
+    found = posterior_forecast(container, tree, STEPS, rng=np.random.default_rng(19), **settings)
     assert (abs(read_back(found, 0.05, slice(None)) - 1.0) < 4.0 * 0.0023 + 0.003) == holds
     assert list(found["measured_bands"].data_vars) == ["v"]
     assert found["measured_bands"]["v"].attrs["units"] == "m/s"
@@ -160,10 +162,10 @@ def test_noise_of_sensors_adds_to_the_uncertainty_of_the_coefficients_in_squares
     """Where both are alike: widths of normal bands add in squares, within the error of 600 draws."""
     tree = joint(container, 600, np.random.default_rng(20))
     settings = {"draws": 600, "duration": 140.0, "step": 0.1}
-    known = forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={}, **settings)
+    known = posterior_forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={}, **settings)
     late = slice(120.0, None)
     sd = float(known["trajectories"]["psi"].sel(time=late).std("draw").mean())
-    found = forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={"psi": sd}, **settings)
+    found = posterior_forecast(container, tree, STEPS, rng=np.random.default_rng(21), noise_sd={"psi": sd}, **settings)
     only, both = (
         (found[group]["psi"].sel(band="upper") - found[group]["psi"].sel(band="lower")).sel(time=late)
         for group in ("bands", "measured_bands")
@@ -178,7 +180,7 @@ def test_noise_leaves_all_else_of_a_forecast_as_it_is(container, zigzag_trial):
     tree = joint(container, 40, rng, trial=zigzag_trial, noise_sd={"u": 0.1, "r": 1e-3})
     settings = {"draws": 20, "duration": 60.0}
     held, without, other, again = (
-        forecast(container, tree, ZIGZAG, rng=np.random.default_rng(23), **settings, **noise)
+        posterior_forecast(container, tree, ZIGZAG, rng=np.random.default_rng(23), **settings, **noise)
         for noise in ({}, {"noise_sd": {}}, {"noise_sd": {"r": 2e-3, "u": 0.1}}, {"noise_sd": {"u": 0.1, "r": 1e-3}})
     )
     assert sensor_noise(tree) == {"u": 0.1, "r": 1e-3}
@@ -194,7 +196,7 @@ def test_noise_leaves_all_else_of_a_forecast_as_it_is(container, zigzag_trial):
 @pytest.mark.parametrize("noise", [{"speed": 1.0}, {"u": -1.0}, {"u": np.nan}, {"u": np.inf}])
 def test_noise_without_meaning_is_refused(container, noise):
     with pytest.raises(ValueError, match=r"standard deviation from 0 up for any of u, v, .* found"):
-        forecast(container, {}, ZIGZAG, rng=np.random.default_rng(1), duration=10.0, noise_sd=noise)
+        ps.Ship.from_posterior(container, {}, draws=4, rng=1, noise_sd=noise)
 
 
 def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(container):
@@ -202,7 +204,7 @@ def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(con
     trial = ps.simulate(container, gentle, duration=300.0)
     tree = joint(container, 60, np.random.default_rng(24), spread=0.002, trial=trial)
     turn, zigzag = (
-        forecast(container, tree, manoeuvre, draws=60, rng=np.random.default_rng(25), duration=300.0)
+        posterior_forecast(container, tree, manoeuvre, draws=60, rng=np.random.default_rng(25), duration=300.0)
         for manoeuvre in (ps.turning_circle(35.0), gentle)
     )
     assert turn.attrs["share_extrapolated"] > 0.9
@@ -220,7 +222,7 @@ def test_shares_outside_count_the_ships_that_run(container, zigzag_trial):
     """Three of ten ships diverge; the shares are of the others from then on."""
     tree = joint(container, 10, np.random.default_rng(26), trial=zigzag_trial)
     tree["posterior"]["coefficients"][0, [1, 4, 8], 0] = 5.0
-    found = forecast(container, tree, ZIGZAG, draws=10, rng=np.random.default_rng(27), duration=200.0)
+    found = posterior_forecast(container, tree, ZIGZAG, draws=10, rng=np.random.default_rng(27), duration=200.0)
     ships = found["trajectories"].to_dataset()
     each = extrapolation(container, ships, fitted_motion(tree))
     running = ships["u"].notnull()
@@ -243,14 +245,14 @@ def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_t
     unknown = ({}, joint(container, 4, rng), {"sway": scattered(container, "sway", 4, rng), "yaw": held})
     for posteriors in (*unknown, {"sway": held, "yaw": other}):
         assert fitted_motion(posteriors) is None
-        found = forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
+        found = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
         assert "extrapolation" not in found.children
         assert np.isnan(found.attrs["share_extrapolated"])
         assert found.attrs["extrapolation"].startswith("Extrapolation is unknown: ")
         assert stated_shares(found) == "4 ships, 0 % diverged"
     for posteriors in (held, {"sway": held, "yaw": held}):
         xr.testing.assert_identical(fitted_motion(posteriors), held["constant_data"]["motion"])
-        found = forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
+        found = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
         assert np.isfinite(found.attrs["share_extrapolated"])
 
 

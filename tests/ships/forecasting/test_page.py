@@ -19,6 +19,7 @@ from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.ships.forecasting import page as forecast_report
 from pymc_ship.ships.forecasting.page import index_rows, index_table, verdict_rows, verdict_table, write_forecast_page
 from tests.inference.trajectory.cases import without_roll
+from tests.ships.ensemble.cases import ship_of
 from tests.ships.forecasting.cases import MANOEUVRES, forecast, scattered, trial
 
 L = 230.66
@@ -62,13 +63,10 @@ def page(tmp_path_factory):
     record = xr.DataArray(np.zeros((3, 6)), dims=("row", "symbol"), coords={"symbol": list(SYMBOLS)})
     said = []
     path = write_forecast_page(
+        ship_of((vessel(), scattered(vessel(), 6)), motion=record, remarks=(REMARK,)),
         forecasts(),
-        vessel(),
         out,
         measured=measured(),
-        models=[(vessel(), scattered(vessel(), 6))],
-        motion=record,
-        remarks=[REMARK],
         command=COMMAND,
         progress=said.append,
     )
@@ -243,23 +241,23 @@ def _plain(monkeypatch):
 @pytest.mark.usefixtures("_plain")
 def test_the_same_page_twice_and_files_of_an_earlier_page_go(tmp_path):
     only = {"steps": steps()}
-    first = write_forecast_page(only, vessel(), tmp_path, command="a").read_bytes()
+    first = write_forecast_page(vessel(), only, tmp_path, command="a").read_bytes()
     (tmp_path / "figures" / "forecast_old_track.png").write_bytes(b"")
     (tmp_path / "figures" / "identification.png").write_bytes(b"kept")
-    assert write_forecast_page(only, vessel(), tmp_path, command="a").read_bytes() == first
+    assert write_forecast_page(vessel(), only, tmp_path, command="a").read_bytes() == first
     assert not (tmp_path / "figures" / "forecast_old_track.png").exists()
     assert (tmp_path / "figures" / "identification.png").read_bytes() == b"kept"
     text = first.decode()
     assert "No criterion of IMO MSC.137(76) applies" in text
     assert "the uncertainty of the coefficients alone" in text
-    assert "forecast_forces" not in text
+    assert '<figure id="forecast_forces"><svg' in text
     assert "<table>" not in text
 
 
 @pytest.mark.usefixtures("_plain")
 def test_names_that_make_the_same_file_are_told_apart(tmp_path):
     same = dict.fromkeys(("a b", "a/b", "<i>Ü", "forces"), steps())
-    write_forecast_page(same, vessel(), tmp_path, command="")
+    write_forecast_page(vessel(), same, tmp_path, command="")
     tracks = {path.name for path in (tmp_path / "figures").glob("*_track.png")}
     assert tracks == {f"forecast_{name}_track.png" for name in ("a_b", "a_b_2", "i", "forces_2")}
     assert "&lt;i&gt;Ü" in (tmp_path / "forecast.html").read_text(encoding="utf-8")
@@ -268,10 +266,10 @@ def test_names_that_make_the_same_file_are_told_apart(tmp_path):
 def test_what_does_not_fit_is_said_before_anything_is_written(tmp_path):
     out = tmp_path / "new"
     with pytest.raises(ValueError, match="at least one, found none"):
-        write_forecast_page({}, vessel(), out, command="")
+        write_forecast_page(vessel(), {}, out, command="")
     with pytest.raises(ValueError, match="belongs to one of the forecasts steps; found 'stops'"):
-        write_forecast_page({"steps": steps()}, vessel(), out, measured={"stops": None}, command="")
+        write_forecast_page(vessel(), {"steps": steps()}, out, measured={"stops": None}, command="")
     assert not out.exists()
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError):
-        write_forecast_page({"steps": steps()}, vessel(), tmp_path / "file", command="")
+        write_forecast_page(vessel(), {"steps": steps()}, tmp_path / "file", command="")

@@ -16,10 +16,11 @@ from pymc_ship.ships.forecasting.steady_turns import (
     spiral_sentence,
     steady_turns,
 )
+from tests.ships.ensemble.cases import ship_of
 
 
 def turns_of(vessel, draws=None):
-    return steady_turns([(vessel, reference_coefficients(vessel)[None] if draws is None else draws)])
+    return steady_turns(vessel if draws is None else ship_of((vessel, draws)))
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +115,7 @@ def test_a_curve_of_ships_without_steady_turns_is_empty(kvlcc2):
 
 def test_models_are_pooled(kvlcc2):
     parts = ps.with_terms(kvlcc2, "modular")
-    both = steady_turns([(ship, reference_coefficients(ship)[None]) for ship in (kvlcc2, parts)])
+    both = steady_turns(ship_of(kvlcc2, parts))
     assert both.sizes["draw"] == 2
     np.testing.assert_array_equal(both["delta"].values[1], turns_of(parts)["delta"].values[0])
     slower = replace(kvlcc2, particulars=replace(kvlcc2.particulars, nominal_speed=4.0))

@@ -10,6 +10,7 @@ from pymc_ship.physics.motion.held import held_forces
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.steering.stopping_tests import INDICES
 from pymc_ship.ships.forecasting.stopping import stopping, stopping_rows, stopping_sentence, stopping_tracks
+from tests.ships.ensemble.cases import ship_of
 
 ANY_SPEED = "modular at any speed"
 
@@ -22,7 +23,7 @@ def tanker():
 @pytest.fixture(scope="module")
 def drawn(tanker):
     draws = coefficient_prior([], tanker, damping=1.0).draw(60, np.random.default_rng(1))
-    return stopping([(tanker, draws)], astern=1.0)
+    return stopping(ship_of((tanker, draws)), astern=1.0)
 
 
 def without_push(tanker):
@@ -34,7 +35,7 @@ def without_push(tanker):
 
 def test_a_ship_on_a_straight_line_stops_as_thrust_and_resistance_say(tanker):
     at, s = without_push(tanker), tanker.particulars
-    found = stopping([(tanker, at[None])], astern=1.0, reversal=30.0)
+    found = stopping(ship_of((tanker, at)), astern=1.0, reversal=30.0)
     m = tanker.m + at[coefficient_names(tanker).index("m_x")]
 
     def slowed(t, state):
@@ -57,10 +58,9 @@ def test_a_ship_on_a_straight_line_stops_as_thrust_and_resistance_say(tanker):
 
 
 def test_more_revolutions_astern_stop_sooner_and_a_late_engine_later(tanker):
-    at = reference_coefficients(tanker)[None]
-    reach = [stopping([(tanker, at)], astern=n)["track_reach"].item() for n in (0.7, 1.0, 1.3)]
+    reach = [stopping(tanker, astern=n)["track_reach"].item() for n in (0.7, 1.0, 1.3)]
     assert reach[0] > reach[1] > reach[2]
-    late = stopping([(tanker, at)], astern=1.0, reversal=180.0)["track_reach"].item()
+    late = stopping(tanker, astern=1.0, reversal=180.0)["track_reach"].item()
     assert late > reach[1] + 100.0
 
 
@@ -84,7 +84,7 @@ def test_a_right_handed_screw_swings_the_bow_to_starboard(tanker, drawn):
     assert np.median(swung) > 20.0
     assert 0.7 < np.mean(swung > 0.0) < 1.0
     typical, straight = (
-        stopping([(tanker, at[None])], astern=1.0)["heading_change"].item()
+        stopping(ship_of((tanker, at)), astern=1.0)["heading_change"].item()
         for at in (reference_coefficients(tanker), without_push(tanker))
     )
     assert typical > 20.0
@@ -106,7 +106,7 @@ def test_what_is_said_is_in_the_table(drawn):
 def test_a_ship_that_does_not_stop_counts_against_her(tanker):
     at = np.tile(reference_coefficients(tanker), (2, 1))
     at[1, coefficient_names(tanker).index("T_nn")] = -0.5
-    found = stopping([(tanker, at)], astern=1.0)
+    found = stopping(ship_of((tanker, at)), astern=1.0)
     assert np.isfinite(found["track_reach"].values).tolist() == [True, False]
     assert "with probability 0.50" in stopping_sentence(found)
     assert stopping_sentence(found).endswith("50 % of the ships do not stop.")
@@ -116,10 +116,10 @@ def test_a_ship_that_does_not_stop_counts_against_her(tanker):
 def test_a_ship_without_way_astern_is_refused_with_the_remedy(tanker):
     plain = ps.load_vessel("kvlcc2")
     with pytest.raises(ps.SimulationError, match="modular at any speed"):
-        stopping([(plain, reference_coefficients(plain)[None])], astern=1.0)
+        stopping(plain, astern=1.0)
     for astern in (0.0, -1.0, 60.0):
         with pytest.raises(ps.SimulationError, match="1/min over 60"):
-            stopping([(tanker, reference_coefficients(tanker)[None])], astern=astern)
+            stopping(tanker, astern=astern)
 
 
 def test_the_figure_has_tracks_and_speeds(drawn):

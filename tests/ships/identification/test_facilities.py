@@ -32,8 +32,13 @@ def records():
 
 
 @pytest.fixture(scope="module")
-def ship():
+def found():
     return ps.identify_ship(records(), PAPERS, terms=[TRUE_TERMS], draws=40, rng=1)
+
+
+@pytest.fixture(scope="module")
+def ship(found):
+    return found.ship
 
 
 def overshoot(tree):
@@ -63,22 +68,22 @@ def test_runs_without_a_facility_are_of_one():
     assert list(facilities) == [""]
 
 
-def test_held_out_runs_are_steered_as_at_their_facility(ship):
+def test_held_out_runs_are_steered_as_at_their_facility(found, ship):
     """With the gear of the other basin the overshoot of the second run would be some 0.4 deg less."""
-    rows = {(row["run"], row["index"]): row for row in ship.index_rows}
-    found = rows["2", "first_overshoot_angle"]
-    assert found["forecast"] == pytest.approx(found["measured"], abs=0.25)
-    other = ps.forecast_ship(ship, replace(RUNS[1], approach_speed=SPEEDS["basin B"]), rng=1, facility="basin A")
-    assert overshoot(other) < found["measured"] - 0.3
+    held_out = found.held_out_indices.sel(run="2", index="first_overshoot_angle")
+    forecast, measured = float(held_out["forecast"]), float(held_out["measured"])
+    assert forecast == pytest.approx(measured, abs=0.25)
+    other = ps.forecast(ship, replace(RUNS[1], approach_speed=SPEEDS["basin B"]), rng=1, facility="basin A")
+    assert overshoot(other) < measured - 0.3
 
 
 def test_the_revolutions_of_a_facility_hold_the_speed_of_its_approaches(ship):
-    usual, other = (ps.forecast_ship(ship, RUNS[1], rng=1, facility=name) for name in (None, "basin B"))
-    stated = ps.forecast_ship(ship, replace(RUNS[1], approach_speed=7.5), rng=1, facility="basin B")
+    usual, other = (ps.forecast(ship, RUNS[1], rng=1, facility=name) for name in (None, "basin B"))
+    stated = ps.forecast(ship, replace(RUNS[1], approach_speed=7.5), rng=1, facility="basin B")
     assert usual.attrs["approach_speed"] == PAPERS.particulars.nominal_speed
     assert other.attrs["approach_speed"] == ship.facilities["basin B"].approach_speed == pytest.approx(6.8, rel=0.005)
-    assert other.attrs["steering"].endswith(f" She approaches at {other.attrs['approach_speed']:.4g} m/s.")
-    assert "approaches" not in usual.attrs["steering"]
+    assert other.attrs["steering"].endswith(f" The approach is at {other.attrs['approach_speed']:.4g} m/s.")
+    assert "approach" not in usual.attrs["steering"]
     assert stated.attrs["approach_speed"] == 7.5
 
 
@@ -87,7 +92,7 @@ def test_a_forecast_takes_the_gear_that_is_asked_for_and_says_so(ship, tmp_path)
     assert again.facilities == ship.facilities
     for one in (ship, again):
         usual, first, second = (
-            ps.forecast_ship(one, replace(RUNS[0], approach_speed=7.974), rng=1, facility=name)
+            ps.forecast(one, replace(RUNS[0], approach_speed=7.974), rng=1, facility=name)
             for name in (None, "basin A", "basin B")
         )
         assert overshoot(usual) == overshoot(first) < overshoot(second) - 0.1
@@ -95,21 +100,21 @@ def test_a_forecast_takes_the_gear_that_is_asked_for_and_says_so(ship, tmp_path)
         assert second.attrs["steering"].startswith("The rudder moves as at basin B at 2.35 deg/s after ")
 
 
-def test_a_facility_whose_runs_show_no_gear_is_not_named_as_if_they_did(ship):
+def test_a_facility_whose_runs_show_no_gear_is_not_named_as_if_they_did(found, ship):
     facilities = ship.facilities | {"basin C": Steering(float("nan"), float("nan"), 0)}
-    one = ps.IdentifiedShip(ship.models, ship.motion, {}, ship.motion_error, (), facilities)
-    said = ps.forecast_ship(one, RUNS[0], rng=1, facility="basin C").attrs["steering"]
+    one = replace(ship, index_error={}, facilities=facilities)
+    said = ps.forecast(one, RUNS[0], rng=1, facility="basin C").attrs["steering"]
     assert "as at" not in said
-    assert said.endswith(" (no run at basin C reverses its rudder). She approaches at 7.974 m/s.")
-    assert _steering(replace(ship, facilities=facilities), None)[-2] == (
+    assert said.endswith(" (no run at basin C reverses its rudder). The approach is at 7.974 m/s.")
+    assert _steering(replace(found, ship=one), None)[-2] == (
         "No run at basin C reverses its rudder: the steering gear is that of basin A."
     )
 
 
 def test_scores_steer_as_at_the_facility_of_the_record(ship):
     record = records()[1]
-    (own, *_), (elsewhere, *_) = (ps.score_indices(ship, one) for one in (record, record.drop_attrs()))
-    assert own["index"] == "first_overshoot_angle"
+    tables = (ps.score_indices(ship, one, rng=1) for one in (record, record.drop_attrs()))
+    own, elsewhere = (table.sel(run="1", index="first_overshoot_angle") for table in tables)
     assert own["forecast"] > elsewhere["forecast"] + 0.3
 
 
@@ -121,9 +126,9 @@ def test_scores_steer_as_at_the_facility_of_the_record(ship):
     ],
 )
 def test_a_facility_that_is_not_known_is_refused(ship, names, message):
-    one = ps.IdentifiedShip(ship.models, ship.motion, {}, ship.motion_error, (), dict.fromkeys(names))
+    one = replace(ship, index_error={}, facilities=dict.fromkeys(names))
     with pytest.raises(ps.TrialError, match=message):
-        ps.forecast_ship(one, RUNS[0], rng=1, facility="basin C")
+        ps.forecast(one, RUNS[0], rng=1, facility="basin C")
 
 
 # command --------------------------------------------------------------------------------------------------------------

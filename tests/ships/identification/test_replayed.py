@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.equations import STATE
-from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.identification.along import reading_noise
 from pymc_ship.ships.identification.replayed import SCORED
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as parts_of_tanker
+from tests.ships.ensemble.cases import motion_of, ship_of
 
 DURATION = 600.0
 
@@ -133,11 +131,7 @@ def identified_from(tanker, manoeuvre):
     """The tanker as a ship that was identified from one run, with fifty equal draws."""
     run = ps.simulate(tanker, manoeuvre, duration=DURATION, step=0.5, method="rk4")
     rows = np.tile(reference_coefficients(tanker), (50, 1))
-    prime, _, _ = prime_record(tanker, motion_record(run, tanker))
-    motion = xr.DataArray(
-        np.column_stack([prime[name] for name in SYMBOLS]), {"symbol": list(SYMBOLS)}, ("row", "symbol")
-    )
-    return ps.IdentifiedShip([(tanker, rows)], motion, {}, {}, ())
+    return ship_of((tanker, rows), motion=motion_of(tanker, [run]), index_error={})
 
 
 def test_bands_grow_beyond_the_motion_of_the_runs(tanker):

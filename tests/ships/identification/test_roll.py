@@ -17,6 +17,7 @@ from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.identification.candidates import default_sets
 from pymc_ship.ships.identification.model import _prepared
 from tests.physics.forces.test_parts import ROLLING, tanker
+from tests.ships.ensemble.cases import ship_of
 
 SETTINGS = {"duration": 450, "step": 0.5, "method": "rk4"}
 WITHOUT, WITH = "modular", "modular with roll"
@@ -48,7 +49,7 @@ def trials():
 
 @pytest.fixture(scope="module")
 def ship(trials):
-    return ps.identify_ship(trials, KNOWN, terms=[WITH], draws=60, rng=1)
+    return ps.identify_ship(trials, KNOWN, terms=[WITH], draws=60, rng=1).ship
 
 
 def sets_of(trials):
@@ -63,7 +64,7 @@ def test_sets_with_roll_take_part_where_she_heels_and_it_is_measured(trials):
 
 
 def test_her_heel_in_the_turn_is_forecast_from_the_zigzags(ship):
-    lower, median, upper = ps.forecast_ship(ship, TURN, rng=1)["index_bands"]["maximum_roll_angle"].values
+    lower, median, upper = ps.forecast(ship, TURN, rng=1)["index_bands"]["maximum_roll_angle"].values
     assert lower < largest_heel(tender(0.4)) < upper
     assert not lower < largest_heel(tender(0.8)) < upper
     assert upper - lower < median
@@ -76,9 +77,9 @@ def test_roll_is_that_of_the_sets_that_have_it():
         for vessel, count in zip(vessels, (3, 40), strict=True)
     ]
     motion = xr.DataArray(np.zeros((2, 6)), {"symbol": list(SYMBOLS)}, ("row", "symbol"))
-    mixed = ps.IdentifiedShip(models, motion, {}, {}, ())
+    mixed = ship_of(*models, motion=motion, index_error={})
     assert mixed.vessel is vessels[1]
-    tree = ps.forecast_ship(mixed, TURN, rng=1)
+    tree = ps.forecast(mixed, TURN, rng=1)
     rolls = np.isfinite(tree["trajectories"]["phi"].isel(time=10).values)
     assert rolls.tolist() == [False] * 3 + [True] * 40
     assert (np.isfinite(tree["indices"]["maximum_roll_angle"].values) == rolls).all()
@@ -92,7 +93,7 @@ def test_roll_is_that_of_the_sets_that_have_it():
 def test_a_saved_ship_rolls(ship, tmp_path):
     again = ps.load_ship(ps.save_ship(ship, tmp_path).parent)
     assert again.vessel.dofs == ("surge", "sway", "yaw", "roll")
-    found, expected = (ps.forecast_ship(one, TURN, rng=1)["index_bands"] for one in (again, ship))
+    found, expected = (ps.forecast(one, TURN, rng=1)["index_bands"] for one in (again, ship))
     np.testing.assert_allclose(found["maximum_roll_angle"], expected["maximum_roll_angle"], rtol=1e-9)
 
 
@@ -101,11 +102,11 @@ def test_a_ship_that_was_saved_with_one_size_of_error_has_it(ship, tmp_path):
     path = ps.save_ship(ship, tmp_path) / "ship.json"
     index = json.loads(path.read_text(encoding="utf-8"))
     del index["sha256"]
-    path.write_text(json.dumps(index | {"model_error": {"angle": 0.05}}), encoding="utf-8")
+    path.write_text(json.dumps(index | {"index_error": {"angle": 0.05}}), encoding="utf-8")
     again = ps.load_ship(tmp_path)
-    assert {kind: sizes.tolist() for kind, sizes in again.model_error.items()} == {"angle": [0.05]}
-    overshoot = ps.forecast_ship(again, ps.zigzag(10, 10), rng=1)["index_bands"]["first_overshoot_angle"].values
-    exact = ps.forecast_ship(replace(again, model_error={}), ps.zigzag(10, 10), rng=1)["index_bands"]
+    assert {kind: sizes.tolist() for kind, sizes in again.index_error.items()} == {"angle": [0.05]}
+    overshoot = ps.forecast(again, ps.zigzag(10, 10), rng=1)["index_bands"]["first_overshoot_angle"].values
+    exact = ps.forecast(replace(again, index_error={}), ps.zigzag(10, 10), rng=1)["index_bands"]
     assert np.ptp(overshoot) > np.ptp(exact["first_overshoot_angle"].values)
 
 

@@ -9,6 +9,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.physics.vessel.parts import HELD
 from pymc_ship.physics.vessel.vessel import Windage, reference_coefficients
+from tests.ships.ensemble.cases import ship_of
 
 WIND, CURRENT = (9.0, 200.0), (0.4, 90.0)
 STEP = 0.5
@@ -33,13 +34,8 @@ def draws(n=60, seed=3):
 @cache
 def ship():
     """What `load_ship` would give of her."""
-    return ps.IdentifiedShip(
-        models=[(tanker(), draws())],
-        motion=xr.DataArray(np.zeros((2, 1)), {"symbol": ["u"]}, ("row", "symbol")),
-        model_error={},
-        motion_error={},
-        remarks=(),
-    )
+    motion = xr.DataArray(np.zeros((2, 1)), {"symbol": ["u"]}, ("row", "symbol"))
+    return ship_of((tanker(), draws()), motion=motion, index_error={})
 
 
 def sailed(manoeuvre, duration, *, wind=WIND, current=CURRENT, vessel=None):

@@ -11,6 +11,7 @@ from pymc_ship.ships.sea_trials import corrections
 from pymc_ship.ships.sea_trials.conditions import Conditions
 from pymc_ship.ships.sea_trials.corrections import mean_wind
 from pymc_ship.trial.record import OVER_GROUND
+from tests.ships.ensemble.cases import ship_of
 from tests.ships.sea_trials.cases import CURRENT, WIND, sailed, ship, tanker
 
 CIRCLE, ZIGZAG = ps.turning_circle(35), ps.zigzag(10, 10)
@@ -108,7 +109,7 @@ def test_another_loading_is_that_of_a_ship_as_far_from_its_formulae(calm):
     """R = T F / B of a ship in calm is F itself: she is drawn at both draughts by the same deviations."""
     light = replace(tanker(), particulars=replace(tanker().particulars, d=15.0, volume=222000.0), derived={})
     light = ps.with_terms(replace(light, m=0.0136, parameters=(), parts=()), "modular at any speed")
-    one = replace(ship(), models=[(light, np.array([[c.value for c in light.parameters]] * 2))])
+    one = replace(ship(), members=ship_of((light, np.array([[c.value for c in light.parameters]] * 2))).members)
     run = sailed(CIRCLE, 2400, wind=None, current=None, vessel=light)
     found = rows_of(ps.sea_trial({"circle": run}, light, ship=one, full_load=tanker(), rng=1), "circle")
     assert found["tactical_diameter"]["corrected"] == pytest.approx(calm["circle"]["tactical_diameter"], rel=0.01)
@@ -116,7 +117,7 @@ def test_another_loading_is_that_of_a_ship_as_far_from_its_formulae(calm):
 
 
 def test_polynomials_know_no_draught():
-    plain = replace(ship(), models=[(ps.load_vessel("kvlcc2"), np.zeros((2, 29)))])
+    plain = replace(ship(), members=ship_of((ps.load_vessel("kvlcc2"), np.zeros((2, 29)))).members)
     run = {"circle": sailed(CIRCLE, 2400, wind=None)}
     with pytest.raises(ps.SeaTrialError, match="knows another draught"):
         ps.sea_trial(run, tanker(), ship=plain, full_load=tanker(), rng=1)

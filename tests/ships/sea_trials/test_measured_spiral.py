@@ -7,7 +7,6 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
 from tests.ships.sea_trials.cases import ship
 
@@ -30,7 +29,7 @@ def spiral(name, largest=6.0, step=1.0, hold=12.0):
 
 @cache
 def true_turns(name):
-    return ps.steady_turns([(vessel(name), reference_coefficients(vessel(name)))])
+    return ps.steady_turns(vessel(name))
 
 
 def rows_of(turns):
