@@ -188,18 +188,8 @@ def test_sensors_as_noisy_as_those_of_held_out_runs_leave_more(ship):
     """They are no error of the ship: what is asked about is as sure as before until a run was sailed."""
     asked = [ps.turning_circle(35, side="port")]
     sides = [("distance", 320.0), ("time", 320.0 / 7.974)]
-    rows = [
-        {
-            "run": "1",
-            "manoeuvre": "",
-            "index": kind,
-            "kind": kind,
-            "measured": 1.0,
-            "measured_sd": 0.1 * scale,
-            "scale": scale,
-        }
-        for kind, scale in sides
-    ]
+    known = {"run": "1", "manoeuvre": "", "measured": 1.0}
+    rows = [known | {"index": q, "kind": q, "measured_sd": 0.1 * scale, "scale": scale} for q, scale in sides]
     noisy = replace(ship, held_out_indices=index_table(rows))
     quiet, loud = (design(one, [CIRCLE], interest=asked)["half_width"] for one in (ship, noisy))
     np.testing.assert_allclose(quiet.sel(stage=0), loud.sel(stage=0), rtol=1e-9)

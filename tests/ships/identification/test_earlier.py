@@ -12,6 +12,7 @@ import pymc_ship as ps
 from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.trajectory.prior import Statement
 from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.ships.ensemble.index_table import index_rows
 from tests.ships.identification.cases import TRUE_TERMS, tanker, trials
 
 RECORDS = [*trials(0), *trials(1)]
@@ -37,7 +38,7 @@ def first():
 def second(first, tmp_path_factory):
     """Today's runs after yesterday's ship was saved and read again."""
     out = tmp_path_factory.mktemp("ship")
-    ps.save_ship(first, out)
+    ps.save_ship(first.ship, out)
     return identified(RECORDS[SPLIT:], ps.load_ship(out))
 
 
@@ -64,35 +65,38 @@ def test_batch_and_sequence_are_one(batch, first, second):
 
 def test_a_run_that_counts_twice_is_no_sequence(batch, first):
     """The broken twin: yesterday's runs again."""
-    twice = identified(RECORDS[:SPLIT], first)
+    twice = identified(RECORDS[:SPLIT], first.ship)
     assert distance(twice, batch) > 0.3
 
 
 def test_forecasts_are_one(batch, second):
     bands = [
-        ps.forecast_ship(ship, ps.turning_circle(35), rng=1, duration=900)["index_bands"]["tactical_diameter"].values
-        for ship in (second, batch)
+        ps.forecast(one.ship, ps.turning_circle(35), rng=1, duration=900)["index_bands"]["tactical_diameter"].values
+        for one in (second, batch)
     ]
     assert bands[0][1] == pytest.approx(bands[1][1], rel=0.005)
     assert np.ptp(bands[0]) == pytest.approx(np.ptp(bands[1]), rel=0.35)
 
 
 def test_what_earlier_runs_showed_counts_on(first, second):
-    assert len(second.known_rows) == len(first.index_rows) + len(second.index_rows)
-    assert second.said[TRUE_TERMS].log_density.size == 2 * SPLIT
-    assert second.motion.sizes["row"] > first.motion.sizes["row"]
+    known, *added = (list(index_rows(one.held_out_indices)) for one in (second.ship, first, second))
+    assert len(known) == sum(map(len, added))
+    assert second.ship.held_out_indices.sizes["run"] == 2 * SPLIT
+    assert second.ship.likelihoods[TRUE_TERMS].log_density.size == 2 * SPLIT
+    assert second.ship.motion.sizes["row"] > first.ship.motion.sizes["row"]
     assert second.candidates[0].apart[0] < 0.05
-    assert any("Earlier runs stand beside the prior" in remark for remark in second.remarks)
-    assert second.prior == first.prior
+    assert any("Earlier runs stand beside the prior" in remark for remark in second.ship.remarks)
+    assert second.ship.prior == first.ship.prior
 
 
 def test_a_third_day_takes_the_first_two(second):
     """What was said of the same ship goes on growing."""
-    third = identified(trials(2)[:2], second)
-    rows = [ship.said[TRUE_TERMS].statement.rows for ship in (second, third)]
+    third = identified(trials(2)[:2], second.ship)
+    rows = [one.ship.likelihoods[TRUE_TERMS].statement.rows for one in (second, third)]
     logdet = [np.linalg.slogdet(row.T @ row)[1] for row in rows]
     assert logdet[1] > logdet[0]
-    assert third.said[TRUE_TERMS].log_density.size == second.said[TRUE_TERMS].log_density.size + 2
+    sizes = [one.ship.likelihoods[TRUE_TERMS].log_density.size for one in (second, third)]
+    assert sizes[1] == sizes[0] + 2
 
 
 def test_a_ship_that_has_changed_forgets(first):
@@ -109,10 +113,10 @@ def test_a_ship_that_has_changed_forgets(first):
         )
         for k, manoeuvre in enumerate((ps.zigzag(10, 10), ps.zigzag(20, 20, side="starboard"), ps.turning_circle(35)))
     ]
-    found, same = identified(today, first), identified(RECORDS[SPLIT:], first)
+    found, same = identified(today, first.ship), identified(RECORDS[SPLIT:], first.ship)
     assert found.candidates[0].apart[0] > max(0.02, 2.0 * same.candidates[0].apart[0])
     truth = ps.indices(ps.simulate(fouled, ps.turning_circle(35), duration=900, step=0.25, method="rk4"))
-    lower, _, upper = ps.forecast_ship(found, ps.turning_circle(35), rng=1, duration=900)["index_bands"][
+    lower, _, upper = ps.forecast(found.ship, ps.turning_circle(35), rng=1, duration=900)["index_bands"][
         "tactical_diameter"
     ].values
     assert lower < float(truth["tactical_diameter"]) < upper
@@ -120,11 +124,11 @@ def test_a_ship_that_has_changed_forgets(first):
 
 def test_term_sets_that_earlier_runs_did_not_have_are_refused(first):
     with pytest.raises(PriorError, match="'loading' asked for"):
-        ps.identify_ship(RECORDS[:1], tanker(), prior=first, terms=["loading"], rng=1)
+        ps.identify_ship(RECORDS[:1], tanker(), prior=first.ship, terms=["loading"], rng=1)
 
 
 def test_captive_tests_count_once(first):
-    held = replace(first, held_tests=True)
+    held = replace(first.ship, uses_captive_tests=True)
     with pytest.raises(PriorError, match="already"):
         identified(RECORDS[:1], held, captive=xr.Dataset())
 
@@ -166,7 +170,7 @@ HULL = {"Yv": 0.7, "Nr": -0.8, "Nv": 0.6, "a_H": 0.5}
 @pytest.fixture(scope="module")
 def known_hull():
     runs, vessel, _ = of_parts(HULL, facility="basin")
-    return ps.identify_ship(runs, vessel, terms=[PARTS], draws=40, rng=1)
+    return ps.identify_ship(runs, vessel, terms=[PARTS], draws=40, rng=1).ship
 
 
 def test_another_facility_may_differ_in_what_is_its_own(known_hull):
@@ -175,11 +179,13 @@ def test_another_facility_may_differ_in_what_is_its_own(known_hull):
     found = ps.identify_ship(runs, vessel, prior=known_hull, draws=40, rng=1)
     shared, own = found.candidates[0].apart
     assert own > max(0.2, 3.0 * shared)
-    assert any("may belong to the facility (n_0, w0, dC2, Y_P, N_P, dgamma_R)" in remark for remark in found.remarks)
+    assert any(
+        "may belong to the facility (n_0, w0, dC2, Y_P, N_P, dgamma_R)" in remark for remark in found.ship.remarks
+    )
     runs = [run.assign_attrs(facility="basin") for run in runs]
     twin = ps.identify_ship(runs, vessel, prior=known_hull, draws=40, rng=1)
     assert twin.candidates[0].apart[0] > max(shared, 0.02)
-    assert list(found.facilities) == ["tank", "basin"]
+    assert list(found.ship.facilities) == ["tank", "basin"]
 
 
 def test_another_draught_keeps_the_distance_from_what_is_typical(known_hull, monkeypatch):
@@ -192,6 +198,6 @@ def test_another_draught_keeps_the_distance_from_what_is_typical(known_hull, mon
     sd = np.array([np.sqrt(fit.covariance[names.index(name), names.index(name)]) for name in HULL])
     assert np.abs(away / sd).max() < 3.5
     assert found.candidates[0].apart[0] < 0.3
-    assert any("sailed at another draught" in remark for remark in found.remarks)
+    assert any("sailed at another draught" in remark for remark in found.ship.remarks)
     monkeypatch.setattr(Earlier, "at_loading", lambda self, *_: self)
     assert ps.identify_ship(runs[:1], vessel, prior=known_hull, draws=40, rng=1).candidates[0].apart[0] > 0.6

@@ -45,20 +45,20 @@ def test_the_figure_shows_the_best_and_the_worst_run(monkeypatch):
     shown = {}
     monkeypatch.setattr(ship_report, "restarted_motion", lambda runs: shown.update(runs))
     monkeypatch.setattr(ship_report, "force_curves", lambda *_: None)
-    ship_report._figures(model(), list(runs().values()), 3)
+    ship_report._figures(model(), list(runs().values()), 3, None)
     density = model().candidates[0].held_out.log_density
     best, worst = (model().names[k] for k in (density.argmax(), density.argmin()))
     assert list(shown) == [f"{best}, the best forecast run", f"{worst}, the worst forecast run"]
 
 
 def test_overshoots_stand_at_their_measured_values_with_bars_of_95_percent():
-    index = [row for row in model().index_rows if row["index"] == "first_overshoot_angle"]
-    ax = held_out_overshoots(model().index_rows).axes[0]
+    index = model().held_out_indices.sel(index="first_overshoot_angle")
+    ax = held_out_overshoots(model().held_out_indices).axes[0]
     points, _, (bars,) = ax.containers[0]
-    assert points.get_xdata().tolist() == [row["measured"] for row in index]
-    assert points.get_ydata().tolist() == [row["forecast"] for row in index]
+    assert points.get_xdata().tolist() == index["measured"].values.tolist()
+    assert points.get_ydata().tolist() == index["forecast"].values.tolist()
     ends = np.array([segment[:, 1] for segment in bars.get_segments()])
-    half = np.array([1.959964 * row["sd"] for row in index])
+    half = 1.959964 * index["sd"].values
     np.testing.assert_allclose(np.ptp(ends, axis=1), 2.0 * half, rtol=1e-6)
     assert ax.get_xlim() == ax.get_ylim()
 

@@ -11,7 +11,7 @@ import pymc_ship as ps
 from pymc_ship.physics.forces.surroundings import ADRIFT
 from pymc_ship.physics.manoeuvre.helm import approach_speed
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.ships.identification.held_out import index_rows, left_out, readings_sd, scored_indices
+from pymc_ship.ships.identification.held_out import forecast_rows, left_out, readings_sd, scored_indices
 from pymc_ship.trial.record import OVER_GROUND
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as parts
@@ -32,7 +32,7 @@ def over_ground(run, current, course):
     return run.assign({name: ("time", values) for name, values in turned.items()}).assign_attrs(speeds=OVER_GROUND)
 
 
-class TestIndexRows:
+class TestForecastRows:
     @staticmethod
     def model(factor=1.0, spread=0.002):
         """Estimate and draws about it, the yaw moment of the rudder being a multiple of the true one."""
@@ -43,7 +43,7 @@ class TestIndexRows:
 
     @pytest.mark.parametrize("manoeuvre", [RUNS[0], ps.turning_circle(35.0)])
     def test_a_run_of_the_model_itself_is_forecast_without_error(self, manoeuvre):
-        rows = index_rows("own", trial(manoeuvre), manoeuvre, [self.model()], np.ones(1))
+        rows = forecast_rows("own", trial(manoeuvre), manoeuvre, [self.model()], np.ones(1))
         assert [entry["index"] for entry in rows] == scored_upright(manoeuvre)
         for entry in rows:
             assert (entry["run"], entry["manoeuvre"]) == ("own", manoeuvre.label)
@@ -52,13 +52,13 @@ class TestIndexRows:
             assert entry["model_sd"] == 0.0
             swing = manoeuvre.heading_deg + entry["measured"]
             assert entry["scale"] == pytest.approx(UNIT.get(entry["kind"], swing), rel=1e-12)
-        weaker = index_rows("own", trial(manoeuvre), manoeuvre, [self.model(0.9)], np.ones(1))
+        weaker = forecast_rows("own", trial(manoeuvre), manoeuvre, [self.model(0.9)], np.ones(1))
         assert max(abs(entry["measured"] - entry["forecast"]) / entry["scale"] for entry in weaker) > 0.1
 
     def test_models_are_weighed(self):
         weight, models = np.array([0.8, 0.2]), [self.model(), self.model(0.9)]
         first, second, both = (
-            index_rows("1", trial(RUNS[0], duration=800.0), RUNS[0], which, share)
+            forecast_rows("1", trial(RUNS[0], duration=800.0), RUNS[0], which, share)
             for which, share in ((models[:1], np.ones(1)), (models[1:], np.ones(1)), (models, weight))
         )
         for a, b, c in zip(first, second, both, strict=True):
@@ -83,7 +83,8 @@ class TestIndexRows:
         drift = 0.9 / vessel.particulars.nominal_speed * np.exp(1j * (np.deg2rad(50.0) + course))
         own[:, places] = drift.real, drift.imag
         known, blind = (
-            index_rows("1", record, approached, [(vessel, rows)], np.ones(1)) for rows in (own, np.tile(values, (4, 1)))
+            forecast_rows("1", record, approached, [(vessel, rows)], np.ones(1))
+            for rows in (own, np.tile(values, (4, 1)))
         )
         errors = [[abs(row["forecast"] - row["measured"]) / row["scale"] for row in rows] for rows in (known, blind)]
         assert [row["index"] for row in known] == scored_upright(manoeuvre)
@@ -96,14 +97,16 @@ class TestIndexRows:
         run = ps.simulate(rolling, RUNS[0], duration=600, step=0.5, method="rk4")
         own = np.tile(reference_coefficients(rolling), (3, 1))
         models, weight = [self.model(), (rolling, own)], np.array([0.5, 0.5])
-        (row,) = (entry for entry in index_rows("1", run, RUNS[0], models, weight) if entry["index"] == ROLL)
-        (alone,) = (entry for entry in index_rows("1", run, RUNS[0], models[1:], np.ones(1)) if entry["index"] == ROLL)
+        (row,) = (entry for entry in forecast_rows("1", run, RUNS[0], models, weight) if entry["index"] == ROLL)
+        (alone,) = (
+            entry for entry in forecast_rows("1", run, RUNS[0], models[1:], np.ones(1)) if entry["index"] == ROLL
+        )
         assert row == alone
         assert row["kind"] == "roll"
         assert row["scale"] == row["measured"] == pytest.approx(row["forecast"], rel=0.01)
-        assert ROLL not in {entry["index"] for entry in index_rows("1", run, RUNS[0], models[:1], np.ones(1))}
+        assert ROLL not in {entry["index"] for entry in forecast_rows("1", run, RUNS[0], models[:1], np.ones(1))}
         upright = run.assign(phi=0.0 * run["phi"])
-        assert ROLL not in {entry["index"] for entry in index_rows("1", upright, RUNS[0], models, weight)}
+        assert ROLL not in {entry["index"] for entry in forecast_rows("1", upright, RUNS[0], models, weight)}
 
     def test_a_few_draws_that_run_away_do_not_count(self):
         vessel, draws = self.model()
@@ -111,7 +114,10 @@ class TestIndexRows:
         wild[5:7, coefficient_names(tanker()).index("Ngsincos")] *= 2.0
         wild[7] *= -100.0
         calm, found = (
-            {entry["index"]: entry for entry in index_rows("1", trial(RUNS[0]), RUNS[0], [(vessel, few)], np.ones(1))}
+            {
+                entry["index"]: entry
+                for entry in forecast_rows("1", trial(RUNS[0]), RUNS[0], [(vessel, few)], np.ones(1))
+            }
             for few in (draws, wild)
         )
         assert calm.keys() == found.keys()
@@ -122,16 +128,16 @@ class TestIndexRows:
         vessel, manoeuvre = with_delay(4.0), ps.zigzag(20.0, 20.0, side="starboard")
         run, _ = steered_by_hand(vessel, manoeuvre, (23.0, 16.0, 25.0, 18.0))
         (_, draws), (late, early) = self.model(), (scored_indices(run, manoeuvre, delay) for delay in (0.0, 4.0))
-        rows = {entry["index"]: entry for entry in index_rows("1", run, manoeuvre, [(vessel, draws)], np.ones(1))}
+        rows = {entry["index"]: entry for entry in forecast_rows("1", run, manoeuvre, [(vessel, draws)], np.ones(1))}
         name = "first_overshoot_angle"
         assert rows[name]["measured"] == early[name]
         assert early[name] > late[name] + 1.0
 
     def test_indices_that_were_not_reached_are_left_out(self):
-        rows = index_rows("1", trial(RUNS[1], duration=120.0), RUNS[1], [self.model()], np.ones(1))
+        rows = forecast_rows("1", trial(RUNS[1], duration=120.0), RUNS[1], [self.model()], np.ones(1))
         assert {"initial_turning_time", "initial_turning_distance"} <= {entry["index"] for entry in rows}
         assert not {"second_overshoot_angle", "period"} & {entry["index"] for entry in rows}
-        blind = index_rows("1", trial(RUNS[0]).drop_vars(["x", "y"]), RUNS[0], [self.model()], np.ones(1))
+        blind = forecast_rows("1", trial(RUNS[0]).drop_vars(["x", "y"]), RUNS[0], [self.model()], np.ones(1))
         assert {entry["kind"] for entry in blind} == {"angle", "time"}
 
 

@@ -20,7 +20,9 @@ from pymc_ship.physics.forces.hull_database import typical_rudder
 from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ships.ensemble.index_error import TYPICAL, model_error
+from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.identification import page as ship_report
+from pymc_ship.ships.identification.candidates import Refusal
 from pymc_ship.ships.identification.figures import held_out_windows
 from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
 from pymc_ship.ships.identification.model import identify_ship
@@ -96,7 +98,7 @@ def test_the_page_names_the_runs_and_their_steering(text):
     assert lines["a"][5:7] == ["1", "1"]
     made = sum(check.verdict != "not checked" for check in checks()["b"])
     assert lines["b"][-2:] == [str(made), "doubtful"]
-    gear = model().facilities[""]
+    gear = model().ship.facilities[""]
     assert f"movements: {gear.rudder_rate_deg:.3g} deg/s; the vessel file says 2.35 deg/s." in text
     assert f"movements: {gear.rudder_delay:.3g} s; the vessel file says 2.5 s." in text
 
@@ -147,8 +149,9 @@ def test_draws_that_ran_away_are_told(text, tmp_path):
 
 def test_held_out_indices_are_those_of_the_model(text, out):
     found = table_of(out, "held_out_indices")
-    assert len(found) == len(model().index_rows) == 21
-    for row, expected in zip(found, model().index_rows, strict=True):
+    held_out = list(index_rows(model().held_out_indices))
+    assert len(found) == len(held_out) == 21
+    for row, expected in zip(found, held_out, strict=True):
         assert {key: row[key] for key in ("run", "manoeuvre", "index", "kind")}.items() <= expected.items()
         assert all(float(row[key]) == expected[key] for key in ("measured", "forecast", "sd", "model_sd", "scale"))
         assert float(row["error"]) == expected["forecast"] - expected["measured"]
@@ -159,14 +162,16 @@ def test_held_out_indices_are_those_of_the_model(text, out):
 
 
 def test_the_summary_counts_what_the_intervals_cover(text):
-    lines = held_out_rows(model().index_rows)
+    lines = held_out_rows(model().held_out_indices)
     errors, covered = overshoot_errors(lines), coverage(lines)
     assert f"error {errors['first_overshoot_angle_mean']:.2g} deg in the mean" in text
     assert f"{errors['second_overshoot_angle_max']:.2g} deg at most" in text
     assert f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of 21" in text
     assert f"; {covered['90_apart']} and {covered['95_apart']} where the model error comes from the other" in text
-    shown = {line[0]: line[1:3] for line in cells(text) if line[0] in model().model_error}
-    expected = {kind: np.quantile(model().model_error[kind], (0.5, 0.95)) for kind in ("angle", "time", "distance")}
+    shown = {line[0]: line[1:3] for line in cells(text) if line[0] in model().ship.index_error}
+    expected = {
+        kind: np.quantile(model().ship.index_error[kind], (0.5, 0.95)) for kind in ("angle", "time", "distance")
+    }
     assert shown == {kind: [fixed(1)(100.0 * sd) for sd in law] for kind, law in expected.items()}
 
 
@@ -254,9 +259,12 @@ class Tags(HTMLParser):
 
 def renamed():
     names = dict(zip(runs(), NAMES, strict=True))
-    index = [row | {"run": names[row["run"]]} for row in model().index_rows]
-    ship = replace(model(), names=NAMES, index_rows=index, remarks=(LEFT_OUT, REMARK))
-    return ship, *({names[name]: found[name] for name in runs()} for found in (runs(), checks()))
+    table = model().held_out_indices
+    table = table.assign_coords(run=[names[run] for run in table["run"].values])
+    ship = replace(model().ship, remarks=(LEFT_OUT, REMARK))
+    refused = (Refusal("cubic", LEFT_OUT),)
+    found = replace(model(), ship=ship, names=NAMES, held_out_indices=table, refusals=refused)
+    return found, *({names[name]: found[name] for name in runs()} for found in (runs(), checks()))
 
 
 def test_text_is_escaped_and_remarks_stand_where_they_belong(tmp_path):
@@ -268,7 +276,7 @@ def test_text_is_escaped_and_remarks_stand_where_they_belong(tmp_path):
     plain = without_figures(page)
     assert not any(found in plain for found in ("<b>", "<was>", "<22>", "<ship>"))
     assert all(found in unescape(plain) for found in (*NAMES, LEFT_OUT, REMARK, DOUBT, COMMAND))
-    begin = [plain.index(f'<section id="{name}">') for name in ("terms", "held-out", "intervals", "repeat")]
+    begin = [plain.index(f'<section id="{name}">') for name in ("refusals", "terms", "intervals", "repeat")]
     assert begin[0] < plain.index("The cubic terms were left out") < begin[1]
     assert begin[2] < plain.index("Another remark") < begin[3]
 
@@ -279,7 +287,8 @@ def test_no_held_out_manoeuvre_no_table_of_it(tmp_path):
     written(tmp_path)
     own = tmp_path / "tables" / "forecast_verdict.csv"
     own.write_text("kept", encoding="utf-8")
-    page = written(tmp_path, ship=replace(model(), index_rows=[], model_error=model_error([])))
+    ship = replace(model().ship, index_error=model_error([]))
+    page = written(tmp_path, ship=replace(model(), ship=ship, held_out_indices=index_table(())))
     assert "No standard manoeuvre was held out" in page
     assert "First overshoot" not in page
     left = {path.stem for folder in ("tables", "figures") for path in (tmp_path / folder).iterdir()}
@@ -291,7 +300,7 @@ def test_no_held_out_manoeuvre_no_table_of_it(tmp_path):
 
 
 def test_the_trials_must_be_those_of_the_model(tmp_path):
-    with pytest.raises(ValueError, match="trials of the model, a, b, c, in this order; found b, a, c"):
+    with pytest.raises(ValueError, match="trials of the identification, a, b, c, in this order; found b, a, c"):
         written(tmp_path, trials={name: runs()[name] for name in "bac"})
 
 

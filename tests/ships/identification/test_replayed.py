@@ -8,6 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.ships.ensemble.motion_error import ERRING
 from pymc_ship.ships.identification.along import reading_noise
 from pymc_ship.ships.identification.replayed import SCORED
 from tests.physics.forces.test_parts import AHEAD
@@ -128,10 +129,11 @@ def test_revolutions_that_were_not_measured_are_those_of_the_approach(tanker):
 
 
 def identified_from(tanker, manoeuvre):
-    """The tanker as a ship that was identified from one run, with fifty equal draws."""
+    """The tanker as a ship that was identified from one run, with fifty equal draws and hardly an error."""
     run = ps.simulate(tanker, manoeuvre, duration=DURATION, step=0.5, method="rk4")
     rows = np.tile(reference_coefficients(tanker), (50, 1))
-    return ship_of((tanker, rows), motion=motion_of(tanker, [run]), index_error={})
+    hardly = dict.fromkeys(ERRING, np.array([1e-9]))
+    return ship_of((tanker, rows), motion=motion_of(tanker, [run]), index_error={}, motion_error=hardly)
 
 
 def test_bands_grow_beyond_the_motion_of_the_runs(tanker):

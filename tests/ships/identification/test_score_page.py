@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.identification.replayed import channel_rows, index_errors
 from pymc_ship.ships.identification.score_page import errors_by_channel, windows_of, write_score_page
 from tests.replication.cases import Page
+from tests.ships.ensemble.cases import ship_of
 
 SETTINGS = {"duration": 600, "step": 0.5, "method": "rk4"}
 
@@ -36,32 +40,31 @@ def records():
 def scored(records):
     ship = altered("Ngsincos", 0.9)
     found = ps.score(ship, list(records.values()), names=list(records), length=150)
-    return ship, found, ps.score_indices(ship, list(records.values()), names=list(records))
+    return ship, found, ps.score_indices(ship, list(records.values()), names=list(records), rng=2020)
 
 
 def test_indices_of_recorded_manoeuvres_stand_beside_the_forecasts(scored):
     """Less moment of the rudder: she begins to turn later and is checked later."""
-    _, _, rows = scored
-    assert {row["run"] for row in rows} == {"zigzag"}
-    found = {row["index"]: row for row in rows}
-    assert found["first_overshoot_angle"]["forecast"] > found["first_overshoot_angle"]["measured"] + 0.1
-    assert found["initial_turning_time"]["forecast"] > found["initial_turning_time"]["measured"] + 1.0
-    assert {row["sd"] for row in rows} == {0.0}
+    _, _, table = scored
+    assert table["run"].values.tolist() == ["zigzag"]
+    later = (table["forecast"] - table["measured"]).sel(run="zigzag")
+    assert later.sel(index="first_overshoot_angle") > 0.1
+    assert later.sel(index="initial_turning_time") > 1.0
+    assert (table["sd"] == 0.0).all()
 
 
 def test_an_identified_ship_has_intervals_of_indices(records):
     vessel = ps.load_vessel("kvlcc2")
     row = reference_coefficients(vessel)
     draws = row * (1.0 + 0.01 * np.random.default_rng(1).standard_normal((30, row.size)))
-    ship = ps.IdentifiedShip([(vessel, draws)], None, {"angle": np.array([0.05])}, None, ())
-    plain = ps.IdentifiedShip([(vessel, draws)], None, {}, None, ())
-    wide, narrow = (ps.score_indices(one, [records["zigzag"]])[0] for one in (ship, plain))
-    assert wide["index"] == "first_overshoot_angle"
+    ship = ship_of((vessel, draws), index_error={"angle": np.array([0.05])})
+    tables = (ps.score_indices(one, [records["zigzag"]], rng=2020) for one in (ship, replace(ship, index_error={})))
+    found, plain = (list(index_rows(table)) for table in tables)
+    (wide,), (narrow,) = ([row for row in rows if row["index"] == "first_overshoot_angle"] for rows in (found, plain))
     assert wide["sd"] > narrow["sd"] > 0.0
     assert wide["sd"] == pytest.approx(np.hypot(narrow["sd"], 0.05 * wide["scale"]))
-    (shown,) = index_errors([wide])
-    assert shown["inside"] == "yes"
-    assert index_errors([wide | {"measured": wide["forecast"] + 2.0 * wide["sd"]}])[0]["inside"] == "no"
+    off = wide | {"run": "2", "measured": wide["forecast"] + 2.0 * wide["sd"]}
+    assert [shown["inside"] for shown in index_errors(index_table([wide, off]))] == ["yes", "no"]
 
 
 def test_the_page_has_every_table_and_figure(scored, records, tmp_path):
@@ -96,7 +99,7 @@ def test_a_ship_that_runs_away_has_no_score(records, tmp_path):
     found = ps.score(ship, records["zigzag"], names=["zigzag"], length=150)
     assert np.isnan(found.attrs["score"])
     assert any(np.isnan(row["rmse"]) for row in channel_rows(found))
-    page = write_score_page(ship, {"zigzag": records["zigzag"]}, found, [], tmp_path, draws=1, command="x")
+    page = write_score_page(ship, {"zigzag": records["zigzag"]}, found, index_table(()), tmp_path, draws=1, command="x")
     text = page.read_text(encoding="utf-8")
     assert "No score: the ship runs away" in text
     assert "No record is a standard manoeuvre." in text

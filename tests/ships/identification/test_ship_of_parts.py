@@ -29,6 +29,7 @@ from pymc_ship.ships.identification.model import _prepared
 from pymc_ship.ships.identification.page import write_ship_report
 from pymc_ship.trial.record import OVER_GROUND
 from tests.physics.forces.test_parts import AHEAD, tanker
+from tests.ships.ensemble.cases import ship_of
 
 SETTINGS = {"duration": 450, "step": 0.5, "method": "rk4"}
 SET = "modular"
@@ -55,21 +56,27 @@ def trials(truth):
 
 
 @pytest.fixture(scope="module")
-def ship(truth, trials):
+def identification(truth, trials):
     return ps.identify_ship(trials, known(truth), terms=[SET], draws=40, rng=1)
+
+
+@pytest.fixture(scope="module")
+def ship(identification):
+    return identification.ship
 
 
 def test_the_circle_is_forecast_from_the_zigzags(truth, ship):
     turn = ps.turning_circle(35)
-    found = ps.forecast_ship(ship, turn, rng=1)["index_bands"]["tactical_diameter"]
+    found = ps.forecast(ship, turn, rng=1)["index_bands"]["tactical_diameter"]
     exact = float(ps.indices(ps.simulate(truth, turn, duration=1200, step=0.5, method="rk4"))["tactical_diameter"])
     lower, median, upper = found.values
     assert lower < exact < upper
     assert abs(median / exact - 1.0) < 0.08
 
 
-def test_the_page_shows_every_free_parameter_with_what_was_known_of_it(ship, trials, truth, tmp_path):
-    write_ship_report(ship, dict(zip(ship.names, trials, strict=True)), {}, tmp_path, command="", seed=1, given=truth)
+def test_the_page_shows_every_free_parameter_with_what_was_known_of_it(identification, trials, truth, tmp_path):
+    named = dict(zip(identification.names, trials, strict=True))
+    write_ship_report(identification, named, {}, tmp_path, command="", seed=1, given=truth)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Parameters of the parts" in text
     for name in ("gamma_R", "w0", "kappa", "R0", "C_X"):
@@ -81,9 +88,9 @@ def test_the_page_shows_every_free_parameter_with_what_was_known_of_it(ship, tri
 def test_she_is_saved_and_loaded(ship, tmp_path):
     ps.save_ship(ship, tmp_path)
     loaded = ps.load_ship(tmp_path)
-    assert loaded.vessel.parts == ship.candidates[0].vessel.parts
-    assert coefficient_names(loaded.vessel) == coefficient_names(ship.candidates[0].vessel)
-    forecasts = [ps.forecast_ship(one, ps.turning_circle(35), rng=3) for one in (ship, loaded)]
+    assert loaded.vessel.parts == ship.vessel.parts
+    assert coefficient_names(loaded.vessel) == coefficient_names(ship.vessel)
+    forecasts = [ps.forecast(one, ps.turning_circle(35), rng=3) for one in (ship, loaded)]
     medians = [float(tree["index_bands"]["advance"].sel(band="median")) for tree in forecasts]
     assert medians[0] == pytest.approx(medians[1], rel=0.01)
 
@@ -93,7 +100,7 @@ def test_forecasts_take_revolutions_wind_and_current(ship):
     U = ship.vessel.particulars.nominal_speed
     n = ship.vessel.propeller.n
     plain, fast, windy, carried = (
-        ps.forecast_ship(ship, turn, rng=1, **around)
+        ps.forecast(ship, turn, rng=1, **around)
         for around in ({}, {"n": 1.1 * n}, {"wind": (2.0 * U, 0.0)}, {"current": (0.5, 0.0)})
     )
     last = {name: float(tree["bands"]["u"].sel(band="median")[-1]) for name, tree in (("p", plain), ("f", fast))}
@@ -106,9 +113,9 @@ def test_forecasts_take_revolutions_wind_and_current(ship):
 def test_a_ship_of_terms_knows_no_revolutions():
     vessel = ps.load_vessel("kvlcc2")
     draws = np.tile(reference_coefficients(vessel), (4, 1))
-    plain = ps.IdentifiedShip([(vessel, draws)], None, {}, None, ())
+    plain = ship_of((vessel, draws), index_error={})
     with pytest.raises(ps.SimulationError, match="No term set of this ship knows revolutions"):
-        ps.forecast_ship(plain, ps.turning_circle(35), rng=1, n=1.0)
+        ps.forecast(plain, ps.turning_circle(35), rng=1, n=1.0)
 
 
 def test_a_ship_that_stops_or_goes_astern_takes_parts_for_any_speed(truth, trials):
@@ -155,14 +162,14 @@ def test_wrong_nominal_revolutions_are_found_from_measured_ones(truth):
     rng = np.random.default_rng(6)
     runs = [ps.pollute(run, level=0.005, rng=rng) for run in runs]
     wrong = replace(known(truth), propeller=replace(truth.propeller, n=1.1 * truth.propeller.n))
-    ship = ps.identify_ship(runs, wrong, terms=[SET], draws=40, rng=1)
+    ship = ps.identify_ship(runs, wrong, terms=[SET], draws=40, rng=1).ship
     vessel, rows = ship.models[0]
     found = rows[:, coefficient_names(vessel).index(NOMINAL_REVOLUTIONS)]
     assert abs(found.mean() - 1.0 / 1.1) < 4.0 * found.std()
     assert found.std() < 0.05
     n = 1.2 * truth.propeller.n
     right = ps.simulate(truth, ps.turning_circle(20), n=n, **SETTINGS)["u"].values[-1]
-    own = ps.forecast_ship(ship, ps.turning_circle(20), rng=1, n=n, duration=450.0)["bands"]["u"]
+    own = ps.forecast(ship, ps.turning_circle(20), rng=1, n=n, duration=450.0)["bands"]["u"]
     assert float(own.sel(band="median")[-1]) == pytest.approx(right, rel=0.03)
     assert (
         ps.simulate(replace(truth, propeller=wrong.propeller), ps.turning_circle(20), n=n, **SETTINGS)["u"].values[-1]
@@ -196,7 +203,7 @@ def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_p
         assert [window.run.start for window in judged] == [window.run.start for window in cut]
         assert judged[0].run.start > 40.0
     found = ps.identify_ship(begun, known(truth), terms=[SET], draws=8, rng=1)
-    told = [remark for remark in found.remarks if "sets for a ship ahead were fitted to the piece from " in remark]
+    told = [remark for remark in found.ship.remarks if "sets for a ship ahead were fitted to the piece from " in remark]
     assert [remark.split(":")[0] for remark in told] == ["Run 1", "Run 2"]
 
 
@@ -225,9 +232,9 @@ def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
 
 def test_revolutions_that_are_given_are_not_those_of_a_facility(ship, truth):
     facilities = {"basin": Steering(2.35, 2.5, 4, approach_speed=6.0)}
-    one = ps.IdentifiedShip(ship.models, ship.motion, {}, ship.motion_error, (), facilities)
+    one = replace(ship, index_error={}, facilities=facilities)
     asked = {"rng": 1, "facility": "basin", "duration": 100.0}
-    own = ps.forecast_ship(one, ps.turning_circle(20), **asked)
-    given = ps.forecast_ship(one, ps.turning_circle(20), n=truth.propeller.n, **asked)
+    own = ps.forecast(one, ps.turning_circle(20), **asked)
+    given = ps.forecast(one, ps.turning_circle(20), n=truth.propeller.n, **asked)
     assert own.attrs["approach_speed"] == 6.0
     assert given.attrs["approach_speed"] == truth.particulars.nominal_speed
