@@ -27,7 +27,7 @@ from pymc_ship.ships.forecasting.extrapolation import UNKNOWN, extrapolation, se
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 from pymc_ship.trial.record import TrialError
 
-AS_PUBLISHED = {"ci_prob": 0.9, "step": 0.02, "record_interval": 0.5, "method": "euler"}
+AS_PUBLISHED: dict[str, Any] = {"ci_prob": 0.9, "step": 0.02, "record_interval": 0.5, "method": "euler"}
 """Settings of a forecast in the study of Xue et al. (2020), whose records are made by these steps."""
 
 NO_ROLL = "There is no forecast of roll angles: none or too few of the simulated ships roll."
