@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import xarray as xr
-from pymc_ship.ships.identification.files import load_ship, save_ship
 
 from pymc_ship.experiments.run import read_study
 from pymc_ship.experiments.store import opened
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
-from pymc_ship.inference.trajectory.prior import Statement
-from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
+from pymc_ship.ships.ensemble.files import load_ship, save_ship
+from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import motion_error
 from tests.experiments.folders import run
+from tests.ships.ensemble.cases import ship_of, with_likelihoods
 
 AGAIN = "done again"
 
@@ -35,36 +33,20 @@ def write_posteriors(vessel, out):
 
 def write_ship(vessel, out):
     """A ship of two term sets."""
-    values, names = reference_coefficients(vessel), coefficient_names(vessel)
-    fit = SimpleNamespace(coefficients=values, dispersion=1.0)
-    candidates = [
-        SimpleNamespace(
-            name=name,
-            vessel=vessel,
-            fit=fit,
-            draws=values * (1.0 + 0.01 * k + np.zeros((8, 1))),
-            weight=0.5,
-            inflation=1.0,
-        )
-        for k, name in enumerate(("one, two", "three"))
-    ]
-    motion = xr.DataArray(np.random.default_rng(2).normal(size=(5, 2)), dims=("row", "symbol"))
-    settings = {
-        "prior": "order_damped",
-        "model_error": {"angle": np.array([0.1, 0.2])},
-        "motion_error": motion_error([], vessel),
-        "facilities": {"": Steering(2.3, 1.0, 4)},
-        "judgement": {},
-        "said": {
-            c.name: Earlier(
-                tuple(names), Statement(np.eye(values.size), values), np.ones(2), values, np.ones(values.size)
-            )
-            for c in candidates
-        },
-        "known_rows": [{"kind": "angle", "measured": 1.0, "measured_sd": 0.1}],
-        "held_tests": False,
-    }
-    save_ship(SimpleNamespace(candidates=candidates, motion=motion, names=("a",), remarks=("b",), **settings), out)
+    values = reference_coefficients(vessel)
+    row = {"run": "a", "manoeuvre": "zigzag 20/20 port", "index": "first_overshoot_angle", "kind": "angle"}
+    ship = ship_of(
+        *((vessel, values * (1.0 + 0.01 * k + np.zeros((8, 1)))) for k in range(2)),
+        names=("one, two", "three"),
+        motion=xr.DataArray(np.random.default_rng(2).normal(size=(5, 2)), dims=("row", "symbol")),
+        index_error={"angle": np.array([0.1, 0.2])},
+        motion_error=motion_error([], vessel),
+        facilities={"": Steering(2.3, 1.0, 4)},
+        remarks=("b",),
+        prior="order_damped",
+        held_out_indices=index_table([row | {"measured": 1.0, "measured_sd": 0.1}]),
+    )
+    save_ship(with_likelihoods(ship), out, runs=("a",))
 
 
 def _plain(tree):
@@ -74,14 +56,14 @@ def _plain(tree):
 def read_ship(out):
     ship = load_ship(out)
     models = [(vessel.name, reference_coefficients(vessel).tolist(), rows.tolist()) for vessel, rows in ship.models]
-    said = [(name, one.statement.values.tolist(), one.log_density.tolist()) for name, one in ship.said.items()]
+    said = [(name, one.statement.values.tolist(), one.log_density.tolist()) for name, one in ship.likelihoods.items()]
     return [
         models,
         ship.motion.values.tolist(),
-        {kind: sizes.tolist() for kind, sizes in ship.model_error.items()},
+        {kind: sizes.tolist() for kind, sizes in ship.index_error.items()},
         ship.remarks,
         said,
-        ship.known_rows,
+        list(index_rows(ship.held_out_indices)),
     ]
 
 

@@ -148,7 +148,7 @@ def test_a_ship_of_another_version_is_refused_with_status_2(whole, tmp_path, cap
         tree["constant_data"] = tree["constant_data"].to_dataset().drop_vars("prior_mean")
         tree.to_netcdf(path)
     elif change == "readings":
-        index["index_rows"] = [{"kind": "angle", "measured": 10.0, "forecast": 9.0}]
+        index["held_out_indices"] = [{"kind": "angle", "measured": 10.0, "forecast": 9.0}]
     elif change == "motion":  # by lead
         index["motion_error"] = xr.Dataset({"u": ("lead", [0.1])}, {"lead": [0.5]}).to_dict()
     else:

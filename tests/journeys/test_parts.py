@@ -8,6 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from tests.physics.forces.test_parts import AHEAD, tanker
+from tests.ships.ensemble.cases import posterior_forecast
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning"),  # of ArviZ in the tail of a Pareto law
@@ -40,7 +41,7 @@ def test_every_parameter_is_in_the_posterior_and_narrower_than_its_prior(posteri
 
 def test_her_turn_is_forecast(posterior):
     vessel, turn = tanker(AHEAD), ps.turning_circle(35)
-    bands = ps.forecast(vessel, posterior, turn, draws=60, duration=1200, step=0.5, rng=1)["index_bands"]
+    bands = posterior_forecast(vessel, posterior, turn, draws=60, duration=1200, step=0.5, rng=1)["index_bands"]
     exact = float(ps.indices(ps.simulate(vessel, turn, duration=1200, step=0.5))["tactical_diameter"])
     lower, _, upper = bands["tactical_diameter"].values
     assert lower < exact < upper

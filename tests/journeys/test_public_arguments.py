@@ -100,13 +100,34 @@ def test_a_vessel_by_its_name_is_the_vessel(trial):
     assert ps.trial_checks(trial, "kvlcc2") == ps.trial_checks(trial, vessel)
 
 
+# ships ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [name for name in taking("ship") if name not in ("save_ship", "sea_trial")])
+def test_what_is_no_ship_is_refused_with_a_sentence(name):
+    """A vessel is one, too; files keep a ship alone, and a sea trial may do without."""
+    rest = {"rng": 1, "trials": [], "trial": xr.Dataset(), "manoeuvre": ps.zigzag(20, 20), "candidates": []}
+    for given in (3, "titanic"):
+        with pytest.raises(ps.VesselError, match=rf"^A vessel is .*container, kvlcc2.* found '?{given}'?"):
+            called(name, ship=given, **rest)
+
+
 # trials ---------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", taking("trial"))
 def test_a_list_where_one_trial_is_meant_is_refused_with_a_sentence(name, trial):
     """Or accepted, by those that can put several trials together."""
-    rest = {"vessel": "kvlcc2", "rng": 1, "level": 0.01, "dof": "yaw", "channels": ["u"], "path": "t.csv", "checks": []}
+    rest = {
+        "vessel": "kvlcc2",
+        "ship": "kvlcc2",
+        "rng": 1,
+        "level": 0.01,
+        "dof": "yaw",
+        "channels": ["u"],
+        "path": "t.csv",
+        "checks": [],
+    }
     sentence = r"^One trial is meant, a Dataset of xarray over time, found {}; give one trial at a time\.$"
     several = "Sequence" in str(FUNCTIONS[name].parameters["trial"].annotation)
     if not several:
@@ -118,7 +139,7 @@ def test_a_list_where_one_trial_is_meant_is_refused_with_a_sentence(name, trial)
 
 @pytest.mark.parametrize("name", taking("trials"))
 def test_what_holds_no_trials_is_refused_with_a_sentence(name, trial):
-    rest = {"vessel": "kvlcc2", "rng": 1, "mean": np.zeros(29), "scale": np.ones(29)}
+    rest = {"vessel": "kvlcc2", "ship": "kvlcc2", "rng": 1, "mean": np.zeros(29), "scale": np.ones(29)}
     with pytest.raises(
         ps.TrialError, match=r"^A list of trials is meant, found <class 'int'>; give Datasets in a list"
     ):
@@ -140,15 +161,15 @@ def test_one_trial_where_a_list_is_meant_is_a_list_of_it(trial):
 
 def test_several_manoeuvres_or_posteriors_are_refused_with_a_sentence(data):
     turns = [ps.zigzag(20, 20), ps.zigzag(10, 10)]
-    rest = {"vessel": "kvlcc2", "rng": 1, "duration": 100.0}
-    for name in ("simulate", "forecast", "forecast_ship"):
+    rest = {"vessel": "kvlcc2", "ship": "kvlcc2", "rng": 1, "duration": 100.0}
+    for name in ("simulate", "forecast"):
         for given in (turns, "zigzag"):
             with pytest.raises(ps.ManoeuvreError, match=r"^One manoeuvre is meant, made by .*; give one of these\.$"):
                 called(name, manoeuvre=given, **rest)
     tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
     for given in ([tree], {"yaw": "posterior.nc"}, "posterior.nc"):
         with pytest.raises(ps.VesselError, match=r"^A forecast takes one joint posterior or posteriors by degree of"):
-            ps.forecast(posteriors=given, manoeuvre=turns[0], **rest)
+            ps.Ship.from_posterior("kvlcc2", given, rng=1)
 
 
 # priors ---------------------------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ import pymc_ship as ps
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.pages import drawing
 from pymc_ship.replication import figures
+from tests.ships.ensemble.cases import posterior_forecast
 
 pytestmark = pytest.mark.slow
 
@@ -66,7 +67,7 @@ def forecast_inputs(kind):
         noise = xr.DataArray(1.0 + 0.01 * rng.normal(size=(4, 10, values.size)), dims=("chain", "draw", "coefficient"))
         posteriors[dof] = xr.DataTree.from_dict({"posterior": xr.Dataset({"coefficients": noise * values})})
     settings = {"draws": 6, "duration": 60.0}
-    return reference, {f: ps.forecast(ship(), posteriors, manoeuvre, rng=rng, **settings) for f in FAMILIES}
+    return reference, {f: posterior_forecast(ship(), posteriors, manoeuvre, rng=rng, **settings) for f in FAMILIES}
 
 
 def forecast_zigzag():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import xarray as xr
@@ -81,11 +82,9 @@ def played(monkeypatch, median):
         rows = {name: ("band", [value * factor for factor in bands.values()]) for name, value in known.items()}
         return {"index_bands": xr.Dataset(rows, {"band": list(bands)})}
 
-    class Ship:
-        vessel = ps.load_vessel("kvlcc2")
-
+    found = SimpleNamespace(ship=ps.Ship.from_vessel("kvlcc2"))
     monkeypatch.setattr(run, "truths", lambda ship: TRUTH)
-    monkeypatch.setattr(ps, "identify_ship", lambda *args, **settings: Ship())
+    monkeypatch.setattr(ps, "identify_ship", lambda *args, **settings: found)
     monkeypatch.setattr(ps, "forecast", forecast)
     monkeypatch.setattr(ps, "judged_trial", lambda record, path: record)
     monkeypatch.setattr("studies.foreign.cases.Case.records", lambda self, seed: [])

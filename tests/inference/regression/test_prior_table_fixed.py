@@ -16,6 +16,7 @@ from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
 from pymc_ship.ships.ensemble.draws import coefficient_draws
 from tests.inference.regression.plain_algebra import HELD, NAMES, agree, base, plain, ship
+from tests.ships.ensemble.cases import posterior_forecast
 
 
 class TestFixed:
@@ -134,7 +135,7 @@ class TestRestored:
         for name, value in values.items():
             assert (rows[:, before + whole.coefficients.index(name)] == value).all()
         turn = ps.turning_circle(20.0)
-        tree = ps.forecast(container, {"yaw": yaw}, turn, draws=20, rng=np.random.default_rng(2), duration=60.0)
+        tree = posterior_forecast(container, {"yaw": yaw}, turn, draws=20, rng=2, duration=60.0)
         assert tree.attrs["share_diverged"] == 0.0
         known = ps.simulate(container, turn, duration=60.0, step=0.02, record_interval=0.5)
         distance = np.abs(tree["bands"]["psi"].sel(band="median") - known["psi"]).max()

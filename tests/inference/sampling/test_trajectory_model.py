@@ -30,6 +30,7 @@ from pymc_ship.inference.trajectory.posterior import (
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.records.files.judgement import judgement
+from tests.ships.ensemble.cases import posterior_forecast
 
 CASES = {
     "white": {"noise": "white", "offsets": False},
@@ -224,7 +225,7 @@ def test_layout_is_that_of_the_normal_approximation(tmp_path, container):
     lp = tree["log_likelihood"]["response"].sum("row") + tree["log_prior"]["coefficients"]
     assert np.allclose(tree["sample_stats"]["lp"], lp, rtol=1e-10)
     assert read_posterior(write_posterior(tree, tmp_path / "nuts.nc"))["posterior"].identical(tree["posterior"])
-    ships = ps.forecast(container, tree, ps.zigzag(10, 10), draws=20, rng=np.random.default_rng(2), duration=20.0)
+    ships = posterior_forecast(container, tree, ps.zigzag(10, 10), draws=20, rng=2, duration=20.0)
     assert ships.attrs["share_diverged"] == 0.0
 
 

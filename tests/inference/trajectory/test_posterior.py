@@ -24,6 +24,7 @@ from pymc_ship.inference.trajectory.posterior import (
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from tests.inference.trajectory.cases import SD, problem_of, record, rough, truth
+from tests.ships.ensemble.cases import posterior_forecast
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +211,7 @@ class TestTree:
         assert loo.elpd < float(rows.mean(("chain", "draw")).sum())
 
     def test_forecasts_take_it(self, tree, ship):
-        forecast = ps.forecast(ship, tree, ps.zigzag(10.0, 10.0), draws=50, rng=np.random.default_rng(1), duration=60.0)
+        forecast = posterior_forecast(ship, tree, ps.zigzag(10.0, 10.0), draws=50, rng=1, duration=60.0)
         expected = ps.simulate(ship, ps.zigzag(10.0, 10.0), duration=60.0, record_interval=0.5)
         low, high = (forecast["bands"]["psi"].sel(band=name) for name in ("lower", "upper"))
         assert (high - low).max() < 0.1 * np.ptp(expected["psi"].values)

@@ -2,7 +2,7 @@
 
 The rudder is put over, and amidships once the heading has changed by so much; a ship that is stable on a straight
 course then stops turning. Everything that follows uses the package as it is: simulator, indices, forecast and its page,
-recognition, held-out indices, sensitivities, a grid of experiments and the command line.
+recognition, held-out indices, a grid of experiments and the command line.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.kinds import SIDES, Index, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, register
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre, written_manoeuvre
-from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.forecasting.page import index_rows, write_forecast_page
-from pymc_ship.ships.identification.held_out import index_rows as held_out_rows
-from pymc_ship.ships.identification.model import IdentifiedShip
+from pymc_ship.ships.identification.held_out import forecast_rows
 from tests.sentences import refused
+from tests.ships.ensemble.cases import ship_of
 from tests.ships.forecasting.cases import SETTINGS, forecast, posterior, scattered, trial
 
 DURATION, SHORT = 200.0, 90.0
@@ -116,16 +116,6 @@ class TestSimulation:
         ]
         assert 0.5 * (back[1] - back[0]) == pytest.approx(5.0, abs=0.6)
 
-    def test_sensitivities_know_that_the_rudder_moves_sooner_for_a_ship_that_turns_faster(self, container, rudder_kick):
-        theta, column = reference_coefficients(container), coefficient_names(container).index("Nr")
-        _, jacobian = closed_loop_sensitivities(container, rudder_kick, theta, duration=120.0)
-        found = jacobian[5, :, column]
-        change = np.deg2rad(0.5) / np.abs(found).max() * (np.arange(theta.size) == column)
-        both = {"coefficients": np.array([theta + change, theta - change]), "step": 0.005, "method": "rk4"}
-        psi = ps.simulate(container, rudder_kick, duration=120.0, record_interval=STEP, **both)["psi"].values
-        expected = (psi[0] - psi[1]) / (2.0 * change.sum())
-        assert np.sqrt(np.mean((found - expected) ** 2) / np.mean(expected**2)) < 0.05
-
 
 class TestIndices:
     def test_they_are_those_of_the_record(self, container, rudder_kick):
@@ -150,7 +140,7 @@ class TestIndices:
         (found,), _ = ps.recognise([record], container)
         assert found.label == rudder_kick.label
         model = [(container, np.tile(reference_coefficients(container), (3, 1)))]
-        rows = held_out_rows("own", record, found, model, np.ones(1))
+        rows = forecast_rows("own", record, found, model, np.ones(1))
         assert [(row["index"], row["kind"]) for row in rows] == [(name, "time") for name in RUDDER_KICK.scored]
         assert rows[0]["measured"] == pytest.approx(float(ps.indices(run)["time_to_midships"]), rel=0.02)
 
@@ -171,7 +161,7 @@ class TestForecast:
 
     def test_the_page_shows_it_beside_a_measured_one(self, container, rudder_kick, tree, tmp_path):
         measured = {"rudder kick 20/40 starboard": trial(container, rudder_kick, DURATION)[1]}
-        page = write_forecast_page({tree.attrs["label"]: tree}, container, tmp_path, measured=measured)
+        page = write_forecast_page(container, {tree.attrs["label"]: tree}, tmp_path, measured=measured)
         text = page.read_text(encoding="utf-8")
         assert "Rudder kick 20/40 starboard" in text
         assert "No criterion of IMO MSC.137(76) applies to these manoeuvres." in text
@@ -179,7 +169,7 @@ class TestForecast:
         assert "switching headings" not in text
         stem = "forecast_rudder_kick_20_40_starboard"
         drawn = {path.stem for path in (tmp_path / "figures").iterdir()}
-        assert drawn == {f"{stem}_{name}" for name in ("track", "heading_and_rudder", "motion")}
+        assert drawn == {"forecast_forces", *(f"{stem}_{name}" for name in ("track", "heading_and_rudder", "motion"))}
         with (tmp_path / "tables" / f"{stem}.csv").open() as file:
             rows = {row["index"]: row for row in csv.DictReader(file)}
         assert list(rows) == ["time to midships", "time to half rate", "residual yaw rate"]
@@ -189,7 +179,7 @@ class TestForecast:
     def test_the_page_copes_where_no_ship_reaches_the_event(self, container, rudder_kick, tmp_path):
         short = forecast(container, rudder_kick, 20.0)
         assert {row["reached"] for row in index_rows(short, container)} == {0.0}
-        text = write_forecast_page({"short": short}, container, tmp_path).read_text(encoding="utf-8")
+        text = write_forecast_page(container, {"short": short}, tmp_path).read_text(encoding="utf-8")
         assert "nan" not in text.split('id="repeat"')[0].split("<svg")[0]
 
     def test_that_of_an_identified_ship_lasts_as_long_as_the_manoeuvre_reaches(self, container, rudder_kick):
@@ -197,8 +187,8 @@ class TestForecast:
         motion = xr.DataArray(
             np.random.default_rng(1).normal(size=(50, len(SYMBOLS))), {"symbol": list(SYMBOLS)}, ("row", "symbol")
         )
-        ship = IdentifiedShip([(container, rows)], motion, {"time": 0.01}, {}, ())
-        found = ps.forecast_ship(ship, rudder_kick, rng=np.random.default_rng(1))
+        ship = ship_of((container, rows), motion=motion, index_error={"time": 0.01})
+        found = ps.forecast(ship, rudder_kick, rng=np.random.default_rng(1))
         unit = container.particulars.ship_time
         assert float(found["trajectories"]["time"][-1]) == pytest.approx(30.0 * unit, rel=0.01)
         own = ps.indices(found["trajectories"].to_dataset())
@@ -244,12 +234,14 @@ class TestWords:
         draws.attrs["vessel"] = "container"
         ps.write_posterior(draws, tmp_path / "joint.nc")
         words = ["forecast", str(tmp_path / "joint.nc"), "--vessel", "container", "--rudder-kick", "20/40"]
-        assert main([*words, "--draws", "8", "--duration", "60", "--out", str(tmp_path / "bands")]) == 0
+        assert main([*words, "--draws", "8", "--duration", "60", "--out", str(tmp_path / "page")]) == 0
         shown = capsys.readouterr().out
         assert "rudder kick 20/40 port: 8 ships" in shown
         assert ("time to midships" in shown) == bool(kind.indices)
-        assert shown.endswith("does not hold the motion it was fitted to.\n")
-        assert [path.name for path in (tmp_path / "bands").iterdir()] == ["rudder-kick-20-40-port-joint.csv"]
+        assert "does not hold the motion it was fitted to.\n" in shown
+        tables = [path.name for path in (tmp_path / "page").glob("tables/*.csv")]
+        assert tables == (["forecast_rudder_kick_20_40_port.csv"] if kind.indices else [])
+        assert "Rudder kick 20/40 port" in (tmp_path / "page" / "forecast.html").read_text(encoding="utf-8")
 
     def test_words_that_are_no_angles_are_refused(self, capsys):
         with refused(SystemExit, 2):
