@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from pymc_ship.ships.design.closed_loop import STEP, closed_loop_sensitivities
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
