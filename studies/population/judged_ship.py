@@ -17,8 +17,9 @@ from time import process_time
 import numpy as np
 import xarray as xr
 
-from pymc_ship.experiments.task import MonteCarloError, timed
-from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.experiments.task import timed
+from pymc_ship.machine.errors import StudyError
+from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told
@@ -154,7 +155,7 @@ def judge(task: ShipTask) -> dict:
 
     Raises
     ------
-    MonteCarloError
+    StudyError
         Where the function that draws ships fails.
     """
     began, parts, found = process_time(), dict.fromkeys(PARTS, 0.0), _nothing()
@@ -166,7 +167,7 @@ def judge(task: ShipTask) -> dict:
         try:
             found |= _judged(task, drawn, records, parts)
             status, sentence = "ok", ""
-        except (*MACHINE, MonteCarloError):  # says nothing of the ship
+        except (*MACHINE, StudyError):  # says nothing of the ship
             raise
         except ValueError as error:
             status, sentence = "refused", str(error)
@@ -195,13 +196,13 @@ def _drawn(task: ShipTask) -> tuple[DrawnShip, list[xr.Dataset]]:
 
 @contextmanager
 def _of_the_user(task: ShipTask) -> Iterator[None]:
-    """Raise a MonteCarloError in place of any error of the function that draws a ship, or of the ship it returns."""
+    """Raise a StudyError in place of any error of the function that draws a ship, or of the ship it returns."""
     try:
         yield
     except MACHINE:
         raise
     except Exception as error:  # whatever the user's function does
-        raise MonteCarloError(
+        raise StudyError(
             f"Ship {task.seed} of the trials {task.trials!r} cannot be drawn or sailed: {told(error)}; what was judged "
             "is kept: mend the function that draws ships."
         ) from error
@@ -245,7 +246,7 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
         rng = task.rng("identification of a ship that is stopped")
         stopped_ship = identify_ship(trials, vessel, terms=[ANY_SPEED_SET], draws=_DRAWS, rng=rng).ship
         forecasts = stopping(stopped_ship, astern=full.astern)
-    except TrajectoryError:
+    except FitError:
         forecasts = truth.expand_dims("draw").isel(draw=[])
     scale = {"m": vessel.particulars.L, "s": vessel.particulars.ship_time, "deg": math.degrees(1.0)}
     return [

@@ -47,11 +47,12 @@ from pymc_ship.cli.texts import (
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.machine.files import staged, staged_files, writable_folder
 from pymc_ship.machine.text import utf8
-from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import CHANNELS, without_roll
-from pymc_ship.trial.record import TrialError, moving
+from pymc_ship.trial.record import moving
+from pymc_ship.machine.errors import TrialError
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 OFFSETS = {"auto": None, "yes": True, "no": False}
@@ -279,7 +280,7 @@ def report(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:
     if args.programme is not None:
         if args.side:
-            raise ManoeuvreError("A rudder programme has its own sides, found --side; leave it out.")
+            raise SimulationError("A rudder programme has its own sides, found --side; leave it out.")
         return ps.rudder_programme(*_read_programme(args.programme), approach_speed=args.speed)
     (manoeuvre,) = requested_manoeuvres(args, (args.side or "port",), approach_speed=args.speed)
     return manoeuvre
@@ -295,7 +296,7 @@ def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
         time, delta_deg = np.array(rows, dtype=float).reshape(len(rows), len(_PROGRAMME_HEADER)).T
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise ManoeuvreError(f"The rudder programme {path} cannot be read: {reason}; mend it.") from None
+        raise SimulationError(f"The rudder programme {path} cannot be read: {reason}; mend it.") from None
     return time, np.deg2rad(delta_deg)
 
 

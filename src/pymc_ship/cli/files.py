@@ -13,7 +13,8 @@ from pathlib import Path
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.machine.files import OutputError, place_of, staged, writable_folder
+from pymc_ship.machine.files import place_of, staged, writable_folder
+from pymc_ship.machine.errors import OutputError
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.physics.vessel.plausibility import remarks
@@ -70,7 +71,7 @@ def judged_arguments(
 
     Raises
     ------
-    TrialRefusedError
+    TrialError
         When a check is bad and not overruled: no model is fitted to such a record.
     """
     trials, checks = [], []

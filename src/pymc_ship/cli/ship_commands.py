@@ -34,7 +34,7 @@ from pymc_ship.cli.texts import (
 )
 from pymc_ship.inference.regression.tree import read_posterior
 from pymc_ship.machine.files import staged_files, writable_folder
-from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.term_sets import holds_any_speed, takes_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -53,7 +53,7 @@ _DESIGN_DRAWS = 400  # of a posterior, as many as a design simulates
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Identify a ship from her trials, report on it and save it."""
     from pymc_ship.ships.design.outlook import outlook
-    from pymc_ship.ships.identification.candidates import TermSetsRefusedError
+    from pymc_ship.machine.errors import FitError
     from pymc_ship.ships.identification.model import captive_comparison, identify_ship
     from pymc_ship.ships.identification.page import PAGE, write_refusals, write_ship_report
 
@@ -74,7 +74,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     }
     try:
         found = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
-    except TermSetsRefusedError as error:
+    except FitError as error:
         page = write_refusals(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
     progress("outlook on standard manoeuvres")
@@ -206,7 +206,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     turns = steady_turns(ship) if args.spiral else None
     stop = None if args.stop is None else stopping(ship, astern=args.stop)
     if not wanted and turns is None and stop is None:
-        raise ManoeuvreError(
+        raise SimulationError(
             "A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35, --spiral, --stop or --measured."
         )
     out = writable_folder(args.out or args.posterior)
@@ -308,7 +308,7 @@ def _measured(args: argparse.Namespace, ship: Ship, progress: Progress) -> dict[
     manoeuvres, _ = recognise_by_facility(list(trials.values()), ship.vessel)
     for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True):
         if manoeuvre is None:
-            raise ManoeuvreError(f"{name} cannot stand beside a forecast. {unrecognised(trial)} Leave it out.")
+            raise SimulationError(f"{name} cannot stand beside a forecast. {unrecognised(trial)} Leave it out.")
         label = manoeuvre.label if manoeuvre.label not in found else f"{manoeuvre.label} {name}"
         found[label] = manoeuvre, trial
     return found

@@ -12,7 +12,8 @@ import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ships.ensemble.feasibility import FASTEST, TIGHTEST, first_failure, is_feasible
-from pymc_ship.ships.identification.candidates import Refusal, TermSetsRefusedError
+from pymc_ship.ships.identification.candidates import Refusal
+from pymc_ship.machine.errors import FitError
 from pymc_ship.ships.identification.page import write_refusals, write_ship_report
 from tests.ships.identification.three_zigzags import model, runs
 
@@ -91,6 +92,6 @@ def test_a_ship_of_other_sets_has_a_section_on_those_that_were_refused(refusals,
 
 def test_sets_that_are_all_refused_carry_their_refusals(tanker):
     refusals = [Refusal("cubic", "The cubic terms run away.")]
-    error = TermSetsRefusedError(refusals)
+    error = FitError(refusals)
     assert error.refusals == tuple(refusals)
     assert "The cubic terms run away." in str(replace(error.refusals[0]).sentence)

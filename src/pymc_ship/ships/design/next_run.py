@@ -47,7 +47,7 @@ CANDIDATES = tuple(
 """Runs to choose from where none are given."""
 
 
-class TrialDesignError(ValueError):
+class SimulationError(ValueError):
     """A design that cannot be made; the sentence says why."""
 
 
@@ -132,7 +132,7 @@ def design(
 
     Raises
     ------
-    TrialDesignError
+    SimulationError
         Without a candidate that has indices and sea room, or a target that nine tenths of the draws reach; for counts
         below one.
     SimulationError
@@ -156,7 +156,7 @@ def design(
     ship, labelled = as_ship(ship), labelled_trials(candidates)
     sailable = [isinstance(one, Manoeuvre) and bool(one.traits.indices) for one in (*labelled.values(), *interest)]
     if n < 1 or draws < 2 or not labelled or not interest or not all(sailable):
-        raise TrialDesignError(
+        raise SimulationError(
             "The next run is chosen from one manoeuvre or more that have indices, for others that have some, with one "
             f"step and two draws or more; found {list(labelled)}, {[one.label for one in interest]}, {n} and {draws}; "
             "correct them."
@@ -274,14 +274,14 @@ class _Design:
 
 
 def _design(ship: Ship, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
-    """The targets of an ensemble; TrialDesignError where too few draws reach any."""
+    """The targets of an ensemble; SimulationError where too few draws reach any."""
     targets = []
     for run in sailed:
         table = run.manoeuvre.traits.indices
         names = run.reached([name for name, index in table.items() if index.scored and index.quantity in _ASKED])
         targets += [(run, names)] if names else []
     if not targets:
-        raise TrialDesignError(
+        raise SimulationError(
             "What is to be known are indices that nine tenths of the draws reach, found none of "
             f"{[run.manoeuvre.label for run in sailed]}; give other manoeuvres, or identify her from more runs."
         )
@@ -311,11 +311,11 @@ def _motion(ship: Ship) -> xr.DataArray:
 
     Raises
     ------
-    TrialDesignError
+    SimulationError
         Where it is unknown: how far a run leaves it cannot be said.
     """
     if ship.motion is None:
-        raise TrialDesignError(
+        raise SimulationError(
             "A design needs the motion of the runs so far, found a ship without it; give that of identify_ship, or of "
             "a posterior whose constant_data has `motion`."
         )
@@ -367,7 +367,7 @@ def _chosen(design: _Design, offered: Mapping[str, _Run], n: int, sea_room: floa
     fitting = {label: run for label, run in offered.items() if room[label] <= sea_room}
     if not fitting:
         least = min(room, key=room.get)
-        raise TrialDesignError(
+        raise SimulationError(
             f"No candidate has enough sea room in {sea_room:g} m: the {least} takes {room[least]:.0f} m; give more "
             "room or shorter runs."
         )

@@ -6,7 +6,8 @@ import numpy as np
 
 from pymc_ship.physics.manoeuvre.standard import STANDARD
 from pymc_ship.physics.motion.stepping import simulation_settings
-from pymc_ship.ships.design.next_run import TrialDesignError, design
+from pymc_ship.ships.design.next_run import design
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.ensemble.index_error import steady_error
 from pymc_ship.ships.ensemble.ship import Ship
@@ -33,7 +34,7 @@ def outlook(ship: Ship, rng: np.random.Generator) -> tuple[str, ...]:
     said = [f"Tactical diameter of the turning circle of 35 deg: {', '.join(turns)}."] if turns else []
     try:
         plan = design(ship, STANDARD, draws=_DRAWS)
-    except TrialDesignError:
+    except SimulationError:
         return tuple(said)
     best = plan.sel(candidate=plan["chosen"].item(), step=1)
     now, then = plan["half_width"].values

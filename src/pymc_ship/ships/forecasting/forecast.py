@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.indices import indices, of_roll
@@ -25,7 +25,7 @@ from pymc_ship.ships.ensemble.scores import quantile_bands, quantiles
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import UNKNOWN, extrapolation, sentence, share_outside
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
-from pymc_ship.trial.record import TrialError
+from pymc_ship.machine.errors import TrialError
 
 AS_PUBLISHED: dict[str, Any] = {"ci_prob": 0.9, "step": 0.02, "record_interval": 0.5, "method": "euler"}
 """Settings of a forecast in the study of Xue et al. (2020), whose records are made by these steps."""
@@ -90,7 +90,7 @@ def forecast(
 
     Raises
     ------
-    TrajectoryError
+    FitError
         When no draw of a ship with laws of its errors is feasible.
     TrialError
         For a facility that none of the trials is of, or a motion of the runs that cannot be read.
@@ -149,10 +149,10 @@ def forecast(
 def _feasible(
     models: Sequence[tuple[Vessel, np.ndarray]], manoeuvre: Manoeuvre, reach: float, around: Mapping[str, object]
 ) -> list[tuple[Vessel, np.ndarray]]:
-    """Models with the draws that are feasible in a manoeuvre; TrajectoryError where fewer than two are."""
+    """Models with the draws that are feasible in a manoeuvre; FitError where fewer than two are."""
     found = [(vessel, rows[is_feasible(vessel, rows, [manoeuvre], reach, **around)]) for vessel, rows in models]
     if sum(len(rows) for _, rows in found) < 2:
-        raise TrajectoryError(f"Every draw runs away in the {manoeuvre.label}; give more trials or a prior.")
+        raise FitError(f"Every draw runs away in the {manoeuvre.label}; give more trials or a prior.")
     return [(vessel, rows) for vessel, rows in found if len(rows)]
 
 

@@ -10,10 +10,10 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from pymc_ship.inference.captive.statement import CaptiveFit, fit_captive, shared_with_trials
-from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory.carried import carried_draws
-from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.machine.errors import FitError
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
 from pymc_ship.inference.trajectory.statements import Earlier, joined, loosened, said_by_windows
 from pymc_ship.inference.trajectory.windows import Window, WindowFit, fit_windows, prepared_windows, widened
@@ -40,7 +40,8 @@ from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feasible
 from pymc_ship.ships.ensemble.ship import Member
 from pymc_ship.ships.identification.held_out import HeldOut, held_out
-from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
+from pymc_ship.trial.record import OVER_GROUND, moving
+from pymc_ship.machine.errors import TrialError
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
@@ -154,10 +155,10 @@ def beside_earlier(best: Candidate, training: Training) -> str:
 
 
 def chosen_prior(vessel: Vessel, kind: str | None) -> str:
-    """The kind of prior asked for (PriorError if unknown); by default the hull database where a draught is stated."""
+    """The kind of prior asked for (InferenceError if unknown); by default the hull database where a draught is stated."""
     if kind is None:
         return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
-    check_choice("The prior of a ship", kind, PRIORS, PriorError)
+    check_choice("The prior of a ship", kind, PRIORS, InferenceError)
     return kind
 
 
@@ -245,7 +246,7 @@ class Refusal:
     failure: Failure | None = None
 
 
-class TermSetsRefusedError(TrajectoryError):
+class FitError(FitError):
     """No term set can be fitted; ``refusals`` says where each fails."""
 
     def __init__(self, refusals: Sequence[Refusal]) -> None:
@@ -262,7 +263,7 @@ def candidates_of(
     found = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not found:
-        raise TermSetsRefusedError(refusals)
+        raise FitError(refusals)
     return found, refusals
 
 
@@ -293,7 +294,7 @@ def _attempt(name: str, training: Training, rng: np.random.Generator) -> Candida
         fit = _fit(problem)
         candidate = _combine(problem, fit, training)
         candidate = _hold_out(problem, candidate, training)
-    except TrajectoryError as error:
+    except FitError as error:
         return Refusal(name, f"The {name} terms were left out: {error}")
     return _accept(candidate, rng)
 
@@ -320,7 +321,7 @@ def _fit(problem: _Problem) -> WindowFit:
 
     try:
         return from_weak_form(problem.prior)
-    except TrajectoryError:
+    except FitError:
         if problem.plain.modular:
             raise
         return from_weak_form(coefficient_prior(problem.trials, problem.plain))
@@ -402,14 +403,14 @@ def _shared(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None
 def held_pieces(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
     """The pieces of a record that the forces of a vessel hold: all of it, or those in which she sails ahead.
 
-    TrajectoryError where none is long enough.
+    FitError where none is long enough.
     """
     if holds_any_speed(vessel):
         return [trial]
     scale = ship_scale(trial, vessel)
     found = pieces_ahead(trial, scale)
     if not found:
-        raise TrajectoryError(piece_check(trial, scale).sentence)
+        raise FitError(piece_check(trial, scale).sentence)
     return found
 
 

@@ -15,9 +15,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.captive.comparison import compared
-from pymc_ship.inference.regression.priors import PriorError
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.inference.trajectory.carried import carried_draws
-from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.machine.errors import FitError
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.inference.trajectory.windows import LENGTH, thinned
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -46,7 +46,8 @@ from pymc_ship.ships.identification.candidates import (
     default_sets,
 )
 from pymc_ship.ships.identification.held_out import forecast_rows, left_out, readings_sd
-from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
+from pymc_ship.trial.record import facility_of, sampling_interval, trial_list
+from pymc_ship.machine.errors import TrialError
 
 _REPLAYS = 40  # draws of a held-out run from each window on
 _FORECASTS = 100  # draws of a held-out forecast
@@ -145,9 +146,9 @@ def identify_ship(
     ------
     TrialError
         For trials that are too short or lack a channel, or none.
-    TrajectoryError
+    FitError
         When no term set can be fitted, or all of them run away.
-    VesselError, PriorError
+    VesselError, InferenceError
         For unknown term sets or priors, the hull database without a draught, or term sets or captive tests that do not
         go with an earlier ship.
 
@@ -270,12 +271,12 @@ def _check_goes_with(before: Ship | None, wanted: Sequence[str], captive: xr.Dat
     earlier = before.likelihoods if before else {}
     unknown = [name for name in wanted if name not in earlier]
     if earlier and unknown:
-        raise PriorError(
+        raise InferenceError(
             f"Earlier runs were identified with {'; '.join(earlier)}, found {unknown[0]!r} asked for; choose of "
             "theirs, or identify all runs together."
         )
     if captive is not None and before is not None and before.uses_captive_tests:
-        raise PriorError("Captive tests stand beside the earlier runs already; leave them out.")
+        raise InferenceError("Captive tests stand beside the earlier runs already; leave them out.")
 
 
 def _weighted(found: Sequence[Candidate], earlier: Mapping[str, Earlier], rng: np.random.Generator) -> list[Candidate]:
@@ -337,7 +338,7 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
             batch = carried_draws(candidate.fit, int(count), rng)
             kept, tried = np.vstack([kept, batch[is_feasible(candidate.vessel, batch)]]), tried + int(count)
         if len(kept) < count:
-            raise TrajectoryError(
+            raise FitError(
                 f"Of the draws of the {candidate.name} terms, {len(kept)} of {tried} do not run away in a standard "
                 "manoeuvre; give more trials or a prior."
             )

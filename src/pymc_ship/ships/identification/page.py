@@ -188,7 +188,7 @@ def write_refusals(
     Parameters
     ----------
     refusals : sequence of Refusal
-        Of a :class:`pymc_ship.ships.identification.candidates.TermSetsRefusedError`.
+        Of a :class:`pymc_ship.ships.identification.candidates.FitError`.
     vessel : Vessel
     checks : mapping of str to sequence of Check
         Of each run, by its name.

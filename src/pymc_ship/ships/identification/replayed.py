@@ -22,7 +22,8 @@ from pymc_ship.ships.identification.along import reading_noise, sailed_along
 from pymc_ship.ships.identification.held_out import forecast_rows, readings_sd
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import TrialError, check_trial, facility_of, one_trial, trial_list
+from pymc_ship.trial.record import check_trial, facility_of, one_trial, trial_list
+from pymc_ship.machine.errors import TrialError
 
 SCORED = ("u", "v", "r", "psi", "position")
 """Channels of a score; the position is the distance between the tracks."""
