@@ -5,11 +5,8 @@ from pymc_ship.experiments.task import MonteCarloError as MonteCarloError
 from pymc_ship.inference.captive.statement import CaptiveFit as CaptiveFit
 from pymc_ship.inference.captive.statement import fit_captive as fit_captive
 from pymc_ship.inference.captive.table import read_captive as read_captive
-from pymc_ship.inference.identifiability.information import fisher_information as fisher_information
-from pymc_ship.inference.identifiability.information import fitted_identifiability as fitted_identifiability
 from pymc_ship.inference.identifiability.information import identifiability as identifiability
 from pymc_ship.inference.regression.calibration import coverage as coverage
-from pymc_ship.inference.regression.calibration import geweke as geweke
 from pymc_ship.inference.regression.calibration import simulation_based_calibration as simulation_based_calibration
 from pymc_ship.inference.regression.conjugate import ConjugatePrior as ConjugatePrior
 from pymc_ship.inference.regression.families import register_family as register_family
@@ -34,8 +31,6 @@ from pymc_ship.inference.regression.tune import tune_prior as tune_prior
 from pymc_ship.inference.rows.data import RegressionData as RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data as regression_data
 from pymc_ship.inference.rows.scaling import RegressionDataError as RegressionDataError
-from pymc_ship.inference.rows.weak_form import coefficient_scales as coefficient_scales
-from pymc_ship.inference.rows.weak_form import weak_form_start as weak_form_start
 from pymc_ship.inference.sampling.gibbs import gibbs as gibbs
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior as gibbs_posterior
 from pymc_ship.inference.sampling.hierarchical_model import hierarchical_model as hierarchical_model
@@ -95,8 +90,6 @@ from pymc_ship.records.files.reading import read_trial as read_trial
 from pymc_ship.records.steering.recognition import recognise as recognise
 from pymc_ship.replication.estimates import Estimate as Estimate
 from pymc_ship.replication.page import study as study
-from pymc_ship.replication.study import StudyResult as StudyResult
-from pymc_ship.replication.study import run_study as run_study
 from pymc_ship.ships.design.candidates import candidate_trials as candidate_trials
 from pymc_ship.ships.design.next_run import next_runs as next_runs
 from pymc_ship.ships.design.trial_design import TrialDesignError as TrialDesignError

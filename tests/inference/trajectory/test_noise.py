@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from scipy.linalg import block_diag
 
-import pymc_ship as ps
+from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory import noise as trajectory_noise
 from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, white_noise, whiten
 from pymc_ship.inference.trajectory.noise import (
@@ -46,7 +46,7 @@ def choose(ship, zigzag):
     def chosen(law, seed=0, channels=("u", "v", "r"), **settings):
         trial = rough(zigzag, seed, law)
         problem = problem_of(ship, [trial], channels=channels)
-        start = ps.weak_form_start(trial, ship, problem.prior.mean, problem.prior.scale, method="rk4")
+        start = weak_form_start(trial, ship, problem.prior.mean, problem.prior.scale, method="rk4")
         return fit_with_noise(problem.runs, ship, problem.prior, start, **settings)
 
     return chosen
@@ -249,7 +249,7 @@ class TestCoverage:
         for seed in range(30):
             trial = rough(zigzag, 100 + seed, law)
             problem = problem_of(ship, [trial])
-            start = ps.weak_form_start(trial, ship, problem.prior.mean, problem.prior.scale, method="rk4")
+            start = weak_form_start(trial, ship, problem.prior.mean, problem.prior.scale, method="rk4")
             shares.append(share_covered(fit_with_noise(problem.runs, ship, problem.prior, start, **settings).fit, ship))
         return np.mean(shares), np.std(shares) / np.sqrt(len(shares))
 
