@@ -1,7 +1,6 @@
 from pymc_ship.diagnostics.agreement import agreement as agreement
 from pymc_ship.diagnostics.page import diagnostic_report as diagnostic_report
 from pymc_ship.experiments.run import montecarlo as montecarlo
-from pymc_ship.experiments.task import MonteCarloError as MonteCarloError
 from pymc_ship.inference.captive.statement import CaptiveFit as CaptiveFit
 from pymc_ship.inference.captive.statement import fit_captive as fit_captive
 from pymc_ship.inference.captive.table import read_captive as read_captive
@@ -21,7 +20,6 @@ from pymc_ship.inference.regression.prior_table import restore_fixed as restore_
 from pymc_ship.inference.regression.prior_table import sister_ship_table as sister_ship_table
 from pymc_ship.inference.regression.priors import ExactPosterior as ExactPosterior
 from pymc_ship.inference.regression.priors import Prior as Prior
-from pymc_ship.inference.regression.priors import PriorError as PriorError
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior as SemiConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior as exact_posterior
 from pymc_ship.inference.regression.tree import read_posterior as read_posterior
@@ -30,7 +28,6 @@ from pymc_ship.inference.regression.tune import maximise_evidence as maximise_ev
 from pymc_ship.inference.regression.tune import tune_prior as tune_prior
 from pymc_ship.inference.rows.data import RegressionData as RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data as regression_data
-from pymc_ship.inference.rows.scaling import RegressionDataError as RegressionDataError
 from pymc_ship.inference.sampling.gibbs import gibbs as gibbs
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior as gibbs_posterior
 from pymc_ship.inference.sampling.hierarchical_model import hierarchical_model as hierarchical_model
@@ -45,16 +42,21 @@ from pymc_ship.inference.sampling.regression_model import nuts_posterior as nuts
 from pymc_ship.inference.sampling.regression_model import pymc_model as pymc_model
 from pymc_ship.inference.sampling.trajectory_model import trajectory_model as trajectory_model
 from pymc_ship.inference.sampling.trajectory_model import trajectory_nuts_posterior as trajectory_nuts_posterior
-from pymc_ship.inference.trajectory.fit import TrajectoryError as TrajectoryError
 from pymc_ship.inference.trajectory.posterior import trajectory_posterior as trajectory_posterior
 from pymc_ship.inference.trajectory.prior import CoefficientPrior as CoefficientPrior
 from pymc_ship.inference.trajectory.prior import coefficient_prior as coefficient_prior
 from pymc_ship.inference.trajectory.prior import posterior_prior as posterior_prior
-from pymc_ship.machine.files import OutputError as OutputError
+from pymc_ship.machine.errors import FitError as FitError
+from pymc_ship.machine.errors import InferenceError as InferenceError
+from pymc_ship.machine.errors import OutputError as OutputError
+from pymc_ship.machine.errors import ShipError as ShipError
+from pymc_ship.machine.errors import SimulationError as SimulationError
+from pymc_ship.machine.errors import StudyError as StudyError
+from pymc_ship.machine.errors import TrialError as TrialError
+from pymc_ship.machine.errors import VesselError as VesselError
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria as imo_criteria
 from pymc_ship.physics.manoeuvre.criteria import imo_probabilities as imo_probabilities
 from pymc_ship.physics.manoeuvre.indices import indices as indices
-from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError as ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre as Manoeuvre
 from pymc_ship.physics.manoeuvre.standard import direct_spiral as direct_spiral
 from pymc_ship.physics.manoeuvre.standard import pull_out as pull_out
@@ -63,17 +65,14 @@ from pymc_ship.physics.manoeuvre.standard import turning_circle as turning_circl
 from pymc_ship.physics.manoeuvre.standard import zigzag as zigzag
 from pymc_ship.physics.motion.sensitivities import sensitivities as sensitivities
 from pymc_ship.physics.motion.simulation import simulate as simulate
-from pymc_ship.physics.motion.stepping import SimulationError as SimulationError
 from pymc_ship.physics.vessel.hull_database import hull_coefficients as hull_coefficients
 from pymc_ship.physics.vessel.reading import load_vessel as load_vessel
 from pymc_ship.physics.vessel.reading import shipped_vessels as shipped_vessels
 from pymc_ship.physics.vessel.term_sets import term_sets as term_sets
 from pymc_ship.physics.vessel.term_sets import with_terms as with_terms
 from pymc_ship.physics.vessel.vessel import Vessel as Vessel
-from pymc_ship.physics.vessel.vessel import VesselError as VesselError
 from pymc_ship.records.checks.lag import VelocityLag as VelocityLag
 from pymc_ship.records.checks.lag import common_lag as common_lag
-from pymc_ship.records.checks.trial_checks import TrialRefusedError as TrialRefusedError
 from pymc_ship.records.checks.trial_checks import check_table as check_table
 from pymc_ship.records.checks.trial_checks import corrected_trial as corrected_trial
 from pymc_ship.records.checks.trial_checks import judged_trial as judged_trial
@@ -92,7 +91,6 @@ from pymc_ship.replication.estimates import Estimate as Estimate
 from pymc_ship.replication.page import study as study
 from pymc_ship.ships.design.candidates import candidate_trials as candidate_trials
 from pymc_ship.ships.design.next_run import next_runs as next_runs
-from pymc_ship.ships.design.trial_design import TrialDesignError as TrialDesignError
 from pymc_ship.ships.design.trial_design import design_trials as design_trials
 from pymc_ship.ships.forecasting.extrapolation import extrapolation as extrapolation
 from pymc_ship.ships.forecasting.forecast import forecast as forecast
@@ -110,12 +108,10 @@ from pymc_ship.ships.identification.model import identify_ship as identify_ship
 from pymc_ship.ships.identification.replayed import replay as replay
 from pymc_ship.ships.identification.replayed import score as score
 from pymc_ship.ships.identification.replayed import score_indices as score_indices
-from pymc_ship.ships.sea_trials.conditions import SeaTrialError as SeaTrialError
 from pymc_ship.ships.sea_trials.current import drift_current as drift_current
 from pymc_ship.ships.sea_trials.page import trial_report as trial_report
 from pymc_ship.ships.sea_trials.sea_trial import SeaTrial as SeaTrial
 from pymc_ship.ships.sea_trials.sea_trial import sea_trial as sea_trial
-from pymc_ship.trial.record import TrialError as TrialError
 from pymc_ship.trial.record import check_trial as check_trial
 from pymc_ship.trial.record import write_trial as write_trial
 

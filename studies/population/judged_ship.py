@@ -17,8 +17,8 @@ from time import process_time
 import numpy as np
 import xarray as xr
 
-from pymc_ship.experiments.task import MonteCarloError, timed
-from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.experiments.task import timed
+from pymc_ship.machine.errors import FitError, StudyError
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told
@@ -151,7 +151,7 @@ def judge(task: ShipTask) -> dict:
 
     Raises
     ------
-    MonteCarloError
+    StudyError
         Where the function that draws ships fails.
     """
     began, parts, found = process_time(), dict.fromkeys(PARTS, 0.0), _nothing()
@@ -163,7 +163,7 @@ def judge(task: ShipTask) -> dict:
         try:
             found |= _judged(task, drawn, records, parts)
             status, sentence = "ok", ""
-        except (*MACHINE, MonteCarloError):  # says nothing of the ship
+        except (*MACHINE, StudyError):  # says nothing of the ship
             raise
         except ValueError as error:
             status, sentence = "refused", str(error)
@@ -192,13 +192,13 @@ def _drawn(task: ShipTask) -> tuple[DrawnShip, list[xr.Dataset]]:
 
 @contextmanager
 def _of_the_user(task: ShipTask) -> Iterator[None]:
-    """Raise a MonteCarloError in place of any error of the function that draws a ship, or of the ship it returns."""
+    """Raise a StudyError in place of any error of the function that draws a ship, or of the ship it returns."""
     try:
         yield
     except MACHINE:
         raise
     except Exception as error:  # whatever the user's function does
-        raise MonteCarloError(
+        raise StudyError(
             f"Ship {task.seed} of the trials {task.trials!r} cannot be drawn or sailed: {told(error)}; what was judged "
             "is kept: mend the function that draws ships."
         ) from error
@@ -241,7 +241,7 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
         rng = task.rng("identification of a ship that is stopped")
         models = identify_ship(trials, vessel, terms=[ANY_SPEED_SET], draws=_DRAWS, rng=rng).models
         forecast = stopping(models, astern=full.astern)
-    except TrajectoryError:
+    except FitError:
         forecast = truth.expand_dims("draw").isel(draw=[])
     scale = {"m": vessel.particulars.L, "s": vessel.particulars.ship_time, "deg": math.degrees(1.0)}
     return [

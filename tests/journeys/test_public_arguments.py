@@ -143,7 +143,7 @@ def test_several_manoeuvres_or_posteriors_are_refused_with_a_sentence(data):
     rest = {"vessel": "kvlcc2", "rng": 1, "duration": 100.0}
     for name in ("simulate", "forecast", "forecast_ship"):
         for given in (turns, "zigzag"):
-            with pytest.raises(ps.ManoeuvreError, match=r"^One manoeuvre is meant, made by .*; give one of these\.$"):
+            with pytest.raises(ps.SimulationError, match=r"^One manoeuvre is meant, made by .*; give one of these\.$"):
                 called(name, manoeuvre=given, **rest)
     tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
     for given in ([tree], {"yaw": "posterior.nc"}, "posterior.nc"):
@@ -160,12 +160,14 @@ def test_what_is_no_prior_of_a_regression_is_refused_with_a_sentence(name, bad, 
     if bad is None and FUNCTIONS[name].parameters["prior"].default is None:
         bad = "conjugate"
     with pytest.raises(
-        ps.PriorError, match=r"^The prior of a regression is a Prior such as Conj.*; make one, or choose"
+        ps.InferenceError, match=r"^The prior of a regression is a Prior such as Conj.*; make one, or choose"
     ):
         called(name, prior=bad, data=data, rng=1)
 
 
 @pytest.mark.parametrize("name", ["trajectory_posterior", "trajectory_nuts_posterior", "trajectory_model"])
 def test_a_prior_of_a_regression_is_refused_by_a_trajectory_fit(name, trial):
-    with pytest.raises(ps.PriorError, match=r"^The prior of a trajectory fit is a CoefficientPrior or one of flat, "):
+    with pytest.raises(
+        ps.InferenceError, match=r"^The prior of a trajectory fit is a CoefficientPrior or one of flat, "
+    ):
         called(name, prior=ps.ConjugatePrior(), trials=ps.pollute(trial, level=0.01, rng=1), vessel="kvlcc2", rng=1)

@@ -48,14 +48,14 @@ from pymc_ship.cli.texts import (
     tuning_text,
 )
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
+from pymc_ship.machine.errors import SimulationError, TrialError
 from pymc_ship.machine.files import staged, staged_files, writable_folder
 from pymc_ship.machine.text import utf8
-from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.forecasting.forecast import BANDS, stated_shares
 from pymc_ship.trial.channels import CHANNELS, without_roll
-from pymc_ship.trial.record import TrialError, moving
+from pymc_ship.trial.record import moving
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 OFFSETS = {"auto": None, "yes": True, "no": False}
@@ -247,7 +247,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     vessel, side, duration = model_argument(args.vessel, progress), args.side or "port", args.duration or 400.0
     manoeuvres = requested_manoeuvres(args, (side,))
     if not manoeuvres:
-        raise ManoeuvreError("A forecast needs a manoeuvre, found none; add --zigzag 10/10 or --turn 35.")
+        raise SimulationError("A forecast needs a manoeuvre, found none; add --zigzag 10/10 or --turn 35.")
     posteriors, ending = _posteriors(Path(args.posterior), args.family, vessel)
     out, text = writable_folder(args.out), []
     with staged_files(out) as folder:
@@ -326,7 +326,7 @@ def report(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:
     if args.programme is not None:
         if args.side:
-            raise ManoeuvreError("A rudder programme has its own sides, found --side; leave it out.")
+            raise SimulationError("A rudder programme has its own sides, found --side; leave it out.")
         return ps.rudder_programme(*_read_programme(args.programme), approach_speed=args.speed)
     (manoeuvre,) = requested_manoeuvres(args, (args.side or "port",), approach_speed=args.speed)
     return manoeuvre
@@ -342,7 +342,7 @@ def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
         time, delta_deg = np.array(rows, dtype=float).reshape(len(rows), len(_PROGRAMME_HEADER)).T
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise ManoeuvreError(f"The rudder programme {path} cannot be read: {reason}; mend it.") from None
+        raise SimulationError(f"The rudder programme {path} cannot be read: {reason}; mend it.") from None
     return time, np.deg2rad(delta_deg)
 
 

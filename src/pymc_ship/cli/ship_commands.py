@@ -31,8 +31,8 @@ from pymc_ship.cli.texts import (
     score_text,
     term_set_text,
 )
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.files import staged_files, writable_folder
-from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.term_sets import holds_any_speed, takes_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -49,7 +49,7 @@ SIDES = ("port", "starboard")
 
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Identify a ship from her trials, report on it and save it."""
-    from pymc_ship.ships.identification.candidates import TermSetsRefusedError
+    from pymc_ship.machine.errors import FitError
     from pymc_ship.ships.identification.model import identify_ship
     from pymc_ship.ships.identification.page import PAGE, write_ship_report
     from pymc_ship.ships.identification.refusal_page import write_refusal_page
@@ -71,7 +71,9 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     }
     try:
         model = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
-    except TermSetsRefusedError as error:
+    except FitError as error:
+        if not error.refusals:
+            raise
         page = write_refusal_page(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
@@ -140,7 +142,7 @@ def forecast_identified(args: argparse.Namespace, progress: Progress) -> Outcome
     turns = steady_turns(ship.models) if args.spiral else None
     stop = None if args.stop is None else stopping(ship.models, astern=args.stop)
     if not wanted and turns is None and stop is None:
-        raise ManoeuvreError(
+        raise SimulationError(
             "A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35, --spiral, --stop or --measured."
         )
     out = writable_folder(args.out or args.posterior)
@@ -237,7 +239,7 @@ def _measured(
     manoeuvres, _ = recognise_by_facility(list(trials.values()), ship.vessel)
     for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True):
         if manoeuvre is None:
-            raise ManoeuvreError(f"{name} cannot stand beside a forecast. {unrecognised(trial)} Leave it out.")
+            raise SimulationError(f"{name} cannot stand beside a forecast. {unrecognised(trial)} Leave it out.")
         label = manoeuvre.label if manoeuvre.label not in found else f"{manoeuvre.label} {name}"
         found[label] = manoeuvre, trial
     return found

@@ -113,7 +113,7 @@ def test_a_refused_case_is_shown_with_its_sentence(monkeypatch, tmp_path, capsys
     played(monkeypatch, 1.0)
 
     def refuse(*args, **settings):
-        raise ps.TrajectoryError("All term sets run away; give more trials.")
+        raise ps.FitError("All term sets run away; give more trials.")
 
     monkeypatch.setattr(ps, "identify_ship", refuse)
     monkeypatch.setattr(run, "named_cases", lambda: {"kvlcc2-calm": CASES["kvlcc2-calm"]})

@@ -8,9 +8,9 @@ import numpy as np
 
 import pymc_ship as ps
 from pymc_ship.inference.regression.families import FAMILIES, prior_family
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.weak_form import coefficient_scales, weak_form, weak_form_start
+from pymc_ship.machine.errors import InferenceError
 from tests.inference.rows.frames import motion
 from tests.inference.rows.test_data_scaling import plain_arrays
 from tests.inference.rows.test_frames import FORMULA, uneven
@@ -59,7 +59,7 @@ def short(trial):
 
 
 test_regression_data_errors = wording(
-    ps.RegressionDataError,
+    ps.InferenceError,
     (
         "The rudder of a trial must move",
         lambda container: ps.regression_data(
@@ -269,7 +269,7 @@ test_value_errors = wording(
 )
 
 test_prior_errors = wording(
-    PriorError,
+    InferenceError,
     *(
         (message, lambda family=family, change=change: prior_family(family)(**change))
         for change, message in [

@@ -16,7 +16,7 @@ from pymc_ship.inference.sampling.trajectory_model import (
     trajectory_model,
     trajectory_nuts_posterior,
 )
-from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, linearise
+from pymc_ship.inference.trajectory.fit import fit_trajectory, linearise
 from pymc_ship.inference.trajectory.noise import fit_with_noise
 from pymc_ship.inference.trajectory.posterior import (
     KHAT_LIMIT,
@@ -29,6 +29,7 @@ from pymc_ship.inference.trajectory.posterior import (
 )
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
+from pymc_ship.machine.errors import FitError
 from pymc_ship.records.files.judgement import judgement
 
 CASES = {
@@ -152,13 +153,13 @@ def test_every_run_has_a_response_and_what_it_lacks_is_nan():
 def test_a_mode_that_diverges_and_counts_below_one_are_named(container):
     fit = mode().choice.fit
     diverging = replace(mode(), choice=replace(mode().choice, fit=replace(fit, unknowns=1e3 * fit.unknowns)))
-    with pytest.raises(TrajectoryError, match=r"leaves the model's range at the mode; find it anew"):
+    with pytest.raises(FitError, match=r"leaves the model's range at the mode; find it anew"):
         mode_model(diverging)
-    with pytest.raises(TrajectoryError, match=r"leaves the model's range at the mode"):
+    with pytest.raises(FitError, match=r"leaves the model's range at the mode"):
         mode_nuts_posterior(diverging, draws=1, chains=1, tune=1, rng=np.random.default_rng(1))
     with pytest.raises(ValueError, match="tune=0"):
         trajectory_nuts_posterior(trial(1), container, tune=0, rng=np.random.default_rng(1))
-    with pytest.raises(TrajectoryError, match="found none"):
+    with pytest.raises(FitError, match="found none"):
         trajectory_model([], container)
 
 

@@ -10,8 +10,9 @@ from scipy import stats
 
 import pymc_ship as ps
 from pymc_ship.inference.rows.weak_form import coefficient_scales, weak_form_start
-from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, linearise, whiten
+from pymc_ship.inference.trajectory.fit import fit_trajectory, linearise, whiten
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from tests.inference.trajectory.cases import SD, problem_of, record, rough, truth
@@ -226,7 +227,7 @@ class TestMode:
         assert fit.residuals[0].size == 40 < fit.unknowns.size
         assert (fit.sd < sister.prior.scale * (1.0 + 1e-9)).all()
         assert (fit.sd < 0.9 * sister.prior.scale).any()
-        with pytest.raises(TrajectoryError):
+        with pytest.raises(FitError):
             fit_trajectory(problem_of(ship, [clean], "flat", **settings), truth(ship, [clean]))
 
 

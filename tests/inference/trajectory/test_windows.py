@@ -31,10 +31,10 @@ from pymc_ship.inference.trajectory.windows import (
     window_mode,
     window_records,
 )
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.trial.record import TrialError
 from tests.inference.trajectory.cases import correlated
 from tests.physics.vessel.cases import small_vessel
 from tests.sentences import refused

@@ -221,7 +221,7 @@ class TestWords:
             "Manoeuvre(kind='rudder_kick', rudder_deg=20.0, "
         )
         path.write_text(GRID.format("rudder kick 20"))
-        with pytest.raises(ps.MonteCarloError) as error:
+        with pytest.raises(ps.StudyError) as error:
             read_study(path)
         assert "'rudder kick 20/40'" in str(error.value)
 
@@ -265,7 +265,7 @@ class TestForgotten:
         monkeypatch.delitem(KINDS, "rudder_kick")
 
     def test_no_manoeuvre_is_made(self):
-        with refused(ps.ManoeuvreError, "rudder_kick"):
+        with refused(ps.SimulationError, "rudder_kick"):
             Manoeuvre("rudder_kick", 20.0, 40.0)
         assert written_manoeuvre("rudder kick 20/40") is None
 

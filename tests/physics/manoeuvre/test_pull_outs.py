@@ -60,7 +60,7 @@ def test_a_turn_of_a_round_that_ends_so_is_a_turning_circle():
 
 def test_it_has_words_and_a_wide_heading_that_a_zigzag_does_not():
     assert written_manoeuvre("pull out 20/270 port").heading_deg == 270.0
-    with refused(ps.ManoeuvreError, 0, 720, 800):
+    with refused(ps.SimulationError, 0, 720, 800):
         standard_manoeuvre("pull_out", 20, 800)
-    with refused(ps.ManoeuvreError, 0, 90, 100):
+    with refused(ps.SimulationError, 0, 90, 100):
         ps.zigzag(20, 100)

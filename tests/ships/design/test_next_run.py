@@ -251,7 +251,7 @@ def test_a_run_without_sea_room_is_not_chosen(ship, plan):
 
 
 def test_no_sea_room_at_all_is_said(ship):
-    with pytest.raises(ps.TrialDesignError, match=r"in 100 m: the turning circle 35 \w+ takes \d+ m; give more"):
+    with pytest.raises(ps.SimulationError, match=r"in 100 m: the turning circle 35 \w+ takes \d+ m; give more"):
         next_runs(ship, [CIRCLE, ps.zigzag(20, 20)], sea_room=100.0)
 
 
@@ -270,13 +270,13 @@ def test_no_sea_room_at_all_is_said(ship):
     ],
 )
 def test_what_cannot_be_chosen_from_or_for_is_refused(ship, candidates, n, interest):
-    with pytest.raises(ps.TrialDesignError, match="one manoeuvre or more that have indices"):
+    with pytest.raises(ps.SimulationError, match="one manoeuvre or more that have indices"):
         next_runs(ship, candidates, n, interest=interest)
 
 
 def test_indices_that_hardly_any_draw_reaches_cannot_be_asked_for(ship, monkeypatch):
     monkeypatch.setattr(_Run, "reached", lambda run, names: [])
-    with pytest.raises(ps.TrialDesignError, match="that nine tenths of the draws reach, found none of"):
+    with pytest.raises(ps.SimulationError, match="that nine tenths of the draws reach, found none of"):
         next_runs(ship, [CIRCLE], interest=[ps.zigzag(10, 10)])
 
 

@@ -226,9 +226,9 @@ def test_a_candidate_that_no_ship_survives_is_never_chosen(small, reference, kno
     assert np.isnan(found["gain"].sel(candidate="circle")).all()
     assert found["chosen"].values.tolist() == ["straight", "straight"]
     assert np.isnan(found["forecast_sd"]).all()
-    with pytest.raises(ps.TrialDesignError, match="In run 1 every simulated ship leaves"):
+    with pytest.raises(ps.SimulationError, match="In run 1 every simulated ship leaves"):
         ps.design_trials(small, (hopeless, known), {"circle": ps.turning_circle(35)}, rng=rng(), **quiet)
-    with pytest.raises(ps.TrialDesignError, match="leaves the model's range in a manoeuvre of interest"):
+    with pytest.raises(ps.SimulationError, match="leaves the model's range in a manoeuvre of interest"):
         ps.design_trials(small, (hopeless, known), candidates, rng=rng(), criterion="forecast", **quiet)
 
 
@@ -290,13 +290,13 @@ def test_the_predicted_spread_of_a_forecast_is_that_of_simulated_ships(small, re
 )
 def test_what_cannot_be_designed_is_refused(small, reference, known, changes, sentence):
     settings = {"posterior": (reference, known), "candidates": CANDIDATES, "noise_sd": SD, "rng": rng()} | changes
-    with pytest.raises(ps.TrialDesignError, match=sentence) as caught:
+    with pytest.raises(ps.SimulationError, match=sentence) as caught:
         ps.design_trials(small, **settings)
     assert str(caught.value).endswith(".")
 
 
 def test_a_posterior_of_few_draws_is_refused(small, reference, known):
-    with pytest.raises(ps.TrialDesignError, match="needs 20 posterior draws or more, found 18; draw more"):
+    with pytest.raises(ps.SimulationError, match="needs 20 posterior draws or more, found 18; draw more"):
         ps.design_trials(small, joint_tree(small, reference, known, draws=18), CANDIDATES, rng=rng(), noise_sd=SD)
 
 

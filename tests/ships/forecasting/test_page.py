@@ -14,7 +14,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import pymc_ship as ps
-from pymc_ship.machine.files import OutputError
+from pymc_ship.machine.errors import OutputError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.ships.forecasting import page as forecast_report
 from pymc_ship.ships.forecasting.page import index_rows, index_table, verdict_rows, verdict_table, write_forecast_page

@@ -9,12 +9,11 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.inference.regression.priors import PriorError
-from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.inference.trajectory.windows import WindowFit
+from pymc_ship.machine.errors import FitError, InferenceError, TrialError, VesselError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.vessel.term_sets import OWN, TERM_SETS
-from pymc_ship.physics.vessel.vessel import VesselError, reference_coefficients
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 from pymc_ship.ships.forecasting.index_error import TYPICAL, index_sd
@@ -24,7 +23,6 @@ from pymc_ship.ships.identification.candidates import LARGEST_INFLATION, Candida
 from pymc_ship.ships.identification.held_out import HeldOut
 from pymc_ship.ships.identification.model import identify_ship
 from pymc_ship.ships.identification.soundness import sound
-from pymc_ship.trial.record import TrialError
 from tests.ships.identification.cases import RUNS, TRUE_TERMS, scored_upright, tanker, trial, trials
 
 POORER = "loading"
@@ -236,7 +234,7 @@ class TestOneRun:
         assert found.remarks[0] == (
             "The loading terms were left out: fitted to these trials, they make a ship that runs away, in a turn."
         )
-        with pytest.raises(TrajectoryError, match=r"^No term set can be fitted to these trials: The loading terms"):
+        with pytest.raises(FitError, match=r"^No term set can be fitted to these trials: The loading terms"):
             identified(trials(0)[:1], (POORER,))
 
     @pytest.mark.parametrize(("share", "kept"), [(0.09, False), (0.11, True)])
@@ -248,16 +246,14 @@ class TestOneRun:
         if kept:
             assert len(identified(trials(0)[:1]).candidates) == 1
         else:
-            with pytest.raises(TrajectoryError, match=r"runs away in 90 % of the draws, in a turn\.$"):
+            with pytest.raises(FitError, match=r"runs away in 90 % of the draws, in a turn\.$"):
                 identified(trials(0)[:1])
 
     def test_draws_that_all_run_away_are_an_error(self, monkeypatch):
         """Those of the trial before it were sound."""
         for room in (ship_candidates, ship_model):
             monkeypatch.setattr(room, "sound", lambda vessel, rows: np.full(len(rows), len(rows) == 51))
-        with pytest.raises(
-            TrajectoryError, match=r"terms, 0 of 2000 do not run away in a standard manoeuvre; give more"
-        ):
+        with pytest.raises(FitError, match=r"terms, 0 of 2000 do not run away in a standard manoeuvre; give more"):
             identified(trials(0)[:1])
 
 
@@ -301,7 +297,7 @@ class TestErrors:
             identified(trials(0)[:1], draws=1)
 
     def test_unknown_prior(self):
-        with pytest.raises(PriorError, match=r"found 'vague'; choose one of them\.$"):
+        with pytest.raises(InferenceError, match=r"found 'vague'; choose one of them\.$"):
             identified(trials(0)[:1], prior="vague")
 
     def test_unknown_set(self):

@@ -14,7 +14,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.inference.trajectory.prior import FREEDOM
-from pymc_ship.machine.files import OutputError
+from pymc_ship.machine.errors import OutputError
 from pymc_ship.pages.tables import fixed
 from pymc_ship.physics.forces.hull_database import typical_rudder
 from pymc_ship.physics.vessel.vessel import coefficient_names

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.checks.verdicts import Check
-from pymc_ship.ships.identification.candidates import Refusal, TermSetsRefusedError
+from pymc_ship.ships.identification.candidates import Refusal
 from pymc_ship.ships.identification.refusal_page import write_refusal_page
 from pymc_ship.ships.identification.soundness import FASTEST, TIGHTEST, first_failure, sound
 
@@ -70,6 +71,6 @@ def test_the_page_shows_every_refused_set_and_the_doubts(tanker, spinning, tmp_p
 
 def test_sets_that_are_all_refused_carry_their_refusals(tanker):
     refusals = [Refusal("cubic", "The cubic terms run away.")]
-    error = TermSetsRefusedError(refusals)
+    error = FitError(refusals)
     assert error.refusals == tuple(refusals)
     assert "The cubic terms run away." in str(replace(error.refusals[0]).sentence)

@@ -13,9 +13,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.trajectory.fit import Noise, TrajectoryError, run_rows, white_noise
+from pymc_ship.inference.trajectory.fit import Noise, run_rows, white_noise
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
@@ -97,7 +98,7 @@ def identifiability(
 
     Raises
     ------
-    TrajectoryError
+    FitError
         Where a simulated ship leaves the model's range, for no run, or other numbers of noises, states or coefficients.
     TrialError
         For trials that cannot be used.
@@ -167,7 +168,7 @@ def runs_root(
     reference = reference_coefficients(vessel)
     theta = reference if coefficients is None else np.array(coefficients, dtype=float)
     if not prepared or not len(noise) == len(states) == len(prepared) or theta.shape != reference.shape:
-        raise TrajectoryError(
+        raise FitError(
             f"An information needs at least one run, a noise and an initial state of each, and {reference.size} "
             f"coefficients; found {len(prepared)} runs, {len(noise)} noises, {len(states)} states and coefficients of "
             f"shape {theta.shape}; correct them."
@@ -176,7 +177,7 @@ def runs_root(
     for k, run in enumerate(prepared):
         root = information_root(vessel, run, noise[k], theta, np.asarray(states[k], dtype=float))
         if root is None:
-            raise TrajectoryError(
+            raise FitError(
                 f"The simulated ship leaves the model's range in run {k + 1}; give coefficients that can sail it."
             )
         roots.append(root)

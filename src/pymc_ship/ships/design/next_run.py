@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import STANDARD, Manoeuvre, pull_out, turning_circle, zigzag
@@ -26,7 +27,6 @@ from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.design.candidates import labelled_trials
-from pymc_ship.ships.design.trial_design import TrialDesignError
 from pymc_ship.ships.forecasting.draws import knowing_models, thinned_draws
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
 from pymc_ship.ships.forecasting.index_error import equivalent_sd, error_sizes, readings_noise, steady_error
@@ -150,11 +150,9 @@ def next_runs(
 
     Raises
     ------
-    TrialDesignError
-        Without a candidate that has indices and sea room, or a target that nine tenths of the draws reach; for counts
-        below one.
     SimulationError
-        For a wind that no term set of the ship knows.
+        Without a candidate that has indices and sea room, or a target that nine tenths of the draws reach; for counts
+        below one. For a wind that no term set of the ship knows.
 
     Examples
     --------
@@ -174,7 +172,7 @@ def next_runs(
     labelled = labelled_trials(candidates)
     sailable = [isinstance(one, Manoeuvre) and bool(one.traits.indices) for one in (*labelled.values(), *interest)]
     if n < 1 or draws < 2 or not labelled or not interest or not all(sailable):
-        raise TrialDesignError(
+        raise SimulationError(
             "The next run is chosen from one manoeuvre or more that have indices, for others that have some, with one "
             f"step and two draws or more; found {list(labelled)}, {[one.label for one in interest]}, {n} and {draws}; "
             "correct them."
@@ -292,14 +290,14 @@ class _Design:
 
 
 def _design(ship: Ensemble, vessel: Vessel, sailed: Sequence[_Run]) -> _Design:
-    """The targets of an ensemble; TrialDesignError where too few draws reach any."""
+    """The targets of an ensemble; SimulationError where too few draws reach any."""
     targets = []
     for run in sailed:
         table = run.manoeuvre.traits.indices
         names = run.reached([name for name, index in table.items() if index.scored and index.quantity in _ASKED])
         targets += [(run, names)] if names else []
     if not targets:
-        raise TrialDesignError(
+        raise SimulationError(
             "What is to be known are indices that nine tenths of the draws reach, found none of "
             f"{[run.manoeuvre.label for run in sailed]}; give other manoeuvres, or identify her from more runs."
         )
@@ -362,7 +360,7 @@ def _chosen(design: _Design, offered: Mapping[str, _Run], n: int, sea_room: floa
     fitting = {label: run for label, run in offered.items() if room[label] <= sea_room}
     if not fitting:
         least = min(room, key=room.get)
-        raise TrialDesignError(
+        raise SimulationError(
             f"No candidate has enough sea room in {sea_room:g} m: the {least} takes {room[least]:.0f} m; give more "
             "room or shorter runs."
         )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.standard import STANDARD
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.ships.design.next_run import Ensemble, next_runs
-from pymc_ship.ships.design.trial_design import TrialDesignError
 from pymc_ship.ships.forecasting.draws import thinned_draws
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 from pymc_ship.ships.forecasting.index_error import steady_error
@@ -33,7 +33,7 @@ def outlook(ship: Ensemble, rng: np.random.Generator) -> tuple[str, ...]:
     said = [f"Tactical diameter of the turning circle of 35 deg: {', '.join(turns)}."] if turns else []
     try:
         plan = next_runs(ship, STANDARD, draws=_DRAWS)
-    except TrialDesignError:
+    except SimulationError:
         return tuple(said)
     best = plan.sel(candidate=plan["chosen"].item(), step=1)
     now, then = plan["half_width"].values

@@ -17,6 +17,7 @@ import xarray as xr
 from pymc_ship.inference.identifiability.information import information_root
 from pymc_ship.inference.trajectory.fit import Noise, TrajectoryFit
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle, zigzag
 from pymc_ship.physics.motion.equations import STATE
@@ -35,10 +36,6 @@ CRITERIA = ("information", "forecast")
 """Greatest log determinant of the posterior precision (D-optimal), or least variance of forecast manoeuvres."""
 
 _THINNING = 5  # samples of a forecast, for one that is scored
-
-
-class TrialDesignError(ValueError):
-    """A design that cannot be made; the sentence says why."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +130,7 @@ def design_trials(
 
     Raises
     ------
-    TrialDesignError
+    SimulationError
         For an unknown criterion, no candidate, counts below one, too few posterior draws, no noise or two, or where
         every ship diverged.
     SimulationError, TrialError, VesselError
@@ -162,7 +159,7 @@ def design_trials(
     rng = random_generator(rng)
     vessel = as_vessel(vessel)
     if criterion not in CRITERIA or n < 1 or draws < 1:
-        raise TrialDesignError(
+        raise SimulationError(
             f"A design needs a criterion of {', '.join(CRITERIA)} and one run and draw or more, found {criterion!r}, "
             f"{n} and {draws}; correct them."
         )
@@ -172,11 +169,11 @@ def design_trials(
         candidates = candidate_trials(vessel, duration=duration, rng=rng)
     labelled = labelled_trials(candidates)
     if not labelled:
-        raise TrialDesignError("A design chooses among candidates, found none; give one.")
+        raise SimulationError("A design chooses among candidates, found none; give one.")
     manoeuvres = (zigzag(10, 10), turning_circle(35)) if interest is None else tuple(interest)
     forecast = _forecast_root(vessel, manoeuvres, knowledge.mean, duration)
     if criterion == "forecast" and not np.isfinite(forecast).all():
-        raise TrialDesignError(
+        raise SimulationError(
             "The ship of the posterior mean leaves the model's range in a manoeuvre of interest; choose by information."
         )
     information = {
@@ -191,7 +188,7 @@ def _knowledge(vessel: Vessel, posterior, draws: int, rng: np.random.Generator) 
         held = posterior["posterior"].sizes
         sample = coefficient_draws(vessel, posterior, held["chain"] * held["draw"], rng)
         if len(sample) < max(2 * size, draws):
-            raise TrialDesignError(
+            raise SimulationError(
                 f"A covariance of {size} coefficients needs {2 * size} posterior draws or more, found {len(sample)}; "
                 "draw more."
             )
@@ -211,7 +208,7 @@ def _moments(vessel: Vessel, mean: np.ndarray, covariance: np.ndarray) -> tuple[
     size = reference_coefficients(vessel).size
     fits = mean.shape == (size,) and covariance.shape == (size, size)
     if not fits or not np.isfinite(mean).all() or not np.isfinite(covariance).all():
-        raise TrialDesignError(
+        raise SimulationError(
             f"A posterior of {vessel.name!r} has a finite mean and covariance of {size} coefficients, found shapes "
             f"{mean.shape} and {covariance.shape} or values that are not finite; give its own."
         )
@@ -233,7 +230,7 @@ def _sensors(
     values = np.array([sd[name] for name in channels])
     given_twice = level is not None and noise_sd is not None
     if given_twice or not channels or not all(0.0 < value < np.inf for value in (interval, *values)):
-        raise TrialDesignError(
+        raise SimulationError(
             "A design needs the noise of the runs to come, either a positive level or a positive noise_sd, sampled at "
             f"a positive interval; found {level}, {noise_sd} and {interval} s; correct them."
         )
@@ -248,7 +245,7 @@ def _fitted_sensors(posterior) -> _Sensors:
         return _Sensors(run.channels, None, noise.sd, noise.correlation, noise.offsets, spacing)
     held = posterior["constant_data"] if isinstance(posterior, xr.DataTree) and "constant_data" in posterior else {}
     if "block_sd" not in held:
-        raise TrialDesignError("The posterior does not tell the noise of its sensors; give level or noise_sd.")
+        raise SimulationError("The posterior does not tell the noise of its sensors; give level or noise_sd.")
     last = held.dataset.isel(run_index=-1)
     last = last.isel(channel=np.isfinite(last["block_sd"].values))
     offsets = "offsets" in posterior.attrs.get("noise_model", "")
@@ -323,7 +320,7 @@ def _greedy(
             table["relative_sd"][step, c] = _relative(vessel, _sd(ahead))
             table["shrinkage"][step, c] = _shrinkage(_sd(before), _sd(ahead))
         if np.isnan(table["gain"][step]).all():
-            raise TrialDesignError(
+            raise SimulationError(
                 f"In run {step + 1} every simulated ship leaves the model's range; give milder candidates or a "
                 "posterior that knows more."
             )

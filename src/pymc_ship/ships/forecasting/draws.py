@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.errors import SimulationError, VesselError
 from pymc_ship.physics.forces.surroundings import WIND
-from pymc_ship.physics.motion.stepping import SimulationError
-from pymc_ship.physics.vessel.vessel import Vessel, VesselError, coefficient_names
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
 
 
 def coefficient_draws(

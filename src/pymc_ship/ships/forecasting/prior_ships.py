@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import Prior, PriorError
+from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.predictive import prior_draws
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre, turning_circle, zigzag
 from pymc_ship.physics.motion.stability import growth_rates
@@ -84,7 +85,7 @@ def prior_ships(
 
     Raises
     ------
-    PriorError
+    InferenceError
         For a prior without a standard deviation, of another vessel or of no known form.
     VesselError, SimulationError, ValueError
         For a prior that lacks coefficients of the vessel, settings that cannot run or fewer than two draws.
@@ -191,7 +192,7 @@ def _rows(
     if isinstance(prior, CoefficientPrior):
         names = coefficient_names(vessel)
         if prior.mean.shape != (len(names),):
-            raise PriorError(
+            raise InferenceError(
                 f"A prior of {vessel.name!r} has {len(names)} coefficients, found {prior.mean.size}; make it with "
                 "this vessel."
             )
@@ -199,7 +200,7 @@ def _rows(
     if isinstance(prior, xr.DataTree):
         return coefficient_draws(vessel, _with_prior(prior, "The tree"), draws, rng, group="prior")
     if not isinstance(prior, Mapping):
-        raise PriorError(
+        raise InferenceError(
             "The prior of ships is a CoefficientPrior, a tree with the group prior or a mapping of DOFs, found "
             f"{type(prior).__name__}; make one, for example with coefficient_prior."
         )
@@ -213,7 +214,7 @@ def _tree(dof: str, given: RegressionPrior, draws: int, rng: np.random.Generator
         return _with_prior(given, f"The tree of {dof}")
     kinds = tuple(map(type, given)) if isinstance(given, tuple) else ()
     if len(kinds) != 2 or not issubclass(kinds[0], RegressionData) or not issubclass(kinds[1], Prior):
-        raise PriorError(
+        raise InferenceError(
             f"The prior of {dof} is a pair of RegressionData and Prior or a tree with the group prior, found "
             f"{type(given).__name__}; give the data that scale the prior."
         )
@@ -223,7 +224,7 @@ def _tree(dof: str, given: RegressionPrior, draws: int, rng: np.random.Generator
 
 def _with_prior(tree: xr.DataTree, name: str) -> xr.DataTree:
     if "prior" not in tree.children or "coefficients" not in tree["prior"].data_vars:
-        raise PriorError(f"{name} has no coefficients in a group prior; add the group with with_predictive.")
+        raise InferenceError(f"{name} has no coefficients in a group prior; add the group with with_predictive.")
     return tree
 
 

@@ -10,14 +10,13 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from pymc_ship.inference.captive.statement import CaptiveFit, fit_captive, shared_with_trials
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory.carried import carried_draws
-from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
 from pymc_ship.inference.trajectory.statements import Earlier, joined, loosened, said_by_windows
 from pymc_ship.inference.trajectory.windows import Window, WindowFit, fit_windows, prepared_windows, widened
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import FitError, InferenceError, TrialError
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.forces.surroundings import CURRENT
@@ -39,7 +38,7 @@ from pymc_ship.records.checks.verdicts import ship_scale
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.identification.held_out import HeldOut, held_out
 from pymc_ship.ships.identification.soundness import Failure, first_failure, sound
-from pymc_ship.trial.record import OVER_GROUND, TrialError, moving
+from pymc_ship.trial.record import OVER_GROUND, moving
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
@@ -140,10 +139,10 @@ def beside_earlier(best: Candidate, training: Training) -> str:
 
 
 def chosen_prior(vessel: Vessel, kind: str | None) -> str:
-    """The kind of prior asked for (PriorError if unknown); by default the hull database where a draught is stated."""
+    """The kind of prior asked for (InferenceError if unknown); by default the hull database if a draught is stated."""
     if kind is None:
         return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
-    check_choice("The prior of a ship", kind, PRIORS, PriorError)
+    check_choice("The prior of a ship", kind, PRIORS, InferenceError)
     return kind
 
 
@@ -231,14 +230,6 @@ class Refusal:
     failure: Failure | None = None
 
 
-class TermSetsRefusedError(TrajectoryError):
-    """No term set can be fitted; ``refusals`` says where each fails."""
-
-    def __init__(self, refusals: Sequence[Refusal]) -> None:
-        super().__init__(f"No term set can be fitted to these trials: {' '.join(one.sentence for one in refusals)}")
-        self.refusals = tuple(refusals)
-
-
 def candidates_of(wanted: Sequence[str], training: Training) -> tuple[list[Candidate], list[str]]:
     """Candidates of the term sets that can be fitted, and why others were left out."""
     with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(wanted)) as pool:
@@ -246,7 +237,8 @@ def candidates_of(wanted: Sequence[str], training: Training) -> tuple[list[Candi
     found = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not found:
-        raise TermSetsRefusedError(refusals)
+        said = " ".join(one.sentence for one in refusals)
+        raise FitError(f"No term set can be fitted to these trials: {said}", refusals=refusals)
     return found, [refusal.sentence for refusal in refusals]
 
 
@@ -282,7 +274,7 @@ def _attempt(name: str, training: Training) -> Candidate | Refusal:
         judged = held_out(
             held_together(runs), vessel, fit, _shared(training, vessel) if holds_any_speed(vessel) else None
         )
-    except TrajectoryError as error:
+    except FitError as error:
         return Refusal(name, f"The {name} terms were left out: {error}")
     inflation = _inflation(whole, judged)
     whole, *others = (widened(fit, inflation) for fit in (whole, *judged.fits))
@@ -326,14 +318,14 @@ def _shared(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None
 def held_pieces(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
     """The pieces of a record that the forces of a vessel hold: all of it, or those in which she sails ahead.
 
-    TrajectoryError where none is long enough.
+    FitError where none is long enough.
     """
     if holds_any_speed(vessel):
         return [trial]
     scale = ship_scale(trial, vessel)
     found = pieces_ahead(trial, scale)
     if not found:
-        raise TrajectoryError(piece_check(trial, scale).sentence)
+        raise FitError(piece_check(trial, scale).sentence)
     return found
 
 
@@ -361,7 +353,7 @@ def _first_fit(
 
     try:
         return from_weak_form(prior)
-    except TrajectoryError:
+    except FitError:
         if plain.modular:
             raise
         return from_weak_form(coefficient_prior(trials, plain))

@@ -11,17 +11,17 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
-from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.inference.trajectory.prior import Statement
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.checksums import folder_checksum
+from pymc_ship.machine.errors import FitError, TrialError, VesselError
 from pymc_ship.machine.files import settle, staged
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.reading import load_vessel
-from pymc_ship.physics.vessel.vessel import Vessel, VesselError, coefficient_names
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
 from pymc_ship.records.steering.recognition import Steering, with_steering
 from pymc_ship.ships.forecasting.draws import knowing_models
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
@@ -30,7 +30,6 @@ from pymc_ship.ships.forecasting.motion_error import ERRING
 from pymc_ship.ships.identification.candidates import Candidate
 from pymc_ship.ships.identification.model import IdentifiedShip, ShipModel
 from pymc_ship.ships.identification.soundness import sound
-from pymc_ship.trial.record import TrialError
 
 FOLDER = "model"
 """Folder of an identified ship inside that of its report."""
@@ -85,7 +84,7 @@ def forecast_ship(
 
     Raises
     ------
-    TrajectoryError
+    FitError
         When every draw runs away.
     TrialError
         For a facility that none of her trials is of.
@@ -111,7 +110,7 @@ def forecast_ship(
         kept = rows[:count][sound(vessel, rows[:count], [manoeuvre], duration / unit, **around)]
         models += [(vessel, kept)] if len(kept) else []
     if sum(len(rows) for _, rows in models) < 2:
-        raise TrajectoryError(f"Every draw runs away in the {manoeuvre.label}; give more trials or a prior.")
+        raise FitError(f"Every draw runs away in the {manoeuvre.label}; give more trials or a prior.")
     tree = pooled_forecast(
         models,
         manoeuvre,

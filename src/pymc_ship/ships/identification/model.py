@@ -15,11 +15,10 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.captive.comparison import compared
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.trajectory.carried import carried_draws
-from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.inference.trajectory.windows import LENGTH, thinned
+from pymc_ship.machine.errors import FitError, InferenceError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -44,7 +43,7 @@ from pymc_ship.ships.identification.candidates import (
 )
 from pymc_ship.ships.identification.held_out import index_rows, left_out, readings_sd
 from pymc_ship.ships.identification.soundness import sound
-from pymc_ship.trial.record import TrialError, facility_of, sampling_interval, trial_list
+from pymc_ship.trial.record import facility_of, sampling_interval, trial_list
 
 _REPLAYS = 40  # draws of a held-out run from each window on
 _FORECASTS = 100  # draws of a held-out forecast
@@ -197,9 +196,9 @@ def identify_ship(
     ------
     TrialError
         For trials that are too short or lack a channel, or none.
-    TrajectoryError
+    FitError
         When no term set can be fitted, or all of them run away.
-    VesselError, PriorError
+    VesselError, InferenceError
         For unknown term sets or priors, the hull database without a draught, or term sets or captive tests that do not
         go with an earlier ship.
 
@@ -314,12 +313,12 @@ def _check_goes_with(before: IdentifiedShip | ShipModel, wanted: Sequence[str], 
     """Refuse term sets that earlier runs said nothing of, and captive tests that stand beside them already."""
     unknown = [name for name in wanted if name not in before.said]
     if before.said and unknown:
-        raise PriorError(
+        raise InferenceError(
             f"Earlier runs were identified with {'; '.join(before.said)}, found {unknown[0]!r} asked for; choose of "
             "theirs, or identify all runs together."
         )
     if captive is not None and before.held_tests:
-        raise PriorError("Captive tests stand beside the earlier runs already; leave them out.")
+        raise InferenceError("Captive tests stand beside the earlier runs already; leave them out.")
 
 
 def _weighted(found: Sequence[Candidate], earlier: Mapping[str, Earlier], rng: np.random.Generator) -> list[Candidate]:
@@ -381,7 +380,7 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
             batch = carried_draws(candidate.fit, int(count), rng)
             kept, tried = np.vstack([kept, batch[sound(candidate.vessel, batch)]]), tried + int(count)
         if len(kept) < count:
-            raise TrajectoryError(
+            raise FitError(
                 f"Of the draws of the {candidate.name} terms, {len(kept)} of {tried} do not run away in a standard "
                 "manoeuvre; give more trials or a prior."
             )

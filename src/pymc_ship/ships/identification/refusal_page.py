@@ -40,7 +40,7 @@ def write_refusal_page(
     Parameters
     ----------
     refusals : sequence of Refusal
-        Of a :class:`pymc_ship.ships.identification.candidates.TermSetsRefusedError`.
+        Of a :class:`pymc_ship.machine.errors.FitError`.
     vessel : Vessel
     checks : mapping of str to sequence of Check
         Of each run, by its name.

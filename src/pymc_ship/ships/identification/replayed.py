@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import random_generator
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -23,7 +24,7 @@ from pymc_ship.ships.identification.held_out import index_rows, readings_sd
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.ships.identification.model import IdentifiedShip, ShipModel
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import TrialError, check_trial, facility_of, one_trial, trial_list
+from pymc_ship.trial.record import check_trial, facility_of, one_trial, trial_list
 
 SCORED = ("u", "v", "r", "psi", "position")
 """Channels of a score; the position is the distance between the tracks."""

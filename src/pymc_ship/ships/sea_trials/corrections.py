@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.criteria import imo_limits
 from pymc_ship.physics.manoeuvre.helm import base_course
 from pymc_ship.physics.manoeuvre.indices import indices
@@ -23,7 +24,7 @@ from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import drawn_indices, finite_indices, smooth_indices, smoothed
 from pymc_ship.ships.forecasting.draws import thinned_draws
-from pymc_ship.ships.sea_trials.conditions import Conditions, SeaTrialError
+from pymc_ship.ships.sea_trials.conditions import Conditions
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.loading import at_loading
 from pymc_ship.trial.record import OVER_GROUND
@@ -97,7 +98,7 @@ def corrected_indices(
 
     Raises
     ------
-    SeaTrialError
+    TrialError
         When the model cannot sail the manoeuvre.
     """
     attrs = manoeuvre.attrs | {"rudder_delay": rudder_delay, "approach_speed": manoeuvre.approach_speed}
@@ -171,7 +172,7 @@ def less_wind(
         ships = ships.isel(draw=~ships["diverged"].values)
         drifts += [drift_current(ships.isel(draw=k)).velocity @ (1.0, 1j) for k in range(ships.sizes["draw"])]
     if not drifts:
-        raise SeaTrialError(f"No drawn ship sails the {manoeuvre.label} in this wind; leave the ship out.")
+        raise TrialError(f"No drawn ship sails the {manoeuvre.label} in this wind; leave the ship out.")
     turned = np.array(drifts) * np.exp(1j * course)
     parts = np.stack([turned.real, turned.imag], axis=1)
     return DriftCurrent(found.velocity - parts.mean(axis=0), np.hypot(found.sd, parts.std(axis=0)), found.local)
@@ -224,5 +225,5 @@ def _ratios(
     ratios = {name: np.concatenate(values) for name, values in found.items()}
     ratios = {name: values[np.isfinite(values)] for name, values in ratios.items()}
     if not any(values.size for values in ratios.values()):
-        raise SeaTrialError(f"No drawn ship sails the {manoeuvre.label} in these conditions; leave the model out.")
+        raise TrialError(f"No drawn ship sails the {manoeuvre.label} in these conditions; leave the model out.")
     return {name: values for name, values in ratios.items() if values.size}

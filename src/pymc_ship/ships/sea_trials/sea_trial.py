@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -19,13 +20,13 @@ from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
 from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping
 from pymc_ship.ships.forecasting.steady_turns import largest_loop, steady_turns
 from pymc_ship.ships.identification.model import IdentifiedShip, ShipModel
-from pymc_ship.ships.sea_trials.conditions import SeaTrialError, condition_rows, load_conditions
+from pymc_ship.ships.sea_trials.conditions import condition_rows, load_conditions
 from pymc_ship.ships.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.form import form_rows, ship_rows
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
 from pymc_ship.ships.sea_trials.uncertainty import PARTS, stated
-from pymc_ship.trial.record import TrialError, facility_of, trial_list
+from pymc_ship.trial.record import facility_of, trial_list
 
 
 @dataclass(frozen=True)
@@ -110,11 +111,9 @@ def sea_trial(
 
     Raises
     ------
-    SeaTrialError
-        For conditions that cannot be read, runs of which none is a standard manoeuvre, or another loading without a
-        ship of parts.
     TrialError
-        For a record that lacks u, r, psi or delta.
+        For conditions that cannot be read, runs of which none is a standard manoeuvre, or another loading without a
+        ship of parts. For a record that lacks u, r, psi or delta.
 
     References
     ----------
@@ -144,7 +143,7 @@ def sea_trial(
     others = [name for name in named if name not in manoeuvres and name not in stops]
     spirals = {name: turns for name in others if (turns := measured_spiral(named[name], unit)) is not None}
     if not manoeuvres and not stops and not spirals:
-        raise SeaTrialError(f"No run is of a standard manoeuvre. {unrecognised(next(iter(named.values())))}")
+        raise TrialError(f"No run is of a standard manoeuvre. {unrecognised(next(iter(named.values())))}")
     lost = [name for name in others if name not in spirals]
     remarks = [f"{name} is left out. {unrecognised(named[name])}" for name in lost]
     winds = {name: wind for name in named if (wind := mean_wind(named[name], noted)) is not None}
@@ -203,7 +202,7 @@ def _currents(
                 found = drift_current(trials[name])
                 wind = winds.get(name)
                 own[name] = found if wind is None else less_wind(found, trials[name], manoeuvre, wind, model)
-            except (SeaTrialError, TrialError) as error:
+            except TrialError as error:
                 said.append(f"{name} shows no current: {error}")
     if not own:
         return {}, [*said, "No run shows the current, and no index is corrected for it; turn through 720 deg."]
@@ -225,7 +224,7 @@ def _model(
     """Model by which wind and loading are corrected, and a sentence on what is not."""
     if ship is None:
         if loaded is not None:
-            raise SeaTrialError("Another loading is corrected by an identified ship, found none; give the ship, too.")
+            raise TrialError("Another loading is corrected by an identified ship, found none; give the ship, too.")
         said = "Wind is not corrected for: that needs an identified ship."
         return Model(wind=not blowing), [said] if blowing else []
     known = [one for one in ship.models if WIND.name in one[0].parts]
@@ -233,7 +232,7 @@ def _model(
     models = known if wind else ship.models
     models = [one for one in models if loaded is None or one[0].modular]
     if not models:
-        raise SeaTrialError(
+        raise TrialError(
             "No term set of this ship knows another draught: her forces are polynomials; state d in her vessel file "
             "and identify her anew."
         )
