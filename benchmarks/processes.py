@@ -27,8 +27,9 @@ import json, resource, sys, time
 from pathlib import Path
 import pymc_ship as ps
 from pymc_ship.replication.page import write_study
+from pymc_ship.replication.study import run_study
 begin = time.perf_counter()
-result = ps.run_study(ps.load_vessel("container"), level=0.01, seed=2020)
+result = run_study(ps.load_vessel("container"), level=0.01, seed=2020)
 middle = time.perf_counter()
 page = write_study(result, Path(sys.argv[1]))
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2

@@ -23,23 +23,21 @@ from pymc_ship.cli.main import run_command
 from pymc_ship.cli.ship_commands import checked_trials
 from pymc_ship.cli.texts import table
 from pymc_ship.inference.rows.from_trials import regression_data
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.inference.rows.weak_form import evidence_posterior_mean, weak_form_start
-from pymc_ship.inference.trajectory.fit import TrajectoryError
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.windows import Window, fit_windows, prepared_windows, thinned
+from pymc_ship.machine.errors import FitError, InferenceError, TrialError, VesselError
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.pages.page import write_rows
 from pymc_ship.physics.manoeuvre.indices import of_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.term_sets import takes_part_sets
-from pymc_ship.physics.vessel.vessel import Vessel, VesselError
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.identification.candidates import chosen_prior, held_piece, informed, stated_prior
 from pymc_ship.ships.identification.held_out import HeldOut, index_rows, scored, scored_indices
 from pymc_ship.ships.identification.held_out_errors import overshoot_errors
 from pymc_ship.ships.identification.model import identify_ship
-from pymc_ship.trial.record import TrialError
 from studies.command_line import study_parser
 
 PATHS = ("regression", "regression, rows divided by U^2", "weak form", "trajectory")
@@ -106,7 +104,7 @@ def compare_paths(
     ------
     TrialError
         For fewer than two runs, or runs that are too short or lack a channel.
-    VesselError, PriorError
+    VesselError, InferenceError
         For a prior that is unknown or cannot be had.
     """
     if len(trials) < 2:
@@ -118,7 +116,7 @@ def compare_paths(
         known = name == "trajectory" and trajectory is not None
         try:
             rows.append(_row(name, trajectory.fits if known else list(estimate(runs)), runs))
-        except (TrajectoryError, RegressionDataError) as error:
+        except (FitError, InferenceError) as error:
             rows.append(_failed(name, f"It cannot be fitted: {error}", runs))
     return rows
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from pymc_ship.inference.identifiability.bound import errors_on_bound
 from pymc_ship.inference.regression.identify import identify
-from pymc_ship.machine.errors import FitError
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.noise import fit_with_noise
 from pymc_ship.inference.trajectory.posterior import laplace_posterior
+from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import LocalCores, WorkersLostError, bar, completed
 from pymc_ship.physics.manoeuvre.indices import indices

@@ -18,8 +18,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.experiments.task import timed
-from pymc_ship.machine.errors import StudyError
-from pymc_ship.machine.errors import FitError
+from pymc_ship.machine.errors import FitError, StudyError
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told

@@ -99,7 +99,7 @@ class Population:
 
         Raises
         ------
-        MonteCarloError
+        StudyError
             For unknown or missing keys and values that cannot be used; the sentence names the key.
         """
         file.check_keys(_KEYS, [key for key in _KEYS if key not in _OPTIONAL])

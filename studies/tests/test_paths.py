@@ -12,10 +12,9 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli.main import run_command
 from pymc_ship.inference.trajectory import windows
-from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.identification.held_out import scored
-from pymc_ship.trial.record import TrialError
 from studies import paths as ship_paths
 from studies.paths import PATHS, compare_paths, regression_rows
 from tests.ships.identification.three_zigzags import clean, kvlcc2, model, runs
@@ -121,7 +120,7 @@ def test_a_path_that_runs_away_says_so(monkeypatch):
 
 def test_a_path_that_cannot_be_fitted_says_so(monkeypatch):
     def fails(_):
-        raise TrajectoryError("No minimum was found.")
+        raise FitError("No minimum was found.")
         yield
 
     monkeypatch.setitem(ship_paths._ESTIMATES, "weak form", fails)

@@ -12,7 +12,6 @@ from scipy.stats import binom
 from pymc_ship.inference.regression.calibration import (
     coverage,
     exact_draws,
-    geweke,
     rank_p_value,
     simulation_based_calibration,
 )
@@ -20,6 +19,7 @@ from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.gibbs import gibbs
 from pymc_ship.inference.sampling.regression_model import nuts_posterior
+from tests.consistency.geweke import geweke
 from tests.inference.regression.peers import simulated
 
 module = importlib.import_module("pymc_ship.inference.sampling.gibbs")
@@ -229,5 +229,3 @@ class TestErrors:
             simulation_based_calibration(*case("conjugate"), simulations=0, rng=rng)
         with pytest.raises(ValueError, match=r"Counts must be 1 or more, found .*'simulations': 0"):
             coverage(*case("conjugate"), simulations=0, rng=rng)
-        with pytest.raises(ValueError, match=r"Counts must be 2 or more, found .*'chains': 1"):
-            geweke(*case("conjugate"), None, chains=1, steps=5, rng=rng)

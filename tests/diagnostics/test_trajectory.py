@@ -10,9 +10,10 @@ from pymc_ship.diagnostics.numbers import cross_validation
 from pymc_ship.diagnostics.page import subject_of
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
-from pymc_ship.inference.identifiability.information import UNKNOWN, fitted_identifiability
+from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from tests.diagnostics.cases import changed, sampled, short_mode, short_posterior, with_attrs, without
+from tests.inference.identifiability.information import fitted_identifiability
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -112,7 +112,7 @@ def test_a_method_that_changes_asks_for_another_folder(study, tmp_path):
     table, out = only(study), tmp_path / "out"
     ps.montecarlo(table, out, methods={"mine": shifted(0.1)}, workers=1)
     ps.montecarlo(table, out, methods={"mine": shifted(0.1)}, workers=1)
-    with pytest.raises(ps.MonteCarloError, match=r"methods had 'mine \(own, [0-9a-f]{12}\)', which is gone"):
+    with pytest.raises(ps.StudyError, match=r"methods had 'mine \(own, [0-9a-f]{12}\)', which is gone"):
         ps.montecarlo(table, out, methods={"mine": other}, workers=1)
 
 
@@ -132,14 +132,14 @@ def test_what_is_no_estimate_of_the_vessel_ends_the_run(study, tmp_path, returne
     sentence = (
         "The method 'mine' must return an Estimate whose coefficients, lower and upper have shape .10,. for 'small'"
     )
-    with pytest.raises(ps.MonteCarloError, match=f"^{sentence}, {found}$"):
+    with pytest.raises(ps.StudyError, match=f"^{sentence}, {found}$"):
         ps.montecarlo(only(study), tmp_path / "out", methods={"mine": lambda *_: returned}, workers=1)
     assert not (tmp_path / "out" / "index.html").exists()
 
 
 def test_a_run_in_other_processes_ends_as_well(study, tmp_path):
     """An error that joblib raises in a worker made it wait for ever."""
-    with pytest.raises(ps.MonteCarloError, match="The method 'mine' must return an Estimate"):
+    with pytest.raises(ps.StudyError, match="The method 'mine' must return an Estimate"):
         ps.montecarlo(only(study), tmp_path / "out", methods={"mine": lambda *_: None}, workers=2)
 
 
@@ -174,6 +174,6 @@ def test_an_import_path_that_leads_nowhere_is_one_sentence(study, tmp_path, caps
     ],
 )
 def test_what_is_no_method_is_refused(study, tmp_path, methods, sentence):
-    with pytest.raises(ps.MonteCarloError, match=sentence):
+    with pytest.raises(ps.StudyError, match=sentence):
         ps.montecarlo(only(study), tmp_path / "out", methods=methods)
     assert not (tmp_path / "out").exists()

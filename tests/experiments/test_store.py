@@ -15,9 +15,9 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.experiments import run as engine
-from pymc_ship.experiments.grid import MonteCarloError
 from pymc_ship.experiments.run import read_study
 from pymc_ship.experiments.store import opened
+from pymc_ship.machine.errors import StudyError
 from tests.experiments.cases import trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
 
@@ -56,7 +56,7 @@ def test_a_journal_whose_part_is_written_counts_once(study, plain, tmp_path):
 def test_a_damaged_journal_is_named(study, tmp_path):
     journal = journalled(study, tmp_path)
     journal.write_bytes(b"\0\0\0\n" + journal.read_bytes())
-    with pytest.raises(MonteCarloError, match=r"The journal .*jsonl is damaged; delete it"):
+    with pytest.raises(StudyError, match=r"The journal .*jsonl is damaged; delete it"):
         run(study, tmp_path)
 
 
@@ -67,7 +67,7 @@ def test_a_damaged_part_is_named_and_done_again_when_it_is_gone(study, plain, tm
     raw = bytearray(part.read_bytes())
     raw[10] ^= 1
     part.write_bytes({"flipped": raw, "another part": other.read_bytes(), "no table": b"no table"}[how])
-    with pytest.raises(MonteCarloError, match=rf"The results {re.escape(str(part))} are damaged: .*; delete the file"):
+    with pytest.raises(StudyError, match=rf"The results {re.escape(str(part))} are damaged: .*; delete the file"):
         run(study, tmp_path / "out")
     part.unlink()
     run(study, tmp_path / "out")
@@ -77,7 +77,7 @@ def test_a_damaged_part_is_named_and_done_again_when_it_is_gone(study, plain, tm
 def test_a_line_that_lacks_a_column_is_named(study, tmp_path):
     journal = journalled(study, tmp_path)
     journal.write_bytes(b'{"seed": 0}\n' + journal.read_bytes())
-    with pytest.raises(MonteCarloError, match=r"The journal .*jsonl is damaged; delete it"):
+    with pytest.raises(StudyError, match=r"The journal .*jsonl is damaged; delete it"):
         run(study, tmp_path)
 
 
@@ -117,7 +117,7 @@ def test_a_study_that_changes_is_refused(study, plain, tmp_path, capsys, old, ne
 def test_two_runs_do_not_share_a_folder(study, tmp_path):
     with (
         opened(tmp_path, read_study(study)),
-        pytest.raises(MonteCarloError, match="Another run is at work in"),
+        pytest.raises(StudyError, match="Another run is at work in"),
         opened(tmp_path, read_study(study)),
     ):
         pass

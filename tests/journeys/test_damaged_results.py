@@ -14,8 +14,7 @@ import pytest
 import xarray as xr
 
 from pymc_ship.cli.main import main
-from pymc_ship.machine.errors import StudyError
-from pymc_ship.machine.errors import VesselError
+from pymc_ship.machine.errors import StudyError, VesselError
 from tests.experiments.cases import TOML
 from tests.journeys.damaged import damage
 from tests.journeys.results import AGAIN, kinds

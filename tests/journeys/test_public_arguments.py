@@ -188,5 +188,7 @@ def test_what_is_no_prior_of_a_regression_is_refused_with_a_sentence(name, bad, 
 
 @pytest.mark.parametrize("name", ["trajectory_posterior", "trajectory_nuts_posterior", "trajectory_model"])
 def test_a_prior_of_a_regression_is_refused_by_a_trajectory_fit(name, trial):
-    with pytest.raises(ps.InferenceError, match=r"^The prior of a trajectory fit is a CoefficientPrior or one of flat, "):
+    with pytest.raises(
+        ps.InferenceError, match=r"^The prior of a trajectory fit is a CoefficientPrior or one of flat, "
+    ):
         called(name, prior=ps.ConjugatePrior(), trials=ps.pollute(trial, level=0.01, rng=1), vessel="kvlcc2", rng=1)

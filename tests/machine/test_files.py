@@ -2,7 +2,8 @@ import os
 
 import pytest
 
-from pymc_ship.machine.files import OutputError, staged, staged_files, writable_folder
+from pymc_ship.machine.errors import OutputError
+from pymc_ship.machine.files import staged, staged_files, writable_folder
 from tests.sentences import refused
 
 

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import pytest
 
 from pymc_ship.machine import files
-from pymc_ship.machine.files import OLD, OutputError, place_of, settle, staged, staged_files, writable_folder
+from pymc_ship.machine.errors import OutputError
+from pymc_ship.machine.files import OLD, place_of, settle, staged, staged_files, writable_folder
 from tests.machine.writers import PARTS, read, started, write
 from tests.sentences import refused
 

@@ -6,7 +6,8 @@ import os
 from functools import partial
 
 from pymc_ship.machine.arguments import check_choice, finite_number
-from pymc_ship.machine.files import OutputError, staged, writable_folder
+from pymc_ship.machine.errors import OutputError
+from pymc_ship.machine.files import staged, writable_folder
 from tests.sentences import wording
 
 

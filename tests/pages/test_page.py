@@ -12,7 +12,7 @@ import pytest
 from jinja2 import TemplateNotFound, UndefinedError
 from matplotlib.figure import Figure
 
-from pymc_ship.machine.files import OutputError
+from pymc_ship.machine.errors import OutputError
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, rendered, write_page
 from pymc_ship.pages.tables import number, table

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pymc_ship.inference.regression.identify import identify
-from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.replication import estimates
 from pymc_ship.replication.estimates import (
@@ -103,7 +103,7 @@ def test_every_differencing_method_is_estimated_its_own_way(noisy, small):
 def test_a_fit_that_no_start_finds_is_none_and_the_other_priors_go_on(noisy, small, monkeypatch):
     def only_damped(trials, vessel, prior, **settings):
         if prior == "flat":
-            raise TrajectoryError("No minimum was found.")
+            raise FitError("No minimum was found.")
         return prior, settings
 
     monkeypatch.setattr(estimates, "trajectory_mode", only_damped)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from pymc_ship.machine import files
-from pymc_ship.machine.files import OutputError
+from pymc_ship.machine.errors import OutputError
 from pymc_ship.replication import page as report
 from tests.replication.cases import SEED, Page, names, quick_report
 

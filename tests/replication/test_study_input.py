@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.machine.files import OutputError
+from pymc_ship.machine.errors import OutputError
 from pymc_ship.replication import study
 from tests.replication.cases import names
 

@@ -45,14 +45,13 @@ from pymc_ship.cli.texts import (
     tuning_text,
 )
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
+from pymc_ship.machine.errors import SimulationError, TrialError
 from pymc_ship.machine.files import staged, staged_files, writable_folder
 from pymc_ship.machine.text import utf8
-from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import CHANNELS, without_roll
 from pymc_ship.trial.record import moving
-from pymc_ship.machine.errors import TrialError
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 OFFSETS = {"auto": None, "yes": True, "no": False}

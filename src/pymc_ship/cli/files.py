@@ -13,8 +13,8 @@ from pathlib import Path
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.machine.errors import OutputError, TrialError
 from pymc_ship.machine.files import place_of, staged, writable_folder
-from pymc_ship.machine.errors import OutputError
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.physics.vessel.plausibility import remarks
@@ -84,8 +84,8 @@ def judged_arguments(
     for k, path in enumerate(paths):
         try:
             trials[k] = ps.corrected_trial(trials[k], checks[k], args.overrule)
-        except ps.TrialError as error:
-            raise type(error)(f"{path}: {error}") from None
+        except TrialError as error:
+            raise TrialError(f"{path}: {error}", checks=error.checks) from None
         for sentence in [*trials[k].attrs["record_remarks"].splitlines(), *trials[k].attrs["corrections"]]:
             progress(f"{path}: {sentence}", remark=True)
     return trials, checks

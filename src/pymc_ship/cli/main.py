@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 from pymc_ship.cli.parser import parser
 from pymc_ship.cli.sentences import sentence
 from pymc_ship.cli.words import expanded
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.memory import address_space
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
     except (ValueError, OSError) as error:
         if "shared object" in str(error):  # of numba
             return _unloaded(error)
-        return _fail(str(error), 3 if _refused(error) else 2)
+        return _fail(str(error), 3 if isinstance(error, TrialError) and error.checks else 2)
     except RuntimeError as error:
         for words, said in _MACHINE.items():
             if words in str(error):
@@ -128,12 +129,6 @@ def _unloaded(error: Exception) -> int:
     """Say that a library cannot be loaded; return the exit status."""
     reason = str(error).removesuffix(".")
     return _fail(f"A library cannot be loaded, for want of memory or installed badly: {reason}; see to it.", 2)
-
-
-def _refused(error: Exception) -> bool:
-    """Whether an error says that a check of a trial is bad; the checks are loaded then."""
-    checks = sys.modules.get("pymc_ship.records.checks.trial_checks")
-    return checks is not None and isinstance(error, checks.TrialRefusedError)
 
 
 def _fail(text: str, status: int) -> int:

@@ -33,8 +33,8 @@ from pymc_ship.cli.texts import (
     term_set_text,
 )
 from pymc_ship.inference.regression.tree import read_posterior
-from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.machine.errors import SimulationError
+from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.term_sets import holds_any_speed, takes_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -52,8 +52,8 @@ _DESIGN_DRAWS = 400  # of a posterior, as many as a design simulates
 
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Identify a ship from her trials, report on it and save it."""
-    from pymc_ship.ships.design.outlook import outlook
     from pymc_ship.machine.errors import FitError
+    from pymc_ship.ships.design.outlook import outlook
     from pymc_ship.ships.identification.model import captive_comparison, identify_ship
     from pymc_ship.ships.identification.page import PAGE, write_refusals, write_ship_report
 
@@ -75,6 +75,8 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     try:
         found = identify_ship(list(trials.values()), vessel, rng=rng, progress=progress, **settings)
     except FitError as error:
+        if not error.refusals:
+            raise
         page = write_refusals(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
     progress("outlook on standard manoeuvres")

@@ -16,12 +16,13 @@ from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory import METHODS
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
 from pymc_ship.inference.regression.calibration import LEVEL
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import Vessel, VesselError
+from pymc_ship.physics.vessel.vessel import Vessel
 
 PAGE = Page(
     "diagnostics.html",

@@ -14,9 +14,9 @@ from pymc_ship.diagnostics import figures, numbers
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, ENVELOPE
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.pages.tables import Columns, Table, fixed, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.machine.errors import VesselError
 from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.forecasting.prior_ships import (
     STANDARD,

@@ -15,15 +15,15 @@ from pymc_ship import __version__
 from pymc_ship.experiments.methods import import_path, own_methods, recorded
 from pymc_ship.experiments.page import write_report
 from pymc_ship.experiments.store import Store
-from pymc_ship.experiments.task import METHODS, PARTS, SCORES, Cell, Method, MonteCarloError, Task, measure, nothing
+from pymc_ship.experiments.task import METHODS, PARTS, SCORES, Cell, Method, Task, measure, nothing
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import SimulationError, StudyError, VesselError
 from pymc_ship.machine.toml import Entry
-from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, written_manoeuvre
 from pymc_ship.physics.vessel.plausibility import remarks
 from pymc_ship.physics.vessel.reading import load_vessel
-from pymc_ship.physics.vessel.vessel import Vessel, VesselError
+from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.noise import NOISES, RECORD_STEP
 
 PART_SEEDS = 1000
@@ -212,7 +212,7 @@ def grid_of(file: Entry, folder: Path, own: Mapping[str, Method]) -> Grid:
 
     Raises
     ------
-    MonteCarloError
+    StudyError
         For unknown or missing keys and values that cannot be used; the sentence names the key.
     """
     file.check_keys(_KEYS, [key for key in _KEYS if key not in _OPTIONAL])
@@ -251,7 +251,7 @@ def _methods(entry: Entry, own: Mapping[str, Method]) -> tuple[str, ...]:
     names = texts(entry)
     for name in names:
         if not import_path(name):
-            check_choice(f"{entry.file}: a method", name, (*METHODS, *own, "module:function"), MonteCarloError)
+            check_choice(f"{entry.file}: a method", name, (*METHODS, *own, "module:function"), StudyError)
     return tuple(dict.fromkeys([*names, *own]))
 
 
@@ -261,7 +261,7 @@ def _noise(table: Entry) -> dict[str, tuple[float, ...]]:
     found = {}
     for kind in table:
         levels = table.at(kind)
-        check_choice(f"{table.file}: a kind of noise", kind, NOISES, MonteCarloError)
+        check_choice(f"{table.file}: a kind of noise", kind, NOISES, StudyError)
         if not isinstance(levels.value, list | tuple) or not levels.value:
             levels.fail(f"must be a list of levels, found {levels.value!r}; write [0.01].")
         found[kind] = tuple(replace(levels, value=level).number(least=0.0) for level in levels.value)
@@ -276,7 +276,7 @@ def _ships(entry: Entry, folder: Path) -> dict[str, Vessel]:
             ship = load_vessel(folder / source if source.endswith(".toml") else source)
             ship.check_model()
         except VesselError as error:
-            raise MonteCarloError(f"{entry.file}: ships cannot have {source!r}: {error}") from None
+            raise StudyError(f"{entry.file}: ships cannot have {source!r}: {error}") from None
         if ship.name in ships:
             entry.fail(f"must have different names, found {ship.name!r} twice; rename one.")
         ships[ship.name] = ship
@@ -289,11 +289,11 @@ def manoeuvres_of(entry: Entry) -> dict[str, Manoeuvre]:
     for text in texts(entry):
         try:
             manoeuvre = written_manoeuvre(text)
-        except ManoeuvreError as error:
-            raise MonteCarloError(f"{entry.file}: {entry.key} cannot have {text!r}: {error}") from None
+        except SimulationError as error:
+            raise StudyError(f"{entry.file}: {entry.key} cannot have {text!r}: {error}") from None
         if manoeuvre is None:
             examples = ", ".join(f"'{kind.words} {kind.example}'" for kind in KINDS.values() if kind.angles)
-            raise MonteCarloError(
+            raise StudyError(
                 f"{entry.file}: a manoeuvre is {examples} or one of them with its side, found {text!r}; write it so."
             )
         _check_once(entry, [*found, manoeuvre.label])

@@ -10,8 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from pymc_ship.experiments.task import METHODS, Method, MonteCarloError
+from pymc_ship.experiments.task import METHODS, Method
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.workers import told
 
 _IMPORT_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
@@ -40,19 +41,19 @@ def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -
 
     Raises
     ------
-    MonteCarloError
+    StudyError
         For an import path that leads to no function, a name that the package has already, and what cannot be called or
         handed to another process.
     """
     found = {name: imported(name, f"{study}: methods") for name in names if import_path(name) and name not in given}
     for name, method in {**given, **found}.items():
         if not isinstance(name, str) or not name or name in METHODS:
-            raise MonteCarloError(
+            raise StudyError(
                 f"{study}: a method of your own has a name that the package does not have, found {shown(name)}; rename "
                 "it."
             )
         if not callable(method):
-            raise MonteCarloError(
+            raise StudyError(
                 f"{study}: the method {name!r} must be a function of a noisy record and a vessel, found "
                 f"{shown(method)}; give the function."
             )
@@ -87,7 +88,7 @@ def imported(name: str, place: str) -> Callable:
         reason, remedy = f"{module} has no {function}", "correct the name"
     except Exception as error:  # whatever the user's module raises
         reason, remedy = told(error), "run in the folder it is found from, put that on PYTHONPATH or mend it"
-    raise MonteCarloError(f"{place} cannot have {name!r}: {reason}; {remedy}.")
+    raise StudyError(f"{place} cannot have {name!r}: {reason}; {remedy}.")
 
 
 def check_handed_on(function: Callable, what: str) -> None:
@@ -97,6 +98,6 @@ def check_handed_on(function: Callable, what: str) -> None:
     try:
         dumps(function)
     except Exception as error:  # whatever the function holds
-        raise MonteCarloError(
+        raise StudyError(
             f"{what} cannot be handed to the workers: {told(error)}; give a function that holds nothing but data."
         ) from None

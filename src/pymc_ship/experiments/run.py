@@ -13,8 +13,9 @@ from pymc_ship.experiments.grid import grid_of
 from pymc_ship.experiments.methods import import_path, imported
 from pymc_ship.experiments.store import Store, opened
 from pymc_ship.experiments.study import Study
-from pymc_ship.experiments.task import Method, MonteCarloError
+from pymc_ship.experiments.task import Method
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, bar, completed
 
@@ -64,7 +65,7 @@ def montecarlo(
 
     Raises
     ------
-    MonteCarloError
+    StudyError
         For a study that cannot be read or that another one in the folder does not allow, a method that cannot be called
         or returns no Estimate, no scheduler that answers, and workers that die again and again.
     OutputError
@@ -86,11 +87,9 @@ def reported_montecarlo(
 ) -> tuple[list[dict], Path]:
     """Main table of a study, and the page; parameters and errors as :func:`montecarlo`; ``work`` does a task."""
     if scheduler and workers:
-        raise MonteCarloError(
-            "The workers of a cluster are started beside its scheduler, found --workers; leave it out."
-        )
+        raise StudyError("The workers of a cluster are started beside its scheduler, found --workers; leave it out.")
     found = read_study(study, methods)
-    error = MonteCarloError
+    error = StudyError
     executor = Cluster(scheduler, error=error) if scheduler else LocalCores(workers, error=error)
     with opened(out, found) as store:
         if store.missing():
@@ -104,9 +103,9 @@ def read_study(study: str | Path | Mapping, methods: Mapping[str, Method] | None
     """Read a study: of the kind that it names, a grid where it names none; parameters and errors as `montecarlo`."""
     folder = Path()
     if isinstance(study, Mapping):
-        file = Entry(study, "The study", MonteCarloError)
+        file = Entry(study, "The study", StudyError)
     else:
-        file, folder = toml_file(study, "The study", MonteCarloError), Path(study).parent
+        file, folder = toml_file(study, "The study", StudyError), Path(study).parent
     file.check_table()
     if "study" not in file:
         return grid_of(file, folder, methods or {})
@@ -144,7 +143,7 @@ def _run(
             store.add(result | session | clock)
             shown.one_more()
     except WorkersLostError as error:
-        raise MonteCarloError(
+        raise StudyError(
             f"Workers died {error.times} times without a result in between, of {error.reason}; what was measured so "
             "far is kept: run again with fewer workers."
         ) from None

@@ -23,8 +23,8 @@ import pyarrow.parquet as pq
 from filelock import lock_descriptor
 
 from pymc_ship.experiments.study import Study
-from pymc_ship.experiments.task import MonteCarloError
-from pymc_ship.machine.files import OutputError, staged, writable_folder
+from pymc_ship.machine.errors import OutputError, StudyError
+from pymc_ship.machine.files import staged, writable_folder
 
 _BEGIN, _TIMED = ("seed", "status", "sentence"), ("cpu", "session", "executor", "workers", "wall", "parent")
 _TYPES = {"status": pa.string(), "sentence": pa.string(), "executor": pa.string()}
@@ -154,7 +154,7 @@ class Store:
                 raise ValueError("a line lacks a column")
             return table.to_pylist()
         except (ValueError, TypeError, AttributeError, RecursionError, pa.ArrowException):
-            raise MonteCarloError(f"The journal {path} is damaged; delete it, its tasks will be done again.") from None
+            raise StudyError(f"The journal {path} is damaged; delete it, its tasks will be done again.") from None
 
     @contextmanager
     def _writer(self, path: Path, columns: Sequence[str]) -> Iterator:
@@ -193,7 +193,7 @@ def opened(out: str | Path, study: Study) -> Iterator[Store]:
 
     Raises
     ------
-    MonteCarloError
+    StudyError
         Where another run is at work, or the folder holds another study that this one does not just extend.
     OutputError
         For a folder that cannot be written.
@@ -201,7 +201,7 @@ def opened(out: str | Path, study: Study) -> Iterator[Store]:
     out = writable_folder(out)
     with (out / ".lock").open("w") as lock:
         if not lock_descriptor(lock.fileno(), blocking=False):
-            raise MonteCarloError(f"Another run is at work in {out}; let it end or choose another folder.")
+            raise StudyError(f"Another run is at work in {out}; let it end or choose another folder.")
         _remember(out / "study.json", study)
         yield Store(out, study)
 
@@ -212,9 +212,9 @@ def _remember(path: Path, study: Study) -> None:
         try:
             changed = study.difference(json.loads(path.read_text(encoding="utf-8")))
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError):
-            raise MonteCarloError(f"{path} is no record of a study; choose another folder.") from None
+            raise StudyError(f"{path} is no record of a study; choose another folder.") from None
         if changed:
-            raise MonteCarloError(
+            raise StudyError(
                 f"{path.parent} holds another study, which can only be extended: {changed}; choose another folder."
             )
     with staged(path) as partial:
@@ -231,7 +231,7 @@ def _whole(path: Path) -> Iterator[None]:
     try:
         yield
     except (ValueError, KeyError, TypeError, OSError, pa.ArrowException) as error:
-        raise MonteCarloError(
+        raise StudyError(
             f"The results {path} are damaged: {error}; delete the file, its tasks will be done again."
         ) from None
 

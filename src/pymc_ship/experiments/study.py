@@ -38,7 +38,7 @@ class Study(Protocol):
 
         Raises
         ------
-        MonteCarloError
+        StudyError
             For what cannot be used; the sentence names the key.
         """
 

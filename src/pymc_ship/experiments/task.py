@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.trajectory.mode import trajectory_mode
+from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
 from pymc_ship.machine.workers import MACHINE, told
@@ -81,10 +82,6 @@ class Cell:
     method: str
 
 
-class MonteCarloError(ValueError):
-    """A study that cannot be run; the sentence says why."""
-
-
 @dataclass(frozen=True)
 class Task:
     """What one task measures.
@@ -137,7 +134,7 @@ def measure(task: Task) -> dict:
     """Simulate, pollute, fit and score; a method that fails is a result like any other.
 
     Errors of the machine, :data:`pymc_ship.machine.workers.MACHINE`, are not, nor is a method that returns no
-    :class:`Estimate` of the vessel, which is a MonteCarloError: they are raised.
+    :class:`Estimate` of the vessel, which is a StudyError: they are raised.
 
     Parameters
     ----------
@@ -154,7 +151,7 @@ def measure(task: Task) -> dict:
         warnings.simplefilter("ignore")
         try:
             status, sentence = _measured(task, parts, scores)
-        except (*MACHINE, MonteCarloError):  # says nothing of how well the method does
+        except (*MACHINE, StudyError):  # says nothing of how well the method does
             raise
         except Exception as error:  # whatever goes wrong in a method is what the study is to find out
             scores, status = dict.fromkeys(SCORES, float("nan")), "failed"
@@ -200,7 +197,7 @@ def _check_estimate(task: Task, estimate: object) -> None:
         if shapes == 3 * [(size,)]:
             return
         found = f"shapes {', '.join(map(str, shapes))}"
-    raise MonteCarloError(
+    raise StudyError(
         f"The method {task.method!r} must return an Estimate whose coefficients, lower and upper have shape ({size},) "
         f"for {task.vessel.name!r}, found {found}; correct it."
     )

@@ -1,5 +1,6 @@
 """What every wing asks of the computer. Imports no other wing.
 
+- `errors`: the errors of the package, under one root.
 - `files`: results that appear under their name only when they are complete.
 - `checksums`: sums that results carry, so that damage is found before they are used.
 - `arguments`: checks of choices and numbers, with errors of one sentence.

@@ -29,6 +29,8 @@ from pathlib import Path
 
 from filelock import lock_descriptor
 
+from pymc_ship.machine.errors import OutputError
+
 OLD = 7 * 86400.0
 """Seconds without a change after which a folder of partial results of another machine is taken for left behind."""
 
@@ -42,10 +44,6 @@ _LOCK, _GONE = ".lock", ".gone"
 _NEW, _BEFORE, _READY = "new", "before", "ready"
 _TURN = ".partial-turn"
 _POLL = 0.01  # seconds between two looks at a lock that another run has
-
-
-class OutputError(ValueError):
-    """A folder or file that cannot be written."""
 
 
 @contextmanager

@@ -12,8 +12,9 @@ from scipy.stats import norm
 
 from pymc_ship.inference.regression.identify import identify
 from pymc_ship.inference.regression.priors import ExactPosterior
-from pymc_ship.inference.trajectory.fit import TrajectoryError, TrajectoryFit
+from pymc_ship.inference.trajectory.fit import TrajectoryFit
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.replication.scores import error_summary, relative_error
 
@@ -96,6 +97,6 @@ def trajectory_modes(
     for prior in priors:
         try:
             modes[prior] = trajectory_mode(trials, vessel, prior, **settings)
-        except TrajectoryError:
+        except FitError:
             modes[prior] = None
     return modes

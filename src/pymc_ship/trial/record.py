@@ -9,13 +9,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.files import staged
 from pymc_ship.trial.channels import CHANNELS
-
-
-class TrialError(ValueError):
-    """A record that cannot be used; the sentence names the channel and the place."""
-
 
 OVER_GROUND = "over ground"
 """Value of the attribute ``speeds`` of a trial whose u and v are over ground; without it they are through the water."""
@@ -72,7 +68,7 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
     >>> ps.check_trial(trial[["u"]], ["u", "psi"])
     Traceback (most recent call last):
         ...
-    pymc_ship.trial.record.TrialError: The trial needs the channels u, psi; psi missing; add them.
+    pymc_ship.machine.errors.TrialError: The trial needs the channels u, psi; psi missing; add them.
     """
     if "time" not in one_trial(trial).coords:
         raise TrialError("A trial is a Dataset over the coordinate time [s], found none; add it.")

@@ -9,9 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, initial_problem
+from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import trajectory_run
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.replication.scores import with_error
 from studies.frontier import measure as frontier
@@ -136,7 +137,7 @@ def test_a_frontier_needs_two_seeds(nine):
 
 def test_a_fit_that_fails_counts_as_infinitely_wrong(nine, monkeypatch):
     def fail(*args, **settings):
-        raise TrajectoryError("No minimum was found.")
+        raise FitError("No minimum was found.")
 
     monkeypatch.setattr(frontier, "trajectory_mode", fail)
     data = DataSet(nine, Cell("white", ()), 0.01, 0, 1)

@@ -69,13 +69,13 @@ def test_the_shipped_population_is_of_sixty_ships_or_more():
     ],
 )
 def test_what_cannot_be_used_is_one_sentence(change, sentence):
-    with pytest.raises(ps.MonteCarloError, match=sentence) as error:
+    with pytest.raises(ps.StudyError, match=sentence) as error:
         read_study(STUDY | change)
     assert "\n" not in str(error.value)
 
 
 def test_methods_are_of_grids():
-    with pytest.raises(ps.MonteCarloError, match="is no grid, and takes no methods; leave them out"):
+    with pytest.raises(ps.StudyError, match="is no grid, and takes no methods; leave them out"):
         read_study(STUDY, {"mine": len})
 
 
@@ -141,7 +141,7 @@ def test_a_study_that_changes_is_refused(plain, change, sentence):
     if change.get("population", "") is None:
         study = {"ships": ["container"], "manoeuvres": ["zigzag 20/20"], "methods": ["weak form"], "seeds": 1}
         study |= {"root_seed": 3, "noise": {"white": [0.01]}}
-    with pytest.raises(ps.MonteCarloError, match=sentence):
+    with pytest.raises(ps.StudyError, match=sentence):
         run(study, plain, made_up)
     assert tables(plain) == before
 
@@ -228,7 +228,7 @@ def test_a_function_that_fails_ends_the_study_in_a_sentence(tmp_path):
     sentence = (
         "Ship 0 of the trials 'two' cannot be drawn or sailed: RuntimeError: no such ship; what was judged is kept"
     )
-    with pytest.raises(ps.MonteCarloError, match=sentence):
+    with pytest.raises(ps.StudyError, match=sentence):
         engine.montecarlo(STUDY | {"population": "studies.tests.population.ships:sunk"}, tmp_path, workers=1)
 
 
@@ -293,7 +293,7 @@ def test_a_study_that_asks_for_no_stopping_test_has_none():
 
 def test_a_ship_whose_parts_are_not_identified_holds_nothing(monkeypatch):
     def refused(*args, **settings):
-        raise ps.TrajectoryError("No term set can be fitted.")
+        raise ps.FitError("No term set can be fitted.")
 
     monkeypatch.setattr(judged_ship, "identify_ship", refused)
     task = read_study(STUDY).task(TrialsCell("two"), 0)

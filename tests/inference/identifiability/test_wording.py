@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.inference.trajectory.fit import TrajectoryError
+from pymc_ship.machine.errors import FitError
 from tests.sentences import wording
 
 test_trajectory_errors = wording(
-    TrajectoryError,
+    FitError,
     *(
         (
             sentence,

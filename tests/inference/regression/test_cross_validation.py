@@ -6,9 +6,10 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
-from pymc_ship.inference.regression.cross_validation import CrossValidationError, cross_validation, fold_rows
+from pymc_ship.inference.regression.cross_validation import cross_validation, fold_rows
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.errors import InferenceError
 from tests.inference.regression.peers import oracle, simulated
 
 PRIORS = [
@@ -136,4 +137,4 @@ class TestScore:
 
 class TestErrors:
     def test_they_are_value_errors(self):
-        assert issubclass(CrossValidationError, ValueError)
+        assert issubclass(InferenceError, ValueError)

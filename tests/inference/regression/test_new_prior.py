@@ -152,7 +152,7 @@ def test_gibbs_serves_a_family_of_power_one_and_refuses_one_of_a_half():
     tree = ps.gibbs_posterior(data, ridge(), draws=500, rng=np.random.default_rng(8))
     assert bool(ps.agreement(ridge().exact(data), {"gibbs": tree})["agrees"].all())
     assert not bool(ps.agreement(ridge(kappa=0.1).exact(data), {"gibbs": tree})["agrees"].any())
-    with refused(ps.PriorError, 0.5, "nuts_posterior"):
+    with refused(ps.InferenceError, 0.5, "nuts_posterior"):
         ps.gibbs_posterior(data, root(), rng=np.random.default_rng(8))
 
 
@@ -216,13 +216,13 @@ def test_a_family_lacks_nothing_and_has_its_own_name():
     class Vague(ps.Prior):
         box: ClassVar = {"kappa": (1.0, 2.0)}
 
-    with refused(ps.PriorError, "noise_power"):
+    with refused(ps.InferenceError, "noise_power"):
         ps.register_family(Vague)
 
     @dataclass(frozen=True, eq=False)
     class Second(RidgePrior):
         pass
 
-    with refused(ps.PriorError, "ridge"):
+    with refused(ps.InferenceError, "ridge"):
         ps.register_family(Second)
     assert ps.register_family(RidgePrior) is FAMILIES["ridge"]

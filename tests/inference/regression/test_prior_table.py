@@ -10,12 +10,12 @@ import pytest
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.prior_table import hold_fixed, informed_prior, order_damped_prior, sister_ship_table
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.inference.sampling.gibbs import gibbs, gibbs_posterior
 from pymc_ship.inference.sampling.regression_model import nuts_posterior
+from pymc_ship.machine.errors import InferenceError
 from tests.inference.regression.peers import largest_z, z_limit
 from tests.inference.regression.plain_algebra import HELD, NAMES, agree, base, plain, ship, summary
 from tests.sentences import refused
@@ -123,7 +123,7 @@ class TestInformed:
 
 
 def test_a_conjugate_table_needs_a_mean_of_the_noise_variance():
-    with refused(PriorError, "shape", 1.0):
+    with refused(InferenceError, "shape", 1.0):
         informed_prior(ship(), ConjugatePrior(shape=1.0), TABLE)
     assert informed_prior(ship(), SemiConjugatePrior(shape=1.0), TABLE).shape == 1.0
 

@@ -13,7 +13,7 @@ from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import draws_tree, exact_posterior, read_posterior, rng_state, write_posterior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
-from pymc_ship.machine.files import OutputError
+from pymc_ship.machine.errors import OutputError
 from tests.inference.regression.peers import simulated
 from tests.sentences import refused
 

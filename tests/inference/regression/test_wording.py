@@ -11,7 +11,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
-from pymc_ship.inference.regression.cross_validation import CrossValidationError, cross_validation, fold_rows
+from pymc_ship.inference.regression.cross_validation import cross_validation, fold_rows
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.identify import SELECTIONS, identify
 from pymc_ship.inference.regression.prior_table import (
@@ -21,17 +21,15 @@ from pymc_ship.inference.regression.prior_table import (
     restore_fixed,
     sister_ship_table,
 )
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import (
     exact_posterior,
     read_posterior,
     write_posterior,
 )
-from pymc_ship.inference.regression.tune import TuningError, maximise_evidence, tune_prior
-from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.inference.regression.tune import maximise_evidence, tune_prior
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior
-from pymc_ship.machine.files import OutputError
+from pymc_ship.machine.errors import InferenceError, OutputError
 from tests.inference.regression.cases import case
 from tests.inference.regression.peers import exact_of, simulated
 from tests.inference.regression.plain_algebra import HELD, NAMES, base, ship
@@ -126,7 +124,7 @@ test_value_errors = wording(
 )
 
 test_prior_errors = wording(
-    PriorError,
+    InferenceError,
     *(
         (
             f"The prior's {name} is one value or 3, one for each term; found 2",
@@ -205,7 +203,7 @@ test_prior_errors = wording(
 )
 
 test_regression_data_errors = wording(
-    RegressionDataError,
+    InferenceError,
     *(
         (
             r"New rows are finite, of shape \(rows, 3\), found",
@@ -289,7 +287,7 @@ test_regression_data_errors = wording(
 )
 
 test_cross_validation_errors = wording(
-    CrossValidationError,
+    InferenceError,
     *(
         (
             f"The 13 rows make 2 to 13 folds, found {folds}; change",
@@ -313,7 +311,7 @@ test_output_errors = wording(
 )
 
 test_tuning_errors = wording(
-    TuningError,
+    InferenceError,
     (
         "at least 6 points, found 5; raise evaluations",
         lambda: tune_prior(scaled(), evaluations=5, rng=np.random.default_rng(1)),

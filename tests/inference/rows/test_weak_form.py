@@ -9,7 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.inference.rows import weak_form as module
-from pymc_ship.inference.rows.weak_form import METHODS, RADIUS, bump, weak_form
+from pymc_ship.inference.rows.weak_form import METHODS, RADIUS, bump, coefficient_scales, weak_form, weak_form_start
 from pymc_ship.physics.forces.terms import evaluate, order
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from tests.sentences import refused
@@ -37,14 +37,14 @@ def median_error(found, vessel):
 def least_squares(trials, vessel, **settings):
     """Start with every coefficient free."""
     n = reference_coefficients(vessel).size
-    return ps.weak_form_start(trials, vessel, np.zeros(n), np.full(n, np.inf), **settings)
+    return weak_form_start(trials, vessel, np.zeros(n), np.full(n, np.inf), **settings)
 
 
 def damped_start(trials, vessel):
     """Start under the prior without a sister ship: scales that fall with the order of the term."""
     orders = np.array([max(order(term), 1) for dof in vessel.dofs for term in vessel.terms(dof)])
-    scale = 2.0 * ps.coefficient_scales(trials, vessel) * 0.3 ** (orders - 1.0)
-    return ps.weak_form_start(trials, vessel, np.zeros(orders.size), scale)
+    scale = 2.0 * coefficient_scales(trials, vessel) * 0.3 ** (orders - 1.0)
+    return weak_form_start(trials, vessel, np.zeros(orders.size), scale)
 
 
 def noisy(trial, level, seed):
@@ -189,11 +189,11 @@ class TestNoise:
         np.testing.assert_array_equal(damped_start([trial], container), damped_start(trial, container))
 
     def test_scales_hardly_feel_the_noise(self, container, zigzag_trial):
-        clean, rough = (ps.coefficient_scales(t, container) for t in (zigzag_trial, noisy(zigzag_trial, 0.05, 0)))
+        clean, rough = (coefficient_scales(t, container) for t in (zigzag_trial, noisy(zigzag_trial, 0.05, 0)))
         np.testing.assert_allclose(rough, clean, rtol=0.15)
 
     def test_scales_are_force_over_term(self, container, zigzag_trial):
-        form, scales = weak_form(zigzag_trial, container), ps.coefficient_scales(zigzag_trial, container)
+        form, scales = weak_form(zigzag_trial, container), coefficient_scales(zigzag_trial, container)
         X, y = form.design_matrices["surge"], form.responses["surge"]
         np.testing.assert_allclose(scales[:18] * np.sqrt(np.mean(X**2, axis=0)), np.sqrt(np.mean(y**2)), rtol=1e-6)
 
@@ -217,22 +217,22 @@ class TestPrior:
     """What mean and scale do to the start."""
 
     def test_a_scale_of_zero_holds_and_one_of_infinity_frees(self, container, zigzag_trial):
-        mean, scale = reference_coefficients(container), ps.coefficient_scales(zigzag_trial, container)
+        mean, scale = reference_coefficients(container), coefficient_scales(zigzag_trial, container)
         scale[0], scale[1], mean[1] = 0.0, np.inf, 1e3
-        found = ps.weak_form_start(noisy(zigzag_trial, 1e-3, 0), container, mean, scale)
+        found = weak_form_start(noisy(zigzag_trial, 1e-3, 0), container, mean, scale)
         assert found[0] == mean[0]
         assert abs(found[1] / reference_coefficients(container)[1] - 1.0) < 0.5
 
     def test_the_mean_answers_where_the_noise_drowns_the_rest(self, container, zigzag_trial):
         truth = reference_coefficients(container)
-        scale = 0.3 * np.hypot(truth, 0.05 * ps.coefficient_scales(zigzag_trial, container))
-        found = ps.weak_form_start(noisy(zigzag_trial, 0.05, 0), container, truth, scale)
+        scale = 0.3 * np.hypot(truth, 0.05 * coefficient_scales(zigzag_trial, container))
+        found = weak_form_start(noisy(zigzag_trial, 0.05, 0), container, truth, scale)
         assert median_error(found, container) < 20.0
 
     def test_scales_and_their_stretch_are_one_product(self, container, zigzag_trial):
         """The evidence finds tau, so that twice the scales give the same start."""
-        trial, scale = noisy(zigzag_trial, 0.01, 0), ps.coefficient_scales(zigzag_trial, container)
-        one, two = (ps.weak_form_start(trial, container, 0.0 * scale, factor * scale) for factor in (1.0, 2.0))
+        trial, scale = noisy(zigzag_trial, 0.01, 0), coefficient_scales(zigzag_trial, container)
+        one, two = (weak_form_start(trial, container, 0.0 * scale, factor * scale) for factor in (1.0, 2.0))
         np.testing.assert_allclose(one, two, rtol=1e-3, atol=1e-4 * np.abs(one).max())
 
 

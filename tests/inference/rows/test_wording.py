@@ -8,9 +8,9 @@ import numpy as np
 
 import pymc_ship as ps
 from pymc_ship.inference.regression.families import FAMILIES, prior_family
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.weak_form import weak_form
+from pymc_ship.inference.rows.weak_form import coefficient_scales, weak_form, weak_form_start
+from pymc_ship.machine.errors import InferenceError
 from tests.inference.rows.frames import motion
 from tests.inference.rows.test_data_scaling import plain_arrays
 from tests.inference.rows.test_frames import FORMULA, uneven
@@ -59,7 +59,7 @@ def short(trial):
 
 
 test_regression_data_errors = wording(
-    ps.RegressionDataError,
+    ps.InferenceError,
     (
         "The rudder of a trial must move",
         lambda container: ps.regression_data(
@@ -224,10 +224,10 @@ test_trial_errors = wording(
         r"at most 1\.25 s apart, found 1\.5 s; sample faster",
         lambda container, zigzag_trial: weak_form(zigzag_trial.isel(time=slice(None, None, 75)), container),
     ),
-    ("at least one trial, found none", lambda container: ps.coefficient_scales([], container)),
+    ("at least one trial, found none", lambda container: coefficient_scales([], container)),
     (
         "vphi, phi, phiphi, pp, ppu of the surge stay 0: leave them out",
-        lambda container, zigzag_trial: ps.coefficient_scales(
+        lambda container, zigzag_trial: coefficient_scales(
             zigzag_trial.assign(p=0.0 * zigzag_trial["p"], phi=0.0 * zigzag_trial["phi"]), container
         ),
     ),
@@ -260,7 +260,7 @@ test_value_errors = wording(
     *(
         (
             "for each of 102 coefficients, found shapes",
-            lambda container, zigzag_trial, change=change: ps.weak_form_start(
+            lambda container, zigzag_trial, change=change: weak_form_start(
                 zigzag_trial, container, np.zeros(102), change(np.zeros(102))
             ),
         )
@@ -269,7 +269,7 @@ test_value_errors = wording(
 )
 
 test_prior_errors = wording(
-    PriorError,
+    InferenceError,
     *(
         (message, lambda family=family, change=change: prior_family(family)(**change))
         for change, message in [

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import rng_state
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling import gibbs as module
 from pymc_ship.inference.sampling.gibbs import gibbs, gibbs_posterior
+from pymc_ship.machine.errors import InferenceError
 from tests.inference.regression.peers import cholesky_gibbs, largest_z, oracle, simulated, z_limit
 
 
@@ -159,5 +159,5 @@ class TestErrors:
             gibbs_posterior(*case(), rng=np.random.default_rng(1), **numbers)
 
     def test_vectors_have_one_value_for_each_term(self):
-        with pytest.raises(PriorError, match="The prior's kappa is one value or 3, one for each term; found 2"):
+        with pytest.raises(InferenceError, match="The prior's kappa is one value or 3, one for each term; found 2"):
             gibbs(case()[0], SemiConjugatePrior(kappa=[1.0, 2.0]), rng=np.random.default_rng(1))

@@ -85,11 +85,13 @@ def test_runs_are_grouped():
     assert labels == ["port", "starboard"]
     assert rows.tolist() == [int(g == 1) for g in group]
     assert X.shape == data.design_matrix.shape
-    with pytest.raises(ps.RegressionDataError, match="Every run is of a group, found none for ship 2"):
+    with pytest.raises(ps.InferenceError, match="Every run is of a group, found none for ship 2"):
         group_of_rows(data, {"ship 0": "port", "ship 1": "starboard"})
-    with pytest.raises(ps.RegressionDataError, match="two groups of runs or more, found all alone"):
+    with pytest.raises(ps.InferenceError, match="two groups of runs or more, found all alone"):
         group_of_rows(data, dict.fromkeys(["ship 0", "ship 1", "ship 2"], "all"))
-    with pytest.raises(ps.PriorError, match="a conjugate prior of the means cannot depend on; give a SemiConjugate"):
+    with pytest.raises(
+        ps.InferenceError, match="a conjugate prior of the means cannot depend on; give a SemiConjugate"
+    ):
         hierarchical_model(data, ps.ConjugatePrior())
 
 
@@ -120,5 +122,5 @@ def test_several_trials_have_one_scaling_and_their_runs():
     assert list(dict.fromkeys(ps.regression_data(list(trials.values()), vessel, "yaw", interval=2.0).run)) == ["1", "2"]
     with pytest.raises(ps.TrialError, match="One trial is meant, a Dataset of xarray"):
         ps.regression_data(["trial.csv"], vessel, "yaw")
-    with pytest.raises(ps.RegressionDataError, match="one trial or several, found none"):
+    with pytest.raises(ps.InferenceError, match="one trial or several, found none"):
         ps.regression_data([], vessel, "yaw")

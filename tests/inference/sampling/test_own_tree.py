@@ -155,7 +155,7 @@ def test_shipped_priors_are_centred(prior):
 
 @pytest.mark.parametrize("effective", [0.0, DATA.n_terms, float("nan")])
 def test_a_horseshoe_expects_some_coefficients_but_not_all(effective):
-    with pytest.raises(ps.PriorError, match=rf"lies between 0 and {DATA.n_terms}, the number of terms, found "):
+    with pytest.raises(ps.InferenceError, match=rf"lies between 0 and {DATA.n_terms}, the number of terms, found "):
         pymc_model(DATA, partial(ps.horseshoe, effective=effective))
 
 

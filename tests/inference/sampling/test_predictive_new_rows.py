@@ -10,8 +10,8 @@ from scipy import stats
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.inference.sampling.predictive import predict
+from pymc_ship.machine.errors import InferenceError
 from tests.inference.rows.frames import motion
 from tests.inference.sampling.test_predictive import EXACT, LIMIT, tree_of, z_of_moments
 
@@ -72,7 +72,7 @@ def test_a_formula_is_evaluated_for_a_tree():
     tree = exact_posterior(data, ConjugatePrior(), draws=40, rng=1)
     found = predict(tree, frame[["delta", "v", "r"]].iloc[:3], data=data, rng=2)
     assert found.identical(predict(tree, data.design_matrix[:3], rng=2))
-    with pytest.raises(RegressionDataError, match=r"^New rows need the columns Intercept, v, v:r, I"):
+    with pytest.raises(InferenceError, match=r"^New rows need the columns Intercept, v, v:r, I"):
         predict(tree, frame, rng=2)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior, read_posterior, write_posterior
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
+from pymc_ship.machine.errors import InferenceError
 from tests.inference.sampling.cases import POWER, hyperparameters, log_density_error, regression
 
 CASES = ("tall", "zscored", "wide")
@@ -177,7 +177,7 @@ def test_what_cannot_be_sampled_is_named():
         nuts_posterior(data, ConjugatePrior(), rng=rng, sampler="stan")
     with pytest.raises(ValueError, match="tune=0"):
         nuts_posterior(data, ConjugatePrior(), rng=rng, tune=0)
-    with pytest.raises(PriorError, match="5, one for each term"):
+    with pytest.raises(InferenceError, match="5, one for each term"):
         nuts_posterior(data, ConjugatePrior(kappa=[1.0, 2.0]), rng=rng)
 
 

@@ -17,7 +17,6 @@ from pymc_ship.inference.sampling.trajectory_model import (
     trajectory_nuts_posterior,
 )
 from pymc_ship.inference.trajectory.fit import fit_trajectory, linearise
-from pymc_ship.machine.errors import FitError
 from pymc_ship.inference.trajectory.noise import fit_with_noise
 from pymc_ship.inference.trajectory.posterior import (
     KHAT_LIMIT,
@@ -30,6 +29,7 @@ from pymc_ship.inference.trajectory.posterior import (
 )
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
+from pymc_ship.machine.errors import FitError
 from pymc_ship.records.files.judgement import judgement
 from tests.ships.ensemble.cases import posterior_forecast
 

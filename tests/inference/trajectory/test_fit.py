@@ -9,8 +9,10 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, linearise, whiten
+from pymc_ship.inference.rows.weak_form import coefficient_scales, weak_form_start
+from pymc_ship.inference.trajectory.fit import fit_trajectory, linearise, whiten
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from tests.inference.trajectory.cases import SD, problem_of, record, rough, truth
@@ -51,7 +53,7 @@ def nearby(two_runs, ship, zigzag, circle):
 
 
 def weak_start(problem, trials):
-    start = ps.weak_form_start(trials, problem.vessel, problem.prior.mean, problem.prior.scale, method="rk4")
+    start = weak_form_start(trials, problem.vessel, problem.prior.mean, problem.prior.scale, method="rk4")
     return np.concatenate([start, *(run.initial_state[0] for run in problem.runs)])
 
 
@@ -167,7 +169,7 @@ class TestMode:
         given = {name: 1e-4 * SD[name] for name in ("u", "v", "r")}
         problem, expected = problem_of(ship, [zigzag], "flat", noise_sd=given), truth(ship, [zigzag])
         damped = ps.coefficient_prior([zigzag], ship)
-        start = ps.weak_form_start(zigzag, ship, damped.mean, damped.scale, method="rk4")
+        start = weak_form_start(zigzag, ship, damped.mean, damped.scale, method="rk4")
         fit = fit_trajectory(problem, np.concatenate([start, problem.runs[0].initial_state[0]]))
         assert fit.chi2 < 1e-4
         assert np.max(np.abs(fit.coefficients - expected[:53]) / fit.sd) < 0.05
@@ -225,7 +227,7 @@ class TestMode:
         assert fit.residuals[0].size == 40 < fit.unknowns.size
         assert (fit.sd < sister.prior.scale * (1.0 + 1e-9)).all()
         assert (fit.sd < 0.9 * sister.prior.scale).any()
-        with pytest.raises(TrajectoryError):
+        with pytest.raises(FitError):
             fit_trajectory(problem_of(ship, [clean], "flat", **settings), truth(ship, [clean]))
 
 
@@ -254,7 +256,7 @@ class TestApproximation:
     def test_few_free_coefficients_have_the_variance_of_their_own_normal_equations(self, ship, zigzag):
         """All others are held by a table: the sd of three is that of a problem of three and the initial state."""
         free, names, reference = ("Yv", "Nr", "Xuu"), coefficient_names(ship), reference_coefficients(ship)
-        typical = ps.coefficient_scales([zigzag], ship)
+        typical = coefficient_scales([zigzag], ship)
         table = {
             name: (value, 1e-7 * size)
             for name, value, size in zip(names, reference, typical, strict=True)

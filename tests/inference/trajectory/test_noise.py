@@ -10,9 +10,9 @@ import pytest
 from scipy import stats
 from scipy.linalg import block_diag
 
-import pymc_ship as ps
+from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory import noise as trajectory_noise
-from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory, run_rows, white_noise, whiten
+from pymc_ship.inference.trajectory.fit import fit_trajectory, run_rows, white_noise, whiten
 from pymc_ship.inference.trajectory.noise import (
     ALPHA,
     LAGS,
@@ -22,6 +22,7 @@ from pymc_ship.inference.trajectory.noise import (
     sample_residuals,
     serial_test,
 )
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.trial.record import second_difference_sd
 from tests.inference.trajectory.cases import SD, correlated, heavy_tailed, problem_of, rough, truth, white
@@ -46,7 +47,7 @@ def choose(ship, zigzag):
     def chosen(law, seed=0, channels=("u", "v", "r"), **settings):
         trial = rough(zigzag, seed, law)
         problem = problem_of(ship, [trial], channels=channels)
-        start = ps.weak_form_start(trial, ship, problem.prior.mean, problem.prior.scale, method="rk4")
+        start = weak_form_start(trial, ship, problem.prior.mean, problem.prior.scale, method="rk4")
         return fit_with_noise(problem.runs, ship, problem.prior, start, **settings)
 
     return chosen
@@ -235,7 +236,7 @@ class TestTests:
 
     def test_the_offset_test_of_unknowns_that_no_ship_can_sail_is_an_error(self, choices):
         fit = choices["heading"].fit
-        with pytest.raises(TrajectoryError):
+        with pytest.raises(FitError):
             offset_test(replace(fit, unknowns=1e3 * fit.unknowns))
 
 
@@ -249,7 +250,7 @@ class TestCoverage:
         for seed in range(30):
             trial = rough(zigzag, 100 + seed, law)
             problem = problem_of(ship, [trial])
-            start = ps.weak_form_start(trial, ship, problem.prior.mean, problem.prior.scale, method="rk4")
+            start = weak_form_start(trial, ship, problem.prior.mean, problem.prior.scale, method="rk4")
             shares.append(share_covered(fit_with_noise(problem.runs, ship, problem.prior, start, **settings).fit, ship))
         return np.mean(shares), np.std(shares) / np.sqrt(len(shares))
 

@@ -13,6 +13,7 @@ import pytest
 from scipy.special import logsumexp
 
 import pymc_ship as ps
+from pymc_ship.inference.rows.weak_form import coefficient_scales
 from pymc_ship.inference.trajectory.fit import fit_trajectory
 from pymc_ship.inference.trajectory.posterior import (
     log_likelihood_rows,
@@ -66,7 +67,7 @@ class TestDensities:
     def test_the_log_evidence_is_that_of_importance_sampling(self, ship, zigzag):
         """Three free coefficients, all others held by a table: weights are even and their mean is the evidence."""
         free, names, reference = ("Yv", "Nr", "Xuu"), coefficient_names(ship), reference_coefficients(ship)
-        typical = ps.coefficient_scales([zigzag], ship)
+        typical = coefficient_scales([zigzag], ship)
         table = {
             name: (value, (0.5 if name in free else 1e-6) * size)
             for name, value, size in zip(names, reference, typical, strict=True)

@@ -8,6 +8,7 @@ import xarray as xr
 from scipy import stats
 
 import pymc_ship as ps
+from pymc_ship.inference.rows.weak_form import coefficient_scales
 from pymc_ship.inference.trajectory.prior import FREEDOM, CoefficientPrior, coefficient_dofs
 from pymc_ship.physics.forces.terms import order
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
@@ -21,7 +22,7 @@ def trial(container):
 
 @pytest.fixture(scope="module")
 def typical(container, trial):
-    return ps.coefficient_scales([trial], container)
+    return coefficient_scales([trial], container)
 
 
 def tree_of(names, mean, sd, draws=500):

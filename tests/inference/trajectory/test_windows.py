@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory import prior as priors
 from pymc_ship.inference.trajectory import windows as window_fit
 from pymc_ship.inference.trajectory.fit import fit_trajectory, initial_problem
@@ -30,10 +31,10 @@ from pymc_ship.inference.trajectory.windows import (
     window_mode,
     window_records,
 )
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.trial.record import TrialError
 from tests.inference.trajectory.cases import correlated
 from tests.physics.vessel.cases import small_vessel
 from tests.sentences import refused
@@ -152,7 +153,7 @@ def fitted():
     runs = [trial(what) for what in RUNS]
     vessel = with_terms(tanker(), TRUE_TERMS)
     prior = coefficient_prior(runs, vessel, "order_damped", damping=1.0)
-    start = ps.weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4")
+    start = weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4")
     windows = [window for run in runs for window in prepared_windows(run, vessel)]
     return fit_windows(windows, vessel, prior, start)
 

@@ -7,10 +7,7 @@ from functools import partial
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.inference.trajectory.fit import (
-    TrajectoryError,
-    fit_trajectory,
-)
+from pymc_ship.inference.trajectory.fit import fit_trajectory
 from pymc_ship.inference.trajectory.noise import (
     fit_with_noise,
 )
@@ -20,6 +17,7 @@ from pymc_ship.inference.trajectory.windows import (
     prepared_windows,
     thinned,
 )
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from tests.inference.trajectory.cases import (
     problem_of,
@@ -67,7 +65,7 @@ def windows_that_run_away():
 
 
 test_trajectory_errors = wording(
-    TrajectoryError,
+    FitError,
     (r"leave combinations .* wholly unknown; give them a prior", without_prior),
     (
         r"leaves the model's range at the start of the fit: .* add a run",
@@ -128,7 +126,7 @@ test_trial_errors = wording(
 )
 
 test_prior_errors = wording(
-    ps.PriorError,
+    ps.InferenceError,
     ("every DOF, surge, sway, yaw, roll missing", lambda container: ps.posterior_prior({}, container)),
     (
         "every coefficient, Xu, Xvv missing; add them",

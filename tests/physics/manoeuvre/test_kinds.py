@@ -51,7 +51,7 @@ def test_units_of_the_indices_are_those_of_their_names(kind):
 
 @pytest.mark.parametrize("twin", [replace(ZIGZAG, option=""), replace(ZIGZAG, name="other")])
 def test_a_name_and_an_option_belong_to_one_kind(twin):
-    with refused(ps.ManoeuvreError, "zigzag"):
+    with refused(ps.SimulationError, "zigzag"):
         register(twin)
     assert list(KINDS) == ["zigzag", "turning_circle", "pull_out", "rudder_programme"]
 

@@ -61,7 +61,7 @@ test_trial_errors = wording(
 )
 
 test_manoeuvre_errors = wording(
-    ps.ManoeuvreError,
+    ps.SimulationError,
     *(
         (r"An index is of angle, drift.*; found .*; choose one of them", lambda quantity=quantity: Index(quantity))
         for quantity in ["mass", ""]
@@ -136,6 +136,6 @@ test_manoeuvre_errors = wording(
 )
 
 test_monte_carlo_errors = wording(
-    ps.MonteCarloError,
+    ps.StudyError,
     ("'turning circle 35', 'pull out 20/90' or one of them with its side", a_grid_with_another_manoeuvre),
 )

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.terms import factors, loaded
 from pymc_ship.physics.vessel.term_sets import AHEAD_SET, OWN, TERM_SETS, term_sets, with_terms
-from pymc_ship.physics.vessel.vessel import Coefficient, VesselError, coefficient_names, reference_coefficients
+from pymc_ship.physics.vessel.vessel import Coefficient, coefficient_names, reference_coefficients
 from tests.sentences import refused
 from tests.ships.identification.cases import TRUE_TERMS, tanker, trial
 

@@ -93,7 +93,7 @@ def test_another_wind_that_is_declared_true_is_bad(tanker, circle, reading):
     trial = blown(circle, reading, np.random.default_rng(1))
     check = found(trial, tanker)["wind"]
     assert check.verdict == "bad"
-    with refused(ps.TrialRefusedError, "wind"):
+    with refused(ps.TrialError, "wind"):
         ps.judged_trial(trial, tanker)
 
 

@@ -51,7 +51,7 @@ test_trial_errors = wording(
 )
 
 test_trial_refused_errors = wording(
-    ps.TrialRefusedError,
+    ps.TrialError,
     (
         "sails ahead",
         lambda container: ps.judged_trial(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pymc_ship as ps
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.steering.recognition import recognise
-from pymc_ship.trial.record import TrialError
 from tests.sentences import wording
 from tests.ships.identification.cases import tanker, trial
 

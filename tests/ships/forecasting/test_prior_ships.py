@@ -149,15 +149,15 @@ def test_a_tree_gives_the_draws_of_its_group_prior(container, zigzag_trial):
     ],
 )
 def test_what_is_no_prior_is_refused_in_a_sentence(container, prior, sentence):
-    with pytest.raises(ps.PriorError, match=sentence):
+    with pytest.raises(ps.InferenceError, match=sentence):
         ships(container, prior)
 
 
 def test_priors_without_ships_are_refused(container, zigzag_trial, small):
     flat = ps.coefficient_prior([zigzag_trial], container, "flat", table={"Yv": (-0.01, 0.001)})
-    with pytest.raises(ps.PriorError, match=r"found 101 of 102 without \(prior flat\); use order_damped or"):
+    with pytest.raises(ps.InferenceError, match=r"found 101 of 102 without \(prior flat\); use order_damped or"):
         ships(container, flat)
-    with pytest.raises(ps.PriorError, match="A prior of 'small' has 10 coefficients, found 102; make it with"):
+    with pytest.raises(ps.InferenceError, match="A prior of 'small' has 10 coefficients, found 102; make it with"):
         ships(small, ps.coefficient_prior([zigzag_trial], container))
     with pytest.raises(ValueError, match="two or more, found 1; raise"):
         ships(container, flat, draws=1)

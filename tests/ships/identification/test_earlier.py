@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.machine.errors import InferenceError
 from pymc_ship.inference.trajectory.prior import Statement
 from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.ships.ensemble.index_table import index_rows
 from tests.ships.identification.cases import TRUE_TERMS, tanker, trials
 

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
+from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, prepared_windows, restarted
 from pymc_ship.physics.manoeuvre.helm import execution
@@ -124,7 +125,7 @@ class TestScore:
         for name in (TRUE_TERMS, "loading"):
             vessel = with_terms(tanker(), name)
             prior = coefficient_prior(records, vessel, "order_damped", damping=1.0)
-            start = ps.weak_form_start(records, vessel, prior.mean, prior.scale, method="rk4")
+            start = weak_form_start(records, vessel, prior.mean, prior.scale, method="rk4")
             runs = [prepared_windows(record, vessel) for record in records]
 
             def fit(windows, vessel=vessel, prior=prior, start=start):

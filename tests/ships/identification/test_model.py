@@ -9,13 +9,11 @@ import pytest
 from scipy import stats
 
 import pymc_ship as ps
-from pymc_ship.machine.errors import InferenceError
-from pymc_ship.machine.errors import FitError
 from pymc_ship.inference.trajectory.windows import WindowFit
+from pymc_ship.machine.errors import FitError, InferenceError, TrialError, VesselError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.vessel.term_sets import OWN, TERM_SETS
 from pymc_ship.physics.vessel.vessel import reference_coefficients
-from pymc_ship.machine.errors import VesselError
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
 from pymc_ship.ships.ensemble.index_error import TYPICAL, index_sd
@@ -26,7 +24,6 @@ from pymc_ship.ships.identification import model as ship_model
 from pymc_ship.ships.identification.candidates import LARGEST_INFLATION, Candidate, Training
 from pymc_ship.ships.identification.held_out import HeldOut
 from pymc_ship.ships.identification.model import identify_ship
-from pymc_ship.machine.errors import TrialError
 from tests.ships.identification.cases import RUNS, TRUE_TERMS, scored_upright, tanker, trial, trials
 
 POORER = "loading"
@@ -261,9 +258,7 @@ class TestOneRun:
         """Those of the trial before it were sound."""
         for room in (ship_candidates, ship_model):
             monkeypatch.setattr(room, "is_feasible", lambda vessel, rows: np.full(len(rows), len(rows) == 51))
-        with pytest.raises(
-            FitError, match=r"terms, 0 of 2000 do not run away in a standard manoeuvre; give more"
-        ):
+        with pytest.raises(FitError, match=r"terms, 0 of 2000 do not run away in a standard manoeuvre; give more"):
             identified(trials(0)[:1])
 
 

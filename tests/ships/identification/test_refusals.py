@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ships.ensemble.feasibility import FASTEST, TIGHTEST, first_failure, is_feasible
 from pymc_ship.ships.identification.candidates import Refusal
-from pymc_ship.machine.errors import FitError
 from pymc_ship.ships.identification.page import write_refusals, write_ship_report
 from tests.ships.identification.three_zigzags import model, runs
 

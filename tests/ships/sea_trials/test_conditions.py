@@ -41,7 +41,7 @@ def test_a_file_is_read(tmp_path):
     ],
 )
 def test_what_no_trial_has_is_refused(table, message):
-    with pytest.raises(ps.SeaTrialError, match=message):
+    with pytest.raises(ps.TrialError, match=message):
         load_conditions(table)
 
 

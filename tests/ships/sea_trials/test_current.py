@@ -39,7 +39,7 @@ def test_its_uncertainty_is_that_of_noisy_positions():
 
 def test_a_turn_of_one_round_is_refused():
     turn = sailed(ps.turning_circle(35), 1100, wind=None)
-    with pytest.raises(ps.SeaTrialError, match="720 deg, of 630 at least, found 4"):
+    with pytest.raises(ps.TrialError, match="720 deg, of 630 at least, found 4"):
         ps.drift_current(turn)
 
 

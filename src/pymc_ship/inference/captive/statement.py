@@ -20,15 +20,14 @@ import xarray as xr
 from scipy.optimize import least_squares
 
 from pymc_ship.inference.captive.table import FORCES
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement
 from pymc_ship.inference.trajectory.statements import loosened
+from pymc_ship.machine.errors import InferenceError, TrialError
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.motion.held import held_slopes
 from pymc_ship.physics.vessel.parts import ship_of
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel, coefficient_names
-from pymc_ship.trial.record import TrialError
 
 _ROWS = [DOFS.index(dof) for dof in ("surge", "sway", "yaw")]
 _NOMINAL = 0.05  # share by which revolutions may be off the nominal ones for terms, which know no others
@@ -103,7 +102,7 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
 
     Raises
     ------
-    PriorError
+    InferenceError
         For a prior without a scale of some coefficient, or of another vessel.
     TrialError
         Where no test is at revolutions that the vessel's forces stand for.
@@ -127,7 +126,7 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     """
     vessel = as_vessel(vessel)
     if prior.scale.size != len(coefficient_names(vessel)) or not np.isfinite(prior.scale).all():
-        raise PriorError(
+        raise InferenceError(
             f"A fit to captive tests takes a prior with a finite scale of the {len(coefficient_names(vessel))} "
             f"coefficients of {vessel.name!r}, found {int(np.isfinite(prior.scale).sum())} of {prior.scale.size}; use "
             "coefficient_prior with order_damped."

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.files.columns import Column
 from pymc_ship.records.files.format import TrialFormat, load_format
 from pymc_ship.records.files.reading import TextTable, table_cells, text_table
-from pymc_ship.trial.record import TrialError
 from pymc_ship.trial.units import METRE_PER_SECOND, RADIAN, RADIAN_PER_SECOND, REVOLUTION_PER_SECOND, Unit
 
 FORCES = ("X", "Y", "N")

@@ -9,14 +9,14 @@ projected sensitivities, R' R = information, so that nothing is squared before i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.trajectory.fit import Noise, TrajectoryError, TrajectoryFit, run_rows, white_noise
+from pymc_ship.inference.trajectory.fit import Noise, run_rows, white_noise
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
@@ -55,55 +55,6 @@ def information_root(
     return np.linalg.qr(_without(design[:, :n], design[:, n:]), mode="r")
 
 
-def fisher_information(
-    runs: xr.Dataset | Run | Sequence[xr.Dataset | Run],
-    vessel: VesselLike,
-    coefficients: np.ndarray | None = None,
-    *,
-    noise_sd: Mapping[str, float] | None = None,
-    noise: Sequence[Noise] | None = None,
-    initial_states: Sequence[np.ndarray] | None = None,
-) -> xr.DataArray:
-    """Fisher information of all coefficients from one or many runs.
-
-    Parameters
-    ----------
-    runs : Dataset, Run, or sequence of them
-        Measured trials, or simulated ones with ``noise_sd``; see
-        :func:`pymc_ship.inference.trajectory.runs.trajectory_run`.
-    vessel : Vessel, str or Path
-    coefficients : array_like, shape (n_coefficients,), optional
-        Where to linearise, DOFs one after the other; the vessel's reference values by default.
-    noise_sd : mapping of str to float, optional
-        Standard deviation of single samples by channel [SI] of the trials that are no Run; from second differences by
-        default, which a record without noise does not have.
-    noise : sequence of Noise, optional
-        Noise of each run; by default white, of the standard deviation of the run, without offsets.
-    initial_states : sequence of array_like, shape (n_states,), optional
-        Of each run; by default from its first two seconds.
-
-    Returns
-    -------
-    DataArray, dims (coefficient, other)
-        Symmetric; inverse squares of prime values.
-
-    Raises
-    ------
-    TrajectoryError
-        Where a simulated ship leaves the model's range, for no run, or other numbers of noises, states or coefficients.
-    TrialError
-        For trials that cannot be used.
-
-    References
-    ----------
-    Maine & Iliff (1986), NASA RP-1168; Goodwin & Payne (1977), Dynamic System Identification, ch. 6.
-    """
-    vessel = as_vessel(vessel)
-    root = _root(runs, vessel, coefficients, noise_sd, noise, initial_states)
-    names = coefficient_names(vessel)
-    return xr.DataArray(root.T @ root, {"coefficient": names, "other": names}, ("coefficient", "other"))
-
-
 def identifiability(
     runs: xr.Dataset | Run | Sequence[xr.Dataset | Run],
     vessel: VesselLike,
@@ -118,10 +69,21 @@ def identifiability(
 
     Parameters
     ----------
-    runs, vessel, coefficients, noise_sd, noise, initial_states
-        As :func:`fisher_information`.
+    runs : Dataset, Run, or sequence of them
+        Measured trials, or simulated ones with ``noise_sd``; see
+        :func:`pymc_ship.inference.trajectory.runs.trajectory_run`.
+    vessel : Vessel, str or Path
     prior : CoefficientPrior, optional
         With its scales as they are (factors tau of 1); flat by default.
+    coefficients : array_like, shape (n_coefficients,), optional
+        Where to linearise, DOFs one after the other; the vessel's reference values by default.
+    noise_sd : mapping of str to float, optional
+        Standard deviation of single samples by channel [SI] of the trials that are no Run; from second differences by
+        default, which a record without noise does not have.
+    noise : sequence of Noise, optional
+        Noise of each run; by default white, of the standard deviation of the run, without offsets.
+    initial_states : sequence of array_like, shape (n_states,), optional
+        Of each run; by default from its first two seconds.
 
     Returns
     -------
@@ -136,13 +98,15 @@ def identifiability(
 
     Raises
     ------
-    TrajectoryError, TrialError
-        As :func:`fisher_information`.
+    FitError
+        Where a simulated ship leaves the model's range, for no run, or other numbers of noises, states or coefficients.
+    TrialError
+        For trials that cannot be used.
 
     References
     ----------
-    Van Trees (1968), Detection, Estimation and Modulation Theory I, sec. 2.4; Gill & Levit (1995),
-    doi:10.2307/3318681.
+    Maine & Iliff (1986), NASA RP-1168; Goodwin & Payne (1977), Dynamic System Identification, ch. 6; Van Trees (1968),
+    Detection, Estimation and Modulation Theory I, sec. 2.4; Gill & Levit (1995), doi:10.2307/3318681.
 
     Examples
     --------
@@ -158,7 +122,7 @@ def identifiability(
     Nrrr: 1328 %
     """
     vessel = as_vessel(vessel)
-    root = _root(runs, vessel, coefficients, noise_sd, noise, initial_states)
+    root = runs_root(runs, vessel, coefficients, noise_sd, noise, initial_states)
     reference, flat = reference_coefficients(vessel), np.full(root.shape[1], np.inf)
     prior_sd = flat if prior is None else prior.scale
     bound, bayesian_bound = _posterior_sd(root, flat), _posterior_sd(root, prior_sd)
@@ -188,22 +152,7 @@ def identifiability(
     ).assign_coords(dof=("coefficient", [vessel.dofs[g] for g in coefficient_dofs(vessel)]))
 
 
-def fitted_identifiability(fit: TrajectoryFit) -> xr.Dataset:
-    """:func:`identifiability` of the runs of a fit, at its mode, with its noise and with its prior times tau."""
-    problem, scale = fit.problem, fit.problem.prior.scale
-    tau = np.where(problem.prior.tuned, problem.tau[coefficient_dofs(problem.vessel)], 1.0)
-    places = zip(problem.runs, problem.nuisances, strict=True)
-    return identifiability(
-        problem.runs,
-        problem.vessel,
-        replace(problem.prior, scale=tau * scale),
-        coefficients=fit.coefficients,
-        noise=problem.noise,
-        initial_states=[fit.unknowns[place][: run.n_states] for run, place in places],
-    )
-
-
-def _root(
+def runs_root(
     runs: xr.Dataset | Run | Sequence[xr.Dataset | Run],
     vessel: Vessel,
     coefficients: np.ndarray | None,
@@ -211,7 +160,7 @@ def _root(
     noise: Sequence[Noise] | None,
     initial_states: Sequence[np.ndarray] | None,
 ) -> np.ndarray:
-    """Factor of the information of all runs."""
+    """Factor R of the Fisher information R' R of all runs, nuisances eliminated."""
     given = [runs] if isinstance(runs, xr.Dataset | Run) else runs
     prepared = [run if isinstance(run, Run) else trajectory_run(run, vessel, noise_sd=noise_sd) for run in given]
     noise = [white_noise(run) for run in prepared] if noise is None else list(noise)
@@ -219,7 +168,7 @@ def _root(
     reference = reference_coefficients(vessel)
     theta = reference if coefficients is None else np.array(coefficients, dtype=float)
     if not prepared or not len(noise) == len(states) == len(prepared) or theta.shape != reference.shape:
-        raise TrajectoryError(
+        raise FitError(
             f"An information needs at least one run, a noise and an initial state of each, and {reference.size} "
             f"coefficients; found {len(prepared)} runs, {len(noise)} noises, {len(states)} states and coefficients of "
             f"shape {theta.shape}; correct them."
@@ -228,7 +177,7 @@ def _root(
     for k, run in enumerate(prepared):
         root = information_root(vessel, run, noise[k], theta, np.asarray(states[k], dtype=float))
         if root is None:
-            raise TrajectoryError(
+            raise FitError(
                 f"The simulated ship leaves the model's range in run {k + 1}; give coefficients that can sail it."
             )
         roots.append(root)

@@ -1,4 +1,4 @@
-"""Do posteriors hold the truth as often as they claim? Ranks, coverage and joint-distribution tests on simulated data.
+"""Do posteriors hold the truth as often as they claim? Ranks and coverage on simulated data.
 
 Each test draws coefficients and noise variance from the prior, simulates the response on a fixed design, and asks a
 sampler for the posterior. Every result is a z-score with one limit, as in :mod:`pymc_ship.diagnostics.agreement`: the
@@ -70,15 +70,15 @@ def simulation_based_calibration(
     """
     rng = random_generator(rng)
     check_prior(prior)
-    _at_least(1, simulations=simulations, draws=draws)
+    _positive(simulations=simulations, draws=draws)
     ranks = np.empty((simulations, data.n_terms + 2), dtype=int)
     for k in range(simulations):
-        truth, simulated = _simulate(data, prior, rng)
-        ranks[k] = np.sum(_quantities(simulated, sample(simulated, prior, draws, rng)) < truth, axis=0)
+        truth, simulated = simulated_from_prior(data, prior, rng)
+        ranks[k] = np.sum(quantities(simulated, sample(simulated, prior, draws, rng)) < truth, axis=0)
     p = np.array([rank_p_value(column, draws) for column in ranks.T])
     names = [*data.coefficients, "noise_variance", "log_likelihood"]
     values = {"rank": (("simulation", "quantity"), ranks), "p_value": ("quantity", p), "z": ("quantity", _z(p))}
-    return _judge(xr.Dataset(values, {"quantity": names}))
+    return judged(xr.Dataset(values, {"quantity": names}))
 
 
 def coverage(
@@ -110,74 +110,17 @@ def coverage(
     """
     rng = random_generator(rng)
     check_prior(prior)
-    _at_least(1, simulations=simulations)
+    _positive(simulations=simulations)
     level = np.asarray(probabilities, dtype=float)
     ends = np.concatenate([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     inside = np.zeros((level.size, data.n_terms + 1), dtype=int)
     for _ in range(simulations):
-        truth, simulated = _simulate(data, prior, rng)
+        truth, simulated = simulated_from_prior(data, prior, rng)
         low, high = np.split((quantiles or _exact_quantiles)(simulated, prior, ends), 2)
         inside += (low < truth[:-1]) & (truth[:-1] < high)
     p = [[stats.binomtest(int(k), simulations, at).pvalue for k in row] for row, at in zip(inside, level, strict=True)]
     values = {"share": (("interval", "quantity"), inside / simulations), "z": (("interval", "quantity"), _z(p))}
-    return _judge(xr.Dataset(values, {"interval": level, "quantity": [*data.coefficients, "noise_variance"]}))
-
-
-def geweke(
-    data: RegressionData,
-    prior: Prior,
-    step: Callable[[RegressionData, Prior, float, np.random.Generator], tuple[np.ndarray, float]],
-    *,
-    chains: int = 200,
-    steps: int = 100,
-    rng: Seed,
-) -> xr.Dataset:
-    """Joint-distribution test of a Gibbs sampler ("getting it right").
-
-    Chains that alternate a step of the sampler with a new response given its parameters keep prior times likelihood.
-    As they start there, independently, their means have the error of the spread between chains.
-
-    Parameters
-    ----------
-    data, prior
-        As in the calibration by ranks; few rows, lest the chains move slowly.
-    step : callable
-        ``step(data, prior, noise_variance, rng)`` returns coefficients, shape (n_terms,), and noise variance after one
-        sweep from a given noise variance.
-    chains, steps, rng
-
-    Returns
-    -------
-    Dataset
-        Dim moment (first and second of every standardised scaled coefficient and of the log noise variance, and the
-        log likelihood): ``difference``, ``error`` and ``z``; attrs as in the calibration by ranks.
-
-    References
-    ----------
-    Geweke (2004), JASA 99(467):799, doi:10.1198/016214504000001132.
-    """
-    rng = random_generator(rng)
-    check_prior(prior)
-    _at_least(2, chains=chains, steps=steps)
-    direct, means = np.empty((chains * 10, 2 * data.n_terms + 3)), np.empty((chains, 2 * data.n_terms + 3))
-    for k in range(len(direct)):
-        truth, simulated = _simulate(data, prior, rng)
-        direct[k] = _moments(simulated, prior, truth)
-    for k in range(chains):
-        truth, simulated = _simulate(data, prior, rng)
-        visited = np.empty((steps, means.shape[1]))
-        for i in range(steps):
-            coefficients, noise_variance = step(simulated, prior, truth[-2], rng)
-            truth = _quantities(simulated, (coefficients[None], np.array([noise_variance])))[0]
-            visited[i] = _moments(simulated, prior, truth)
-            simulated = _respond(simulated, coefficients, noise_variance, rng)
-        means[k] = visited.mean(axis=0)
-    error = np.sqrt(direct.var(axis=0, ddof=1) / len(direct) + means.var(axis=0, ddof=1) / chains)
-    difference = means.mean(axis=0) - direct.mean(axis=0)
-    values = {"difference": difference, "error": error, "z": difference / error}
-    first = [*data.coefficients, "log_noise_variance"]
-    names = [*first, *(f"{name}^2" for name in first), "log_likelihood"]
-    return _judge(xr.Dataset({key: ("moment", value) for key, value in values.items()}, {"moment": names}))
+    return judged(xr.Dataset(values, {"interval": level, "quantity": [*data.coefficients, "noise_variance"]}))
 
 
 def rank_p_value(ranks: np.ndarray, draws: int) -> float:
@@ -207,30 +150,29 @@ def rank_p_value(ranks: np.ndarray, draws: int) -> float:
     return float(np.clip(1.0 - chance.sum(), _TINY, 1.0))
 
 
-def _simulate(data: RegressionData, prior: Prior, rng: np.random.Generator) -> tuple[np.ndarray, RegressionData]:
+def simulated_from_prior(
+    data: RegressionData, prior: Prior, rng: np.random.Generator
+) -> tuple[np.ndarray, RegressionData]:
     """One truth from the prior (coefficients, noise variance, log likelihood) and data that follow it."""
     scaled, variance = prior.draw(data.n_terms, rng)
     coefficients, noise_variance = data.to_original(scaled), data.response_scale**2 * variance
-    simulated = _respond(data, coefficients, noise_variance, rng)
-    return _quantities(simulated, (coefficients[None], np.array([noise_variance])))[0], simulated
+    simulated = with_response(data, coefficients, noise_variance, rng)
+    return quantities(simulated, (coefficients[None], np.array([noise_variance])))[0], simulated
 
 
-def _respond(data: RegressionData, coefficients, noise_variance: float, rng: np.random.Generator) -> RegressionData:
+def with_response(
+    data: RegressionData, coefficients: np.ndarray, noise_variance: float, rng: np.random.Generator
+) -> RegressionData:
+    """Data with a response drawn given coefficients and noise variance."""
     return replace(data, response=rng.normal(data.design_matrix @ coefficients, math.sqrt(noise_variance)))
 
 
-def _quantities(data: RegressionData, drawn: Draws) -> np.ndarray:
+def quantities(data: RegressionData, drawn: Draws) -> np.ndarray:
     """Coefficients, noise variance and joint log likelihood of draws side by side, shape (draws, n_terms + 2)."""
     coefficients, variance = drawn
     square = np.sum((data.response - coefficients @ data.design_matrix.T) ** 2, axis=1)
     log_likelihood = -0.5 * (data.n_rows * np.log(2.0 * math.pi * variance) + square / variance)
     return np.column_stack([coefficients, variance, log_likelihood])
-
-
-def _moments(data: RegressionData, prior: Prior, truth: np.ndarray) -> np.ndarray:
-    scaled = (data.to_scaled(truth[:-2]) - prior.means(data.n_terms)) / np.sqrt(prior.kappas(data.n_terms))
-    first = np.append(scaled, math.log(truth[-2] / (data.response_scale**2 * prior.scale)))
-    return np.concatenate([first, first**2, truth[-1:]])
 
 
 def _exact_quantiles(data: RegressionData, prior: Prior, probabilities: np.ndarray) -> np.ndarray:
@@ -243,12 +185,13 @@ def _z(p_value: np.ndarray) -> np.ndarray:
     return np.abs(special.ndtri(0.5 * np.asarray(p_value)))
 
 
-def _judge(table: xr.Dataset) -> xr.Dataset:
+def judged(table: xr.Dataset) -> xr.Dataset:
+    """Table of z-scores with their number, the largest, the limit and whether it holds."""
     size, largest = table["z"].size, float(np.abs(table["z"].to_numpy()).max())
     limit = float(_z(LEVEL / size))
     return table.assign_attrs(comparisons=size, largest_z=largest, z_limit=limit, calibrated=int(largest <= limit))
 
 
-def _at_least(least: int, **counts: int) -> None:
-    if min(counts.values()) < least:
-        raise ValueError(f"Counts must be {least} or more, found {counts}; raise them.")
+def _positive(**counts: int) -> None:
+    if min(counts.values()) < 1:
+        raise ValueError(f"Counts must be 1 or more, found {counts}; raise them.")

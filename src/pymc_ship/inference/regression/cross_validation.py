@@ -9,10 +9,7 @@ import numpy as np
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.arguments import check_choice
-
-
-class CrossValidationError(ValueError):
-    """Folds that cannot be made of the rows."""
+from pymc_ship.machine.errors import InferenceError
 
 
 @dataclass(frozen=True)
@@ -98,16 +95,16 @@ def fold_rows(
 
     Raises
     ------
-    CrossValidationError
+    InferenceError
         For fewer than two folds or more than rows, an unknown split, or a random one without ``rng``.
     """
     if not 2 <= folds <= n_rows:
-        raise CrossValidationError(f"The {n_rows} rows make 2 to {n_rows} folds, found {folds}; change the number.")
-    check_choice("A split", split, ("blocks", "random"), CrossValidationError)
+        raise InferenceError(f"The {n_rows} rows make 2 to {n_rows} folds, found {folds}; change the number.")
+    check_choice("A split", split, ("blocks", "random"), InferenceError)
     if split == "blocks":
         return np.array_split(np.arange(n_rows), folds)
     if rng is None:
-        raise CrossValidationError("A random split needs a generator, found none; give rng.")
+        raise InferenceError("A random split needs a generator, found none; give rng.")
     return [np.sort(rows) for rows in np.array_split(rng.permutation(n_rows), folds)]
 
 
@@ -129,7 +126,7 @@ def cross_validation(
 
     Raises
     ------
-    CrossValidationError
+    InferenceError
         As :func:`fold_rows`.
     """
     held_out = fold_rows(data.n_rows, folds, split=split, rng=rng)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from inspect import isabstract
 
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
-from pymc_ship.inference.regression.priors import Prior, PriorError
+from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import InferenceError
 
 FAMILIES: dict[str, type[Prior]] = {prior.family: prior for prior in (ConjugatePrior, SemiConjugatePrior)}
 """Prior families by name; :func:`register_family` adds to them."""
@@ -31,18 +32,18 @@ def register_family(prior_class: type[Prior]) -> type[Prior]:
 
     Raises
     ------
-    PriorError
+    InferenceError
         For a class that lacks one of these, or a name that is taken.
     """
     lacking = [name for name in ("noise_power", "box") if not hasattr(prior_class, name)]
     lacking += ["exact"] if isabstract(prior_class) else []
     if lacking:
-        raise PriorError(
+        raise InferenceError(
             f"A prior family states its noise_power, box and exact posterior, found no {' and no '.join(lacking)} in "
             f"{prior_class.__name__}; add it to the class."
         )
     if not prior_class.family or FAMILIES.get(prior_class.family, prior_class) is not prior_class:
-        raise PriorError(
+        raise InferenceError(
             f"A prior family has a name of its own, found {prior_class.family!r} beside {', '.join(FAMILIES)}; set the "
             f"attribute family of {prior_class.__name__} to another."
         )
@@ -51,6 +52,6 @@ def register_family(prior_class: type[Prior]) -> type[Prior]:
 
 
 def prior_family(family: str) -> type[Prior]:
-    """Class of a prior family; a PriorError names the families when there is none of that name."""
-    check_choice("A prior family", family, FAMILIES, PriorError)
+    """Class of a prior family; a InferenceError names the families when there is none of that name."""
+    check_choice("A prior family", family, FAMILIES, InferenceError)
     return FAMILIES[family]

@@ -14,7 +14,7 @@ from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.regression.tune import TunedPrior, maximise_evidence, on_edge, tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data
-from pymc_ship.inference.rows.scaling import RegressionDataError
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.trial.record import one_trial
@@ -105,7 +105,7 @@ def identify(
 
     Raises
     ------
-    TrialError, RegressionDataError, PriorError
+    TrialError, InferenceError
         For a trial that cannot be used, an unknown family.
     ValueError
         For an unknown selection, or Bayesian optimisation without ``rng``.
@@ -169,12 +169,12 @@ def regression_draws(
 
     Raises
     ------
-    RegressionDataError
+    InferenceError
         For a trial without draws, and as :func:`pymc_ship.regression_data`.
     """
     vessel = as_vessel(vessel)
     if "draw" not in drawn.dims:
-        raise RegressionDataError(
+        raise InferenceError(
             "Regression draws need a trial with the dimension draw, found none; make it by `denoise_draws`."
         )
     settings = {"interval": interval, "derivative": derivative}
@@ -203,7 +203,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
 
     Raises
     ------
-    RegressionDataError
+    InferenceError
         For fewer than two draws, or rows of different coefficients.
 
     References
@@ -227,7 +227,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     """
     rng, names = random_generator(rng), {data.coefficients for data in rows}
     if len(rows) < 2 or len(names) > 1:
-        raise RegressionDataError(
+        raise InferenceError(
             f"Pooling needs two or more draws of one regression, found {len(rows)} with {len(names)} sets of "
             "coefficients; draw again."
         )

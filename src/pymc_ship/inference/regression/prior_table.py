@@ -16,10 +16,10 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import Prior, PriorError, check_prior
+from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.machine.arguments import finite_number
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.physics.forces.terms import UnknownTerm, order
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 
@@ -48,7 +48,7 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
 
     Raises
     ------
-    PriorError
+    InferenceError
         For names the data do not have, means or sds that are not finite, an sd that is not positive, the constant of
         centred columns, or a conjugate prior whose noise variance has no mean (shape <= 1).
 
@@ -65,11 +65,11 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
     -0.00230
     """
     check_prior(prior)
-    _check_names(table, data.coefficients, PriorError)
+    _check_names(table, data.coefficients, InferenceError)
     mean, kappa = prior.means(data.n_terms).copy(), prior.kappas(data.n_terms).copy()
     unit = prior.variance_factor(prior.noise_variance_mean)
     if table and not np.isfinite(unit):
-        raise PriorError(
+        raise InferenceError(
             f"Under a {prior.family} prior an sd is met at the mean of the noise variance, which needs a shape above "
             f"1, found {prior.shape}; raise the shape or use a SemiConjugatePrior."
         )
@@ -77,7 +77,7 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
         j = data.coefficients.index(name)
         center, sd = _mean_and_sd(name, entry)
         if j == data.constant and data.column_center.any():
-            raise PriorError(
+            raise InferenceError(
                 f"The constant {name} of centred columns depends on the other coefficients and cannot have its own "
                 "prior; leave it out of the table, to the base prior."
             )
@@ -108,7 +108,7 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
 
     Raises
     ------
-    RegressionDataError
+    InferenceError
         For names the data do not have, values that are not finite, or when no coefficient is left.
 
     Examples
@@ -120,11 +120,11 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
     >>> ps.hold_fixed(data, {"N0": 0.0, "Nr": -0.0023}).coefficients
     ('Nv', 'Ngv', 'Ngr', 'Nvvv', 'Nvvr', 'Nvrr', 'Nrrr', 'Ng|r|', 'Ngsincos', 'Ngsincos|delta|')
     """
-    _check_names(values, data.coefficients, RegressionDataError)
-    held = {name: _given(name, value, RegressionDataError) for name, value in values.items()}
+    _check_names(values, data.coefficients, InferenceError)
+    held = {name: _given(name, value, InferenceError) for name, value in values.items()}
     free = np.array([name not in held for name in data.coefficients])
     if not free.any():
-        raise RegressionDataError("At least one coefficient must stay free, found all of them held fixed; free one.")
+        raise InferenceError("At least one coefficient must stay free, found all of them held fixed; free one.")
     fixed = np.array([held.get(name, 0.0) for name in data.coefficients])
     levelled = data.constant >= 0 and bool(free[data.constant])
     return replace(
@@ -163,7 +163,7 @@ def restore_fixed(
 
     Raises
     ------
-    RegressionDataError
+    InferenceError
         For values that are not finite, coefficients that the posterior has already, or an order that is not one of all
         the coefficients.
 
@@ -184,14 +184,14 @@ def restore_fixed(
     """
     posterior = tree["posterior"].to_dataset()
     free = [str(name) for name in posterior["coefficient"].values]
-    held = {name: _given(name, value, RegressionDataError) for name, value in values.items()}
+    held = {name: _given(name, value, InferenceError) for name, value in values.items()}
     twice = [name for name in held if name in free]
     if twice:
-        raise RegressionDataError(f"A fixed coefficient is not drawn, found draws of {', '.join(twice)}; leave it out.")
+        raise InferenceError(f"A fixed coefficient is not drawn, found draws of {', '.join(twice)}; leave it out.")
     ordered = [*free, *held] if coefficients is None else [str(name) for name in coefficients]
     if sorted(ordered) != sorted([*free, *held]):
         odd = sorted({*ordered} ^ {*free, *held}) or sorted({name for name in ordered if ordered.count(name) > 1})
-        raise RegressionDataError(
+        raise InferenceError(
             f"The order names each free and fixed coefficient once, found a mismatch in {', '.join(odd)}; correct it."
         )
     constant = xr.DataArray(list(held.values()), {"coefficient": list(held)}, "coefficient")
@@ -224,7 +224,7 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
 
     Raises
     ------
-    PriorError
+    InferenceError
         For damping outside (0, 1] or names that are no letter and term.
 
     Examples
@@ -242,13 +242,13 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
     Nvvr: 0.81
     """
     check_prior(prior)
-    factor = _given("damping", damping, PriorError)
+    factor = _given("damping", damping, InferenceError)
     if not 0.0 < factor <= 1.0:
-        raise PriorError(f"The damping lies in (0, 1], found {damping}; 1 leaves the prior as it is.")
+        raise InferenceError(f"The damping lies in (0, 1], found {damping}; 1 leaves the prior as it is.")
     try:
         orders = np.array([order(name[1:]) for name in data.coefficients])
     except UnknownTerm as error:
-        raise PriorError(f"Order damping needs names of a letter and a term such as Yv|v|. {error}") from None
+        raise InferenceError(f"Order damping needs names of a letter and a term such as Yv|v|. {error}") from None
     return replace(prior, kappa=prior.kappas(data.n_terms) * factor ** (2 * np.maximum(orders - 1, 0)))
 
 
@@ -284,7 +284,7 @@ def sister_ship_table(
     ------
     VesselError
         When the vessel has no such DOF.
-    PriorError
+    InferenceError
         When relative_sd or floor is negative or not finite, or an sd would be 0.
 
     Examples
@@ -299,16 +299,18 @@ def sister_ship_table(
     vessel = as_vessel(vessel)
     reference = vessel.coefficients(dof)
     values = reference.values
-    relative = _given("relative_sd", relative_sd, PriorError)
-    least = relative * float(np.median(np.abs(values))) if floor is None else _given("floor", floor, PriorError)
+    relative = _given("relative_sd", relative_sd, InferenceError)
+    least = relative * float(np.median(np.abs(values))) if floor is None else _given("floor", floor, InferenceError)
     if relative < 0.0 or least < 0.0:
-        raise PriorError(f"relative_sd and floor must not be negative, found {relative_sd} and {floor}; raise them.")
+        raise InferenceError(
+            f"relative_sd and floor must not be negative, found {relative_sd} and {floor}; raise them."
+        )
     sd = np.hypot(relative * values, least)
     triples = zip(reference["coefficient"].values.tolist(), values.tolist(), sd.tolist(), strict=True)
     kept = {name: (mean, spread) for name, mean, spread in triples if names is None or name in names}
     certain = [name for name, (_, spread) in kept.items() if spread == 0.0]
     if certain:
-        raise PriorError(f"An sd must be positive, found 0 for {', '.join(certain)}; give a floor above 0.")
+        raise InferenceError(f"An sd must be positive, found 0 for {', '.join(certain)}; give a floor above 0.")
     return kept
 
 
@@ -324,10 +326,10 @@ def _mean_and_sd(name: str, entry: object) -> tuple[float, float]:
     try:
         mean, sd = entry
     except (TypeError, ValueError):
-        raise PriorError(f"A table gives (mean, sd) for each coefficient, found {entry!r} for {name}.") from None
-    mean, sd = (_given(name, value, PriorError) for value in (mean, sd))
+        raise InferenceError(f"A table gives (mean, sd) for each coefficient, found {entry!r} for {name}.") from None
+    mean, sd = (_given(name, value, InferenceError) for value in (mean, sd))
     if sd <= 0.0:
-        raise PriorError(f"The sd of {name} must be positive, found {sd}; use hold_fixed for a known value.")
+        raise InferenceError(f"The sd of {name} must be positive, found {sd}; use hold_fixed for a known value.")
     return mean, sd
 
 

@@ -24,17 +24,13 @@ from numpy.typing import ArrayLike
 
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import Formula, new_design
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
 _SMALLEST_GAMMA = 1e-200  # keeps the noise variance of a prior that is all but improper a finite number
 _MOST_ROWS = 8  # coefficients that the text of a posterior shows
-
-
-class PriorError(ValueError):
-    """Hyperparameters that define no prior."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +67,7 @@ class Prior(ABC):
 
     Raises
     ------
-    PriorError
+    InferenceError
         When a value is no finite number, or kappa, shape or scale is not positive.
     """
 
@@ -90,9 +86,9 @@ class Prior(ABC):
         for name in ("mean", "kappa", "shape", "scale"):
             value = _numbers(name, getattr(self, name))
             if value.ndim > (1 if name in ("mean", "kappa") else 0) or not np.isfinite(value).all():
-                raise PriorError(f"The prior's {name} must be finite, found {value.tolist()}; give a plain number.")
+                raise InferenceError(f"The prior's {name} must be finite, found {value.tolist()}; give a plain number.")
             if name != "mean" and (value <= 0.0).any():
-                raise PriorError(f"The prior's {name} must be positive, found {value.tolist()}; raise it above 0.")
+                raise InferenceError(f"The prior's {name} must be positive, found {value.tolist()}; raise it above 0.")
             value.setflags(write=False)
             object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
 
@@ -135,7 +131,9 @@ class Prior(ABC):
     def _vector(self, name: str, n_terms: int) -> np.ndarray:
         value = np.asarray(getattr(self, name))
         if value.ndim == 1 and value.shape != (n_terms,):
-            raise PriorError(f"The prior's {name} is one value or {n_terms}, one for each term; found {value.size}.")
+            raise InferenceError(
+                f"The prior's {name} is one value or {n_terms}, one for each term; found {value.size}."
+            )
         return np.full(n_terms, value) if value.ndim == 0 else value
 
     def hyperparameters(self) -> dict:
@@ -282,7 +280,7 @@ class RotatedPosterior(ExactPosterior):
         """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
 
         New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
-        from a formula, a DataFrame of its variables. RegressionDataError for another shape, columns that are missing
+        from a formula, a DataFrame of its variables. InferenceError for another shape, columns that are missing
         and values that are no finite numbers.
         """
         rotated, middle = self._rotate_rows(new_rows)
@@ -295,13 +293,13 @@ class RotatedPosterior(ExactPosterior):
         """Log density of new rows given the data, integrated over coefficients and noise variance.
 
         The design matrix has shape (n_new, n_terms) and the original columns, the response shape (n_new,). A float for
-        all rows jointly or, when ``pointwise``, an array of shape (n_new,) for each row by itself. RegressionDataError
+        all rows jointly or, when ``pointwise``, an array of shape (n_new,) for each row by itself. InferenceError
         for wrong shapes or values that are not finite.
         """
         rotated, middle = self._rotate_rows(design_matrix)
         y = np.asarray(response, dtype=float)
         if y.shape != middle.shape or not np.isfinite(y).all():
-            raise RegressionDataError(f"The response has one finite value for each of {len(middle)} rows; check it.")
+            raise InferenceError(f"The response has one finite value for each of {len(middle)} rows; check it.")
         return (self._log_each if pointwise else self._log_joint)(rotated, y - middle)
 
     def _rotate_rows(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -317,9 +315,9 @@ def inverse_gamma_density(value: np.ndarray, shape: float, scale: float) -> np.n
 
 
 def check_prior(prior: object, *, own: str = "") -> None:
-    """Raise a PriorError unless a prior of a regression is given; ``own`` are words on what else is taken."""
+    """Raise a InferenceError unless a prior of a regression is given; ``own`` are words on what else is taken."""
     if not isinstance(prior, Prior):
-        raise PriorError(
+        raise InferenceError(
             f"The prior of a regression is a Prior such as ConjugatePrior(kappa=100.0){own}, found {shown(prior)}; "
             "make one, or choose one by maximise_evidence."
         )
@@ -339,7 +337,7 @@ def _numbers(name: str, value: object) -> np.ndarray:
             raise TypeError
         return np.array(given, dtype=float)
     except (TypeError, ValueError, OverflowError):
-        raise PriorError(f"The prior's {name} must be finite, found {value!r}; give a plain number.") from None
+        raise InferenceError(f"The prior's {name} must be finite, found {value!r}; give a plain number.") from None
 
 
 @dataclass(frozen=True)
@@ -372,7 +370,7 @@ def rotate(data: RegressionData, prior: Prior) -> Rotation:
 
     Raises
     ------
-    PriorError
+    InferenceError
         For hyperparameter vectors of the wrong length.
     """
     root, wide = np.sqrt(prior.kappas(data.n_terms)), data.n_terms > data.n_rows

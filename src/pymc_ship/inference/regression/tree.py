@@ -118,7 +118,7 @@ def exact_posterior(
 
     Raises
     ------
-    PriorError
+    InferenceError
         For what is no prior, or vectors of the wrong length.
     ValueError
         When ``draws`` is no positive multiple of ``chains``.

@@ -13,14 +13,11 @@ from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
 _STARTS = 12
 _RESOLUTION = 0.1
-
-
-class TuningError(ValueError):
-    """A search that cannot be made."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -124,12 +121,9 @@ def tune_prior(
 
     Raises
     ------
-    PriorError
-        For an unknown family.
-    CrossValidationError
-        For folds that the rows do not make.
-    TuningError
-        For fewer than 6 evaluations, or a box with other names, or bounds not positive and rising.
+    InferenceError
+        For an unknown family. For folds that the rows do not make. For fewer than 6 evaluations, or a box with other
+        names, or bounds not positive and rising.
 
     References
     ----------
@@ -140,7 +134,7 @@ def tune_prior(
     prior_type = prior_family(family)
     bounds = _log_bounds(prior_type, box)
     if evaluations < 6:
-        raise TuningError(f"The search evaluates at least 6 points, found {evaluations}; raise evaluations.")
+        raise InferenceError(f"The search evaluates at least 6 points, found {evaluations}; raise evaluations.")
     validation = cross_validation(data, folds, split=split, rng=rng)
     evidence_prior, log_evidence = maximise_evidence(data, family, box=box)
     evidence_score = validation.score(evidence_prior).mean
@@ -194,10 +188,8 @@ def maximise_evidence(
 
     Raises
     ------
-    PriorError
-        For an unknown family.
-    TuningError
-        For a box with other names, or bounds not positive and rising.
+    InferenceError
+        For an unknown family. For a box with other names, or bounds not positive and rising.
 
     Examples
     --------
@@ -305,10 +297,10 @@ def _log_bounds(prior_type: type[Prior], box: Mapping[str, tuple[float, float]] 
     names = tuple(prior_type.box)
     box = prior_type.box if box is None else box
     if set(box) != set(names):
-        raise TuningError(f"A box bounds {', '.join(names)}, found {', '.join(box) or 'nothing'}; name these.")
+        raise InferenceError(f"A box bounds {', '.join(names)}, found {', '.join(box) or 'nothing'}; name these.")
     bounds = np.array([box[name] for name in names], dtype=float)
     if bounds.shape != (len(names), 2) or not (bounds[:, 0] > 0.0).all() or not (bounds[:, 0] < bounds[:, 1]).all():
-        raise TuningError(f"Bounds are pairs that rise and lie above 0, found {bounds.tolist()}; mend them.")
+        raise InferenceError(f"Bounds are pairs that rise and lie above 0, found {bounds.tolist()}; mend them.")
     return np.log(bounds)
 
 

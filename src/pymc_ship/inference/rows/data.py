@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from pymc_ship.inference.rows.frames import Formula, check_same_rows, formula_rows, frame_columns, frame_names, is_frame
-from pymc_ship.inference.rows.scaling import SCALINGS, RegressionDataError, ScaledRegression
+from pymc_ship.inference.rows.scaling import SCALINGS, ScaledRegression
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import InferenceError
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,7 +85,7 @@ class RegressionData(ScaledRegression):
 
         Raises
         ------
-        RegressionDataError
+        InferenceError
             Where formulae is not installed, for a formula that does not fit the table or has terms that vary by group,
             and as :meth:`from_arrays`.
 
@@ -132,7 +133,7 @@ class RegressionData(ScaledRegression):
 
         Raises
         ------
-        RegressionDataError
+        InferenceError
             For wrong shapes, values that are not finite, names that are missing or there twice, columns without
             variation, a table and a response that do not have the same index.
         """
@@ -143,7 +144,7 @@ class RegressionData(ScaledRegression):
         X = np.array(design_matrix, dtype=float, order="C")
         y = np.array(response, dtype=float)
         if X.ndim != 2 or X.size == 0:
-            raise RegressionDataError(f"A design matrix has shape (rows, terms), found {X.shape}; reshape it.")
+            raise InferenceError(f"A design matrix has shape (rows, terms), found {X.shape}; reshape it.")
         names = tuple(coefficients) if coefficients is not None else tuple(f"x{j + 1}" for j in range(X.shape[1]))
         _check(X, y, names)
         varies = np.ptp(X, axis=0) > 1e-14 * np.abs(X).max(axis=0)
@@ -151,21 +152,21 @@ class RegressionData(ScaledRegression):
         constant = int(constants[0]) if constants.size else -1
         rows = np.arange(len(y), dtype=float) if time is None else np.array(time, dtype=float)
         if rows.shape != y.shape:
-            raise RegressionDataError(f"The time has one value for each of {len(y)} rows, found shape {rows.shape}.")
+            raise InferenceError(f"The time has one value for each of {len(y)} rows, found shape {rows.shape}.")
         runs = np.full(len(y), "1") if run is None else np.array(run, dtype=str)
         if runs.shape != y.shape:
-            raise RegressionDataError(f"Each of {len(y)} rows is of one run, found runs of shape {runs.shape}.")
+            raise InferenceError(f"Each of {len(y)} rows is of one run, found runs of shape {runs.shape}.")
         unscaled = {"column_center": np.zeros(len(names)), "column_scale": np.ones(len(names))}
         unscaled |= {"response_center": 0.0, "response_scale": 1.0}
         of_rows = {"design_matrix": X, "response": y, "time": rows, "run": runs}
         data = cls(coefficients=names, constant=constant, **of_rows, **unscaled, **labels)
-        check_choice("The scaling", scaling, SCALINGS, RegressionDataError)
+        check_choice("The scaling", scaling, SCALINGS, InferenceError)
         return data if scaling == "none" else data._zscored(varies)
 
     def _zscored(self, varies: np.ndarray) -> RegressionData:
         idle = [name for j, name in enumerate(self.coefficients) if not varies[j] and j != self.constant]
         if idle:
-            raise RegressionDataError(
+            raise InferenceError(
                 f"A z-scored column must vary over the rows; {', '.join(idle)} did not: leave the terms out or use a "
                 "trial that excites them."
             )
@@ -177,7 +178,7 @@ class RegressionData(ScaledRegression):
             scale[self.constant] = abs(self.design_matrix[0, self.constant])
         spread = float(np.sqrt(np.mean((self.response - middle) ** 2)))
         if spread <= 1e-14 * np.abs(self.response).max():
-            raise RegressionDataError("The response must vary over the rows; it is constant: check the trial.")
+            raise InferenceError("The response must vary over the rows; it is constant: check the trial.")
         return replace(self, column_center=center, column_scale=scale, response_center=middle, response_scale=spread)
 
     @property
@@ -208,13 +209,13 @@ class RegressionData(ScaledRegression):
 
 def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...]) -> None:
     if y.shape != (X.shape[0],):
-        raise RegressionDataError(f"The response has one value for each of {X.shape[0]} rows, found shape {y.shape}.")
+        raise InferenceError(f"The response has one value for each of {X.shape[0]} rows, found shape {y.shape}.")
     if len(names) != X.shape[1]:
-        raise RegressionDataError(f"Each of the {X.shape[1]} columns has one name, found {len(names)} names.")
+        raise InferenceError(f"Each of the {X.shape[1]} columns has one name, found {len(names)} names.")
     if len(set(names)) != len(names):
         twice = sorted({name for name in names if names.count(name) > 1})
-        raise RegressionDataError(f"Coefficient names must differ, found {', '.join(twice)} more than once.")
+        raise InferenceError(f"Coefficient names must differ, found {', '.join(twice)} more than once.")
     bad = [name for j, name in enumerate(names) if not np.isfinite(X[:, j]).all()]
     if bad or not np.isfinite(y).all():
         where = ", ".join(bad) if bad else "the response"
-        raise RegressionDataError(f"Regression data must be finite, found NaN or infinity in {where}; clean the trial.")
+        raise InferenceError(f"Regression data must be finite, found NaN or infinity in {where}; clean the trial.")

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.errors import InferenceError
 
 _FRAMES = 2
 """Calls between the user's and that of formulae, which looks up a formula's functions where the user calls."""
@@ -35,7 +35,7 @@ def frame_columns(frame: Any, names: Sequence[str], what: str) -> np.ndarray:
 
     Raises
     ------
-    RegressionDataError
+    InferenceError
         For columns that are missing, there twice, or no numbers; ``what`` is the begin of the sentence.
     """
     check_names(frame, names, what)
@@ -45,11 +45,11 @@ def frame_columns(frame: Any, names: Sequence[str], what: str) -> np.ndarray:
 
 
 def check_names(frame: Any, names: Sequence[str], what: str) -> None:
-    """Raise a RegressionDataError unless a table has each of the named columns once."""
+    """Raise a InferenceError unless a table has each of the named columns once."""
     given = frame_names(frame)
     wrong = [name for name in names if given.count(name) != 1]
     if wrong:
-        raise RegressionDataError(
+        raise InferenceError(
             f"{what} need the columns {_listed(names)}, each of them once; found {_listed(given)}; add or rename "
             f"{_listed(wrong)}."
         )
@@ -59,7 +59,7 @@ def _numbers(values: np.ndarray, name: str, what: str) -> np.ndarray:
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):
-        raise RegressionDataError(f"{what} need numbers, found none in the column {name}; convert it.") from None
+        raise InferenceError(f"{what} need numbers, found none in the column {name}; convert it.") from None
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -67,12 +67,12 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def check_same_rows(design_matrix: Any, response: Any) -> None:
-    """Raise a RegressionDataError where a table and a column of another table do not have the same index."""
+    """Raise a InferenceError where a table and a column of another table do not have the same index."""
     index, other = getattr(design_matrix, "index", None), getattr(response, "index", None)
     if index is None or other is None or not hasattr(response, "to_numpy"):
         return
     if not np.array_equal(index, other):
-        raise RegressionDataError(
+        raise InferenceError(
             "The table and the response must have the same index, found two that differ; take both from one table."
         )
 
@@ -91,7 +91,7 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
 
     Raises
     ------
-    RegressionDataError
+    InferenceError
         For another shape, columns that are missing or there twice, values that are no finite numbers.
     """
     if not is_frame(new_rows):
@@ -106,14 +106,14 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
         if not bad:
             return X
         found = f"NaN or infinity in {_listed(bad)}"
-    raise RegressionDataError(f"New rows are finite, of shape (rows, {len(coefficients)}), found {found}; check them.")
+    raise InferenceError(f"New rows are finite, of shape (rows, {len(coefficients)}), found {found}; check them.")
 
 
 def _floats(values: Any) -> np.ndarray:
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise RegressionDataError(
+        raise InferenceError(
             f"New rows are numbers, an array or a DataFrame, found {shown(values)}; convert them."
         ) from None
 
@@ -144,7 +144,7 @@ class Formula:
         try:
             design = np.asarray(self.terms.evaluate_new_data(frame).design_matrix, dtype=float)
         except Exception as error:  # a formula may call anything
-            raise RegressionDataError(_sentence(self.text, "the new rows", error)) from None
+            raise InferenceError(_sentence(self.text, "the new rows", error)) from None
         return design[:, [self.names.index(name) for name in coefficients]]
 
 
@@ -153,22 +153,22 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
 
     Raises
     ------
-    RegressionDataError
+    InferenceError
         Where formulae is not installed, for what it cannot read, a response that is missing or no number, terms that
         vary by group, and no term.
     """
     try:
         from formulae import design_matrices
     except ImportError:
-        raise RegressionDataError(
+        raise InferenceError(
             "Formulas need the package formulae, which is not installed; install pymc-ship[formula]."
         ) from None
     if not is_frame(frame):
-        raise RegressionDataError(f"A formula needs a table, found {shown(type(frame))}; give a DataFrame.")
+        raise InferenceError(f"A formula needs a table, found {shown(type(frame))}; give a DataFrame.")
     try:
         read = design_matrices(formula, frame, na_action="error", env=_FRAMES)
     except Exception as error:  # a formula may call anything
-        raise RegressionDataError(_sentence(formula, "the table", error)) from None
+        raise InferenceError(_sentence(formula, "the table", error)) from None
     faults = {
         "no response": read.response is None,
         "a response that is no number": read.response is not None and read.response.kind != "numeric",
@@ -177,7 +177,7 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
     }
     if any(faults.values()):
         found = " and ".join(fault for fault, there in faults.items() if there)
-        raise RegressionDataError(
+        raise InferenceError(
             f"A formula has a response and terms that are the same for all rows, such as 'Y ~ v + r', found {found} in "
             f"{shown(formula)}; change it."
         )

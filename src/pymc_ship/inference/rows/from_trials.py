@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.inference.rows.weak_form import INDEPENDENT, weak_form
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.physics.forces.prime_system import to_prime
 from pymc_ship.physics.forces.terms import evaluate
 from pymc_ship.physics.motion.equations import VELOCITIES
@@ -67,7 +67,7 @@ def regression_data(
     ------
     TrialError
         For missing channels, NaN, or time that is not uniform; for the weak form, a trial too short or too coarse.
-    RegressionDataError
+    InferenceError
         When the rudder never moves, the interval is no multiple of the sampling interval, or there are fewer rows than
         terms.
     ValueError
@@ -97,11 +97,11 @@ def regression_data(
     parts = []
     for one in trials.values():
         if np.ptp(motion_record(one, vessel)["delta"]) == 0.0:
-            raise RegressionDataError("The rudder of a trial must move, found a constant angle; use one that steers.")
+            raise InferenceError("The rudder of a trial must move, found a constant angle; use one that steers.")
         parts.append(rows_of(one, vessel, dof, _stride(sampling_interval(one), interval), derivative))
     design_matrix, response, time = (np.concatenate(values) for values in zip(*parts, strict=True))
     if time.size < len(terms):
-        raise RegressionDataError(
+        raise InferenceError(
             f"The {dof} of {vessel.name!r} has {len(terms)} terms and needs as many rows, found {time.size}; use a "
             "longer trial or a shorter interval."
         )
@@ -126,7 +126,7 @@ def _by_run(trials: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset]
     else:
         by_run = {str(k): trial for k, trial in enumerate(trial_list(trials), 1)}
     if not by_run:
-        raise RegressionDataError("Rows come from one trial or several, found none; give them.")
+        raise InferenceError("Rows come from one trial or several, found none; give them.")
     return by_run
 
 
@@ -170,7 +170,7 @@ def _stride(step: float, interval: float | None) -> int | None:
     ratio = interval / step
     stride = round(ratio) if 0.0 < ratio < np.inf else 0
     if stride < 1 or abs(ratio - stride) > 1e-6 * ratio:
-        raise RegressionDataError(
+        raise InferenceError(
             f"The row interval is a multiple of the sampling interval, found {interval} s at {step:g} s; adjust it."
         )
     return stride

@@ -24,10 +24,6 @@ container ship has, the largest is ``UNEVEN`` times the smallest in four of five
 sets of four rows."""
 
 
-class RegressionDataError(ValueError):
-    """Data that no regression can use; the sentence says why."""
-
-
 class ScaledRegression:
     """What posteriors take from regression data, worked out from the scaled columns and how they were scaled.
 

@@ -20,12 +20,13 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.forces.terms import evaluate
 from pymc_ship.physics.motion.equations import VELOCITIES
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
-from pymc_ship.trial.record import TrialError, sampling_interval, trial_list
+from pymc_ship.trial.record import sampling_interval, trial_list
 
 RADIUS = 5.0
 """Half the support of a test function [s]."""

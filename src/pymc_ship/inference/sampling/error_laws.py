@@ -27,8 +27,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import InferenceError
 
 _LOG_2PI = math.log(2.0 * math.pi)
 NU_SHAPE, NU_RATE = 2.0, 0.1
@@ -160,14 +160,14 @@ def error_law(errors: str, data: RegressionData | None = None) -> ErrorLaw:
     ------
     ValueError
         For a name that is none.
-    RegressionDataError
+    InferenceError
         For AR(1) errors on rows that are not uniformly spaced in time.
     """
     check_choice("The law of the errors", errors, ERRORS)
     if errors == "ar1" and data is not None:
         steps = np.diff(data.time)
         if steps.size and not (steps[0] > 0.0 and np.allclose(steps, steps[0], rtol=1e-4, atol=0.0)):
-            raise RegressionDataError(
+            raise InferenceError(
                 f"AR(1) errors need contiguous rows at uniform times, found steps from {steps.min():g} to "
                 f"{steps.max():g} s; use every row of one trial."
             )

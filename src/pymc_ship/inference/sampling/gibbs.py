@@ -15,9 +15,10 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
-from pymc_ship.inference.regression.priors import Prior, PriorError, check_prior, rotate, warn_of_uneven_columns
+from pymc_ship.inference.regression.priors import Prior, check_prior, rotate, warn_of_uneven_columns
 from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
 
@@ -90,7 +91,7 @@ def gibbs(
 
     Raises
     ------
-    PriorError
+    InferenceError
         For vectors of the wrong length, or a family whose ``noise_power`` is neither 0 nor 1.
     ValueError
         When draws or chains are not positive, or tune is negative.
@@ -108,7 +109,7 @@ def gibbs(
             "raise them."
         )
     if prior.noise_power not in (0, 1):
-        raise PriorError(
+        raise InferenceError(
             "The Gibbs sampler needs coefficients whose prior variance is proportional to the noise variance or "
             f"independent of it, found its power {prior.noise_power:g} in the {prior.family} family; use "
             "nuts_posterior."
@@ -156,7 +157,7 @@ def gibbs_posterior(
 
     Raises
     ------
-    PriorError
+    InferenceError
         For vectors of the wrong length, or a family whose ``noise_power`` is neither 0 nor 1.
     ValueError
         When draws or chains are not positive, or tune is negative.

@@ -22,13 +22,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import PriorError, check_prior
+from pymc_ship.inference.regression.priors import check_prior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.rows.scaling import RegressionDataError
 from pymc_ship.inference.sampling.own_tree import posterior_tree
 from pymc_ship.inference.sampling.regression_model import sample_model
 from pymc_ship.machine.arguments import finite_number
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
 if TYPE_CHECKING:
@@ -66,10 +66,9 @@ def hierarchical_model(
 
     Raises
     ------
-    RegressionDataError
-        For fewer than two groups, or a run without one.
-    PriorError
-        For a prior whose coefficients depend on the noise variance, or vectors of the wrong length.
+    InferenceError
+        For fewer than two groups, or a run without one. For a prior whose coefficients depend on the noise variance, or
+        vectors of the wrong length.
 
     References
     ----------
@@ -135,7 +134,7 @@ def hierarchical_posterior(
 
     Raises
     ------
-    RegressionDataError, PriorError
+    InferenceError
         As :func:`hierarchical_model`.
     ValueError
         For counts that are not positive, or an acceptance rate outside 0 to 1.
@@ -179,17 +178,17 @@ def group_of_rows(data: RegressionData, groups: Mapping[str, str] | None) -> tup
 
     Raises
     ------
-    RegressionDataError
+    InferenceError
         For fewer than two groups, or a run without one.
     """
     runs = list(dict.fromkeys(data.run.tolist()))
     groups = {run: run for run in runs} if groups is None else groups
     lacking = [run for run in runs if run not in groups]
     if lacking:
-        raise RegressionDataError(f"Every run is of a group, found none for {', '.join(lacking)}; name its group.")
+        raise InferenceError(f"Every run is of a group, found none for {', '.join(lacking)}; name its group.")
     labels = list(dict.fromkeys(str(groups[run]) for run in runs))
     if len(labels) < 2:
-        raise RegressionDataError(
+        raise InferenceError(
             f"A hierarchical model compares two groups of runs or more, found {labels[0]} alone; give the trials of "
             "several, as ps.regression_data([first, second], ...)."
         )
@@ -200,11 +199,11 @@ def _checked(prior: SemiConjugatePrior, spread: float) -> float:
     """Spread of a hierarchical model whose prior can be used."""
     check_prior(prior)
     if prior.noise_power != 0:
-        raise PriorError(
+        raise InferenceError(
             f"The groups of a hierarchical model have noise variances of their own, which a {prior.family} prior of "
             "the means cannot depend on; give a SemiConjugatePrior."
         )
-    return finite_number("The spread between groups", spread, PriorError, least=1e-12)
+    return finite_number("The spread between groups", spread, InferenceError, least=1e-12)
 
 
 class _Group(NamedTuple):

@@ -44,7 +44,7 @@ def prior_draws(
 
     Raises
     ------
-    PriorError
+    InferenceError
         For hyperparameter vectors of the wrong length.
     ValueError
         For errors of another name.
@@ -116,7 +116,7 @@ def predict(tree: xr.DataTree, new_rows: Any, *, data: RegressionData | None = N
 
     Raises
     ------
-    RegressionDataError
+    InferenceError
         For new rows of another shape, columns that are missing, values that are no finite numbers.
     ValueError
         For a posterior of something else than the regression of one response, or other data.

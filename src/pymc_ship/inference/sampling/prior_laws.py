@@ -8,8 +8,8 @@ families. Other hyperparameters come by ``functools.partial``.
 
 from __future__ import annotations
 
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.errors import InferenceError
 
 
 def student_t_prior(data: RegressionData, given: dict, *, nu: float = 4.0, scale: float = 10.0) -> tuple:
@@ -58,7 +58,7 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
 
     Raises
     ------
-    PriorError
+    InferenceError
         For an effective number that is not between 0 and the number of terms.
 
     References
@@ -70,7 +70,7 @@ def horseshoe(data: RegressionData, given: dict, *, effective: float | None = No
     sigma2 = _noise_variance()
     expected = 0.5 * data.n_terms if effective is None else effective
     if not 0.0 < expected < data.n_terms:
-        raise PriorError(
+        raise InferenceError(
             f"The effective number of coefficients lies between 0 and {data.n_terms}, the number of terms, found "
             f"{expected}; give one in between."
         )

@@ -77,10 +77,8 @@ def pymc_model(data: RegressionData, prior: Prior | Callable, errors: str | Call
     ------
     ValueError
         For other errors.
-    RegressionDataError
-        For AR(1) errors on rows that are not uniformly spaced in time.
-    PriorError
-        For hyperparameter vectors of the wrong length.
+    InferenceError
+        For AR(1) errors on rows that are not uniformly spaced in time. For hyperparameter vectors of the wrong length.
 
     References
     ----------
@@ -247,10 +245,8 @@ def nuts_posterior(
     ValueError
         For counts that are not positive, an acceptance rate outside 0 to 1, other errors, or a sampler that is unknown
         or not installed.
-    RegressionDataError
-        For AR(1) errors on rows that are not uniformly spaced in time.
-    PriorError
-        For hyperparameter vectors of the wrong length.
+    InferenceError
+        For AR(1) errors on rows that are not uniformly spaced in time. For hyperparameter vectors of the wrong length.
 
     References
     ----------
@@ -331,7 +327,7 @@ def _with_named_statistics(drawn: xr.DataTree, tune: int, sampler: str) -> xr.Da
 
 
 def _is_own(prior: Prior | Callable) -> bool:
-    """Whether a prior is a function; PriorError for what is neither a prior nor a function, such as a name or class."""
+    """Whether a prior is a function; InferenceError for what is neither a prior nor a function, such as a name."""
     own = callable(prior) and not isinstance(prior, type)
     if not own:
         check_prior(prior, own=" or a function prior(data, given)")

@@ -17,7 +17,7 @@ import xarray as xr
 
 from pymc_ship.inference.regression.tree import rng_state
 from pymc_ship.inference.sampling.regression_model import check_settings, nuts_sample_stats
-from pymc_ship.inference.trajectory.fit import Problem, TrajectoryError, TrajectoryFit
+from pymc_ship.inference.trajectory.fit import Problem, TrajectoryFit
 from pymc_ship.inference.trajectory.posterior import (
     TrajectoryMode,
     log_likelihood_rows,
@@ -26,6 +26,7 @@ from pymc_ship.inference.trajectory.posterior import (
     trajectory_tree,
 )
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -68,9 +69,9 @@ def trajectory_model(
 
     Raises
     ------
-    TrialError, PriorError
+    TrialError, InferenceError
         For trials or priors that cannot be used.
-    TrajectoryError
+    FitError
         When no mode is found.
 
     References
@@ -88,7 +89,7 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
 
     fit, problem = mode.choice.fit, mode.choice.fit.problem
     if not np.isfinite(log_likelihood_rows(fit, fit.unknowns[None])).all():
-        raise TrajectoryError("The simulated ship leaves the model's range at the mode; find it anew from the trials.")
+        raise FitError("The simulated ship leaves the model's range at the mode; find it anew from the trials.")
     proper = problem.precision > 0.0
     prior_sd = problem.unit[proper] / np.sqrt(problem.precision[proper])
     with pm.Model(coords=_coords(problem)) as model:
@@ -207,9 +208,9 @@ def trajectory_nuts_posterior(
 
     Raises
     ------
-    TrialError, PriorError
+    TrialError, InferenceError
         For trials or priors that cannot be used.
-    TrajectoryError
+    FitError
         When no mode is found.
     ValueError
         For counts that are not positive.

@@ -13,6 +13,7 @@ import numpy as np
 
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_dofs
 from pymc_ship.inference.trajectory.runs import Run, whiten
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.vessel import Vessel, places_of_run
 
@@ -27,10 +28,6 @@ _MOST_STEPS = 400
 _MOST_REFITS = 6
 _MOST_TAU_UPDATES = 100
 _LEAST_SINGULAR_VALUE = 1e-12
-
-
-class TrajectoryError(ValueError):
-    """A trajectory fit that cannot be trusted or started; the sentence says why."""
 
 
 @dataclass(frozen=True)
@@ -267,7 +264,7 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
     point = linearise(problem, unknowns)
     cost = _cost(problem, unknowns, point)
     if point is None or not np.isfinite(cost):
-        raise TrajectoryError(
+        raise FitError(
             "The simulated ship leaves the model's range at the start of the fit: the first estimate from these "
             "records is no stable ship; add a run that turns less hard, or a prior nearer to the ship."
         )
@@ -288,7 +285,7 @@ def _descend(problem: Problem, start: np.ndarray, change: float) -> _Mode:
             damping, growth = damping * growth, 2.0 * growth
         if damping > 1e12:
             return _Mode(problem, unknowns, point, n_steps)
-    raise TrajectoryError(f"No minimum was found in {_MOST_STEPS} steps; give more runs or a prior nearer to the ship.")
+    raise FitError(f"No minimum was found in {_MOST_STEPS} steps; give more runs or a prior nearer to the ship.")
 
 
 def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -316,7 +313,7 @@ def fit_trajectory(problem: Problem, start: np.ndarray, change: float = CHANGE) 
 
     Raises
     ------
-    TrajectoryError
+    FitError
         When the start diverges, no minimum is found or, under a flat prior, it is none in every direction.
 
     References
@@ -373,7 +370,7 @@ def _approximation(mode: _Mode) -> TrajectoryFit:
         blocks[-1][:, which] = triangle
     _, s, right = np.linalg.svd(np.linalg.qr(np.vstack(blocks), mode="r"))
     if s[-1] < _LEAST_SINGULAR_VALUE * s[0]:
-        raise TrajectoryError("The records leave combinations of the coefficients wholly unknown; give them a prior.")
+        raise FitError("The records leave combinations of the coefficients wholly unknown; give them a prior.")
     distance = (unknowns - problem.center) / unit
     log_precision = np.log(np.where(precision > 0.0, precision, 1.0))
     log_prior = 0.5 * np.sum(log_precision - _LOG_2PI - precision * distance**2)

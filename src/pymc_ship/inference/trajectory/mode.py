@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.rows.weak_form import weak_form_start
-from pymc_ship.inference.trajectory.fit import TrajectoryError, fit_trajectory
+from pymc_ship.inference.trajectory.fit import fit_trajectory
 from pymc_ship.inference.trajectory.noise import NoiseChoice, fit_with_noise
 from pymc_ship.inference.trajectory.prior import KINDS, CoefficientPrior, coefficient_prior
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.errors import FitError, InferenceError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
@@ -68,14 +68,14 @@ def trajectory_mode(
     """
     trials = trial_list(trials)
     if not trials:
-        raise TrajectoryError("A trajectory fit needs at least one trial, found none; give one.")
+        raise FitError("A trajectory fit needs at least one trial, found none; give one.")
     said = judgement(trials)
     runs = [trajectory_run(trial, vessel, channels=channels, noise_sd=noise_sd, method=method) for trial in trials]
     trials = [_completed(trial, run, vessel) for trial, run in zip(trials, runs, strict=True)]
     if isinstance(prior, str):
         prior = coefficient_prior(trials, vessel, prior)
     if not isinstance(prior, CoefficientPrior):
-        raise PriorError(
+        raise InferenceError(
             f"The prior of a trajectory fit is a CoefficientPrior or one of {', '.join(KINDS)}, found "
             f"{shown(type(prior))}; make one by coefficient_prior."
         )
@@ -84,7 +84,7 @@ def trajectory_mode(
     first, second = (weak_form_start(trials, vessel, damped.mean, scale, method=method) for scale in scales)
     try:
         choice = fit_with_noise(runs, vessel, prior, first, noise=noise, offsets=offsets)
-    except TrajectoryError:
+    except FitError:
         return TrajectoryMode(fit_with_noise(runs, vessel, prior, second, noise=noise, offsets=offsets), 2, 1, said)
     return _checked(choice, second, said)
 
@@ -96,7 +96,7 @@ def _checked(choice: NoiseChoice, start: np.ndarray, said: dict[str, str]) -> Tr
     unknowns[: start.size] = start
     try:
         other = fit_trajectory(fit.problem, unknowns)
-    except TrajectoryError:
+    except FitError:
         return TrajectoryMode(choice, 2, 1, said)
     apart = np.max(np.abs(other.coefficients - fit.coefficients) / fit.sd)
     if other.log_evidence > fit.log_evidence and apart >= _SAME_MODE:
@@ -112,7 +112,7 @@ def _completed(trial: xr.Dataset, run: Run, vessel: Vessel) -> xr.Dataset:
     start, theta = run.initial_state[0], reference_coefficients(vessel)
     motion = replay(vessel, run.inputs, start, theta, **run.integration)[:, 0]
     if not np.isfinite(motion).all():
-        raise TrajectoryError(
+        raise FitError(
             f"A fit starts from u, v, r (and p, phi where the ship rolls); {', '.join(missing)} not fitted and the "
             "vessel file's own ship leaves the model's range along this rudder: give it a similar ship's coefficients."
         )

@@ -17,7 +17,6 @@ from scipy import stats
 from pymc_ship.inference.trajectory.fit import (
     Noise,
     Problem,
-    TrajectoryError,
     TrajectoryFit,
     fit_trajectory,
     initial_problem,
@@ -27,6 +26,7 @@ from pymc_ship.inference.trajectory.fit import (
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import Run, whiten
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import Vessel
 
@@ -111,14 +111,14 @@ def fit_with_noise(
 
     Raises
     ------
-    TrajectoryError
+    FitError
         For an unknown noise model, a start that diverges, a fit that does not converge.
 
     References
     ----------
     Ljung & Box (1978), doi:10.1093/biomet/65.2.297; Lange, Little & Taylor (1989), doi:10.1080/01621459.1989.10478852.
     """
-    check_choice("The noise", noise, NOISE_MODELS, TrajectoryError)
+    check_choice("The noise", noise, NOISE_MODELS, FitError)
     problem = initial_problem(runs, vessel, prior)
     white = _white_fit(problem, np.concatenate([start, *(run.initial_state[0] for run in runs)]))
     tests = residual_tests(white)
@@ -143,7 +143,7 @@ def _white_fit(problem: Problem, start: np.ndarray) -> TrajectoryFit:
     """
     try:
         return fit_trajectory(problem, start)
-    except TrajectoryError:
+    except FitError:
         if not all(np.isfinite(values).all() for values in _residuals(problem, start)):
             raise
     prior, unknowns = problem.prior, start
@@ -164,7 +164,7 @@ def _correlated_or_shifted(white: TrajectoryFit) -> str:
     """Law of the noise where residuals are correlated: white if constant offsets alone explain it."""
     try:
         shifted, _ = _fitted(white, "white", True, None)
-    except TrajectoryError:
+    except FitError:
         return "ar1"
     return "ar1" if serial_test(shifted) < ALPHA else "white"
 
@@ -215,7 +215,7 @@ def offset_test(fit: TrajectoryFit) -> float:
     unknowns, free = np.concatenate(parts), np.concatenate(is_offset)
     point = linearise(problem, unknowns)
     if point is None:
-        raise TrajectoryError("The simulated ship leaves the model's range at the unknowns of a fit; fit it again.")
+        raise FitError("The simulated ship leaves the model's range at the unknowns of a fit; fit it again.")
     precision = np.where(free, 0.0, problem.precision)
     H = point.matrix + np.diag(precision)
     size = np.sqrt(np.diag(H))

@@ -10,11 +10,12 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, rng_state
-from pymc_ship.inference.trajectory.fit import Noise, Problem, TrajectoryError, TrajectoryFit
+from pymc_ship.inference.trajectory.fit import Noise, Problem, TrajectoryFit
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.inference.trajectory.noise import sample_residuals, white_misfits
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import Run
+from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.equations import STATE
@@ -73,9 +74,9 @@ def trajectory_posterior(
 
     Raises
     ------
-    TrialError, PriorError
+    TrialError, InferenceError
         For trials or priors that cannot be used.
-    TrajectoryError
+    FitError
         For no trial, a noise model that is not known, or when no start converges.
     ValueError
         When ``draws`` is no positive multiple of ``chains``.
@@ -118,7 +119,7 @@ def laplace_posterior(mode: TrajectoryMode, *, draws: int, chains: int, rng: np.
     log_prior = log_prior_density(fit, unknowns)
     running = np.isfinite(log_likelihood).all(axis=1)
     if not running.any():
-        raise TrajectoryError("Every draw of the normal approximation leaves the model's range; give a closer prior.")
+        raise FitError("Every draw of the normal approximation leaves the model's range; give a closer prior.")
     log_weight = np.where(running, log_likelihood.sum(axis=1) + log_prior + 0.5 * np.sum(standard**2, axis=1), -np.inf)
     khat = pareto_khat(log_weight[running])
     attrs = {"pareto_khat": khat, "verdict": verdict(khat), "share_diverged": float(np.mean(~running))}

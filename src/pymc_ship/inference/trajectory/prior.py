@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.rows.weak_form import coefficient_scales
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.physics.forces.terms import order
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
@@ -91,12 +91,12 @@ class CoefficientPrior:
 
         Raises
         ------
-        PriorError
+        InferenceError
             Where a scale is infinite.
         """
         flat = int(np.sum(~np.isfinite(self.scale)))
         if flat:
-            raise PriorError(
+            raise InferenceError(
                 f"Draws need a prior with a standard deviation of every coefficient, found {flat} of {self.scale.size} "
                 f"without (prior {self.kind}); use order_damped or sister_ship, or state them in a table."
             )
@@ -148,7 +148,7 @@ def coefficient_prior(
 
     Raises
     ------
-    PriorError
+    InferenceError
         For an unknown kind, a damping outside (0, 1], a relative sd or a table's sd that is not positive, or unknown
         names.
 
@@ -165,7 +165,7 @@ def coefficient_prior(
     """
     vessel = as_vessel(vessel)
     if kind not in KINDS or not 0.0 < damping <= 1.0 or not 0.0 < relative_sd < np.inf:
-        raise PriorError(
+        raise InferenceError(
             f"A prior of coefficients is one of {', '.join(KINDS)} with damping in (0, 1] and a positive relative sd, "
             f"found {kind!r}, {damping} and {relative_sd}; correct them."
         )
@@ -184,7 +184,7 @@ def coefficient_prior(
     tuned = np.isfinite(scale)
     for name, (center, sd) in (_stated(vessel) | dict(table or {})).items():
         if name not in names or not 0.0 < sd < np.inf or not np.isfinite(center):
-            raise PriorError(
+            raise InferenceError(
                 f"A table gives a finite mean and a positive sd of coefficients of {vessel.name!r}, found "
                 f"{name}: {center}, {sd}; correct it."
             )
@@ -216,7 +216,7 @@ def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel:
 
     Raises
     ------
-    PriorError
+    InferenceError
         When a DOF or a coefficient is missing, or a coefficient does not vary.
     """
     vessel = as_vessel(vessel)
@@ -224,7 +224,7 @@ def posterior_prior(posteriors: xr.DataTree | Mapping[str, xr.DataTree], vessel:
         posteriors = dict.fromkeys(vessel.dofs, posteriors)
     lacking = [dof for dof in vessel.dofs if dof not in posteriors]
     if lacking:
-        raise PriorError(f"A prior from posteriors needs every DOF, {', '.join(lacking)} missing; add them.")
+        raise InferenceError(f"A prior from posteriors needs every DOF, {', '.join(lacking)} missing; add them.")
     moments = [_moments(posteriors[dof], vessel, dof) for dof in vessel.dofs]
     mean, scale = (np.concatenate(values) for values in zip(*moments, strict=True))
     return CoefficientPrior(mean, scale, scale, np.zeros(mean.size, dtype=bool), "posterior")
@@ -235,12 +235,14 @@ def _moments(tree: xr.DataTree, vessel: Vessel, dof: str) -> tuple[np.ndarray, n
     names, draws = vessel.coefficients(dof)["coefficient"].values, tree["posterior"].to_dataset()["coefficients"]
     lacking = sorted(set(names) - set(draws["coefficient"].values))
     if lacking:
-        raise PriorError(f"A prior from a posterior needs every coefficient, {', '.join(lacking)} missing; add them.")
+        raise InferenceError(
+            f"A prior from a posterior needs every coefficient, {', '.join(lacking)} missing; add them."
+        )
     draws = draws.sel(coefficient=names)
     mean, sd = draws.mean(("chain", "draw")).values, draws.std(("chain", "draw")).values
     fixed = names[~(sd > 1e-12 * np.abs(mean))]
     if fixed.size:
-        raise PriorError(
+        raise InferenceError(
             f"A prior from a posterior needs draws that vary, those of {', '.join(fixed)} do not; give those held "
             "fixed a small sd in the table of coefficient_prior."
         )

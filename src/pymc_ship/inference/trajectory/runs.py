@@ -13,13 +13,14 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.forces.surroundings import CURRENT, WIND
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import recorded_inputs
 from pymc_ship.physics.motion.stepping import METHODS
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import CHANNELS, channel_names, sensors
-from pymc_ship.trial.record import TrialError, check_trial, one_trial, sampling_interval, second_difference_sd
+from pymc_ship.trial.record import check_trial, one_trial, sampling_interval, second_difference_sd
 
 BLOCK = 0.2
 """Samples closer than this interval [s] are averaged over it."""

@@ -12,9 +12,9 @@ from itertools import product
 
 import numpy as np
 
-from pymc_ship.inference.regression.priors import PriorError
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement
 from pymc_ship.inference.trajectory.windows import WindowFit
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, places_of_run
 
 _SHARES = {1: 101, 2: 31}  # of the prior sd that are tried, by the number of groups
@@ -44,11 +44,11 @@ class Earlier:
     scale: np.ndarray
 
     def of(self, vessel: Vessel) -> Statement:
-        """Statement of the coefficients of a vessel with this term set; PriorError where it lacks one that was told."""
+        """Statement of the coefficients of a vessel with these terms; InferenceError where one is lacking."""
         mine = coefficient_names(vessel)
         lacking = [name for k, name in enumerate(self.names) if name not in mine and self.statement.rows[:, k].any()]
         if lacking:
-            raise PriorError(
+            raise InferenceError(
                 f"What earlier runs said of {', '.join(lacking)} has no place in {vessel.name!r}; state the "
                 "vessel file of these runs."
             )

@@ -20,26 +20,19 @@ import numpy as np
 import xarray as xr
 from scipy.signal import savgol_filter
 
-from pymc_ship.inference.trajectory.fit import (
-    Noise,
-    Problem,
-    TrajectoryError,
-    TrajectoryFit,
-    fit_trajectory,
-    initial_problem,
-    run_rows,
-)
+from pymc_ship.inference.trajectory.fit import Noise, Problem, TrajectoryFit, fit_trajectory, initial_problem, run_rows
 from pymc_ship.inference.trajectory.mode import TrajectoryMode
 from pymc_ship.inference.trajectory.noise import NoiseChoice, residual_tests
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
+from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import recorded_inputs
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.parts import HELD
 from pymc_ship.physics.vessel.vessel import Vessel, places_of_run
 from pymc_ship.trial.channels import CHANNELS, sensors
-from pymc_ship.trial.record import TrialError, sampling_interval
+from pymc_ship.trial.record import sampling_interval
 
 LENGTH = 5.0
 """Length of a window in L/U_nom, which is about the ship lengths it covers."""
@@ -219,7 +212,7 @@ def fit_windows(
 
     Raises
     ------
-    TrajectoryError
+    FitError
         When the start leaves the model's range or no minimum is found.
     """
     fit, noise_sd, dispersion = _settled(windows, vessel, prior, start, sd)
@@ -370,7 +363,7 @@ def with_constants(windows: Sequence[Window], fit: WindowFit) -> np.ndarray:
     unknowns = np.concatenate([fit.coefficients, *(window.state for window in windows)])
     try:
         return fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE).coefficients
-    except TrajectoryError:
+    except FitError:
         return fit.coefficients
 
 

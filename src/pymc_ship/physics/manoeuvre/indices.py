@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.events import Record
 from pymc_ship.physics.manoeuvre.kinds import SIDES, Index
 from pymc_ship.physics.manoeuvre.registry import KINDS, either
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import TrialError, check_trial, one_trial
+from pymc_ship.trial.record import check_trial, one_trial
 
 
 def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:

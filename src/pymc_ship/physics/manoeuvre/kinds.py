@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from pymc_ship.machine.errors import SimulationError
+
 if TYPE_CHECKING:
     from pymc_ship.physics.manoeuvre.events import Record
     from pymc_ship.physics.manoeuvre.helm import Helm
@@ -47,10 +49,6 @@ Limit = tuple[str, float, str]
 """Index, largest value that IMO MSC.137(76) allows, and its unit: ``deg`` or ``L``."""
 
 
-class ManoeuvreError(ValueError):
-    """A manoeuvre that no ship can run, or a kind that cannot be registered."""
-
-
 @dataclass(frozen=True)
 class Index:
     """One index of a kind of manoeuvre.
@@ -76,7 +74,7 @@ class Index:
         known = ERRING if self.scored else tuple(UNITS)
         if self.quantity not in known:
             what = "A scored index" if self.scored else "An index"
-            raise ManoeuvreError(f"{what} is of {', '.join(known)}; found {self.quantity!r}; choose one of them.")
+            raise SimulationError(f"{what} is of {', '.join(known)}; found {self.quantity!r}; choose one of them.")
 
     @property
     def units(self) -> str:
@@ -146,13 +144,13 @@ class ManoeuvreKind:
     def __post_init__(self) -> None:
         lacking = [name for name in self._drawn() if name not in self.indices]
         if lacking:
-            raise ManoeuvreError(f"The figures of a {self.words} show its {lacking[0]}; add this index.")
+            raise SimulationError(f"The figures of a {self.words} show its {lacking[0]}; add this index.")
         if self.option and not (self.angles and self.example and self.title):
-            raise ManoeuvreError(f"The option --{self.option} needs angles, an example and a title; give all of them.")
+            raise SimulationError(f"The option --{self.option} needs angles, an example and a title; give all of them.")
         if self.recognise and not self.indices:
-            raise ManoeuvreError(f"A {self.words} that is recognised is compared by its indices, found none; add one.")
+            raise SimulationError(f"A {self.words} that is recognised is compared by its indices, found none; add one.")
         if self.reversal is not None and "heading_deg" not in self.angles:
-            raise ManoeuvreError(f"The rudder of a {self.words} is moved at a heading; add heading_deg to its angles.")
+            raise SimulationError(f"The rudder of a {self.words} is moved at a heading; add heading_deg to its angles.")
 
     def _drawn(self) -> tuple[str, ...]:
         return (OVERSHOOTS if self.swings else ()) + (DIMENSIONS if self.circles else ())

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pymc_ship.physics.manoeuvre.kinds import ManoeuvreError, ManoeuvreKind
+from pymc_ship.machine.errors import SimulationError
+from pymc_ship.physics.manoeuvre.kinds import ManoeuvreKind
 from pymc_ship.physics.manoeuvre.turning_circles import PULL_OUT, TURNING_CIRCLE
 from pymc_ship.physics.manoeuvre.zigzags import ZIGZAG
 
@@ -25,12 +26,12 @@ def register(kind: ManoeuvreKind) -> None:
 
     Raises
     ------
-    ManoeuvreError
+    SimulationError
         When another kind has its name or its option.
     """
     for known in KINDS.values():
         if kind.name == known.name or (kind.option and kind.option == known.option):
-            raise ManoeuvreError(
+            raise SimulationError(
                 f"Each kind of manoeuvre has its own name and option, found {kind.name!r} with {kind.option!r} beside "
                 f"{known.name!r} with {known.option!r}; rename one."
             )
@@ -38,9 +39,9 @@ def register(kind: ManoeuvreKind) -> None:
 
 
 def kind_named(name: str) -> ManoeuvreKind:
-    """The kind of this name; ManoeuvreError where it is not registered."""
+    """The kind of this name; SimulationError where it is not registered."""
     if name not in KINDS:
-        raise ManoeuvreError(f"A manoeuvre is {either(KINDS)}; found {name!r}; register this kind.")
+        raise SimulationError(f"A manoeuvre is {either(KINDS)}; found {name!r}; register this kind.")
     return KINDS[name]
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pymc_ship.machine.arguments import check_choice, shown
-from pymc_ship.physics.manoeuvre.kinds import SIDES, ManoeuvreError, ManoeuvreKind
+from pymc_ship.machine.errors import SimulationError
+from pymc_ship.physics.manoeuvre.kinds import SIDES, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, kind_named
 
 _TWO_ROUNDS = 720.0  # deg of heading
@@ -92,9 +93,9 @@ class Manoeuvre:
 
 
 def one_manoeuvre(manoeuvre: object) -> Manoeuvre:
-    """Manoeuvre as it is; ManoeuvreError for a list of manoeuvres, a text, or anything else."""
+    """Manoeuvre as it is; SimulationError for a list of manoeuvres, a text, or anything else."""
     if not isinstance(manoeuvre, Manoeuvre):
-        raise ManoeuvreError(
+        raise SimulationError(
             f"One manoeuvre is meant, made by zigzag, turning_circle or rudder_programme, found {shown(manoeuvre)}; "
             "give one of these."
         )
@@ -121,7 +122,7 @@ def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_s
 
     Raises
     ------
-    ManoeuvreError
+    SimulationError
         For an unknown kind, another number of angles, angles that are not positive, an unknown side or a speed that is
         not positive.
     """
@@ -129,7 +130,7 @@ def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_s
     names = traits.angles
     if not names or len(angles) != len(names):
         wanted = " and ".join(names) or "its own constructor"
-        raise ManoeuvreError(f"A {kind} is made with {wanted}, found {len(angles)} angles; correct it.")
+        raise SimulationError(f"A {kind} is made with {wanted}, found {len(angles)} angles; correct it.")
     given = dict(zip(names, angles, strict=True))
     _check(side, approach_speed, widest=_TWO_ROUNDS if traits.reversal == 0.0 else 90.0, **given)
     rudder_deg, heading_deg = (float(given.get(name, 0.0)) for name in ("rudder_deg", "heading_deg"))
@@ -171,7 +172,7 @@ def zigzag(
 
     Raises
     ------
-    ManoeuvreError
+    SimulationError
         For angles that are not positive, an unknown side or a speed that is not positive.
 
     Examples
@@ -233,7 +234,7 @@ def direct_spiral(
 
     Raises
     ------
-    ManoeuvreError
+    SimulationError
         For an angle or a time that is not positive, or a step that does not divide the largest angle.
 
     Examples
@@ -247,7 +248,7 @@ def direct_spiral(
     _check("port", approach_speed, rudder_deg=rudder_deg, step_deg=step_deg)
     steps = round(rudder_deg / step_deg)
     if not (_STEP < hold < np.inf and abs(steps * step_deg - rudder_deg) < 1e-9 * rudder_deg):
-        raise ManoeuvreError(
+        raise SimulationError(
             "A direct spiral holds each angle for some time and goes on in steps that divide the largest, found "
             f"{rudder_deg:g} deg in steps of {step_deg:g} deg held for {hold:g} s; correct it."
         )
@@ -286,7 +287,7 @@ def rudder_programme(
 
     Raises
     ------
-    ManoeuvreError
+    SimulationError
         For arrays of different length, values that are not finite or times that do not increase.
 
     Examples
@@ -303,11 +304,11 @@ def rudder_programme(
     time, delta = np.array(time, dtype=float), np.array(delta, dtype=float)
     _check("port", approach_speed)
     if time.ndim != 1 or time.shape != delta.shape or not time.size:
-        raise ManoeuvreError(
+        raise SimulationError(
             f"A rudder programme has one angle for each time, found shapes {time.shape} and {delta.shape}."
         )
     if not (np.isfinite(time).all() and np.isfinite(delta).all()) or (np.diff(time) <= 0).any():
-        raise ManoeuvreError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
+        raise SimulationError("A rudder programme needs finite angles at finite, increasing times; sort and clean it.")
     return Manoeuvre(
         "rudder_programme",
         approach_speed=approach_speed,
@@ -318,13 +319,15 @@ def rudder_programme(
 
 
 def _check(side: str, approach_speed: float | None, widest: float = 90.0, **angles: float) -> None:
-    check_choice("The side", side, SIDES, ManoeuvreError)
+    check_choice("The side", side, SIDES, SimulationError)
     if approach_speed is not None and not 0.0 < approach_speed < np.inf:
-        raise ManoeuvreError(f"The approach speed must be positive and finite, found {approach_speed} m/s; correct it.")
+        raise SimulationError(
+            f"The approach speed must be positive and finite, found {approach_speed} m/s; correct it."
+        )
     for name, angle in angles.items():
         most = widest if name == "heading_deg" else 90.0
         if not 0.0 < angle < most:
-            raise ManoeuvreError(
+            raise SimulationError(
                 f"{name} is a magnitude between 0 and {most:g} deg, found {angle}; use `side` for the sign."
             )
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.part import INPUTS
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.forces.surroundings import WIND
-from pymc_ship.physics.motion.stepping import SimulationError
 from pymc_ship.physics.vessel.parts import HELD, ship_of
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import OVER_GROUND

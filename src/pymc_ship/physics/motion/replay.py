@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.physics.motion.equations import KERNEL, Scheme, scheme, set_parts
 from pymc_ship.physics.motion.inputs import all_inputs
@@ -13,7 +14,6 @@ from pymc_ship.physics.motion.stepping import (
     METHODS,
     N_INPUTS,
     Integration,
-    SimulationError,
     advance_along,
     integration,
     lanes_at_rest,

@@ -10,6 +10,7 @@ import xarray as xr
 from numba import njit
 
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.controlled import Gear, Start, course
@@ -21,7 +22,6 @@ from pymc_ship.physics.motion.stepping import (
     N_INPUTS,
     STATE_ROWS,
     Integration,
-    SimulationError,
     advance_along,
     integration,
     lanes_at_rest,

@@ -46,10 +46,6 @@ _STAGES = {
 }
 
 
-class SimulationError(ValueError):
-    """Settings that no simulation can run with."""
-
-
 class Integration(NamedTuple):
     """How a motion is integrated.
 

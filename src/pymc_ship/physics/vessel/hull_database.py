@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.hull_database import SOURCE, STRIPS, TYPICAL_RUDDER, bare_hull, squares, typical_rudder
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import Coefficient, Vessel, VesselError
+from pymc_ship.physics.vessel.vessel import Coefficient, Vessel
 
 
 def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:

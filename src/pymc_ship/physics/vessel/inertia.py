@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pymc_ship.physics.vessel.vessel import Particulars, Vessel, VesselError
+from pymc_ship.machine.errors import VesselError
+from pymc_ship.physics.vessel.vessel import Particulars, Vessel
 
 K_ZZ = 0.25
 """Radius of gyration of the yaw moment of inertia about the centre of gravity, over L."""

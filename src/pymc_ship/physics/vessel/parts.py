@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.expressions import Tape
 from pymc_ship.physics.forces.hull import ROLL, balance, thrust_deduction
 from pymc_ship.physics.forces.modular import PARTS, UnknownPart, ordered, parameters_of, program_of
@@ -15,7 +16,7 @@ from pymc_ship.physics.forces.part import AddedMass, Part, Ship
 from pymc_ship.physics.forces.programs import Program
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.vessel.inertia import with_stability
-from pymc_ship.physics.vessel.vessel import Coefficient, Particulars, Vessel, VesselError
+from pymc_ship.physics.vessel.vessel import Coefficient, Particulars, Vessel
 
 HELD = 1e-9
 """Standard deviation of a parameter that is held at its value."""

@@ -23,10 +23,11 @@ import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.prime_system import GRAVITY
 from pymc_ship.physics.forces.terms import order
 from pymc_ship.physics.vessel.inertia import displaced_mass, motora_added_mass
-from pymc_ship.physics.vessel.vessel import Particulars, Vessel, VesselError
+from pymc_ship.physics.vessel.vessel import Particulars, Vessel
 
 Range = tuple[float, float]
 

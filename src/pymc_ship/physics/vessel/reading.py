@@ -11,23 +11,14 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.physics.forces.propeller import Propeller
 from pymc_ship.physics.forces.terms import UnknownTerm, factors, loaded
 from pymc_ship.physics.vessel.inertia import DIAGONAL, K_ZZ, displaced_mass, motora_added_mass, yaw_inertia
 from pymc_ship.physics.vessel.parts import with_parts
 from pymc_ship.physics.vessel.plausibility import Finding, findings, particulars_findings
-from pymc_ship.physics.vessel.vessel import (
-    ADDED_MASS,
-    DOFS,
-    LETTER,
-    Coefficient,
-    Particulars,
-    Rudder,
-    Vessel,
-    VesselError,
-    Windage,
-)
+from pymc_ship.physics.vessel.vessel import ADDED_MASS, DOFS, LETTER, Coefficient, Particulars, Rudder, Vessel, Windage
 
 _TABLES = ("particulars", "inertia", "added_mass", "propeller", "rudder", "windage", "coefficients", "parameters")
 _PARTICULARS = ("L", "B", "volume", "nominal_speed", "rudder_rate_deg", "x_G")

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.hull import LOW_SPEED, MANOEUVRING, ROLL
 from pymc_ship.physics.forces.modular import ADDED_MASS, PARTS, parameters_of
 from pymc_ship.physics.forces.rudder import RUDDER
@@ -19,7 +20,7 @@ from pymc_ship.physics.forces.screw import PROPELLER
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.vessel.parts import ship_of, with_parts
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import LETTER, Coefficient, Vessel, VesselError
+from pymc_ship.physics.vessel.vessel import LETTER, Coefficient, Vessel
 
 OWN = "own terms"
 """Name of the set that consists of the vessel file's own terms."""

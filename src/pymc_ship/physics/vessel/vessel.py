@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.propeller import Propeller
 
 DOFS = ("surge", "sway", "yaw", "roll")
@@ -20,10 +21,6 @@ LETTER = {"surge": "X", "sway": "Y", "yaw": "N", "roll": "K"}
 
 ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Ypdot", "Nvdot", "Nrdot", "Npdot", "Kvdot", "Krdot", "Kpdot")
 """Acceleration derivatives; those a vessel without roll does not have are zero."""
-
-
-class VesselError(ValueError):
-    """A vessel file that cannot be used; the sentence names the key."""
 
 
 @dataclass(frozen=True)

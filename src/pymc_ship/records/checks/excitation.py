@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.forces.terms import evaluate
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.vessel import LETTER, Vessel
@@ -18,7 +19,7 @@ from pymc_ship.records.checks.verdicts import (
     regressed,
     straight_approach,
 )
-from pymc_ship.trial.record import TrialError, sampling_interval
+from pymc_ship.trial.record import sampling_interval
 
 STRAIGHT = 0.1
 """Mean of r, v or phi on the approach over the channel's largest magnitude; IMO asks for a steady course."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.records.checks.track import (
     TrackBlocks,
     body_velocity,
@@ -23,7 +24,7 @@ from pymc_ship.records.checks.track import (
     turned_to_earth,
 )
 from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, ShipScale, needed, not_checked, regressed
-from pymc_ship.trial.record import TrialError, sampling_interval
+from pymc_ship.trial.record import sampling_interval
 
 LAG = 0.01
 """Lag over L/U from which it matters: in a turn of rL/U = 0.5, v is then off by 0.5 % of U."""

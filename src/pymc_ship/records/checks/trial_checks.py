@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.excitation import approach_check, excitation_checks, range_check
@@ -43,13 +44,9 @@ from pymc_ship.records.checks.track import axes_checks, body_velocity, drift_che
 from pymc_ship.records.checks.verdicts import Check, not_checked, ship_scale
 from pymc_ship.records.files.judgement import judged, worst
 from pymc_ship.trial.channels import SIMULATED
-from pymc_ship.trial.record import TrialError, check_trial, one_trial
+from pymc_ship.trial.record import check_trial, one_trial
 
 _LARGEST = 1e12
-
-
-class TrialRefusedError(TrialError):
-    """A record that must not be fitted, because a check of it is bad and nobody has overruled the check."""
 
 
 def trial_checks(
@@ -259,10 +256,9 @@ def judged_trial(
 
     Raises
     ------
-    TrialRefusedError
-        Where a check is bad and not overruled.
     TrialError
-        For a record that cannot be checked, or a name that is no check.
+        Where a check is bad and not overruled: the error has the ``checks``. For a record that cannot be checked, or a
+        name that is no check.
 
     Examples
     --------
@@ -276,8 +272,7 @@ def judged_trial(
     >>> ps.judged_trial(trial.assign(delta=-trial["delta"]), vessel)
     Traceback (most recent call last):
         ...
-    pymc_ship.records.checks.trial_checks.TrialRefusedError: The trial cannot be fitted: rudder sign: A positive delta
-    turns \
+    pymc_ship.machine.errors.TrialError: The trial cannot be fitted: rudder sign: A positive delta turns \
 the ship to starboard, it should turn her to port; flip the sign of delta.
     """
     vessel = as_vessel(vessel)
@@ -308,11 +303,9 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
 
     Raises
     ------
-    TrialRefusedError
-        Where a check is bad and not overruled: wrong units or signs, a track that nothing mends, a sensor that stands
-        still.
     TrialError
-        For a name to overrule that is no check.
+        Where a check is bad and not overruled: wrong units or signs, a track that nothing mends, a sensor that stands
+        still; the error has the ``checks``. For a name to overrule that is no check.
 
     Examples
     --------
@@ -330,7 +323,7 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     for name in overrule:
         check_choice("A check to overrule", name, [check.name for check in checks], TrialError)
     if sentence := failed_checks(checks, overrule):
-        raise TrialRefusedError(sentence)
+        raise TrialError(sentence, checks=[one for one in checks if one.verdict == "bad" and one.name not in overrule])
     made = [check.verdict for check in checks if check.verdict != "not checked"]
     mended = judged(_mended(trial, checks), worst(made), _remarks(checks))
     told = [*trial.attrs.get("corrections", []), *(_TOLD[check.name](check) for check in checks if check.mendable)]

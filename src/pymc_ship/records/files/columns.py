@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.trial.channels import CHANNELS, TIME, Channel, readable
-from pymc_ship.trial.record import TrialError
 from pymc_ship.trial.units import RADIAN, spelling
 
 _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/s2", "deg/s2", "rad/s2", "g", "volt"))

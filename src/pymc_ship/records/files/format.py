@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
 from pymc_ship.trial.channels import CHANNELS, readable
-from pymc_ship.trial.record import TrialError
 
 DELIMITERS = (",", ";", "\t", " ")
 """Delimiters of a trial file; the space stands for any white space."""

@@ -11,8 +11,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import TrialError, check_trial
+from pymc_ship.trial.record import check_trial
 
 _DEG = math.radians(1.0)
 

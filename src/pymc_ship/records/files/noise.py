@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.records.files.instruments import Noise, measured
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, sensors
-from pymc_ship.trial.record import TrialError, check_trial, one_trial
+from pymc_ship.trial.record import check_trial, one_trial
 
 LITERAL_LEVEL = 0.2**0.5
 """The paper's literal level: xi has variance 0.2, that is a standard deviation of 0.447."""

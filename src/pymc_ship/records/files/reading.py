@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.text import EncodingError, utf8
 from pymc_ship.records.files.columns import Column, is_unit, matched_columns
 from pymc_ship.records.files.format import TrialFormat, at_origin, full_scale, load_format, with_signs, with_true_wind
 from pymc_ship.records.files.time_base import regular, rounding
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import OVER_GROUND, TrialError
+from pymc_ship.trial.record import OVER_GROUND
 
 _COMMENTS = ("#", "%")
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))

@@ -11,8 +11,9 @@ from decimal import Decimal
 
 import numpy as np
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.trial.channels import SIMULATED
-from pymc_ship.trial.record import TrialError, is_uniform
+from pymc_ship.trial.record import is_uniform
 
 FILLED_SAMPLES, FILLED_SECONDS = 5, 2.0
 """Longest run of missing samples that is interpolated: whichever of the two is longer."""

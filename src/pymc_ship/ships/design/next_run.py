@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import STANDARD, Manoeuvre, pull_out, turning_circle, zigzag
@@ -45,11 +46,6 @@ CANDIDATES = tuple(
     for side in ("port", "starboard")
 )
 """Runs to choose from where none are given."""
-
-
-class SimulationError(ValueError):
-    """A design that cannot be made; the sentence says why."""
-
 
 _ASKED = ("angle", "distance")  # quantities of the indices that are to be known
 _REACHED = 0.9  # of the draws, by which an index is reached that counts
@@ -136,7 +132,8 @@ def design(
         Without a candidate that has indices and sea room, or a target that nine tenths of the draws reach; for counts
         below one.
     SimulationError
-        For a wind that no term set of the ship knows.
+        Without a candidate that has indices and sea room, or a target that nine tenths of the draws reach; for counts
+        below one. For a wind that no term set of the ship knows.
 
     Examples
     --------

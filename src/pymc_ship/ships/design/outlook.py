@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.standard import STANDARD
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.ships.design.next_run import design
-from pymc_ship.machine.errors import SimulationError
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.ensemble.index_error import steady_error
 from pymc_ship.ships.ensemble.ship import Ship

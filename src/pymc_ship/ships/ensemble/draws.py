@@ -8,10 +8,9 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.errors import SimulationError, VesselError
 from pymc_ship.physics.forces.surroundings import WIND
-from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
-from pymc_ship.machine.errors import VesselError
 
 
 def coefficient_draws(

@@ -14,10 +14,10 @@ from pymc_ship.inference.regression.tree import CITATIONS, provenance, read_post
 from pymc_ship.inference.trajectory.prior import Statement
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.machine.checksums import folder_checksum
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.files import settle, staged
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
-from pymc_ship.machine.errors import VesselError
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import ERRING, motion_error

@@ -19,13 +19,13 @@ import numpy as np
 import xarray as xr
 from numba import njit
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.equations import KERNEL, STATE
 from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.trial.record import TrialError
 
 UNKNOWN = "Extrapolation is unknown: the posterior does not hold the motion it was fitted to."
 """Sentence for a forecast whose posterior does not hold the motion it was fitted to."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.indices import indices, of_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
@@ -25,7 +25,6 @@ from pymc_ship.ships.ensemble.scores import quantile_bands, quantiles
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import UNKNOWN, extrapolation, sentence, share_outside
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
-from pymc_ship.machine.errors import TrialError
 
 AS_PUBLISHED: dict[str, Any] = {"ci_prob": 0.9, "step": 0.02, "record_interval": 0.5, "method": "euler"}
 """Settings of a forecast in the study of Xue et al. (2020), whose records are made by these steps."""

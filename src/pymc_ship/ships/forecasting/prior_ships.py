@@ -9,10 +9,10 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior
-from pymc_ship.machine.errors import InferenceError
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.predictive import prior_draws
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre, turning_circle, zigzag
 from pymc_ship.physics.motion.stability import growth_rates

@@ -14,13 +14,13 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pymc_ship.machine.errors import SimulationError
 from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
 from pymc_ship.pages.tables import fixed
 from pymc_ship.physics.manoeuvre.criteria import shown_probability
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import takes_revolutions
 from pymc_ship.physics.motion.replay import replay
-from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.vessel.parts import ship_of
 from pymc_ship.physics.vessel.term_sets import holds_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel

@@ -10,14 +10,13 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from pymc_ship.inference.captive.statement import CaptiveFit, fit_captive, shared_with_trials
-from pymc_ship.machine.errors import InferenceError
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory.carried import carried_draws
-from pymc_ship.machine.errors import FitError
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
 from pymc_ship.inference.trajectory.statements import Earlier, joined, loosened, said_by_windows
 from pymc_ship.inference.trajectory.windows import Window, WindowFit, fit_windows, prepared_windows, widened
 from pymc_ship.machine.arguments import check_choice
+from pymc_ship.machine.errors import FitError, InferenceError, TrialError
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.forces.surroundings import CURRENT
@@ -41,7 +40,6 @@ from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feas
 from pymc_ship.ships.ensemble.ship import Member
 from pymc_ship.ships.identification.held_out import HeldOut, held_out
 from pymc_ship.trial.record import OVER_GROUND, moving
-from pymc_ship.machine.errors import TrialError
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
@@ -155,7 +153,7 @@ def beside_earlier(best: Candidate, training: Training) -> str:
 
 
 def chosen_prior(vessel: Vessel, kind: str | None) -> str:
-    """The kind of prior asked for (InferenceError if unknown); by default the hull database where a draught is stated."""
+    """The kind of prior asked for (InferenceError if unknown); by default the hull database if a draught is stated."""
     if kind is None:
         return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
     check_choice("The prior of a ship", kind, PRIORS, InferenceError)
@@ -246,14 +244,6 @@ class Refusal:
     failure: Failure | None = None
 
 
-class FitError(FitError):
-    """No term set can be fitted; ``refusals`` says where each fails."""
-
-    def __init__(self, refusals: Sequence[Refusal]) -> None:
-        super().__init__(f"No term set can be fitted to these trials: {' '.join(one.sentence for one in refusals)}")
-        self.refusals = tuple(refusals)
-
-
 def candidates_of(
     wanted: Sequence[str], training: Training, rng: np.random.Generator
 ) -> tuple[list[Candidate], list[Refusal]]:
@@ -263,7 +253,8 @@ def candidates_of(
     found = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not found:
-        raise FitError(refusals)
+        said = " ".join(one.sentence for one in refusals)
+        raise FitError(f"No term set can be fitted to these trials: {said}", refusals=refusals)
     return found, refusals
 
 

@@ -15,11 +15,10 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.captive.comparison import compared
-from pymc_ship.machine.errors import InferenceError
 from pymc_ship.inference.trajectory.carried import carried_draws
-from pymc_ship.machine.errors import FitError
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.inference.trajectory.windows import LENGTH, thinned
+from pymc_ship.machine.errors import FitError, InferenceError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -47,7 +46,6 @@ from pymc_ship.ships.identification.candidates import (
 )
 from pymc_ship.ships.identification.held_out import forecast_rows, left_out, readings_sd
 from pymc_ship.trial.record import facility_of, sampling_interval, trial_list
-from pymc_ship.machine.errors import TrialError
 
 _REPLAYS = 40  # draws of a held-out run from each window on
 _FORECASTS = 100  # draws of a held-out forecast

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
@@ -23,7 +24,6 @@ from pymc_ship.ships.identification.held_out import forecast_rows, readings_sd
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import check_trial, facility_of, one_trial, trial_list
-from pymc_ship.machine.errors import TrialError
 
 SCORED = ("u", "v", "r", "psi", "position")
 """Channels of a score; the position is the distance between the tracks."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
 from pymc_ship.physics.vessel.vessel import Vessel
 
@@ -49,10 +50,6 @@ _KEYS = {
     "engine": ("speed_at_85_percent",),
     "form": TEXTS,
 }
-
-
-class SeaTrialError(ValueError):
-    """Conditions or runs of which no report can be made; the sentence names the key or the run."""
 
 
 @dataclass(frozen=True)
@@ -104,12 +101,12 @@ def load_conditions(source: str | Path | Mapping | None) -> Conditions:
 
     Raises
     ------
-    SeaTrialError
+    TrialError
         For a file that cannot be read, unknown keys and values that no trial has.
     """
     if source is None:
         return Conditions()
-    return _conditions(toml_table(source, "The conditions", SeaTrialError))
+    return _conditions(toml_table(source, "The conditions", TrialError))
 
 
 def _conditions(file: Entry) -> Conditions:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.criteria import imo_limits
 from pymc_ship.physics.manoeuvre.helm import base_course
 from pymc_ship.physics.manoeuvre.indices import indices
@@ -24,7 +25,6 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import drawn_indices, finite_indices, smooth_indices, smoothed
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.sea_trials.conditions import Conditions
-from pymc_ship.machine.errors import TrialError
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.loading import at_loading
 from pymc_ship.trial.record import OVER_GROUND

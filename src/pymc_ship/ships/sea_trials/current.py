@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.helm import heading_change, steered
 from pymc_ship.records.steering.measured import smoothed
-from pymc_ship.ships.sea_trials.conditions import SeaTrialError
 from pymc_ship.trial.record import check_trial
 
 _STEADY = np.pi  # rad of heading from the execution, from which on the circular has the turn steady
@@ -70,10 +70,8 @@ def drift_current(trial: xr.Dataset) -> DriftCurrent:
 
     Raises
     ------
-    SeaTrialError
-        For a turn that is too short.
     TrialError
-        For a record that lacks a channel.
+        For a turn that is too short. For a record that lacks a channel.
 
     References
     ----------
@@ -95,7 +93,7 @@ def drift_current(trial: xr.Dataset) -> DriftCurrent:
     psi, time, x, y = heading_change(smooth)[inside], *(smooth[name].values[inside] for name in ("time", "x", "y"))
     turned = np.abs(psi[-1] - psi[0])
     if turned < _LEAST:
-        raise SeaTrialError(
+        raise TrialError(
             f"A current is measured by a turn of 720 deg, of 630 at least, found {np.rad2deg(turned):.0f}; turn longer."
         )
     forward = np.maximum.accumulate(np.sign(psi[-1]) * psi)

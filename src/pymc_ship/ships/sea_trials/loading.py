@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.vessel.parts import HELD, with_parts
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.sea_trials.conditions import SeaTrialError
 
 _SAME = 0.05  # by which the length between perpendiculars may differ from one draught to another
 
@@ -36,11 +36,11 @@ def at_loading(model: Vessel, rows: np.ndarray, tried: Vessel, loaded: Vessel) -
 
     Raises
     ------
-    SeaTrialError
+    TrialError
         For a file that is not of the same ship.
     """
     if not np.isclose(tried.particulars.L, loaded.particulars.L, rtol=_SAME):
-        raise SeaTrialError(
+        raise TrialError(
             f"The ship at full load is the one that was tried, found L = {loaded.particulars.L:g} m and "
             f"{tried.particulars.L:g} m; give her own file."
         )

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -20,14 +21,12 @@ from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_sto
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.steady_turns import largest_loop, steady_turns
 from pymc_ship.ships.sea_trials.conditions import condition_rows, load_conditions
-from pymc_ship.machine.errors import TrialError
 from pymc_ship.ships.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.form import form_rows, ship_rows
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
 from pymc_ship.ships.sea_trials.uncertainty import PARTS, stated
 from pymc_ship.trial.record import facility_of, trial_list
-from pymc_ship.machine.errors import TrialError
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,8 @@ def sea_trial(
         For conditions that cannot be read, runs of which none is a standard manoeuvre, or another loading without a
         ship of parts.
     TrialError
-        For a record that lacks u, r, psi or delta.
+        For conditions that cannot be read, runs of which none is a standard manoeuvre, or another loading without a
+        ship of parts. For a record that lacks u, r, psi or delta.
 
     References
     ----------
@@ -205,7 +205,7 @@ def _currents(
                 found = drift_current(trials[name])
                 wind = winds.get(name)
                 own[name] = found if wind is None else less_wind(found, trials[name], manoeuvre, wind, model)
-            except (TrialError, TrialError) as error:
+            except TrialError as error:
                 said.append(f"{name} shows no current: {error}")
     if not own:
         return {}, [*said, "No run shows the current, and no index is corrected for it; turn through 720 deg."]
