@@ -89,8 +89,6 @@ from pymc_ship.records.files.reading import read_trial as read_trial
 from pymc_ship.records.steering.recognition import recognise as recognise
 from pymc_ship.replication.estimates import Estimate as Estimate
 from pymc_ship.replication.page import study as study
-from pymc_ship.replication.study import StudyResult as StudyResult
-from pymc_ship.replication.study import run_study as run_study
 from pymc_ship.ships.design.next_run import design as design
 from pymc_ship.ships.ensemble.files import load_ship as load_ship
 from pymc_ship.ships.ensemble.files import save_ship as save_ship
