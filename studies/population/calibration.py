@@ -35,8 +35,10 @@ _HEAD = (
 
 def counted(folder: str | Path) -> tuple[int, int]:
     """Statements that held and those that were made, of :data:`COUNTED`, in the folder of a population."""
-    with (Path(folder) / "tables" / "statements.csv").open(encoding="utf-8", newline="") as file:
-        rows = {(row["forecasts"], float(row["stated"])): row for row in csv.DictReader(file)}
+    path, rows = Path(folder) / "tables" / "statements.csv", {}
+    if path.exists():
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = {(row["forecasts"], float(row["stated"])): row for row in csv.DictReader(file)}
     if COUNTED not in rows:
         raise ValueError(f"{folder} has no statements of 99 % {COUNTED[0]}; run its study first.")
     return int(rows[COUNTED]["held"]), int(rows[COUNTED]["statements"])

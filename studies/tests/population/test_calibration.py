@@ -58,3 +58,5 @@ def test_a_folder_without_such_statements_is_refused(folder):
     path.write_text(path.read_text(encoding="utf-8").replace("0.99", "0.9"), encoding="utf-8")
     with pytest.raises(ValueError, match="has no statements of 99 %"):
         counted(folder)
+    with pytest.raises(ValueError, match="has no statements of 99 %"):
+        counted(folder / "none")
