@@ -20,6 +20,7 @@ from pathlib import Path
 
 from pymc_ship.cli.files import Outcome, Progress
 from pymc_ship.cli.main import run_command
+from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.files import staged
 from pymc_ship.ships.ensemble.calibration import FILE, Constant, constants
 from studies.command_line import study_parser
@@ -35,10 +36,12 @@ _HEAD = (
 
 def counted(folder: str | Path) -> tuple[int, int]:
     """Statements that held and those that were made, of :data:`COUNTED`, in the folder of a population."""
-    with (Path(folder) / "tables" / "statements.csv").open(encoding="utf-8", newline="") as file:
-        rows = {(row["forecasts"], float(row["stated"])): row for row in csv.DictReader(file)}
+    path, rows = Path(folder) / "tables" / "statements.csv", {}
+    if path.exists():
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = {(row["forecasts"], float(row["stated"])): row for row in csv.DictReader(file)}
     if COUNTED not in rows:
-        raise ValueError(f"{folder} has no statements of 99 % {COUNTED[0]}; run its study first.")
+        raise StudyError(f"{folder} has no statements of 99 % {COUNTED[0]}; run its study first.")
     return int(rows[COUNTED]["held"]), int(rows[COUNTED]["statements"])
 
 

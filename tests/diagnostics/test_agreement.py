@@ -171,25 +171,6 @@ def test_table_survives_netcdf(tmp_path):
         assert read.attrs["verdict"] == table.attrs["verdict"]
 
 
-def test_posteriors_of_other_data_are_refused():
-    exact = PRIOR.exact(regression())
-    X = np.random.default_rng(1).normal(size=(30, 3))
-    other = exact_posterior(RegressionData.from_arrays(X, X[:, 0]), PRIOR, rng=np.random.default_rng(1))
-    with pytest.raises(ValueError, match="found x1, x2, x3 in 'other'"):
-        agreement(exact, {"right": right(), "other": other})
-    with pytest.raises(ValueError, match="at least one posterior"):
-        agreement(exact, {})
-
-
-@pytest.mark.parametrize("errors", ["student_t", "ar1"])
-def test_errors_that_are_not_normal_are_refused(errors):
-    """The exact posterior is of normal errors."""
-    other = right()
-    other.attrs["errors"] = errors
-    with pytest.raises(ValueError, match=f"which is of normal errors, found {errors} errors in 'other'; leave it out"):
-        agreement(PRIOR.exact(regression()), {"right": right(), "other": other})
-
-
 def test_a_single_chain_is_compared_and_does_not_agree():
     """Its R-hat is not known."""
     single = changed("coefficients", lambda b: b)

@@ -1,7 +1,5 @@
 """The numbers of a saved posterior against closed forms, exact posteriors and series whose nature is known."""
 
-import json
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,6 +9,7 @@ import pymc_ship as ps
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics import regression as d
 from pymc_ship.inference.sampling.error_laws import with_errors
+from tests.sentences import refused
 
 TRUTH = np.array([1.0, -2.0, 0.0])
 
@@ -201,7 +200,7 @@ def test_the_statistic_of_ljung_and_box_by_hand():
     assert numbers.autocorrelation(values, 2) == pytest.approx(r)
     assert found["statistic"] == pytest.approx(10 * 12 * np.sum(r**2 / [9, 8]))
     assert found["p_value"] == pytest.approx(np.exp(-0.5 * found["statistic"]))
-    with pytest.raises(ValueError, match="needs ten values or more, found 9; use a longer trial"):
+    with refused(ValueError, 9):
         numbers.whiteness(values[:9])
 
 
@@ -294,28 +293,6 @@ def test_a_wide_prior_predicts_more_than_the_record(good):
 
 
 # what is no posterior
-
-
-def test_a_tree_that_is_no_posterior_is_one_sentence(good):
-    tree = good[0]
-    with pytest.raises(ValueError, match=r"^x is no posterior of this package, it lacks coefficients, attrs.*\.$"):
-        d.check_posterior(xr.DataTree(), "x")
-    bare = without(tree)
-    del bare.attrs["prior"]
-    with pytest.raises(ValueError, match=r"it lacks attrs\['prior'\]; give one"):
-        d.check_posterior(bare)
-    bare.attrs["prior"] = json.dumps({"family": "flat"})
-    with pytest.raises(ValueError, match="its prior or scaling is broken: A prior family is one of conjugate"):
-        d.check_posterior(bare)
-    nan = changed(tree, noise_variance=tree["posterior"]["noise_variance"] * np.nan)
-    with pytest.raises(ValueError, match="found infinity, NaN or nothing in noise_variance in x"):
-        d.check_posterior(nan, "x")
-    short = xr.DataTree.from_dict(
-        {"/": tree.to_dataset(), "posterior": tree["posterior"].to_dataset().isel(draw=[0, 1])}
-    )
-    with pytest.raises(ValueError, match="found 2 draws a chain"):
-        d.check_posterior(short)
-    d.check_posterior(tree)
 
 
 def test_missing_variables_are_named(good):

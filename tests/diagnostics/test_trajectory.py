@@ -12,7 +12,7 @@ from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
 from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
-from tests.diagnostics.cases import changed, sampled, short_mode, short_posterior, with_attrs, without
+from tests.diagnostics.cases import changed, sampled, short_mode, short_posterior, with_attrs
 from tests.inference.identifiability.information import fitted_identifiability
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -46,24 +46,6 @@ def test_posteriors_of_trajectories_are_known_by_their_method():
     assert subject_of(sampled()) is TRAJECTORIES
     assert subject_of(with_attrs(short_posterior(), method="conjugate")) is REGRESSION
     assert subject_of(xr.DataTree()) is REGRESSION
-
-
-@pytest.mark.parametrize(
-    ("spoil", "sentence"),
-    [
-        (lambda tree: without(tree, "posterior"), r"^x is no posterior of this package, it lacks coefficients; give"),
-        (lambda tree: with_attrs(tree, vessel=None, starts=None), r"lacks attrs\['vessel'\], attrs\['starts'\]; give"),
-        (lambda tree: with_attrs(tree, pareto_khat=None), r"lacks attrs\['pareto_khat'\]"),
-        (lambda tree: with_attrs(tree, prior="{}"), "its prior is to give family, tau, and mean and scale of every"),
-        (lambda tree: with_attrs(tree, prior='{"family": "flat", "tau": {}, "mean": [0], "scale": [1]}'), "its prior"),
-        (lambda tree: tree.isel(draw=slice(3)), "four finite draws a chain or more, found 3 draws a chain in x"),
-        (lambda tree: changed(tree, "posterior/coefficients", lambda v: v.fill(np.nan)), "NaN or nothing in coeff"),
-    ],
-)
-def test_what_is_no_posterior_of_trajectories_is_one_sentence(spoil, sentence):
-    d.check_trajectory(short_posterior(), "x")
-    with pytest.raises(ValueError, match=sentence):
-        d.check_trajectory(spoil(short_posterior()), "x")
 
 
 def test_a_sampler_needs_no_pareto_khat():

@@ -11,7 +11,6 @@ from pymc_ship.cli.main import main
 from pymc_ship.diagnostics import page as page_module
 from pymc_ship.diagnostics import trajectory_parts
 from pymc_ship.diagnostics.agreement import Comparison, comparisons, failure
-from pymc_ship.diagnostics.page import check_trees
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
 from pymc_ship.inference.regression.tree import write_posterior
 from tests.diagnostics.cases import changed, hull, sampled, short_posterior, with_attrs, without
@@ -241,16 +240,6 @@ def test_regressions_and_trajectories_share_a_page(tmp_path):
     assert [one.name for one in comparisons(trees)] == ["raft", "trials"]
     assert "Singular directions of the design</h3>" in text
     assert "Directions that stay unknown</h3>" in text
-
-
-def test_a_posterior_of_another_vessel_is_refused(container):
-    check_trees({"x": short_posterior()}, hull())
-    with pytest.raises(ps.VesselError, match="is to be of 'container', found 'flat_bottomed' in x"):
-        check_trees({"x": short_posterior()}, container)
-    with pytest.raises(
-        ps.VesselError, match="to hold the surge sway yaw coefficients of 'container' in order, found Xu"
-    ):
-        check_trees({"x": with_attrs(short_posterior(), vessel="container")}, container)
 
 
 # the command

@@ -1,6 +1,6 @@
 """What the next run promises, beside what it keeps: ships of a population, identified with and without it.
 
-    python3 docs/how_to/design_the_next_run/promised.py
+    python3 -m docs.how_to.design_the_next_run.promised
 
 Each ship is one of ``studies/ships.toml`` with two 10/10 zigzags. A third run is sailed in her own weather.
 """

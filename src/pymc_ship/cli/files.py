@@ -9,6 +9,7 @@ import argparse
 import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -91,7 +92,7 @@ def judged_arguments(
     return trials, checks
 
 
-def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str], **settings) -> list[Manoeuvre]:
+def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str], **settings: Any) -> list[Manoeuvre]:
     """Manoeuvres whose angles a command line gives, each to every side; with settings such as ``approach_speed``."""
     found = []
     for kind in KINDS.values():

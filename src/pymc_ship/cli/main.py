@@ -94,8 +94,8 @@ def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Se
             return _unloaded(error)
         return _fail(str(error), 3 if isinstance(error, TrialError) and error.checks else 2)
     except RuntimeError as error:
-        for words, said in _MACHINE.items():
-            if words in str(error):
+        for reason, said in _MACHINE.items():
+            if reason in str(error):
                 return _fail(said, 2)
         raise
     return _fail(failures[0], 3) if any(failures) else 0
@@ -142,7 +142,7 @@ def _interrupts_kept() -> Iterator[None]:
     """Raise an interrupt again when Python has ignored it because it fell into a weakref callback or a ``__del__``."""
     others, pending = sys.unraisablehook, []
 
-    def hook(ignored: object) -> None:
+    def hook(ignored: sys.UnraisableHookArgs) -> None:
         if issubclass(ignored.exc_type, KeyboardInterrupt):
             pending.append(threading.Timer(0.05, _thread.interrupt_main))  # not at once: it would be ignored again
             pending[-1].start()

@@ -6,6 +6,7 @@ Nothing heavy is imported here: choices are copies of the API's, which tests hol
 from __future__ import annotations
 
 import argparse
+from typing import Any, NoReturn
 
 from pymc_ship import __version__
 from pymc_ship.cli import examples
@@ -34,9 +35,12 @@ NOISE_MODELS = ("auto", "white", "ar1", "student_t")
 class Parser(argparse.ArgumentParser):
     """Parser whose complaints are one sentence, like every other error of the program."""
 
-    def error(self, message: str):
+    def error(self, message: str) -> NoReturn:
         """End the program with status 2 and one sentence."""
         self.exit(2, f"{sentence(f'{message}; see {self.prog} --help')}\n")
+
+
+type Commands = argparse._SubParsersAction[Parser]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -68,7 +72,14 @@ def parser() -> argparse.ArgumentParser:
     return words
 
 
-def _command(commands, name: str, description: str, epilog: str, *, seeded: bool = True) -> argparse.ArgumentParser:
+def _command(
+    commands: Commands,
+    name: str,
+    description: str,
+    epilog: str,
+    *,
+    seeded: bool = True,
+) -> argparse.ArgumentParser:
     """Parser of a command with the options that all have; one that draws nothing takes no seed."""
     formatter = argparse.RawDescriptionHelpFormatter
     command = commands.add_parser(
@@ -82,7 +93,7 @@ def _command(commands, name: str, description: str, epilog: str, *, seeded: bool
     return command
 
 
-def _add_study(commands) -> None:
+def _add_study(commands: Commands) -> None:
     command = _command(commands, "study", "run the paper's study and write its report", examples.STUDY)
     command.add_argument("--vessel", default="container", help="shipped vessel or TOML file (%(default)s)")
     command.add_argument(
@@ -91,7 +102,7 @@ def _add_study(commands) -> None:
     command.add_argument("--out", help="folder of the report (reports/<vessel>)")
 
 
-def _add_simulate(commands) -> None:
+def _add_simulate(commands: Commands) -> None:
     command = _command(commands, "simulate", "simulate a trial and print its indices", examples.SIMULATE)
     command.add_argument("vessel", metavar="VESSEL", help="shipped vessel or TOML file")
     manoeuvre = command.add_mutually_exclusive_group(required=True)
@@ -116,15 +127,15 @@ def _add_simulate(commands) -> None:
     command.add_argument("--out", required=True, help="CSV file of the trial")
 
 
-def _add_manoeuvres(command, text: str, **settings) -> None:
+def _add_manoeuvres(command: argparse._ActionsContainer, text: str, **settings: Any) -> None:
     """Option of each kind of manoeuvre that has one."""
     for kind in KINDS.values():
         if kind.option:
-            words = {"type": angles(kind), "metavar": kind.metavar, "help": text.format(kind)}
-            command.add_argument(f"--{kind.option}", **words, **settings)
+            told = text.format(kind)
+            command.add_argument(f"--{kind.option}", type=angles(kind), metavar=kind.metavar, help=told, **settings)
 
 
-def _add_check(commands) -> None:
+def _add_check(commands: Commands) -> None:
     command = _command(
         commands, "check", "check a trial before it is fitted, and correct it", examples.CHECK, seeded=False
     )
@@ -133,7 +144,7 @@ def _add_check(commands) -> None:
     command.add_argument("--out", help="CSV file of the corrected trial (not written)")
 
 
-def _add_denoise(commands) -> None:
+def _add_denoise(commands: Commands) -> None:
     command = _command(commands, "denoise", "denoise the motion channels of a trial", examples.DENOISE, seeded=False)
     _add_trial(command)
     command.add_argument(
@@ -148,7 +159,7 @@ def _add_denoise(commands) -> None:
     command.add_argument("--out", required=True, help="CSV file of the smooth trial")
 
 
-def _add_trial(command, name: str = "trial", **settings) -> None:
+def _add_trial(command: argparse.ArgumentParser, name: str = "trial", **settings: Any) -> None:
     """Trial files of a command and how they are read."""
     command.add_argument(
         name, metavar="TRIAL", help="text or .gz: time [s], u v [m/s], r p [rad/s], phi psi delta [rad]", **settings
@@ -156,7 +167,7 @@ def _add_trial(command, name: str = "trial", **settings) -> None:
     command.add_argument("--format", metavar="FILE.toml", help="columns, units, signs, frame and scale of a TRIAL")
 
 
-def _add_overrule(command) -> None:
+def _add_overrule(command: argparse._ActionsContainer) -> None:
     """Option of every command that fits or judges a model by trials."""
     command.add_argument(
         "--overrule",
@@ -167,7 +178,7 @@ def _add_overrule(command) -> None:
     )
 
 
-def _add_regression(command) -> None:
+def _add_regression(command: argparse.ArgumentParser) -> None:
     """Options that make regression data of a trial."""
     _add_trial(command)
     _add_overrule(command)
@@ -187,7 +198,7 @@ def _add_regression(command) -> None:
     )
 
 
-def _add_regress(commands) -> None:
+def _add_regress(commands: Commands) -> None:
     command = _command(commands, "regress", "regress the accelerations of a trial, as the paper", examples.REGRESS)
     _add_regression(command)
     command.add_argument("--family", choices=(*FAMILIES, "both"), default="both", help="prior family (%(default)s)")
@@ -198,7 +209,7 @@ def _add_regress(commands) -> None:
     command.add_argument("--out", required=True, help="folder of <dof>-<family>.nc and coefficients.csv")
 
 
-def _add_identify(commands) -> None:
+def _add_identify(commands: Commands) -> None:
     command = _command(commands, "identify", "identify a ship from her trials and report on it", examples.IDENTIFY)
     _add_trial(command, "trials", nargs="+")
     _add_overrule(command)
@@ -234,7 +245,7 @@ def _add_identify(commands) -> None:
     command.add_argument("--out", required=True, help="folder of the report, which `forecast` takes")
 
 
-def _add_fit(commands) -> None:
+def _add_fit(commands: Commands) -> None:
     command = _command(commands, "fit", "fit the simulated trajectory to raw trials", examples.FIT)
     _add_trial(command, "trials", nargs="+")
     _add_overrule(command)
@@ -262,7 +273,7 @@ def _add_fit(commands) -> None:
     command.add_argument("--out", required=True, help="folder of trajectory.nc and coefficients.csv")
 
 
-def _add_tune(commands) -> None:
+def _add_tune(commands: Commands) -> None:
     command = _command(commands, "tune", "choose hyperparameters by Bayesian optimisation", examples.TUNE)
     _add_regression(command)
     command.add_argument("--dof", choices=DOFS, required=True, help="degree of freedom")
@@ -273,7 +284,7 @@ def _add_tune(commands) -> None:
     command.add_argument("--out", help="JSON file of the chosen prior (not written)")
 
 
-def _add_source(command) -> None:
+def _add_source(command: argparse.ArgumentParser) -> None:
     """Options that name the ship of a command: an identified one, or that of a posterior."""
     command.add_argument(
         "posterior",
@@ -289,7 +300,7 @@ def _add_source(command) -> None:
     )
 
 
-def _add_forecast(commands) -> None:
+def _add_forecast(commands: Commands) -> None:
     command = _command(commands, "forecast", "forecast manoeuvres with bands from a posterior", examples.FORECAST)
     _add_source(command)
     _add_manoeuvres(command, "{0.words} [deg]; repeatable", action="append", default=[])
@@ -319,7 +330,7 @@ def _add_forecast(commands) -> None:
     command.add_argument("--out", help="folder of the page (that of the posterior)")
 
 
-def _add_score(commands) -> None:
+def _add_score(commands: Commands) -> None:
     command = _command(commands, "score", "score a ship on records she is restarted in", examples.SCORE)
     command.add_argument("ship", metavar="SHIP", help="folder that `identify` wrote, shipped vessel or TOML file")
     _add_trial(command, "trials", nargs="+")
@@ -330,7 +341,7 @@ def _add_score(commands) -> None:
     command.add_argument("--out", help="folder of the page (none)")
 
 
-def _add_trial_report(commands) -> None:
+def _add_trial_report(commands: Commands) -> None:
     description = "report on a sea trial as IMO MSC/Circ.1053 asks for it"
     command = _command(commands, "trial-report", description, examples.TRIAL_REPORT)
     _add_trial(command, "trials", nargs="+")
@@ -346,7 +357,7 @@ def _add_trial_report(commands) -> None:
     command.add_argument("--out", required=True, help="folder of the page")
 
 
-def _add_design(commands) -> None:
+def _add_design(commands: Commands) -> None:
     command = _command(commands, "design", "choose the runs that will tell most about a ship", examples.DESIGN)
     _add_source(command)
     command.add_argument("--n", type=int, default=2, help="runs to choose (%(default)s)")
@@ -357,7 +368,7 @@ def _add_design(commands) -> None:
     command.add_argument("--out", required=True, help="folder of the tables")
 
 
-def _add_montecarlo(commands) -> None:
+def _add_montecarlo(commands: Commands) -> None:
     description = "run a grid of experiments or another study, or go on with one that was stopped"
     command = _command(commands, "montecarlo", description, examples.MONTECARLO, seeded=False)
     command.add_argument("study", metavar="STUDY.toml", help="a grid of experiments, or a study that names its kind")
@@ -366,7 +377,7 @@ def _add_montecarlo(commands) -> None:
     command.add_argument("--out", required=True, help="folder of the results and the page")
 
 
-def _add_report(commands) -> None:
+def _add_report(commands: Commands) -> None:
     command = _command(commands, "report", "diagnose saved posteriors and write a report", examples.REPORT)
     command.add_argument("posteriors", metavar="POSTERIOR", nargs="+", help="posterior file, .nc or .zarr")
     command.add_argument("--vessel", help="shipped vessel or TOML file: reference and published values (none)")

@@ -15,6 +15,7 @@ from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import NO_ROLL, rolls, stated_shares
 
 if TYPE_CHECKING:
+    from pymc_ship.inference.regression.priors import ExactPosterior
     from pymc_ship.inference.regression.tune import TunedPrior
     from pymc_ship.records.checks.verdicts import Check
     from pymc_ship.ships.identification.model import ShipIdentification
@@ -33,7 +34,7 @@ class CoefficientRow(NamedTuple):
     quantile_95: float
 
 
-def coefficient_rows(vessel: Vessel, family: str, exact: Mapping[str, object]) -> list[CoefficientRow]:
+def coefficient_rows(vessel: Vessel, family: str, exact: Mapping[str, ExactPosterior]) -> list[CoefficientRow]:
     """Rows of exact posteriors by DOF."""
     rows = []
     for dof, posterior in exact.items():
@@ -123,7 +124,7 @@ def divergence(run: xr.Dataset) -> str:
 def index_table(found: xr.Dataset, columns: Mapping[str, xr.Dataset]) -> str:
     """One line for each index, one column for each data set."""
     rows = [
-        (name.replace("_", " "), *(float(values[name]) for values in columns.values()), found[name].attrs["units"])
+        (str(name).replace("_", " "), *(float(values[name]) for values in columns.values()), found[name].attrs["units"])
         for name in found.data_vars
     ]
     return table(("index", *columns, ""), rows)
@@ -196,7 +197,8 @@ def score_text(found: xr.Dataset) -> str:
     held = f"bands of {100.0 * found.attrs['ci_prob']:.0f} % hold {100.0 * float(found['coverage'].mean()):.0f} %"
     words = f"In windows of {found.attrs['length']:.4g} s the {held} of the instants. {last}"
     tables = [
-        table([key.replace("_", " ") for key in rows[0]], [row.values() for row in rows]) for rows in (channels, runs)
+        table([key.replace("_", " ") for key in rows[0]], [[*row.values()] for row in rows])
+        for rows in (channels, runs)
     ]
     return "\n\n".join([*tables, words])
 

@@ -8,13 +8,12 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.diagnostics.numbers import CI_PROB, ESS_LIMIT, R_HAT_LIMIT, has
+from pymc_ship.diagnostics.numbers import CI_PROB, ESS_LIMIT, R_HAT_LIMIT, TAILS, has
 from pymc_ship.diagnostics.parts import Part
 from pymc_ship.pages.drawing import BLUE, NOISE, RUST, styled, subplots
 from pymc_ship.pages.tables import Columns, Table, number, percent, table
 
 _SAMPLE = ("chain", "draw")
-_TAILS = (0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB)
 _COLOURS = (BLUE, RUST, "#3a8f4d", "#8a5fbf", "#c08a1e", "#4d4d4d")
 
 
@@ -36,7 +35,7 @@ def group_differences(tree: xr.DataTree) -> xr.Dataset:
     pairs = list(combinations(draws["group"].values.tolist(), 2))
     apart = xr.concat([draws.sel(group=a, drop=True) - draws.sel(group=b, drop=True) for a, b in pairs], "pair")
     apart = apart.assign_coords(pair=[f"{a} - {b}" for a, b in pairs])
-    low, high = (apart.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in _TAILS)
+    low, high = (apart.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in TAILS)
     moments = {"mean": apart.mean(_SAMPLE), "sd": apart.std(_SAMPLE, ddof=1), "lower": low, "upper": high}
     return xr.Dataset(moments).assign(differs=(low > 0.0) | (high < 0.0))
 
@@ -109,7 +108,7 @@ def _figure(draws: xr.DataArray) -> Figure:
     middle = draws.mean("group")
     unit = middle.std(_SAMPLE, ddof=1)
     scaled = (draws - middle.mean(_SAMPLE)) / unit
-    low, high = (scaled.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in _TAILS)
+    low, high = (scaled.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in TAILS)
     names, groups = draws["coefficient"].values.tolist(), draws["group"].values.tolist()
     fig, axes = subplots(8.0, 1.2 + 0.3 * len(names) * max(1.0, 0.35 * len(groups)))
     ax = axes[0, 0]

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 CI_PROB = 0.95
 """Probability of the equal-tailed intervals."""
 
+TAILS = (0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB)
+"""Probabilities of the ends of these intervals."""
+
 R_HAT_LIMIT = 1.01
 """R-hat of chains that have mixed lies below (Vehtari et al. 2021)."""
 
@@ -107,7 +110,7 @@ def summary(tree: xr.DataTree) -> xr.Dataset:
     import arviz as az
 
     draws = quantities(tree)
-    tails = draws.quantile([0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], ("chain", "draw")).values
+    tails = draws.quantile(TAILS, _SAMPLE).values
     values = {
         "mean": draws.mean(("chain", "draw")),
         "sd": draws.std(("chain", "draw"), ddof=1),
@@ -259,6 +262,24 @@ def _sensed(prior: float, likelihood: float) -> str:
     if likelihood > PSENSE_LIMIT:
         return "possible prior-data conflict"
     return "strong prior or weak likelihood"
+
+
+def narrowing(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
+    """How far the data have narrowed each coefficient, and which coefficients they determine.
+
+    The contraction is 1 - (posterior variance)/(prior variance), 1 under a flat prior. A coefficient is determined when
+    it exceeds 0.9 and the mean lies more than 1.96 posterior standard deviations from zero.
+
+    Returns
+    -------
+    Dataset, dims (coefficient,)
+        ``mean``, ``sd``, ``prior_sd``, ``contraction`` and the flags ``narrowed``, ``determined``.
+    """
+    mean, sd = draws.mean(_SAMPLE), draws.std(_SAMPLE, ddof=1)
+    shrunk = 1.0 - (sd / prior_sd) ** 2
+    narrowed = shrunk > CONTRACTION_LIMIT
+    values = {"mean": mean, "sd": sd, "prior_sd": prior_sd, "contraction": shrunk, "narrowed": narrowed}
+    return xr.Dataset({**values, "determined": narrowed & (np.abs(mean) > SD_LIMIT * sd)})
 
 
 def judged(found: xr.Dataset) -> np.ndarray:

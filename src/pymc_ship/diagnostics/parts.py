@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.diagnostics import figures, numbers
 from pymc_ship.diagnostics.agreement import Comparison
-from pymc_ship.diagnostics.numbers import CI_PROB, ENVELOPE
+from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, SD_LIMIT
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.pages.tables import Columns, Table, fixed, number, percent, table
@@ -52,6 +52,13 @@ _BANDS: Columns = {
     "posterior": ("posterior", str),
     "posterior_reached": ("reached %", fixed(1)),
 }
+
+
+WORDS_JUDGED = (
+    f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
+    f"{CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
+)
+"""What the words of :func:`pymc_ship.diagnostics.numbers.judged` mean."""
 
 
 @dataclass(frozen=True)

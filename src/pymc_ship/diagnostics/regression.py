@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics import numbers
-from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, SD_LIMIT, check_draws, has
+from pymc_ship.diagnostics.numbers import CI_PROB, SD_LIMIT, TAILS, check_draws, has
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
@@ -25,7 +25,6 @@ from pymc_ship.inference.sampling.predictive import predictive, prior_draws
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}
 _NOISE = {"noise_variance": ("chain", "draw")}  # checked where a tree has it
 _ATTRS = ("method", "dof", "vessel", "prior", "scaling")
-_TAILS = (0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB)
 
 
 def check_posterior(tree: xr.DataTree, name: str = "The tree") -> None:
@@ -87,29 +86,16 @@ def data_of(tree: xr.DataTree) -> RegressionData:
 
 
 def contraction(tree: xr.DataTree) -> xr.Dataset:
-    """How far the data have narrowed each coefficient, and which coefficients they determine.
+    """:func:`~pymc_ship.diagnostics.numbers.narrowing` of a regression, on the original scale.
 
-    The contraction is 1 - (posterior variance)/(prior variance), both on the original scale; a family whose prior
-    variance depends on sigma2, such as the conjugate one, takes it at the posterior mean of sigma2, since the marginal
-    one may be infinite; of a prior that only a model states it is that of a normal prior with the same central 95 %, as
-    every interval of the page: a prior that shrinks has a narrow core and wide tails. A coefficient is determined when
-    its contraction exceeds 0.9 and its mean lies more than 1.96 posterior standard deviations from zero.
-
-    Returns
-    -------
-    Dataset, dims (coefficient,)
-        ``mean``, ``sd``, ``prior_sd``, ``contraction`` and the flags ``narrowed``, ``determined``.
+    A family whose prior variance depends on sigma2, such as the conjugate one, takes it at the posterior mean of
+    sigma2, since the marginal one may be infinite. Of a prior that only a model states it is that of a normal prior
+    with the same central 95 %: a prior that shrinks has a narrow core and wide tails.
     """
-    data, posterior = data_of(tree), tree["posterior"].dataset
-    mean = posterior["coefficients"].mean(("chain", "draw"))
-    sd = posterior["coefficients"].std(("chain", "draw"), ddof=1)
+    data, draws = data_of(tree), tree["posterior"]["coefficients"]
     _, T = data.transformation
-    prior_sd = xr.zeros_like(sd) + np.sqrt(np.sum(T**2 * _prior_variance(tree, data), axis=1))
-    shrunk = 1.0 - (sd / prior_sd) ** 2
-    narrowed = shrunk > CONTRACTION_LIMIT
-    determined = narrowed & (np.abs(mean) > SD_LIMIT * sd)
-    values = {"mean": mean, "sd": sd, "prior_sd": prior_sd, "contraction": shrunk}
-    return xr.Dataset({**values, "narrowed": narrowed, "determined": determined})
+    prior_sd = np.sqrt(np.sum(T**2 * _prior_variance(tree, data), axis=1))
+    return numbers.narrowing(draws, xr.DataArray(prior_sd, {"coefficient": draws["coefficient"]}, ("coefficient",)))
 
 
 def _scaled_noise_variance(tree: xr.DataTree, data: RegressionData) -> float:
@@ -122,7 +108,7 @@ def _prior_variance(tree: xr.DataTree, data: RegressionData) -> np.ndarray:
     if prior is not None:
         return prior.coefficient_variance(_scaled_noise_variance(tree, data), data.n_terms)
     draws = data.to_scaled(tree["prior"].dataset["coefficients"].values.reshape(-1, data.n_terms))
-    return np.square(0.5 / SD_LIMIT * np.diff(np.quantile(draws, _TAILS, axis=0), axis=0)[0])
+    return np.square(0.5 / SD_LIMIT * np.diff(np.quantile(draws, TAILS, axis=0), axis=0)[0])
 
 
 def singular_directions(tree: xr.DataTree, loadings: int = 4) -> list[dict]:
@@ -187,7 +173,7 @@ def prior_noise_variance(tree: xr.DataTree, draws: int, rng: np.random.Generator
 def noise_variance_widths(tree: xr.DataTree, rng: np.random.Generator, draws: int = 20000) -> tuple[float, float]:
     """Widths of the central 95 % of log10 sigma2 under the prior and under the posterior."""
     both = prior_noise_variance(tree, draws, rng), tree["posterior"].dataset["noise_variance"].values
-    prior, posterior = (float(np.diff(np.log10(np.quantile(values, _TAILS)))[0]) for values in both)
+    prior, posterior = (float(np.diff(np.log10(np.quantile(values, TAILS)))[0]) for values in both)
     return prior, posterior
 
 

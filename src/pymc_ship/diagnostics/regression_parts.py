@@ -13,9 +13,10 @@ import xarray as xr
 from pymc_ship.diagnostics import figures, numbers, regression
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.group_parts import groups_part
-from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, PSENSE_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.parts import (
     SHIPS_TITLE,
+    WORDS_JUDGED,
     Part,
     Subject,
     chain_images,
@@ -192,11 +193,7 @@ def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
         if own
         else "of the conjugate prior at the posterior mean of σ²"
     )
-    return [
-        f"Contraction is 1 − posterior variance / prior variance (that {variance}). Determined: contraction > "
-        f"{CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above {CONTRACTION_LIMIT:g}; not "
-        f"from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
-    ]
+    return [f"Contraction is 1 − posterior variance / prior variance (that {variance}). {WORDS_JUDGED}"]
 
 
 def _held(found: xr.Dataset, reference: np.ndarray | None) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics import numbers
-from pymc_ship.diagnostics.numbers import CONTRACTION_LIMIT, SD_LIMIT, check_draws
+from pymc_ship.diagnostics.numbers import SD_LIMIT, check_draws
 from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import whiten
@@ -54,31 +54,10 @@ def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
 
 
 def contraction(tree: xr.DataTree) -> xr.Dataset:
-    """How far the records have narrowed each coefficient, and which they determine.
-
-    The contraction is 1 - (posterior variance)/(prior variance), 1 under a flat prior. A coefficient is determined
-    when it exceeds 0.9 and the mean lies more than 1.96 posterior standard deviations from zero.
-
-    Returns
-    -------
-    Dataset, dims (coefficient,)
-        ``mean``, ``sd``, ``prior_mean``, ``prior_sd``, ``contraction``, the flags ``narrowed``, ``determined``, and the
-        coordinate ``dof``.
-    """
-    draws, prior_sd = tree["posterior"].dataset["coefficients"], tree["constant_data"].dataset["prior_sd"]
-    mean, sd = draws.mean(_SAMPLE), draws.std(_SAMPLE, ddof=1)
-    shrunk = 1.0 - (sd / prior_sd) ** 2
-    narrowed = shrunk > CONTRACTION_LIMIT
-    values = {
-        "mean": mean,
-        "sd": sd,
-        "prior_mean": ("coefficient", json.loads(tree.attrs["prior"])["mean"]),
-        "prior_sd": prior_sd,
-        "contraction": shrunk,
-        "narrowed": narrowed,
-        "determined": narrowed & (np.abs(mean) > SD_LIMIT * sd),
-    }
-    return xr.Dataset(values).assign_coords(dof=("coefficient", dofs(tree)))
+    """:func:`~pymc_ship.diagnostics.numbers.narrowing`, with the ``prior_mean`` and the coordinate ``dof``."""
+    found = numbers.narrowing(tree["posterior"]["coefficients"], tree["constant_data"]["prior_sd"])
+    found = found.assign(prior_mean=("coefficient", json.loads(tree.attrs["prior"])["mean"]))
+    return found.assign_coords(dof=("coefficient", dofs(tree)))
 
 
 def prior_of(tree: xr.DataTree) -> CoefficientPrior:

@@ -10,9 +10,10 @@ import xarray as xr
 
 from pymc_ship.diagnostics import numbers, trajectory, trajectory_figures
 from pymc_ship.diagnostics.agreement import Comparison
-from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, WHITENESS_LEVEL
+from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, TAILS, WHITENESS_LEVEL
 from pymc_ship.diagnostics.parts import (
     SHIPS_TITLE,
+    WORDS_JUDGED,
     Part,
     Subject,
     chain_images,
@@ -236,11 +237,7 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     if lacking := missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
     found = trajectory.contraction(tree)
-    tails = (
-        tree["posterior"]
-        .dataset["coefficients"]
-        .quantile([0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], ("chain", "draw"))
-    )
+    tails = tree["posterior"].dataset["coefficients"].quantile(TAILS, ("chain", "draw"))
     found = found.assign(lower=tails[0].drop_vars("quantile"), upper=tails[1].drop_vars("quantile"))
     tables, images, inside, total = [], [], 0, 0
     for dof in dict.fromkeys(map(str, found["dof"].values)):
@@ -259,12 +256,8 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
                 f"{dof.capitalize()}: mean, 50 % and {_CI} eti.",
             )
         )
-    text = (
-        f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
-        f"{CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
-    )
     held = f" The {_CI} intervals hold {inside} of {total} reference values." if ship else ""
-    return Part(title, f"{text}{held}", tables, images)
+    return Part(title, f"{WORDS_JUDGED}{held}", tables, images)
 
 
 def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.ndarray]:

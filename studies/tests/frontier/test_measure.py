@@ -107,7 +107,7 @@ def test_every_aim_stands_in_the_table_at_the_levels_measured(whole):
 def test_the_report_holds_every_table_and_the_figure(whole, nine, tmp_path):
     page = frontier_report.write_frontier(whole, nine, tmp_path, seeds=2, seed=3)
     text = page.read_text(encoding="utf-8")
-    assert "pymc-ship frontier --seeds 2 --seed 3" in text
+    assert "python -m studies.frontier --seeds 2 --seed 3" in text
     assert all(label in text for label in METHODS.values())
     assert (tmp_path / "figures" / "from_the_bound_down.png").read_bytes().startswith(b"\x89PNG")
     tables = {p.stem: list(csv.DictReader(p.read_text().splitlines())) for p in (tmp_path / "tables").iterdir()}

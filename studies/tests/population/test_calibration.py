@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from pymc_ship.cli.main import run_command
+from pymc_ship.machine.errors import StudyError
 from pymc_ship.ships.ensemble.calibration import FILE, constants
 from studies.population import calibration
 from studies.population.calibration import counted, text, with_statements
@@ -56,5 +57,7 @@ def test_the_command_writes_what_was_counted(folder, tmp_path, monkeypatch, caps
 def test_a_folder_without_such_statements_is_refused(folder):
     path = folder / "tables" / "statements.csv"
     path.write_text(path.read_text(encoding="utf-8").replace("0.99", "0.9"), encoding="utf-8")
-    with pytest.raises(ValueError, match="has no statements of 99 %"):
+    with pytest.raises(StudyError, match="has no statements of 99 %"):
         counted(folder)
+    with pytest.raises(StudyError, match="has no statements of 99 %"):
+        counted(folder / "none")

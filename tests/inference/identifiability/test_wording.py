@@ -8,7 +8,7 @@ import pymc_ship as ps
 from pymc_ship.machine.errors import FitError
 from tests.sentences import wording
 
-test_trajectory_errors = wording(
+test_fit_errors = wording(
     FitError,
     *(
         (

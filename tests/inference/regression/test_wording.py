@@ -123,7 +123,7 @@ test_value_errors = wording(
     ("is no posterior written by this package: its checksum", partial(changed, content=b"[]")),
 )
 
-test_prior_errors = wording(
+test_errors_of_priors = wording(
     InferenceError,
     *(
         (
@@ -202,7 +202,7 @@ test_prior_errors = wording(
     ("A prior family is one of conjugate, semiconjugate; found 'flat'", lambda: maximise_evidence(scaled(), "flat")),
 )
 
-test_regression_data_errors = wording(
+test_errors_of_rows = wording(
     InferenceError,
     *(
         (

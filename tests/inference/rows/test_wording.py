@@ -58,7 +58,7 @@ def short(trial):
     return trial.isel(time=slice(0, 500))
 
 
-test_regression_data_errors = wording(
+test_errors_of_rows = wording(
     ps.InferenceError,
     (
         "The rudder of a trial must move",
@@ -268,7 +268,7 @@ test_value_errors = wording(
     ),
 )
 
-test_prior_errors = wording(
+test_errors_of_priors = wording(
     InferenceError,
     *(
         (message, lambda family=family, change=change: prior_family(family)(**change))

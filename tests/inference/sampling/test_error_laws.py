@@ -11,7 +11,6 @@ from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import ERRORS
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
-from pymc_ship.machine.errors import InferenceError
 from tests.inference.sampling.cases import N_TERMS, POWER, hyperparameters, log_volume, regression, scaled_parameters
 
 pytestmark = pytest.mark.slow
@@ -275,20 +274,3 @@ def test_the_sampler_of_pymc_agrees():
     tree = ar1_case(sampler="pymc")
     z, limit = z_scores(tree, exact_ar1(made("ar1", 0.8, 3), ConjugatePrior(**hyperparameters())), NAMES)
     assert z.max() < limit
-
-
-def test_what_cannot_be_modelled_is_named():
-    data, rng = regression("tall"), np.random.default_rng(1)
-    with pytest.raises(ValueError, match="normal, student_t, ar1; found 'cauchy'"):
-        pymc_model(data, ConjugatePrior(), errors="cauchy")
-    with pytest.raises(ValueError, match="normal, student_t, ar1; found 'cauchy'"):
-        nuts_posterior(data, ConjugatePrior(), rng=rng, errors="cauchy")
-    gap = data.rows(np.r_[0:20, 30:60])
-    with pytest.raises(InferenceError, match="uniform times, found steps from 1 to 11 s"):
-        pymc_model(gap, ConjugatePrior(), "ar1")
-    with pytest.raises(InferenceError, match="uniform times"):
-        nuts_posterior(gap, ConjugatePrior(), rng=rng, errors="ar1")
-    with pytest.raises(InferenceError, match="uniform times"):
-        pymc_model(data.rows(np.arange(60)[::-1]), ConjugatePrior(), errors="ar1")
-    pymc_model(gap, ConjugatePrior(), "student_t")
-    pymc_model(data.rows(np.arange(0, 60, 2)), ConjugatePrior(), "ar1")

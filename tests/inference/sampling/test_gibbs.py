@@ -13,7 +13,6 @@ from pymc_ship.inference.regression.tree import rng_state
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling import gibbs as module
 from pymc_ship.inference.sampling.gibbs import gibbs, gibbs_posterior
-from pymc_ship.machine.errors import InferenceError
 from tests.inference.regression.peers import cholesky_gibbs, largest_z, oracle, simulated, z_limit
 
 
@@ -150,14 +149,3 @@ class TestChains:
         again = np.random.default_rng()
         again.bit_generator.state = json.loads(state)
         assert gibbs_posterior(*case(), draws=10, chains=2, rng=again).identical(one)
-
-
-class TestErrors:
-    @pytest.mark.parametrize("numbers", [{"draws": 0}, {"chains": 0}, {"tune": -1}])
-    def test_numbers_of_draws(self, numbers):
-        with pytest.raises(ValueError, match="at least one draw in one chain, found draws"):
-            gibbs_posterior(*case(), rng=np.random.default_rng(1), **numbers)
-
-    def test_vectors_have_one_value_for_each_term(self):
-        with pytest.raises(InferenceError, match="The prior's kappa is one value or 3, one for each term; found 2"):
-            gibbs(case()[0], SemiConjugatePrior(kappa=[1.0, 2.0]), rng=np.random.default_rng(1))

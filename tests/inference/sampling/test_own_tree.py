@@ -1,6 +1,6 @@
 """Models of one's own: their draws in every function that takes a posterior, and in those of ArviZ that docs name."""
 
-from functools import cache, partial
+from functools import cache
 
 import arviz as az
 import matplotlib.pyplot as plt
@@ -12,6 +12,7 @@ import pymc_ship as ps
 from pymc_ship.inference.sampling.own_tree import posterior_tree
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
 from tests.inference.sampling.cases import hyperparameters, regression
+from tests.sentences import refused
 
 SETTINGS = {"draws": 500, "tune": 500, "chains": 4}
 DATA, PRIOR = regression("zscored"), ps.ConjugatePrior(**hyperparameters())
@@ -123,26 +124,6 @@ def test_new_rows_are_predicted_by_pymc():
     np.testing.assert_allclose(drawn.std(0), sd, rtol=0.15)
 
 
-@pytest.mark.parametrize(
-    ("broken", "sentence"),
-    [
-        (lambda group: group.drop_vars("scaled_coefficients"), "must hold 'coefficients' with dims chain, draw and"),
-        (lambda group: group.isel(coefficient=slice(1, None)), "must hold 'coefficients' with dims chain, draw and"),
-        (lambda group: group.isel(coefficient=slice(None, None, -1)), "must hold the coefficients of the data"),
-    ],
-)
-def test_a_tree_without_the_coefficients_is_refused(broken, sentence):
-    tree = sampled().copy()
-    tree["posterior"] = broken(tree["posterior"].to_dataset())
-    with pytest.raises(ValueError, match=sentence):
-        posterior_tree(tree, DATA)
-
-
-def test_predictive_draws_need_a_generator():
-    with pytest.raises(ValueError, match="need a generator"):
-        posterior_tree(sampled(), DATA, plain_model())
-
-
 @pytest.mark.parametrize("prior", [ps.horseshoe, ps.r2d2, ps.student_t_prior])
 def test_shipped_priors_are_centred(prior):
     """Draws of the prior are symmetric about zero, and vary."""
@@ -153,16 +134,10 @@ def test_shipped_priors_are_centred(prior):
     assert np.all(drawn.std(axis=0) > 0.0)
 
 
-@pytest.mark.parametrize("effective", [0.0, DATA.n_terms, float("nan")])
-def test_a_horseshoe_expects_some_coefficients_but_not_all(effective):
-    with pytest.raises(ps.InferenceError, match=rf"lies between 0 and {DATA.n_terms}, the number of terms, found "):
-        pymc_model(DATA, partial(ps.horseshoe, effective=effective))
-
-
 def test_settings_of_the_sampler_are_checked():
     rng = np.random.default_rng(1)
     for prior in (PRIOR, ps.horseshoe):
-        with pytest.raises(ValueError, match=r"An acceptance rate lies between 0 and 1, found 1\.0; give one such as"):
+        with refused(ValueError, "acceptance", 1.0):
             nuts_posterior(DATA, prior, rng=rng, target_accept=1.0)
-    with pytest.raises(ValueError, match=r"The NUTS sampler is one of nutpie, pymc, numpyro, blackjax; found 'stan'"):
+    with refused(ValueError, "stan"):
         nuts_posterior(DATA, PRIOR, rng=rng, sampler="stan")

@@ -146,13 +146,3 @@ def test_predictive_checks_of_arviz_run():
 def test_a_prior_that_is_all_but_improper_gives_finite_draws():
     drawn = prior_draws(regression("tall"), ConjugatePrior(shape=1e-3, scale=1e-3), 500, rng=np.random.default_rng(1))
     assert all(np.isfinite(value).all() for value in drawn.values())
-
-
-def test_what_cannot_be_predicted_is_named():
-    data, prior, tree = tree_of(ConjugatePrior)
-    with pytest.raises(ValueError, match="positive, found 0"):
-        with_predictive(tree, data, prior, rng=np.random.default_rng(1), draws=0)
-    with pytest.raises(ValueError, match="5 terms and 60 rows, found 5 and 30"):
-        with_predictive(tree, data.rows(np.arange(30)), prior, rng=np.random.default_rng(1))
-    with pytest.raises(ValueError, match="found 'cauchy'"):
-        prior_draws(data, prior, 10, rng=np.random.default_rng(1), errors="cauchy")

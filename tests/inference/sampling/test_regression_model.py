@@ -11,7 +11,6 @@ from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior, read_posterior, write_posterior
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
-from pymc_ship.machine.errors import InferenceError
 from tests.inference.sampling.cases import POWER, hyperparameters, log_density_error, regression
 
 CASES = ("tall", "zscored", "wide")
@@ -169,16 +168,6 @@ def test_sampling_is_silent(capfd, caplog):
     nuts_posterior(regression("tall"), ConjugatePrior(), draws=10, tune=100, rng=np.random.default_rng(6))
     assert tuple(capfd.readouterr()) == ("", "")
     assert not caplog.records
-
-
-def test_what_cannot_be_sampled_is_named():
-    data, rng = regression("tall"), np.random.default_rng(1)
-    with pytest.raises(ValueError, match="found 'stan'"):
-        nuts_posterior(data, ConjugatePrior(), rng=rng, sampler="stan")
-    with pytest.raises(ValueError, match="tune=0"):
-        nuts_posterior(data, ConjugatePrior(), rng=rng, tune=0)
-    with pytest.raises(InferenceError, match="5, one for each term"):
-        nuts_posterior(data, ConjugatePrior(kappa=[1.0, 2.0]), rng=rng)
 
 
 def test_import_leaves_pymc_alone():

@@ -10,12 +10,7 @@ from scipy.stats import chi2
 
 import pymc_ship as ps
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
-from pymc_ship.inference.sampling.trajectory_model import (
-    mode_model,
-    mode_nuts_posterior,
-    trajectory_model,
-    trajectory_nuts_posterior,
-)
+from pymc_ship.inference.sampling.trajectory_model import mode_model, mode_nuts_posterior
 from pymc_ship.inference.trajectory.fit import fit_trajectory, linearise
 from pymc_ship.inference.trajectory.noise import fit_with_noise
 from pymc_ship.inference.trajectory.posterior import (
@@ -29,7 +24,6 @@ from pymc_ship.inference.trajectory.posterior import (
 )
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
-from pymc_ship.machine.errors import FitError
 from pymc_ship.records.files.judgement import judgement
 from tests.ships.ensemble.cases import posterior_forecast
 
@@ -149,19 +143,6 @@ def test_every_run_has_a_response_and_what_it_lacks_is_nan():
     assert np.allclose(found[1], [[*first[:5], np.nan], second[:6]], rtol=1e-12, equal_nan=True)
     offsets = [[*first[5:], np.nan], [second[6], np.nan, second[7], second[8], np.nan, second[9]]]
     assert np.allclose(found[2], offsets, rtol=1e-12, equal_nan=True)
-
-
-def test_a_mode_that_diverges_and_counts_below_one_are_named(container):
-    fit = mode().choice.fit
-    diverging = replace(mode(), choice=replace(mode().choice, fit=replace(fit, unknowns=1e3 * fit.unknowns)))
-    with pytest.raises(FitError, match=r"leaves the model's range at the mode; find it anew"):
-        mode_model(diverging)
-    with pytest.raises(FitError, match=r"leaves the model's range at the mode"):
-        mode_nuts_posterior(diverging, draws=1, chains=1, tune=1, rng=np.random.default_rng(1))
-    with pytest.raises(ValueError, match="tune=0"):
-        trajectory_nuts_posterior(trial(1), container, tune=0, rng=np.random.default_rng(1))
-    with pytest.raises(FitError, match="found none"):
-        trajectory_model([], container)
 
 
 def test_the_verdict_sends_to_nuts_where_the_normal_approximation_fails():

@@ -64,7 +64,7 @@ def windows_that_run_away():
     fit_windows(windows, tanker(), wide_prior(start), start)
 
 
-test_trajectory_errors = wording(
+test_fit_errors = wording(
     FitError,
     (r"leave combinations .* wholly unknown; give them a prior", without_prior),
     (
@@ -125,7 +125,7 @@ test_trial_errors = wording(
     ),
 )
 
-test_prior_errors = wording(
+test_errors_of_priors = wording(
     ps.InferenceError,
     ("every DOF, surge, sway, yaw, roll missing", lambda container: ps.posterior_prior({}, container)),
     (

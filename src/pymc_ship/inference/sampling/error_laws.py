@@ -37,6 +37,9 @@ NU_SHAPE, NU_RATE = 2.0, 0.1
 _PLUG_IN_NU = 4.0
 
 
+Whitening = Callable[[np.ndarray], np.ndarray]
+
+
 @dataclass(frozen=True)
 class ErrorLaw:
     """What differs between the laws; arrays of the parameter have shape (...), of rows (..., n_rows).
@@ -62,18 +65,18 @@ class ErrorLaw:
 
     parameter: str
     prior: str
-    draw_parameter: Callable
-    log_parameter: Callable
-    draw_errors: Callable
-    log_likelihood: Callable
-    whiten: Callable
+    draw_parameter: Callable[[np.random.Generator, tuple[int, ...]], np.ndarray]
+    log_parameter: Callable[[np.ndarray], np.ndarray]
+    draw_errors: Callable[[np.random.Generator, np.ndarray, np.ndarray, int], np.ndarray]
+    log_likelihood: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    whiten: Callable[[np.ndarray, float], Whitening]
 
 
-def _normal_log_likelihood(residual, noise_variance, _):
+def _normal_log_likelihood(residual: np.ndarray, noise_variance: np.ndarray, _: np.ndarray) -> np.ndarray:
     return -0.5 * (_LOG_2PI + np.log(noise_variance)[..., None] + residual**2 / noise_variance[..., None])
 
 
-def _student_t_log_likelihood(residual, noise_variance, nu):
+def _student_t_log_likelihood(residual: np.ndarray, noise_variance: np.ndarray, nu: np.ndarray) -> np.ndarray:
     from scipy.special import gammaln
 
     constant = gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu) - 0.5 * np.log(math.pi * nu * noise_variance)
@@ -81,7 +84,7 @@ def _student_t_log_likelihood(residual, noise_variance, nu):
     return constant[..., None] - 0.5 * (nu + 1.0)[..., None] * tail
 
 
-def _ar1_log_likelihood(residual, noise_variance, rho):
+def _ar1_log_likelihood(residual: np.ndarray, noise_variance: np.ndarray, rho: np.ndarray) -> np.ndarray:
     innovation = residual.copy()
     innovation[..., 1:] -= rho[..., None] * residual[..., :-1]
     variance = np.repeat(noise_variance[..., None], residual.shape[-1], axis=-1)
@@ -89,7 +92,7 @@ def _ar1_log_likelihood(residual, noise_variance, rho):
     return -0.5 * (_LOG_2PI + np.log(variance) + innovation**2 / variance)
 
 
-def _draw_ar1(rng, noise_sd, rho, n_rows):
+def _draw_ar1(rng: np.random.Generator, noise_sd: np.ndarray, rho: np.ndarray, n_rows: int) -> np.ndarray:
     errors = noise_sd[..., None] * rng.standard_normal((*np.shape(noise_sd), n_rows))
     errors[..., 1:] *= np.sqrt(1.0 - rho**2)[..., None]
     for t in range(1, n_rows):
@@ -97,7 +100,7 @@ def _draw_ar1(rng, noise_sd, rho, n_rows):
     return errors
 
 
-def _whiten_student_t(residual, noise_variance):
+def _whiten_student_t(residual: np.ndarray, noise_variance: float) -> Whitening:
     weight = np.sqrt((_PLUG_IN_NU + 1.0) / (_PLUG_IN_NU + residual**2 / noise_variance))
     return lambda rows: (rows.T * weight).T
 
@@ -108,7 +111,7 @@ def plug_in_autocorrelation(residual: np.ndarray) -> float:
     return float(np.clip(residual[1:] @ residual[:-1] / square if square > 0.0 else 0.0, -0.995, 0.995))
 
 
-def _whiten_ar1(residual, _):
+def _whiten_ar1(residual: np.ndarray, _: float) -> Whitening:
     """Prais-Winsten transformation at the autocorrelation of the residuals."""
     rho = plug_in_autocorrelation(residual)
     root = math.sqrt(1.0 - rho**2)

@@ -23,7 +23,14 @@ from pymc_ship.machine.seeds import Seed, random_generator
 
 
 @njit(cache=True)
-def _sweep(rng, start, likelihood, prior, rotated, noise_variance):
+def _sweep(
+    rng: np.random.Generator,
+    start: np.ndarray,
+    likelihood: tuple[np.ndarray, np.ndarray, float, int],
+    prior: tuple[float, float, float],
+    rotated: np.ndarray,
+    noise_variance: np.ndarray,
+) -> None:
     """Run every chain from its noise variance; the draws of the warm-up are overwritten.
 
     ``shape`` is that of the full conditional of sigma2; ``ridge`` is the prior precision of g in units of 1 / sigma2,
@@ -45,7 +52,7 @@ def _sweep(rng, start, likelihood, prior, rotated, noise_variance):
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _map_back(rotated, columns, center):
+def _map_back(rotated: np.ndarray, columns: np.ndarray, center: np.ndarray) -> None:
     """Replace each rotated draw by the original coefficients; the columns are those of the basis, as rows."""
     g = np.empty(center.size)
     for draw in rotated:

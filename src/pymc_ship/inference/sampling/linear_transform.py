@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytensor.tensor as pt
 from pymc.distributions.transforms import Transform
+from pytensor.tensor.variable import TensorVariable
 
 
 class LinearTransform(Transform):
@@ -27,14 +28,14 @@ class LinearTransform(Transform):
         self.center, self.basis = center, basis
         self.inverse, self.log_volume = np.linalg.inv(basis), float(np.linalg.slogdet(basis)[1])
 
-    def forward(self, value, *_):
+    def forward(self, value: TensorVariable, *_: object) -> TensorVariable:
         """Coordinates of a vector."""
         return pt.dot(self.inverse, value - self.center)
 
-    def backward(self, value, *_):
+    def backward(self, value: TensorVariable, *_: object) -> TensorVariable:
         """Vector at some coordinates."""
         return self.center + pt.dot(self.basis, value)
 
-    def log_jac_det(self, value, *_):
+    def log_jac_det(self, value: TensorVariable, *_: object) -> TensorVariable:
         """Log volume of the basis, whatever the coordinates."""
         return pt.as_tensor(self.log_volume)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytensor.tensor as pt
@@ -41,12 +43,11 @@ class SimulatedMotion(Op):
     def __init__(self, run: Run, vessel: Vessel):
         self.run, self.vessel = run, vessel
 
-    def make_node(self, coefficients, initial_state):
+    def make_node(self, *inputs: Any) -> Apply:
         """Apply the operation to two vectors; the second output is the Jacobian, which the gradient needs."""
-        inputs = [pt.as_tensor_variable(coefficients), pt.as_tensor_variable(initial_state)]
-        return Apply(self, inputs, [pt.dmatrix(), pt.dtensor3()])
+        return Apply(self, list(map(pt.as_tensor_variable, inputs)), [pt.dmatrix(), pt.dtensor3()])
 
-    def perform(self, node, inputs, output_storage):
+    def perform(self, node: Apply, inputs: Sequence[np.ndarray], output_storage: list[list[Any]]) -> None:
         """Simulate once, with sensitivities: one evaluation serves density and gradient."""
         coefficients, initial_state = inputs
         run = self.run
@@ -57,13 +58,13 @@ class SimulatedMotion(Op):
             jacobian[:] = 0.0
         output_storage[0][0], output_storage[1][0] = motion, jacobian
 
-    def infer_shape(self, node, input_shapes):
+    def infer_shape(self, node: Apply, input_shapes: Sequence[Sequence[Any]]) -> list[Sequence[Any]]:
         """States, blocks and unknowns of the run."""
         (n_coefficients,), (n_states,) = input_shapes
         n_blocks = pt.constant(self.run.n_blocks)
         return [(n_states, n_blocks), (n_states, n_blocks, n_coefficients + n_states)]
 
-    def pullback(self, inputs, outputs, cotangents):
+    def pullback(self, inputs: Sequence[Any], outputs: Sequence[Any], cotangents: Sequence[Any]) -> list[Any]:
         """Product of the cotangent of the motion with the Jacobian."""
         of_motion, of_jacobian = cotangents
         if not isinstance(of_jacobian.type, DisconnectedType):
@@ -76,7 +77,7 @@ class SimulatedMotion(Op):
 
 
 @numba_funcify.register(SimulatedMotion)
-def _called_from_numba(op, node, **kwargs):
+def _called_from_numba(op: Op, node: Apply, **kwargs: Any) -> Any:
     """Python within compiled graphs, without the warning: the simulation itself is compiled and releases the GIL."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Numba will use object mode", category=UserWarning)
@@ -99,20 +100,20 @@ class PooledDensity(Op):
     __props__ = ()
     default_output = 0
 
-    def make_node(self, *inputs):
+    def make_node(self, *inputs: Any) -> Apply:
         """Apply the operation to the seven arrays; the other two outputs are what the gradient needs."""
         return Apply(self, list(map(pt.as_tensor_variable, inputs)), [pt.dscalar(), pt.dvector(), pt.dvector()])
 
-    def perform(self, node, inputs, output_storage):
+    def perform(self, node: Apply, inputs: Sequence[np.ndarray], output_storage: list[list[Any]]) -> None:
         """One evaluation serves density and gradient."""
         density, of_tau, of_variance = pooled_density(*inputs)
         output_storage[0][0], output_storage[1][0], output_storage[2][0] = np.asarray(density), of_tau, of_variance
 
-    def infer_shape(self, node, input_shapes):
+    def infer_shape(self, node: Apply, input_shapes: Sequence[Sequence[Any]]) -> list[Sequence[Any]]:
         """Terms and groups."""
         return [(), input_shapes[0], input_shapes[1]]
 
-    def pullback(self, inputs, outputs, cotangents):
+    def pullback(self, inputs: Sequence[Any], outputs: Sequence[Any], cotangents: Sequence[Any]) -> list[Any]:
         """Product of the cotangent of the density with its derivatives by tau and sigma2."""
         of_density, *of_derivatives = cotangents
         unknown = [grad_not_implemented(self, k, value) for k, value in enumerate(inputs)]
@@ -122,9 +123,9 @@ class PooledDensity(Op):
 
 
 @register_funcify_default_op_cache_key(PooledDensity)
-def _compiled_in_numba(op, node, **kwargs):
+def _compiled_in_numba(op: Op, node: Apply, **kwargs: Any) -> Callable[..., Any]:
     @numba_njit
-    def called(*inputs):
+    def called(*inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         density, of_tau, of_variance = pooled_density(*inputs)
         return np.asarray(density), of_tau, of_variance
 
@@ -132,7 +133,7 @@ def _compiled_in_numba(op, node, **kwargs):
 
 
 @_jit
-def _inverse_root(matrix):
+def _inverse_root(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     """Inverse W of the lower triangle of a positive definite matrix, W'W its inverse, and half its log determinant."""
     p = matrix.shape[0]
     root, inverse, half = np.zeros((p, p)), np.zeros((p, p)), 0.0
@@ -153,7 +154,15 @@ def _inverse_root(matrix):
 
 
 @_jit
-def pooled_density(tau, variance, triangles, projections, residual_squares, spare_rows, precision):
+def pooled_density(
+    tau: np.ndarray,
+    variance: np.ndarray,
+    triangles: np.ndarray,
+    projections: np.ndarray,
+    residual_squares: np.ndarray,
+    spare_rows: np.ndarray,
+    precision: np.ndarray,
+) -> tuple[float, np.ndarray, np.ndarray]:
     """Log density and its derivatives by tau and sigma2; arguments as the inputs of :class:`PooledDensity`.
 
     Returns
@@ -163,7 +172,8 @@ def pooled_density(tau, variance, triangles, projections, residual_squares, spar
     of_variance : ndarray, shape (n_groups,)
     """
     n_groups, p = projections.shape
-    eye, density = np.eye(p), 0.0
+    eye = np.eye(p)
+    density: Any = 0.0
     whiteners, whitened = np.empty((n_groups, p, p)), np.empty((n_groups, p, p))  # W and W R
     targets = np.empty((n_groups, p))
     total, shift = np.diag(precision), np.zeros(p)

@@ -89,12 +89,12 @@ def posterior_tree(
     rng = None if rng is None else random_generator(rng)
     if prior is not None:
         check_prior(prior)
-    if model is not None and rng is None:
-        raise ValueError("Predictive draws of a model need a generator, found none; give rng.")
     groups = {name: node.to_dataset() for name, node in sampled.children.items() if name in _KEPT}
     groups["posterior"] = _posterior(groups.get("posterior", xr.Dataset()), data)
     state = "" if rng is None else rng_state(rng)
     if model is not None:
+        if rng is None:
+            raise ValueError("Predictive draws of a model need a generator, found none; give rng.")
         groups = _from_model(groups, model, int(rng.integers(2**31))) | groups
         groups = {name: _posterior(group, data) if name == "prior" else group for name, group in groups.items()}
     groups = {name: _named_rows(group, name, data) for name, group in groups.items()}
@@ -103,9 +103,8 @@ def posterior_tree(
     return xr.DataTree.from_dict({"/": root, **groups, **data_groups(data)})
 
 
-_KEPT = ("posterior", "sample_stats", "log_likelihood", "log_prior", "prior", "prior_predictive")
-_KEPT += ("posterior_predictive",)
 _BY_ROW = ("log_likelihood", "prior_predictive", "posterior_predictive")
+_KEPT = ("posterior", "sample_stats", "log_prior", "prior", *_BY_ROW)
 
 
 def _posterior(group: xr.Dataset, data: RegressionData) -> xr.Dataset:

@@ -7,24 +7,20 @@ and few steps. They are no more than coordinates: the density is exactly that of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from pytensor.tensor.variable import TensorVariable
 
 from pymc_ship.inference.regression.tree import rng_state
 from pymc_ship.inference.sampling.regression_model import check_settings, nuts_sample_stats
 from pymc_ship.inference.trajectory.fit import Problem, TrajectoryFit
-from pymc_ship.inference.trajectory.posterior import (
-    TrajectoryMode,
-    log_likelihood_rows,
-    log_prior_density,
-    trajectory_mode,
-    trajectory_tree,
-)
+from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
+from pymc_ship.inference.trajectory.posterior import log_likelihood_rows, log_prior_density, trajectory_tree
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -131,7 +127,7 @@ def _coords(problem: Problem) -> dict:
     return coords
 
 
-def _deterministics(problem: Problem, coefficients, nuisances: list) -> None:
+def _deterministics(problem: Problem, coefficients: TensorVariable, nuisances: list) -> None:
     """Name coefficients, initial states and sensor offsets; what a run does not have is NaN."""
     import pymc as pm
     import pytensor.tensor as pt
@@ -149,7 +145,7 @@ def _deterministics(problem: Problem, coefficients, nuisances: list) -> None:
         pm.Deterministic("sensor_offset", offset, dims=("run", "channel"))
 
 
-def _response(problem: Problem, k: int, coefficients, nuisances) -> None:
+def _response(problem: Problem, k: int, coefficients: TensorVariable, nuisances: TensorVariable) -> None:
     """Likelihood of the blocks of a run, each given the one before where the noise is correlated."""
     import pymc as pm
     import pytensor.tensor as pt
@@ -157,7 +153,7 @@ def _response(problem: Problem, k: int, coefficients, nuisances) -> None:
     from pymc_ship.inference.sampling.operations import SimulatedMotion
 
     run, noise, suffix = problem.runs[k], problem.noise[k], _suffix(problem, k)
-    motion = SimulatedMotion(run, problem.vessel)(coefficients, nuisances[: run.n_states])
+    motion: Any = SimulatedMotion(run, problem.vessel)(coefficients, nuisances[: run.n_states])
     fitted, values = motion[list(run.rows)].T, noise.values.T
     if noise.offsets:
         fitted = fitted + nuisances[run.n_states :]
@@ -268,25 +264,25 @@ def _verdict(coordinates: xr.DataArray, diverging: xr.DataArray) -> str:
     return f"{found}, the largest R-hat is {float(az.rhat(coordinates).max()):.3f}"
 
 
-def _compiled(mode: TrajectoryMode):
+def _compiled(mode: TrajectoryMode) -> Any:
     """Density of the model for nutpie, one function for each chain; it calls Python, which compiles at once."""
     from nutpie.compiled_pyfunc import from_pyfunc
 
     fit, model, one_at_a_time = mode.choice.fit, mode_model(mode), Lock()
     n_unknowns = fit.unknowns.size
 
-    def log_density():
+    def log_density() -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
         with one_at_a_time:
             function = model.logp_dlogp_function(ravel_inputs=True, mode="FAST_COMPILE")
             function.set_extra_values({})
 
-        def value_and_gradient(coordinate):
+        def value_and_gradient(coordinate: np.ndarray) -> tuple[float, np.ndarray]:
             value, gradient = function(coordinate)
             return float(value), np.ascontiguousarray(gradient)
 
         return value_and_gradient
 
-    def kept(seed1, seed2, chain):
+    def kept(seed1: int, seed2: int, chain: int) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
         return lambda coordinate: {"direction_coordinate": np.asarray(coordinate)}
 
     return from_pyfunc(

@@ -1,0 +1,185 @@
+"""Sentences of the errors of this wing, each checked once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import pymc_ship as ps
+from pymc_ship.inference.regression.conjugate import ConjugatePrior
+from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
+from pymc_ship.inference.regression.tree import exact_posterior
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling.gibbs import gibbs, gibbs_posterior
+from pymc_ship.inference.sampling.hierarchical_model import group_of_rows, hierarchical_model, hierarchical_posterior
+from pymc_ship.inference.sampling.own_tree import posterior_tree
+from pymc_ship.inference.sampling.predictive import predict, prior_draws, with_predictive
+from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
+from pymc_ship.inference.sampling.trajectory_model import (
+    mode_model,
+    mode_nuts_posterior,
+    trajectory_model,
+    trajectory_nuts_posterior,
+)
+from pymc_ship.machine.errors import FitError, InferenceError
+from tests.inference.rows.frames import motion
+from tests.inference.sampling.cases import regression
+from tests.inference.sampling.test_gibbs import case
+from tests.inference.sampling.test_hierarchical_model import PRIOR, data_of
+from tests.inference.sampling.test_own_tree import DATA, plain_model, sampled
+from tests.inference.sampling.test_predictive import tree_of
+from tests.inference.sampling.test_trajectory_model import mode, trial
+from tests.sentences import wording
+
+
+def ships():
+    """Rows of three ships, with two coefficients."""
+    return data_of(np.random.default_rng(1), np.zeros((3, 2)), np.ones(3))
+
+
+def tree_that_lacks(change):
+    tree = sampled().copy()
+    tree["posterior"] = change(tree["posterior"].to_dataset())
+    posterior_tree(tree, DATA)
+
+
+def predicted(change=lambda group: group, data=None):
+    posterior = change(tree_of(ConjugatePrior, draws=40)[2]["posterior"].to_dataset())
+    predict(xr.DataTree.from_dict({"/posterior": posterior}), np.ones((1, 5)), data=data, rng=2)
+
+
+def predictive(rows=slice(None), **settings):
+    data, prior, tree = tree_of(ConjugatePrior)
+    with_predictive(tree, data.rows(np.arange(60)[rows]), prior, rng=np.random.default_rng(1), **settings)
+
+
+def predicted_by_a_formula():
+    pytest.importorskip("formulae", reason="installed by pymc-ship[formula]")
+    frame = pytest.importorskip("pandas").DataFrame(motion())
+    data = RegressionData.from_formula("Y ~ v + v:r + I(delta**2)", frame)
+    predict(exact_posterior(data, ConjugatePrior(), draws=40, rng=1), frame, rng=2)
+
+
+def modelled(rows=slice(None), **settings):
+    pymc_model(regression("tall").rows(np.arange(60)[rows]), ConjugatePrior(), **settings)
+
+
+def sampled_by_nuts(rows=slice(None), kappa=1.0, **settings):
+    data = regression("tall").rows(np.arange(60)[rows])
+    nuts_posterior(data, ConjugatePrior(kappa=kappa), rng=np.random.default_rng(1), **settings)
+
+
+def far_mode():
+    choice = mode().choice
+    return replace(mode(), choice=replace(choice, fit=replace(choice.fit, unknowns=1e3 * choice.fit.unknowns)))
+
+
+GAP = np.r_[0:20, 30:60]
+
+test_value_errors = wording(
+    ValueError,
+    *(
+        (
+            "at least one draw in one chain, found draws",
+            lambda numbers=numbers: gibbs_posterior(*case(), rng=np.random.default_rng(1), **numbers),
+        )
+        for numbers in [{"draws": 0}, {"chains": 0}, {"tune": -1}]
+    ),
+    *(
+        (
+            sentence,
+            lambda bad=bad: hierarchical_posterior(ships(), PRIOR, rng=1, **bad),
+        )
+        for bad, sentence in [
+            ({"target_accept": 1.5}, r"An acceptance rate lies between 0 and 1, found 1\.5; give one such as 0\.9\."),
+            ({"chains": 0}, "Counts of draws=1000, chains=0, tune=1000 must be positive"),
+        ]
+    ),
+    *(
+        (sentence, partial(tree_that_lacks, change=change))
+        for change, sentence in [
+            (lambda group: group.drop_vars("scaled_coefficients"), "must hold 'coefficients' with dims chain, draw"),
+            (lambda group: group.isel(coefficient=slice(1, None)), "must hold 'coefficients' with dims chain, draw"),
+            (lambda group: group.isel(coefficient=slice(None, None, -1)), "must hold the coefficients of the data"),
+        ]
+    ),
+    ("need a generator", lambda: posterior_tree(sampled(), DATA, plain_model())),
+    (
+        r"The NUTS sampler is one of nutpie, pymc, numpyro, blackjax; found 'stan'",
+        lambda: sampled_by_nuts(sampler="stan"),
+    ),
+    ("positive, found 0", lambda: predictive(draws=0)),
+    ("5 terms and 60 rows, found 5 and 30", lambda: predictive(slice(30))),
+    (
+        "found 'cauchy'",
+        lambda: prior_draws(*tree_of(ConjugatePrior)[:2], 10, rng=np.random.default_rng(1), errors="cauchy"),
+    ),
+    (
+        r"^A prediction needs coefficients .*, found coefficients; give the",
+        lambda: predicted(lambda group: group.drop_vars("noise_variance")),
+    ),
+    (
+        r"^The data must be those of the posterior, of x1, .*, found x1, x2; give",
+        lambda: predicted(data=RegressionData.from_arrays(np.eye(5)[:, :2], np.ones(5))),
+    ),
+    ("tune=0", lambda: sampled_by_nuts(tune=0)),
+    ("tune=0", lambda container: trajectory_nuts_posterior(trial(1), container, tune=0, rng=np.random.default_rng(1))),
+    ("normal, student_t, ar1; found 'cauchy'", lambda: modelled(errors="cauchy")),
+    ("normal, student_t, ar1; found 'cauchy'", lambda: sampled_by_nuts(errors="cauchy")),
+)
+
+test_errors_of_priors = wording(
+    InferenceError,
+    (
+        "The prior's kappa is one value or 3, one for each term; found 2",
+        lambda: gibbs(case()[0], SemiConjugatePrior(kappa=[1.0, 2.0]), rng=np.random.default_rng(1)),
+    ),
+    (
+        "a conjugate prior of the means cannot depend on; give a SemiConjugate",
+        lambda: hierarchical_model(ships(), ConjugatePrior()),
+    ),
+    *(
+        (
+            rf"lies between 0 and {DATA.n_terms}, the number of terms, found ",
+            lambda effective=effective: pymc_model(DATA, partial(ps.horseshoe, effective=effective)),
+        )
+        for effective in [0.0, DATA.n_terms, float("nan")]
+    ),
+    ("5, one for each term", lambda: sampled_by_nuts(kappa=[1.0, 2.0])),
+)
+
+test_errors_of_rows = wording(
+    ps.InferenceError,
+    (
+        "Every run is of a group, found none for ship 2",
+        lambda: group_of_rows(ships(), {"ship 0": "port", "ship 1": "starboard"}),
+    ),
+    (
+        "two groups of runs or more, found all alone",
+        lambda: group_of_rows(ships(), dict.fromkeys(["ship 0", "ship 1", "ship 2"], "all")),
+    ),
+    ("one trial or several, found none", lambda container: ps.regression_data([], container, "yaw")),
+    (r"^New rows need the columns Intercept, v, v:r, I", predicted_by_a_formula),
+    ("uniform times, found steps from 1 to 11 s", lambda: modelled(GAP, errors="ar1")),
+    ("uniform times", lambda: sampled_by_nuts(GAP, errors="ar1")),
+    ("uniform times", lambda: modelled(slice(None, None, -1), errors="ar1")),
+)
+
+test_trial_errors = wording(
+    ps.TrialError,
+    ("One trial is meant, a Dataset of xarray", lambda container: ps.regression_data(["trial.csv"], container, "yaw")),
+)
+
+test_fit_errors = wording(
+    FitError,
+    (r"leaves the model's range at the mode; find it anew", lambda: mode_model(far_mode())),
+    (
+        r"leaves the model's range at the mode",
+        lambda: mode_nuts_posterior(far_mode(), draws=1, chains=1, tune=1, rng=np.random.default_rng(1)),
+    ),
+    ("found none", lambda container: trajectory_model([], container)),
+)
