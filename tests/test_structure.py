@@ -118,9 +118,9 @@ def circle(imports):
 
 
 def too_many_or_few(rooms):
-    """Wings without 2 to 13 rooms, with their number."""
+    """Wings without 2 to 12 rooms, with their number."""
     counts = {name: sum(wing(path) == name for path in rooms) for name in WINGS}
-    return {name: count for name, count in counts.items() if not 2 <= count <= 13}
+    return {name: count for name, count in counts.items() if not 2 <= count <= 12}
 
 
 def arrows(rooms, depth):
@@ -236,7 +236,7 @@ def test_the_check_of_circles_can_fail():
     assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
 
 
-def test_a_wing_has_2_to_13_rooms():
+def test_a_wing_has_2_to_12_rooms():
     assert too_many_or_few(ROOMS) == {}
 
 

@@ -92,7 +92,7 @@ def contraction(tree: xr.DataTree) -> xr.Dataset:
     sigma2, since the marginal one may be infinite. Of a prior that only a model states it is that of a normal prior
     with the same central 95 %: a prior that shrinks has a narrow core and wide tails.
     """
-    data, draws = data_of(tree), tree["posterior"]["coefficients"]
+    data, draws = data_of(tree), tree["posterior"].dataset["coefficients"]
     _, T = data.transformation
     prior_sd = np.sqrt(np.sum(T**2 * _prior_variance(tree, data), axis=1))
     return numbers.narrowing(draws, xr.DataArray(prior_sd, {"coefficient": draws["coefficient"]}, ("coefficient",)))

@@ -55,7 +55,7 @@ def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
 
 def contraction(tree: xr.DataTree) -> xr.Dataset:
     """:func:`~pymc_ship.diagnostics.numbers.narrowing`, with the ``prior_mean`` and the coordinate ``dof``."""
-    found = numbers.narrowing(tree["posterior"]["coefficients"], tree["constant_data"]["prior_sd"])
+    found = numbers.narrowing(tree["posterior"].dataset["coefficients"], tree["constant_data"].dataset["prior_sd"])
     found = found.assign(prior_mean=("coefficient", json.loads(tree.attrs["prior"])["mean"]))
     return found.assign_coords(dof=("coefficient", dofs(tree)))
 

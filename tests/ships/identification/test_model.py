@@ -143,7 +143,7 @@ class TestWeights:
     @staticmethod
     def candidate(density):
         held = HeldOut((), (), np.asarray(density, dtype=float), {})
-        return Candidate("", None, None, held, 1.0, 0.0, np.empty((0, 1)), 0.0)
+        return Candidate("", None, None, held, 1.0, np.empty((0, 1)))
 
     def weights(self, *densities):
         found = ship_model._weighted([self.candidate(row) for row in densities], {}, np.random.default_rng(5))

@@ -74,10 +74,10 @@ class Candidate:
     name: str
     fit: WindowFit
     prior: CoefficientPrior
-    held_out: HeldOut | None = None
-    inflation: float = 1.0
+    held_out: HeldOut
+    inflation: float
+    draws: np.ndarray
     weight: float = 0.0
-    draws: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     share_unsound: float = 0.0
     captive: CaptiveFit | None = None
     apart: tuple[float, ...] = ()
@@ -278,13 +278,22 @@ class _Problem:
         return [window for run in self.runs for window in run]
 
 
+@dataclass(frozen=True)
+class _Combined:
+    """Fit and prior of a term set with the likelihoods that stand beside the prior, see :class:`Candidate`."""
+
+    fit: WindowFit
+    prior: CoefficientPrior
+    captive: CaptiveFit | None
+    apart: tuple[float, ...]
+
+
 def _attempt(name: str, training: Training, rng: np.random.Generator) -> Candidate | Refusal:
     """Candidate of a term set, or why there is none; ``rng`` draws the ships that are tried."""
     try:
         problem = _with_prior(name, training)
-        fit = _fit(problem)
-        candidate = _combine(problem, fit, training)
-        candidate = _hold_out(problem, candidate, training)
+        combined = _combine(problem, _fit(problem), training)
+        candidate = _hold_out(problem, combined, training)
     except FitError as error:
         return Refusal(name, f"The {name} terms were left out: {error}")
     return _accept(candidate, rng)
@@ -318,7 +327,7 @@ def _fit(problem: _Problem) -> WindowFit:
         return from_weak_form(coefficient_prior(problem.trials, problem.plain))
 
 
-def _combine(problem: _Problem, fit: WindowFit, training: Training) -> Candidate:
+def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined:
     """The fit with the likelihoods of earlier runs and of captive tests beside the prior."""
     prior, vessel = problem.prior, problem.vessel
     tests, before, apart = None, None, ()
@@ -336,21 +345,30 @@ def _combine(problem: _Problem, fit: WindowFit, training: Training) -> Candidate
     if beside is not None:
         prior = replace(prior, statement=beside)
         fit = fit_windows(problem.windows, vessel, prior, fit.coefficients, fit.spread)
-    return Candidate(problem.name, fit, prior, captive=tests, apart=apart)
+    return _Combined(fit, prior, tests, apart)
 
 
-def _hold_out(problem: _Problem, candidate: Candidate, training: Training) -> Candidate:
+def _hold_out(problem: _Problem, combined: _Combined, training: Training) -> Candidate:
     """Candidate judged by the runs that are left out in turn, and widened by how far each run moves it."""
-    vessel, whole = problem.vessel, candidate.fit
+    vessel, whole = problem.vessel, combined.fit
 
     def fit(windows: Sequence[Window]) -> WindowFit:
-        return fit_windows(windows, vessel, candidate.prior, whole.coefficients, whole.spread)
+        return fit_windows(windows, vessel, combined.prior, whole.coefficients, whole.spread)
 
     shared = _shared(training, vessel) if holds_any_speed(vessel) else None
     judged = held_out(held_together(problem.runs), vessel, fit, shared)
     inflation = _inflation(whole, judged)
     whole, *others = (widened(one, inflation) for one in (whole, *judged.fits))
-    return replace(candidate, fit=whole, held_out=replace(judged, fits=tuple(others)), inflation=inflation)
+    return Candidate(
+        name=problem.name,
+        fit=whole,
+        prior=combined.prior,
+        held_out=replace(judged, fits=tuple(others)),
+        inflation=inflation,
+        draws=np.empty((0, whole.coefficients.size)),
+        captive=combined.captive,
+        apart=combined.apart,
+    )
 
 
 def _accept(candidate: Candidate, rng: np.random.Generator) -> Candidate | Refusal:
@@ -359,7 +377,7 @@ def _accept(candidate: Candidate, rng: np.random.Generator) -> Candidate | Refus
     tried = np.vstack([fit.coefficients, carried_draws(fit, _TRIED, rng)])
     good = is_feasible(vessel, tried)
     if good[0] and good.mean() >= _FEWEST_SOUND:
-        return replace(candidate, draws=tried[:0])
+        return candidate
     failure = first_failure(vessel, tried[np.argmin(good)])
     share = "" if not good[0] else f" in {100.0 * (1.0 - good.mean()):.0f} % of the draws"
     sentence = f"The {name} terms were left out: fitted to these trials, they make a ship that runs away{share}"
