@@ -13,6 +13,7 @@ from statistics import median
 import pytest
 
 import pymc_ship as ps
+from tests.sentences import refused
 from tests.test_structure import SAMPLERS, WINGS
 
 STUB = Path(ps.__file__).with_suffix(".pyi")
@@ -63,7 +64,7 @@ def test_the_table_of_public_names_has_the_order_of_the_house():
 def test_public_names_are_listed_once_and_unknown_ones_are_attribute_errors():
     assert len(set(ps.__all__)) == len(ps.__all__)
     assert ps.__version__
-    with pytest.raises(AttributeError, match=r"^module 'pymc_ship' has no attribute 'anchor'$"):
+    with refused(AttributeError, "pymc_ship", "anchor"):
         ps.anchor  # noqa: B018
 
 

@@ -47,11 +47,7 @@ HOSTS = (
 
 
 NOT_CONVERTED = {
-    ".",
-    "cli",
-    "consistency",
     "experiments",
-    "journeys",
     "ships/design",
     "ships/ensemble",
     "ships/forecasting",

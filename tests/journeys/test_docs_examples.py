@@ -14,6 +14,7 @@ from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.vessel.term_sets import TERM_SETS
 from pymc_ship.trial.channels import CHANNELS
 from tests.journeys.markdown import ROOT, Page, pages
+from tests.sentences import refused
 
 VESSEL = Page("docs/how_to/write_a_vessel.md")
 FORMAT = Page("docs/how_to/read_a_trial_file.md")
@@ -138,7 +139,7 @@ def test_the_vessel_of_the_page_turns_the_way_its_rudder_says(vessel_file):
 def test_a_wrong_key_in_the_vessel_is_named(vessel_file):
     text = vessel_file.read_text(encoding="utf-8")
     vessel_file.write_text(text.replace("rudder_rate_deg", "rudder_rate"), encoding="utf-8")
-    with pytest.raises(ps.VesselError, match="rudder_rate"):
+    with refused(ps.VesselError, "particulars.rudder_rate"):
         ps.load_vessel(vessel_file)
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import inspect
-import re
 
 import numpy as np
 import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from tests.sentences import refused
 
 FUNCTIONS = {name: inspect.signature(getattr(ps, name)) for name in ps.__all__ if name[0].islower()}
 
@@ -52,8 +52,7 @@ def data():
 def test_what_is_no_seed_is_refused_with_a_sentence(name, bad):
     optional = FUNCTIONS[name].parameters["rng"].default is None
     bad = None if bad == "None" and not optional else bad
-    found = re.escape(repr(bad))
-    with pytest.raises(ValueError, match=rf"^Random draws need a seed: .*, found {found}; give one such as rng=1\.$"):
+    with refused(ValueError, "rng=1"):
         called(name, rng=bad)
 
 
@@ -85,9 +84,9 @@ def test_a_generator_goes_on(trial):
 @pytest.mark.parametrize("name", taking("vessel"))
 def test_what_is_no_vessel_is_refused_with_a_sentence(name, tmp_path):
     rest = {"rng": 1, "out": tmp_path, "trials": [], "trial": xr.Dataset(), "manoeuvre": ps.zigzag(20, 20)}
-    with pytest.raises(ps.VesselError, match=r"^A vessel is .*container, kvlcc2.* found 3; give one of these\.$"):
+    with refused(ps.VesselError, "kvlcc2", 3):
         called(name, vessel=3, **rest)
-    with pytest.raises(ps.VesselError, match=r"^A vessel is .*found 'titanic'\.$"):
+    with refused(ps.VesselError, "kvlcc2", "titanic"):
         called(name, vessel="titanic", **rest)
 
 
@@ -108,7 +107,7 @@ def test_what_is_no_ship_is_refused_with_a_sentence(name):
     """A vessel is one, too; files keep a ship alone, and a sea trial may do without."""
     rest = {"rng": 1, "trials": [], "trial": xr.Dataset(), "manoeuvre": ps.zigzag(20, 20), "candidates": []}
     for given in (3, "titanic"):
-        with pytest.raises(ps.VesselError, match=rf"^A vessel is .*container, kvlcc2.* found '?{given}'?"):
+        with refused(ps.VesselError, "kvlcc2", given):
             called(name, ship=given, **rest)
 
 
@@ -128,23 +127,20 @@ def test_a_list_where_one_trial_is_meant_is_refused_with_a_sentence(name, trial)
         "path": "t.csv",
         "checks": [],
     }
-    sentence = r"^One trial is meant, a Dataset of xarray over time, found {}; give one trial at a time\.$"
     several = "Sequence" in str(FUNCTIONS[name].parameters["trial"].annotation)
     if not several:
-        with pytest.raises(ps.TrialError, match=sentence.format("2 in a list")):
+        with refused(ps.TrialError, "xarray", 2):
             called(name, trial=[trial, trial], **rest)
-    with pytest.raises(ps.TrialError, match=r"^(One trial|A list of trials) is meant"):
+    with refused(ps.TrialError, "meant"):
         called(name, trial="zigzag.csv", **rest)
 
 
 @pytest.mark.parametrize("name", taking("trials"))
 def test_what_holds_no_trials_is_refused_with_a_sentence(name, trial):
     rest = {"vessel": "kvlcc2", "ship": "kvlcc2", "rng": 1, "mean": np.zeros(29), "scale": np.ones(29)}
-    with pytest.raises(
-        ps.TrialError, match=r"^A list of trials is meant, found <class 'int'>; give Datasets in a list"
-    ):
+    with refused(ps.TrialError, "int"):
         called(name, trials=3, **rest)
-    with pytest.raises(ps.TrialError, match=r"^One trial is meant, a Dataset of xarray over time, found 1 in a list"):
+    with refused(ps.TrialError, "xarray", 1):
         called(name, trials=[[trial]], **rest)
 
 
@@ -153,7 +149,7 @@ def test_one_trial_where_a_list_is_meant_is_a_list_of_it(trial):
     assert (recognised, steering) == ps.recognise([trial], "kvlcc2")
     priors = [ps.coefficient_prior(given, "kvlcc2") for given in (trial, [trial])]
     np.testing.assert_array_equal(priors[0].scale, priors[1].scale)
-    with pytest.raises(ps.TrialError, match="found 1 trials, 1 names and 1 draws"):
+    with refused(ps.TrialError, "draws", 1):
         ps.identify_ship(trial, "kvlcc2", draws=1, rng=1)
     checks = ps.trial_checks(trial, "kvlcc2")
     assert ps.common_lag(checks) == ps.common_lag([checks])
@@ -164,11 +160,11 @@ def test_several_manoeuvres_or_posteriors_are_refused_with_a_sentence(data):
     rest = {"vessel": "kvlcc2", "ship": "kvlcc2", "rng": 1, "duration": 100.0}
     for name in ("simulate", "forecast"):
         for given in (turns, "zigzag"):
-            with pytest.raises(ps.SimulationError, match=r"^One manoeuvre is meant, made by .*; give one of these\.$"):
+            with refused(ps.SimulationError, "meant"):
                 called(name, manoeuvre=given, **rest)
     tree = ps.exact_posterior(data, ps.ConjugatePrior(), draws=40, rng=1)
     for given in ([tree], {"yaw": "posterior.nc"}, "posterior.nc"):
-        with pytest.raises(ps.VesselError, match=r"^A forecast takes one joint posterior or posteriors by degree of"):
+        with refused(ps.VesselError, "joint"):
             ps.Ship.from_posterior("kvlcc2", given, rng=1)
 
 
@@ -180,15 +176,11 @@ def test_several_manoeuvres_or_posteriors_are_refused_with_a_sentence(data):
 def test_what_is_no_prior_of_a_regression_is_refused_with_a_sentence(name, bad, data):
     if bad is None and FUNCTIONS[name].parameters["prior"].default is None:
         bad = "conjugate"
-    with pytest.raises(
-        ps.InferenceError, match=r"^The prior of a regression is a Prior such as Conj.*; make one, or choose"
-    ):
+    with refused(ps.InferenceError, "ConjugatePrior"):
         called(name, prior=bad, data=data, rng=1)
 
 
 @pytest.mark.parametrize("name", ["trajectory_posterior", "trajectory_nuts_posterior", "trajectory_model"])
 def test_a_prior_of_a_regression_is_refused_by_a_trajectory_fit(name, trial):
-    with pytest.raises(
-        ps.InferenceError, match=r"^The prior of a trajectory fit is a CoefficientPrior or one of flat, "
-    ):
+    with refused(ps.InferenceError, "CoefficientPrior"):
         called(name, prior=ps.ConjugatePrior(), trials=ps.pollute(trial, level=0.01, rng=1), vessel="kvlcc2", rng=1)
