@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 from scipy import special, stats
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
@@ -155,7 +156,7 @@ def simulated_from_prior(
 ) -> tuple[np.ndarray, RegressionData]:
     """One truth from the prior (coefficients, noise variance, log likelihood) and data that follow it."""
     scaled, variance = prior.draw(data.n_terms, rng)
-    coefficients, noise_variance = data.to_original(scaled), data.response_scale**2 * variance
+    coefficients, noise_variance = data.to_original(scaled), float(data.response_scale**2 * variance)
     simulated = with_response(data, coefficients, noise_variance, rng)
     return quantities(simulated, (coefficients[None], np.array([noise_variance])))[0], simulated
 
@@ -180,7 +181,7 @@ def _exact_quantiles(data: RegressionData, prior: Prior, probabilities: np.ndarr
     return np.column_stack([exact.quantiles(probabilities), exact.noise_variance_quantiles(probabilities)])
 
 
-def _z(p_value: np.ndarray) -> np.ndarray:
+def _z(p_value: ArrayLike) -> np.ndarray:
     """Two-sided normal quantile of p-values."""
     return np.abs(special.ndtri(0.5 * np.asarray(p_value)))
 

@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 
 from pymc_ship.inference.regression.priors import (
     Prior,
@@ -30,7 +31,13 @@ _LOG_2PI = math.log(2.0 * math.pi)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _draws(rng, noise_variance, rotated, columns, center):
+def _draws(
+    rng: np.random.Generator,
+    noise_variance: np.ndarray,
+    rotated: tuple[np.ndarray, np.ndarray],
+    columns: np.ndarray,
+    center: np.ndarray,
+) -> np.ndarray:
     """Coefficients drawn given each noise variance; the columns are those of the basis, as rows."""
     location, spread = rotated
     g, coefficients = np.empty(center.size), np.empty((noise_variance.size, center.size))
@@ -177,13 +184,13 @@ class NormalInverseGamma(RotatedPosterior):
         """Posterior standard deviation of the noise variance; infinite where the posterior shape is not above 2."""
         return self.noise_variance_mean / math.sqrt(self.shape - 2.0) if self.shape > 2.0 else math.inf
 
-    def quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+    def quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Marginal quantiles of the coefficients at probabilities, shape (n,): an array of shape (n, n_terms)."""
         from scipy.special import stdtrit
 
         return self.mean + stdtrit(self.degrees_of_freedom, np.atleast_1d(probabilities))[:, None] * self.t_scale
 
-    def noise_variance_quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+    def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Quantiles of the noise variance at the given probabilities, shape (n,) as they."""
         from scipy.special import gammainccinv
 

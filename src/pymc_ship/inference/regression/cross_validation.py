@@ -69,7 +69,7 @@ class CrossValidation:
             prior.exact(training).log_predictive_density(rows.design_matrix, rows.response, pointwise=True)
             for training, rows in zip(self.training, self.held_out, strict=True)
         ]
-        folds = np.array([density.mean() for density in densities])
+        folds = np.array([np.mean(density) for density in densities])
         return Score(float(folds.mean()), float(folds.std(ddof=1) / np.sqrt(folds.size)), folds)
 
 

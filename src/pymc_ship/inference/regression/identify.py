@@ -141,7 +141,7 @@ def identify(
         priors[family], exact[family], tuned[family] = {}, {}, {}
         for dof, rows in data.items():
             progress(f"prior of {dof}, {family}")
-            if selection == "evidence":
+            if rng is None or selection == "evidence":
                 priors[family][dof], _ = maximise_evidence(rows, family)
             else:
                 tuned[family][dof] = tune_prior(rows, family=family, rng=rng)
@@ -177,8 +177,8 @@ def regression_draws(
         raise InferenceError(
             "Regression draws need a trial with the dimension draw, found none; make it by `denoise_draws`."
         )
-    settings = {"interval": interval, "derivative": derivative}
-    return [regression_data(drawn.isel(draw=k, drop=True), vessel, dof, **settings) for k in range(drawn.sizes["draw"])]
+    runs = (drawn.isel(draw=k, drop=True) for k in range(drawn.sizes["draw"]))
+    return [regression_data(run, vessel, dof, interval=interval, derivative=derivative) for run in runs]
 
 
 def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: int = 4000, rng: Seed) -> xr.Dataset:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -322,7 +323,7 @@ def _check_names(names: Iterable[str], coefficients: Sequence[str], error: type[
         )
 
 
-def _mean_and_sd(name: str, entry: object) -> tuple[float, float]:
+def _mean_and_sd(name: str, entry: Any) -> tuple[float, float]:
     try:
         mean, sd = entry
     except (TypeError, ValueError):

@@ -17,7 +17,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -82,7 +82,7 @@ class Prior(ABC):
     colour: ClassVar[str] = "#6b7680"
     citation: ClassVar[str] = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("mean", "kappa", "shape", "scale"):
             value = _numbers(name, getattr(self, name))
             if value.ndim > (1 if name in ("mean", "kappa") else 0) or not np.isfinite(value).all():
@@ -150,7 +150,7 @@ class Prior(ABC):
         """Prior variance of the scaled coefficients over kappa, given the noise variance; same shape."""
         return noise_variance**self.noise_power
 
-    def coefficient_variance(self, noise_variance: float | np.ndarray, n_terms: int) -> np.ndarray:
+    def coefficient_variance[Given: (float, np.ndarray)](self, noise_variance: Given, n_terms: int) -> np.ndarray:
         """Prior variance of the scaled coefficients given the noise variance, a number or of shape (..., 1)."""
         return self.kappas(n_terms) * self.variance_factor(noise_variance)
 
@@ -196,11 +196,21 @@ class ExactPosterior(ABC):
     """
 
     coefficients: tuple[str, ...]
-    mean: np.ndarray
-    covariance: np.ndarray
-    noise_variance_mean: float
-    noise_variance_sd: float
     log_evidence: float
+
+    if TYPE_CHECKING:  # a field or a property of the subclass
+
+        @property
+        def mean(self) -> np.ndarray: ...  # noqa: D102
+
+        @property
+        def covariance(self) -> np.ndarray: ...  # noqa: D102
+
+        @property
+        def noise_variance_mean(self) -> float: ...  # noqa: D102
+
+        @property
+        def noise_variance_sd(self) -> float: ...  # noqa: D102
 
     def __repr__(self) -> str:
         """Evidence, noise variance, and mean and sd of the first coefficients."""

@@ -14,9 +14,12 @@ from numba import njit
 
 _FALL = 60.0
 
+Kernel = tuple[np.ndarray, np.ndarray, float, float]
+"""s^2, z^2, and the power and rate of the rest."""
+
 
 @njit(cache=True)
-def _log_kernel(t, kernel):
+def _log_kernel(t: float, kernel: Kernel) -> float:
     """Log of p(y, t) up to a constant; the kernel holds s^2, z^2, and the power and rate of the rest."""
     squares, energies, power, rate = kernel
     variance = math.exp(t)
@@ -28,13 +31,13 @@ def _log_kernel(t, kernel):
 
 
 @njit(cache=True)
-def log_kernels(t, kernel):
+def log_kernels(t: np.ndarray, kernel: Kernel) -> np.ndarray:
     """Log kernel at each of an array of t."""
     return np.array([_log_kernel(value, kernel) for value in t])
 
 
 @njit(cache=True)
-def _slope(t, kernel):
+def _slope(t: float, kernel: Kernel) -> tuple[float, float]:
     """First and second derivative of the log kernel."""
     squares, energies, power, rate = kernel
     variance = math.exp(t)
@@ -47,7 +50,7 @@ def _slope(t, kernel):
 
 
 @njit(cache=True)
-def _modes(low, high, kernel):
+def _modes(low: float, high: float, kernel: Kernel) -> np.ndarray:
     """Local modes, all of them between ``low`` and ``high``: the slope changes sign over distances of order 1 only."""
     grid = np.linspace(low - 0.5, high + 0.5, 8 + int(4.0 * (high - low)))
     rising = np.array([_slope(t, kernel)[0] > 0.0 for t in grid])
@@ -62,7 +65,7 @@ def _modes(low, high, kernel):
 
 
 @njit(cache=True)
-def quadrature(low, high, kernel):
+def quadrature(low: float, high: float, kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
     """Equidistant nodes t from one fall of the density by e^-60 to the other, and the log kernel there."""
     modes = _modes(low, high, kernel)
     tops = log_kernels(modes, kernel)

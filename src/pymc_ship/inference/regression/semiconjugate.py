@@ -9,15 +9,17 @@ z = U' (y - X mean). They integrate out, which leaves one dimension, t = log sig
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 
 from pymc_ship.inference.regression.priors import Prior, RotatedPosterior, rotate, warn_of_uneven_columns
-from pymc_ship.inference.regression.quadrature import log_kernels, quadrature
+from pymc_ship.inference.regression.quadrature import Kernel, log_kernels, quadrature
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import Formula
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -26,7 +28,13 @@ _LOG_2PI = math.log(2.0 * math.pi)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _draws(rng, noise_variance, rotated, columns, center):
+def _draws(
+    rng: np.random.Generator,
+    noise_variance: np.ndarray,
+    rotated: tuple[np.ndarray, np.ndarray],
+    columns: np.ndarray,
+    center: np.ndarray,
+) -> np.ndarray:
     """Coefficients drawn given each noise variance; the columns are those of the basis, as rows."""
     s, z = rotated
     g, coefficients = np.empty(center.size), np.empty((noise_variance.size, center.size))
@@ -167,7 +175,7 @@ class NormalMixture(RotatedPosterior):
     def _expectation(self, values: np.ndarray, order: int) -> float:
         return float(self.weights @ values) if self.prior_shape + 0.5 * self.n_rows > order else math.inf
 
-    def quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+    def quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Marginal quantiles of the coefficients at probabilities, shape (n,): an array of shape (n, n_terms)."""
         from scipy.special import ndtr, ndtri
 
@@ -176,18 +184,18 @@ class NormalMixture(RotatedPosterior):
         probability = np.atleast_1d(probabilities)[:, None]
         components = middle + ndtri(probability)[:, :, None] * sd
 
-        def distribution(value):
+        def distribution(value: np.ndarray) -> np.ndarray:
             return np.einsum("k,qkj->qj", self.weights, ndtr((value[:, None] - middle) / sd))
 
         return self.center + _bisect(distribution, probability, components.min(axis=1), components.max(axis=1))
 
-    def noise_variance_quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+    def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:
         """Quantiles of the noise variance at probabilities, shape (n,), from the sinc interpolant of the density."""
         from scipy.special import sici
 
         t, probability = self.log_noise_variance, np.atleast_1d(probabilities)
 
-        def distribution(value):
+        def distribution(value: np.ndarray) -> np.ndarray:
             return (0.5 + sici(math.pi * (value[:, None] - t) / (t[1] - t[0]))[0] / math.pi) @ self.weights
 
         return np.exp(_bisect(distribution, probability, t[0], t[-1]))
@@ -237,14 +245,18 @@ class NormalMixture(RotatedPosterior):
         return _integrate(s, z, residual_square, n_rows, (self.prior_shape, self.prior_scale))[2] - self.log_evidence
 
 
-def _kernel(s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int, prior: tuple[float, float]):
+def _kernel(
+    s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int, prior: tuple[float, float]
+) -> tuple[Kernel, float]:
     """What the log kernel needs, and the constant that makes it log p(y, t)."""
     shape, scale = prior
     constant = shape * math.log(scale) - math.lgamma(shape) - 0.5 * n_rows * _LOG_2PI
     return (s**2, z**2, shape + 0.5 * (n_rows - len(s)), scale + 0.5 * residual_square), constant
 
 
-def _integrate(s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int, prior: tuple[float, float]):
+def _integrate(
+    s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int, prior: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Nodes and normalised weights of log sigma2, and the log evidence."""
     kernel, constant = _kernel(s, z, residual_square, n_rows, prior)
     _, energies, _, rate = kernel
@@ -256,7 +268,9 @@ def _integrate(s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int
     return t, weights / weights.sum(), float(log_evidence)
 
 
-def _bisect(function, target: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
+def _bisect(
+    function: Callable[[np.ndarray], np.ndarray], target: np.ndarray, low: np.ndarray | float, high: np.ndarray | float
+) -> np.ndarray:
     """Where a rising function of arrays reaches its target, between ``low`` and ``high``."""
     low, high = low + 0.0 * target, high + 0.0 * target
     for _ in range(60):

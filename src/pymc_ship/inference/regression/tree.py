@@ -278,11 +278,15 @@ def read_posterior(path: str | Path) -> xr.DataTree:
     if not path.exists():
         raise ValueError(f"A posterior is read from a .nc or .zarr path, found nothing at {path}; check the path.")
     zarr = path.suffix == ".zarr"
-    engine, options = ("zarr", {"consolidated": False}) if zarr else ("netcdf4", {})
     try:
         if not (_zarr_is_whole(path) if zarr else fits_its_checksum(path)):
             raise ValueError("its checksum does not fit; copy or make it again")
-        with xr.open_datatree(path, engine=engine, **options) as stored:
+        opened = (
+            xr.open_datatree(path, engine="zarr", consolidated=False)
+            if zarr
+            else xr.open_datatree(path, engine="netcdf4")
+        )
+        with opened as stored:
             tree = stored.load()
     except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{path} is no posterior written by this package: {error}.") from None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -139,7 +140,7 @@ def tune_prior(
     evidence_prior, log_evidence = maximise_evidence(data, family, box=box)
     evidence_score = validation.score(evidence_prior).mean
 
-    def loss(point):
+    def loss(point: np.ndarray) -> float:
         return float(np.arcsinh((evidence_score - validation.score(_prior(prior_type, point)).mean) / _RESOLUTION))
 
     points, losses, surrogate_point = _search(loss, bounds, evaluations, rng)
@@ -211,7 +212,7 @@ def maximise_evidence(
     bounds = _log_bounds(prior_type, box)
     low, width = bounds[:, 0], np.ptp(bounds, axis=1)
 
-    def loss(fraction):
+    def loss(fraction: np.ndarray) -> float:
         prior = _prior(prior_type, low + width * np.clip(fraction, 0.0, 1.0))
         return -prior.exact(data).log_evidence - prior.log_hyperprior()
 
@@ -245,7 +246,9 @@ def on_edge(prior: Prior, box: Mapping[str, tuple[float, float]] | None = None) 
     return tuple(near)
 
 
-def _search(loss, bounds: np.ndarray, evaluations: int, rng: np.random.Generator):
+def _search(
+    loss: Callable[[np.ndarray], float], bounds: np.ndarray, evaluations: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points evaluated (log hyperparameters), the loss there, and the optimum of the surrogate's mean."""
     from skopt import Optimizer
     from skopt.utils import cook_estimator, normalize_dimensions
@@ -274,7 +277,7 @@ def _search(loss, bounds: np.ndarray, evaluations: int, rng: np.random.Generator
     return points, losses, low + width * fraction
 
 
-def _surrogate_optimum(surrogate, seen: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _surrogate_optimum(surrogate: Any, seen: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Where the mean of the surrogate is least in the unit cube."""
     from scipy.optimize import minimize
 

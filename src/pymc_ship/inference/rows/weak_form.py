@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -27,6 +28,9 @@ from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 from pymc_ship.trial.record import sampling_interval, trial_list
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 RADIUS = 5.0
 """Half the support of a test function [s]."""
@@ -261,7 +265,7 @@ def _momentum(vessel: Vessel, record: dict[str, np.ndarray]) -> np.ndarray:
     return vessel.inertia_matrix @ motion
 
 
-def _windows(kernel: np.ndarray, starts: np.ndarray, n_time: int):
+def _windows(kernel: np.ndarray, starts: np.ndarray, n_time: int) -> csr_array:
     """Sparse matrix (n_rows, n_time) with the kernel from each start on."""
     from scipy.sparse import csr_array
 
