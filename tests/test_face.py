@@ -6,11 +6,14 @@ import ast
 import inspect
 import subprocess
 import sys
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import pytest
+import xarray as xr
 
 import pymc_ship as ps
 from tests.sentences import refused
@@ -177,3 +180,53 @@ def test_python_m_pymc_ship_is_the_command(words, status):
     assert module == command
     assert "pymc-ship" in "".join(module)
     assert "__main__" not in "".join(module)
+
+
+# what a prompt shows of an object -------------------------------------------------------------------------------------
+
+
+def empty(one, **given):
+    """An object of a dataclass whose fields are tuples of many numbers, but for those given."""
+    return one(**dict.fromkeys([field.name for field in fields(one)], (0.123456789,) * 1000) | given)
+
+
+def shown():
+    """An object of every public class, as large as they come."""
+    vessel, many = ps.load_vessel("container"), np.full(60, 1.0 / 3.0)
+    data = ps.RegressionData.from_arrays(np.random.default_rng(1).normal(size=(300, 60)), many.repeat(5))
+    prior = ps.ConjugatePrior(mean=many, kappa=many)
+    trial, exact = xr.Dataset(dict.fromkeys(("u", "v", "r", "p"), ("time", many))), prior.exact(data)
+    exacts, ship = dict.fromkeys(vessel.dofs, exact), ps.Ship.from_vessel(vessel)
+    return [
+        ps.FitError("It failed."),
+        ps.InferenceError("It failed."),
+        ps.OutputError("It failed."),
+        ps.ShipError("It failed."),
+        ps.SimulationError("It failed."),
+        ps.StudyError("It failed."),
+        ps.TrialError("It failed."),
+        ps.VesselError("It failed."),
+        vessel,
+        ps.zigzag(20, 20),
+        ps.Instrument(sd=dict.fromkeys(("u", "v", "r", "p", "phi", "psi"), 1 / 3), resolution={"u": 0.1, "psi": 0.01}),
+        ps.VelocityLag("late", 1.0 / 3.0, 1.0 / 7.0),
+        data,
+        prior,
+        ps.SemiConjugatePrior(mean=many, kappa=many),
+        exact,
+        empty(ps.Identification, data=dict.fromkeys(vessel.dofs, data), exact={"conjugate": exacts, "other": exacts}),
+        empty(ps.CoefficientPrior, mean=many, kind="order_damped"),
+        empty(ps.CaptiveFit, coefficients=many),
+        ps.StoppingTest(1.0 / 3.0),
+        ship,
+        empty(ps.ShipIdentification, ship=ship),
+        empty(ps.SeaTrial, vessel=vessel, trials={"circle": trial}),
+        ps.Estimate(many, many, many),
+    ]
+
+
+def test_every_public_class_is_shown_in_less_than_400_characters():
+    objects = shown()
+    classes = {getattr(ps, name) for name in ps.__all__ if inspect.isclass(getattr(ps, name))}
+    assert {one for one in classes if not any(isinstance(value, one) for value in objects)} == set()
+    assert {type(value).__name__: len(repr(value)) for value in objects if len(repr(value)) >= 400} == {}

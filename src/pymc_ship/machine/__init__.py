@@ -5,6 +5,7 @@
 - `checksums`: sums that results carry, so that damage is found before they are used.
 - `arguments`: checks of choices and numbers, with errors of one sentence.
 - `text`: UTF-8 text, and a word on what else a file is.
+- `fields`: short text of a dataclass.
 - `toml`: TOML files, checked key by key.
 - `memory`: the memory that a process has taken and may take, where the system says it.
 - `threads`: one pool of threads for the package, one thread inside a worker process.

@@ -15,6 +15,7 @@ from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.inference.trajectory.fit import TrajectoryFit
 from pymc_ship.inference.trajectory.mode import TrajectoryMode, trajectory_mode
 from pymc_ship.machine.errors import FitError
+from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.replication.scores import error_summary, relative_error
 
@@ -32,7 +33,7 @@ WEAK_FORM_INTERVAL = 4.0
 _REACH = float(norm.ppf(0.95))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """Coefficients of all DOFs and the ends of their intervals of 90 %.
 
@@ -45,6 +46,8 @@ class Estimate:
     coefficients: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+
+    __repr__ = field_text
 
     def scores(self, vessel: Vessel) -> dict[str, float]:
         """Error summary against the reference and ``coverage``, the share [%] of references inside the intervals."""

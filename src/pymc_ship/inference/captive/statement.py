@@ -23,6 +23,7 @@ from pymc_ship.inference.captive.table import FORCES
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement
 from pymc_ship.inference.trajectory.statements import loosened
 from pymc_ship.machine.errors import InferenceError, TrialError
+from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.motion.held import held_slopes
 from pymc_ship.physics.vessel.parts import ship_of
@@ -37,7 +38,7 @@ _SAME_SPEED = 0.05
 _REVOLUTIONS = 0.1  # sd of the nominal revolutions on a carriage over those of the vessel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CaptiveFit:
     """Coefficients fitted to captive tests and their prior.
 
@@ -65,6 +66,8 @@ class CaptiveFit:
     dispersion: float
     revolutions: float = 1.0
     apart: float = 0.0
+
+    __repr__ = field_text
 
 
 def held_motion(tests: xr.Dataset, vessel: Vessel, revolutions: float = 1.0) -> dict[str, np.ndarray]:

@@ -52,7 +52,7 @@ def _draws(
     return coefficients
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ConjugatePrior(Prior):
     """Normal inverse gamma: beta | sigma2 ~ N(mean, sigma2 V), sigma2 ~ IG(shape, scale); see the base for parameters.
 

@@ -26,6 +26,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import Formula, new_design
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.errors import InferenceError
+from pymc_ship.machine.fields import field_text
 from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -33,7 +34,7 @@ _SMALLEST_GAMMA = 1e-200  # keeps the noise variance of a prior that is all but 
 _MOST_ROWS = 8  # coefficients that the text of a posterior shows
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Prior(ABC):
     """A prior of scaled coefficients and noise variance; each family of priors is a subclass.
 
@@ -81,6 +82,8 @@ class Prior(ABC):
     box: ClassVar[Mapping[str, tuple[float, float]]]
     colour: ClassVar[str] = "#6b7680"
     citation: ClassVar[str] = ""
+
+    __repr__ = field_text
 
     def __post_init__(self) -> None:
         for name in ("mean", "kappa", "shape", "scale"):

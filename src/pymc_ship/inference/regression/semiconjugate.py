@@ -50,7 +50,7 @@ def _draws(
     return coefficients
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SemiConjugatePrior(Prior):
     """Independent: beta ~ N(mean, V), sigma2 ~ IG(shape, scale); see the base for parameters.
 

@@ -15,6 +15,7 @@ import xarray as xr
 
 from pymc_ship.inference.rows.weak_form import coefficient_scales
 from pymc_ship.machine.errors import InferenceError
+from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.forces.terms import order
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
@@ -40,7 +41,7 @@ class Statement(NamedTuple):
         return self.values - self.rows @ coefficients
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CoefficientPrior:
     """Independent normal priors of all coefficients, in the vessel's order, prime values, and a statement on top.
 
@@ -64,6 +65,8 @@ class CoefficientPrior:
     tuned: np.ndarray
     kind: str
     statement: Statement | None = None
+
+    __repr__ = field_text
 
     @property
     def stated(self) -> Statement:

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
+from pymc_ship.machine.fields import field_text
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -29,7 +30,7 @@ from pymc_ship.ships.sea_trials.uncertainty import PARTS, stated
 from pymc_ship.trial.record import facility_of, trial_list
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SeaTrial:
     """What is known of a sea trial.
 
@@ -73,6 +74,8 @@ class SeaTrial:
     spirals: dict[str, xr.Dataset]
     turns: xr.Dataset | None
     remarks: tuple[str, ...]
+
+    __repr__ = field_text
 
 
 def sea_trial(

@@ -1,0 +1,32 @@
+"""Short text of a dataclass, for its ``repr``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from textwrap import shorten
+from typing import Any
+
+LONGEST = 399
+"""Characters of a text at most: what a user reads at a glance."""
+
+_WORD = 40
+
+
+def field_text(one: Any) -> str:
+    """Class and fields of a dataclass in at most :data:`LONGEST` characters: arrays, tables and lists by their size."""
+    said = ", ".join(f"{field.name}={_brief(getattr(one, field.name))}" for field in fields(one))
+    return shorten(f"{type(one).__name__}({said})", LONGEST, placeholder=" ...)")
+
+
+def _brief(value: Any) -> str:
+    if isinstance(sizes := getattr(value, "sizes", None), Mapping):
+        return f"<{', '.join(f'{size} {name}' for name, size in sizes.items())}>"
+    if shape := getattr(value, "shape", ()):
+        return f"<{' x '.join(map(str, shape))}>"
+    if isinstance(value, (Mapping, Sequence)) and not isinstance(value, str):
+        return f"<{len(value)}>"
+    if is_dataclass(value):
+        return f"<{type(value).__name__}>"
+    text = repr(value)
+    return text if len(text) <= _WORD else f"{text[: _WORD - 3]}..."
