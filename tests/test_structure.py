@@ -46,6 +46,60 @@ HOSTS = (
 )
 
 
+TESTED_BY = {
+    "cli.commands": "journeys/test_cli.py: every command as a user calls it",
+    "cli.examples": "cli/test_parser.py: every example is parsed",
+    "cli.files": "journeys/test_cli_errors.py: files that a command cannot read",
+    "cli.texts": "journeys/test_cli.py: what the commands print",
+    "cli.words": "journeys/test_cli_errors.py: words that are no values",
+    "diagnostics.figures": "diagnostics/test_regression.py: drawn with the part that shows them",
+    "diagnostics.group_parts": "inference/sampling/test_hierarchical_model.py: the page of two ships",
+    "diagnostics.numbers": "diagnostics/test_regression.py: the numbers of every part",
+    "diagnostics.regression_parts": "diagnostics/test_parts.py: the parts of both kinds of posterior",
+    "experiments.figures": "experiments/test_page.py: drawn with the page",
+    "experiments.study": "experiments/test_run.py: the protocol that a run follows",
+    "inference.regression.calibration": "consistency/test_calibration.py: every way to a posterior is calibrated",
+    "inference.regression.families": "inference/regression/test_new_prior.py: a family that is registered",
+    "inference.regression.priors": "inference/regression/test_new_prior.py: a prior of one's own",
+    "inference.rows.from_trials": "inference/rows/test_data.py: the rows of a trial",
+    "inference.rows.scaling": "inference/rows/test_data_scaling.py: columns of the rows",
+    "inference.sampling.linear_transform": "inference/sampling/test_regression_model.py: densities in its coordinates",
+    "inference.sampling.prior_laws": "inference/sampling/test_own_tree.py: priors that are stated in PyMC",
+    "inference.trajectory.mode": "inference/trajectory/test_posterior.py: the fit before the draws",
+    "machine.workers": "experiments/test_run.py: workers of a grid",
+    "pages.drawing": "pages/test_page.py: the look of every figure",
+    "physics.forces.hull": "physics/forces/test_parts.py: a part against its formula",
+    "physics.forces.hull_database": "physics/vessel/test_hull_database.py: the prior it gives a vessel",
+    "physics.forces.modular": "physics/forces/test_parts.py: the parts together",
+    "physics.forces.part": "physics/forces/test_parts.py: what every part has",
+    "physics.forces.programs": "physics/forces/test_expressions.py: programs of expressions",
+    "physics.forces.rudder": "physics/forces/test_parts.py: a part against its formula",
+    "physics.forces.screw": "physics/forces/test_parts.py: a part against its formula",
+    "physics.forces.surroundings": "physics/forces/test_parts.py: a part against its formula",
+    "physics.manoeuvre.registry": "physics/manoeuvre/test_new_manoeuvre.py: a kind that is registered",
+    "physics.manoeuvre.turning_circles": "physics/manoeuvre/test_indices.py: indices of every kind",
+    "physics.manoeuvre.zigzags": "physics/manoeuvre/test_indices.py: indices of every kind",
+    "physics.motion.inputs": "physics/motion/test_parts.py: wind, current and revolutions of a simulation",
+    "physics.motion.linearisation": "physics/motion/test_sensitivities.py: against differences of the motion",
+    "physics.motion.replay": "physics/motion/test_simulation.py: against the simulation",
+    "records.checks.verdicts": "records/checks/test_trial_checks.py: verdicts of all checks",
+    "records.denoising.shrinkage": "records/denoising/test_draws.py: draws of the coefficients",
+    "records.denoising.spike_and_slab": "records/denoising/test_ebayes.py: against published values",
+    "records.files.judgement": "records/checks/test_trial_checks.py: what a judged record carries",
+    "replication.tables": "replication/test_study.py: tables of the study",
+    "ships.design.outlook": "ships/design/test_next_run.py: expected widths",
+    "ships.ensemble.files": "ships/identification/test_ship_of_parts.py: a ship saved and read",
+    "ships.ensemble.index_table": "ships/identification/test_score_page.py: the table on its page",
+    "ships.ensemble.scores": "ships/forecasting/test_forecast.py: scores of a forecast",
+    "ships.ensemble.ship": "ships/identification/test_model.py: the ship of an identification",
+    "ships.identification.along": "ships/identification/test_replayed.py: runs along their records",
+    "ships.sea_trials.figures": "ships/sea_trials/test_page.py: drawn with the page",
+    "ships.sea_trials.form": "ships/sea_trials/test_page.py: the form of the page",
+    "ships.sea_trials.sea_trial": "ships/sea_trials/test_corrections.py: runs measured and corrected",
+    "trial.units": "records/files/test_columns.py: units of columns",
+}
+"""Rooms without a test of their name, and the test through which they are tested instead."""
+
 NOT_CONVERTED = {
     "experiments",
     "ships/design",
@@ -304,6 +358,25 @@ def test_the_checks_of_prints_and_samplers_can_fail(tmp_path):
 def test_the_words_of_an_error_are_checked_in_the_table_of_its_wing_alone(path):
     """Else no word can be mended: elsewhere a test checks the class and, with ``refused``, numbers and names."""
     assert wordings(path) == [] or path.parent.relative_to(TESTS).as_posix() in NOT_CONVERTED
+
+
+def without_a_test(rooms, tested_by):
+    """Rooms that have neither a test of their name nor a row, and rows that are not needed or name no test."""
+    own = {f"{wing(room)}.{room.stem}": TESTS.joinpath(*wing(room).split("."), f"test_{room.name}") for room in rooms}
+    bare = {name for name, path in own.items() if not path.is_file()}
+    tests = {name: TESTS / row.split(": ")[0] for name, row in tested_by.items()}
+    return sorted(bare ^ set(tests) | {name for name, path in tests.items() if not path.is_file()})
+
+
+def test_a_room_has_a_test_of_its_name_or_a_row():
+    assert without_a_test(ROOMS, TESTED_BY) == []
+
+
+def test_the_check_of_rooms_and_tests_can_fail():
+    first = next(iter(TESTED_BY))
+    rows = {name: row for name, row in TESTED_BY.items() if name != first}
+    changed = {"cli.nowhere": "cli/test_main.py: no room", "trial.units": "trial/test_units.py: no test"}
+    assert without_a_test(ROOMS, rows | changed) == sorted([first, *changed])
 
 
 def test_the_list_of_folders_without_a_table_has_no_others():

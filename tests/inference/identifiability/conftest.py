@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import pymc_ship as ps
-from tests.inference.identifiability.test_identifiability import coarse, level_sd
+from tests.inference.identifiability.test_information import coarse, level_sd
 
 
 @pytest.fixture(scope="module")
