@@ -59,10 +59,3 @@ def test_words_that_are_no_wind_current_or_revolutions_are_refused(capsys, optio
         main(["forecast", "reports/none", "--turn", "35", *option])
     assert status.value.code == 2
     assert capsys.readouterr().err.strip().count("\n") == 0
-
-
-@pytest.mark.parametrize(("option", "value"), [("n", "1.2"), ("wind", "5/90"), ("current", "0.5/0")])
-def test_a_posterior_that_is_no_identified_ship_takes_none_of_them(tmp_path, capsys, option, value):
-    words = ["forecast", str(tmp_path), "--vessel", "kvlcc2", "--turn", "35", f"--{option}", value, "--out", "x"]
-    assert main([*words, "--quiet"]) == 2
-    assert f"takes --{option}; leave it out." in capsys.readouterr().err

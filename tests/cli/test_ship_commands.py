@@ -57,7 +57,7 @@ class TestIdentify:
         assert "As the next run the " in text
         assert "Tactical diameter of the turning circle of 35 deg: " in (tmp_path / "both" / "index.html").read_text()
         first, both = (ps.load_ship(folder) for folder in (identified, tmp_path / "both"))
-        (one,), (other,) = first.said.values(), both.said.values()
+        (one,), (other,) = first.likelihoods.values(), both.likelihoods.values()
         assert len(other.log_density) > len(one.log_density)
         assert both.motion.sizes["row"] > first.motion.sizes["row"]
 
@@ -128,13 +128,6 @@ class TestIdentify:
         assert len(widths) == 18
         assert all(len(row.split(",")) == 5 for row in widths)
 
-    @pytest.mark.parametrize("option", ["vessel", "criterion", "duration"])
-    def test_options_of_a_posterior_are_not_those_of_a_ship(self, identified, capsys, tmp_path, option):
-        value = {"vessel": "kvlcc2", "criterion": "forecast", "duration": "100"}[option]
-        sentence = refused(capsys, "design", identified, f"--{option}", value, "--out", tmp_path / "out")
-        assert f"Only a design from a posterior takes --{option}; leave it out." in sentence
-        assert not (tmp_path / "out").exists()
-
     def test_a_broken_index_is_named(self, identified, capsys, tmp_path):
         (tmp_path / "model").mkdir()
         (tmp_path / "model" / "ship.json").write_text('{"terms": []')
@@ -165,10 +158,10 @@ def test_runs_are_called_by_their_files_or_where_two_are_alike_by_their_paths():
     [
         (("identify", RUNS[0], *COMMON, *VESSEL, "--terms", "septic"), "A term set is one of"),
         (("identify", "missing.csv", *COMMON, *VESSEL), "missing.csv"),
-        (("design", "nowhere"), "A design from a posterior needs --vessel, found none and no identified ship in"),
-        (("design", "nowhere", "--vessel", "kvlcc2", "--sea-room", "10"), "of an identified ship takes --sea-room;"),
-        (("forecast", "nowhere", "--turn", "35"), "--vessel"),
-        (("forecast", "nowhere", "--turn", "35", "--vessel", "container", "--measured", CIRCLE), "--measured"),
+        (("design", "nowhere"), "The posterior nowhere states no particulars of its ship, found no --vessel; add --v"),
+        (("design", "nowhere", "--vessel", "kvlcc2"), "found nothing at nowhere"),
+        (("forecast", "nowhere", "--turn", "35"), "The posterior nowhere states no particulars of its ship, found no"),
+        (("forecast", "nowhere", "--turn", "35", "--vessel", "container"), "found nothing at nowhere"),
     ],
 )
 def test_what_cannot_run_is_told_in_one_sentence(capsys, tmp_path, words, told):

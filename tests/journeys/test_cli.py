@@ -185,7 +185,7 @@ def test_the_same_seed_gives_identical_files(made, tmp_path, command):
     words = {
         "simulate": (made / "small.toml", "--zigzag", "20/20", "--duration", 20, "--noise", 0.01),
         "regress": (made / "trial.csv", *vessel, "--family", "conjugate", "--draws", 40, "--interval", 2),
-        "forecast": (made / "identified", *vessel, "--draws", 10, "--duration", 20, "--turn", 35),
+        "forecast": (made / "identified", *vessel, "--draws", 10, "--duration", 150, "--turn", 35),
     }[command]
     outs = [tmp_path / name / "result.csv" for name in ("one", "two", "other")]
     for out, seed in zip(outs, (5, 5, 6), strict=True):

@@ -1,31 +1,40 @@
+from html import unescape
+
 import numpy as np
 import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.cli.main import main
 from pymc_ship.inference.regression import identify as identification
 from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.ships.forecasting.forecast import NO_ROLL
-from pymc_ship.trial.channels import CHANNELS, SIMULATED
-from tests.journeys.cases import column, files, rows, run
+from tests.journeys.cases import files, rows, run
+from tests.ships.ensemble.cases import posterior_forecast
 
 
-def test_forecast_writes_bands_and_prints_indices_beside_the_reference(made, small, tmp_path, capsys):
+def posterior_of(made, small):
+    return {dof: ps.read_posterior(made / "identified" / f"{dof}-conjugate.nc") for dof in small.dofs}
+
+
+def test_forecast_writes_a_page_and_prints_indices_beside_the_reference(made, small, tmp_path, capsys):
     words = ("--vessel", made / "small.toml", "--draws", 30, "--duration", 150, "--side", "starboard")
     run("forecast", made / "identified", *words, "--zigzag", "10/10", "--turn", 35, "--turn", 20, "--out", tmp_path)
-    names = ("turning-circle-20-starboard", "turning-circle-35-starboard", "zigzag-10-10-starboard")
-    assert files(tmp_path) == [f"{name}-conjugate.csv" for name in names]
-    posteriors = {dof: ps.read_posterior(made / "identified" / f"{dof}-conjugate.nc") for dof in small.dofs}
+    names = ("turning_circle_20_starboard", "turning_circle_35_starboard", "zigzag_10_10_starboard")
+    drawn = [f"{name}_{kind}" for name in names for kind in ("heading_and_rudder", "motion", "track")]
+    assert files(tmp_path) == sorted(
+        ["forecast.html", "figures/forecast_forces.png", "tables/forecast_verdict.csv"]
+        + [f"tables/forecast_{name}.csv" for name in names]
+        + [f"figures/forecast_{name}.png" for name in drawn]
+    )
     manoeuvre = ps.zigzag(10.0, 10.0, side="starboard")
-    rng = np.random.default_rng(2020)
-    tree = ps.forecast(small, posteriors, manoeuvre, draws=30, rng=rng, duration=150.0)
-    table = rows(tmp_path / "zigzag-10-10-starboard-conjugate.csv")
-    np.testing.assert_array_equal(column(table, "time"), tree["bands"]["time"])
-    assert "roll" not in small.dofs
-    assert not {"p_lower", "phi_median"} & set(table[0])
-    for name in (name for name in SIMULATED if not CHANNELS[name].rolling):
+    tree = posterior_forecast(small, posterior_of(made, small), manoeuvre, draws=30, rng=2020, duration=150.0)
+    table = {row["index"]: row for row in rows(tmp_path / "tables" / "forecast_zigzag_10_10_starboard.csv")}
+    assert "maximum roll angle" not in table
+    for name in ("first_overshoot_angle", "first_overshoot_time"):
         for band in ("lower", "median", "upper"):
-            np.testing.assert_array_equal(column(table, f"{name}_{band}"), tree["bands"][name].sel(band=band))
+            expected = float(tree["index_bands"][name].sel(band=band))
+            assert float(table[name.replace("_", " ")][band]) == pytest.approx(expected, rel=1e-5)
     printed = capsys.readouterr().out
     assert printed.startswith("zigzag 10/10 starboard: 30 ships, 0 % diverged, bands of 90%\n")
     assert printed.count("\nExtrapolation is unknown: the posterior does not hold the motion it was fitted to.\n") == 3
@@ -52,24 +61,47 @@ def test_forecast_counts_diverged_ships(made, small, tmp_path, capsys):
 
 @pytest.mark.parametrize("ending", ["nc", "zarr"])
 def test_forecast_takes_a_joint_posterior_and_says_what_it_extrapolates(made, small, tmp_path, capsys, ending):
-    """Shares stand above the indices and on the bands, the sentence below the indices."""
+    """Shares stand above the indices, the sentence below them and on the page."""
     tree = joint_posterior(made, small)
     ps.write_posterior(tree, tmp_path / f"joint.{ending}")
     words = ("--vessel", made / "small.toml", "--draws", 30, "--duration", 100, "--turn", 35)
     run("forecast", tmp_path / f"joint.{ending}", *words, "--out", tmp_path / "out")
     settings = {"draws": 30, "rng": np.random.default_rng(2020), "duration": 100.0}
-    found = ps.forecast(small, tree, ps.turning_circle(35.0), **settings)
+    found = posterior_forecast(small, tree, ps.turning_circle(35.0), **settings)
     share = f"{100.0 * found.attrs['share_extrapolated']:.3g} % of the instants"
     assert float(share.split()[0]) > 50.0
-    first, *_, last = capsys.readouterr().out.splitlines()
+    first, *others = capsys.readouterr().out.splitlines()
     assert first == f"turning circle 35 port: 30 ships, 0 % diverged, {share} extrapolated, bands of 90%"
-    assert last == found.attrs["extrapolation"]
-    assert last.startswith(f"{share} lie outside the motion of the record")
-    assert "speed falls to " in last
-    assert files(tmp_path / "out") == ["turning-circle-35-port-joint.csv"]
-    written = tmp_path / "out" / "turning-circle-35-port-joint.csv"
-    assert written.read_text().splitlines()[1] == f"# 30 ships, 0 % diverged, {share} extrapolated"
-    np.testing.assert_array_equal(column(rows(written), "u_lower"), found["bands"]["u"].sel(band="lower"))
+    assert found.attrs["extrapolation"] in others
+    assert found.attrs["extrapolation"].startswith(f"{share} lie outside the motion of the record")
+    assert "speed falls to " in found.attrs["extrapolation"]
+    assert unescape(found.attrs["extrapolation"]) in unescape((tmp_path / "out" / "forecast.html").read_text())
+
+
+def test_a_posterior_has_the_options_of_a_ship(made, small, tmp_path, capsys):
+    """A current carries it, a measured trial stands beside it, a spiral is told; it does not know revolutions."""
+    run("simulate", made / "small.toml", "--zigzag", "10/10", "--duration", 250, "--out", tmp_path / "zigzag.csv")
+    capsys.readouterr()
+    words = ("forecast", made / "identified", "--vessel", made / "small.toml", "--draws", 20, "--duration", 250)
+    run(*words, "--measured", tmp_path / "zigzag.csv", "--out", tmp_path / "beside")
+    assert " measured " in capsys.readouterr().out
+    beside = distance_of(tmp_path / "beside")
+    assert abs(float(beside["error"])) < 5.0
+    run(*words, "--zigzag", "10/10", "--current", "1.0/0", "--spiral", "--out", tmp_path / "drifting")
+    assert '<section id="spiral">' in (tmp_path / "drifting" / "forecast.html").read_text(encoding="utf-8")
+    assert float(distance_of(tmp_path / "drifting")["median"]) > 1.05 * float(beside["median"])
+    assert main(list(map(str, (*words, "--zigzag", "10/10", "--n", 1.0)))) == 2
+    assert "No term set of this ship knows revolutions" in capsys.readouterr().err
+
+
+def distance_of(out):
+    """Row of the initial turning distance of the zigzag that is forecast."""
+    (row,) = (
+        row
+        for row in rows(out / "tables" / "forecast_zigzag_10_10_port.csv")
+        if row["index"] == "initial turning distance"
+    )
+    return row
 
 
 def joint_posterior(made, small):

@@ -43,10 +43,10 @@ def test_an_interrupted_run_keeps_the_earlier_result_and_leaves_nothing_else(
     command, *rest = words.format(made=made).split()
     results = {
         "regress": ["out/coefficients.csv", "out/sway-conjugate.nc"],
-        "forecast": ["out/turning-circle-35-port-conjugate.csv"],
+        "forecast": ["out/forecast.html", "out/tables/forecast_verdict.csv"],
     }.get(command, ["out"])
     for name in results:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("earlier")
     monkeypatch.setattr(ps, "tune_prior", lambda *args, **settings: tuned)
     if place == "api":
@@ -68,7 +68,7 @@ def test_an_interrupted_forecast_moves_no_file_before_all_are_there(made, tmp_pa
     forecast, calls = ps.forecast, []
 
     def once(*args, **settings):
-        calls.append(args[2].label)
+        calls.append(args[1].label)
         return stop() if len(calls) > 1 else forecast(*args, **settings)
 
     monkeypatch.setattr(ps, "forecast", once)
