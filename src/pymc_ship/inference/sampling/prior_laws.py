@@ -8,6 +8,8 @@ families. Other hyperparameters come by ``functools.partial``.
 
 from __future__ import annotations
 
+from typing import Any
+
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.errors import InferenceError
 
@@ -117,7 +119,7 @@ def r2d2(data: RegressionData, given: dict, *, mean: float = 0.5, precision: flo
     return pm.Normal("scaled_coefficients", 0.0, pm.math.sqrt(variance), **given), sigma2
 
 
-def _noise_variance():
+def _noise_variance() -> Any:
     import pymc as pm
 
     return pm.InverseGamma("scaled_noise_variance", 2.0, 1.0)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @lru_cache(maxsize=16)
-def compiled(n_terms: int):
+def compiled(n_terms: int) -> Any:
     """Whitened model compiled by nutpie for placeholder data; :func:`statistics` enter by ``with_data``."""
     import nutpie
 
@@ -33,7 +33,7 @@ def compiled(n_terms: int):
     return nutpie.compile_pymc_model(whitened_model(placeholder, ConjugatePrior()))
 
 
-def _noise_coordinate(shape, scale, level, width, size):
+def _noise_coordinate(shape: Any, scale: Any, level: Any, width: Any, size: Any) -> Any:
     """Standardised log of an inverse gamma variable; PyMC derives its density."""
     import pymc as pm
     import pytensor.tensor as pt
@@ -67,7 +67,11 @@ def whitened_model(data: RegressionData, prior: Prior) -> pm.Model:
     coords = {"coefficient": list(data.coefficients), "row": np.arange(data.n_rows)}
     coords |= {"direction": np.arange(n_terms), "quantity": list(Summary._fields)}
     with pm.Model(coords=coords) as model:
-        dims = {"summary": "quantity", "singular_values": "direction", "projection": "direction"}
+        dims: dict[str, str | tuple[str, str]] = {
+            "summary": "quantity",
+            "singular_values": "direction",
+            "projection": "direction",
+        }
         dims["basis"] = ("coefficient", "basis_column")
         values = statistics(data, prior)
         values = {name: pm.Data(name, value, dims=dims[name]) for name, value in values.items()}
