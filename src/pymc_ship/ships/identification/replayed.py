@@ -235,7 +235,7 @@ def score_indices(
     >>> bool(abs(found["forecast"] - found["measured"]) < 0.5)
     True
     """
-    ship, trials, rng = as_ship(ship), trial_list(trials), random_generator(rng)
+    rng, ship, trials = random_generator(rng), as_ship(ship), trial_list(trials)
     names = names or [str(k + 1) for k in range(len(trials))]
     found, errors = thinned_draws(ship.models, draws), ship.index_error or {}
     weight = np.array([len(rows) for _, rows in found], dtype=float)
