@@ -15,8 +15,11 @@ from pymc_ship.ships.design.next_run import CANDIDATES, _Run, design, share_left
 from pymc_ship.ships.design.outlook import outlook
 from pymc_ship.ships.ensemble.index_error import model_error
 from pymc_ship.ships.ensemble.index_table import index_table
+from pymc_ship.ships.ensemble.motion_error import motion_error
 from tests.ships.ensemble.cases import motion_of, ship_of
+from tests.ships.forecasting.posteriors import joint
 from tests.ships.identification.cases import RUNS, tanker, trial
+from tests.ships.identification.three_zigzags import model
 
 CIRCLE = ps.turning_circle(35)
 
@@ -288,6 +291,39 @@ def test_wind_drifts_the_candidates_and_not_what_is_asked(zigzags):
     assert abs(float(windy["sea_room"][0]) / float(calm["sea_room"][0]) - 1.0) > 0.02
 
 
+# ships of a posterior and of a vessel file ----------------------------------------------------------------------------
+
+
+class TestOfAPosterior:
+    """It has no laws of its errors: the typical ones of other ships take their place."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def known(cls):
+        tree = joint(tanker(), 60, np.random.default_rng(2), spread=0.005, trial=trial(ps.zigzag(10, 10)))
+        return ps.Ship.from_posterior(tanker(), tree, draws=60, rng=1)
+
+    def test_after_a_zigzag_a_circle_tells_of_circles(self, known):
+        plan = design(known, [ps.zigzag(10, 10), CIRCLE], interest=[CIRCLE])
+        assert plan["chosen"].item() == CIRCLE.label
+        first, then = plan["half_width"].values
+        assert (then < first).all()
+
+    def test_its_errors_are_those_of_other_ships(self, known):
+        typical = replace(known, index_error=model_error(()), motion_error=motion_error((), tanker()))
+        exact = replace(known, index_error={})
+        own, same, less = (design(one, [CIRCLE], interest=[ps.zigzag(10, 10)]) for one in (known, typical, exact))
+        np.testing.assert_array_equal(own["half_width"], same["half_width"])
+        assert (own["half_width"].sel(stage=0) > less["half_width"].sel(stage=0)).all()
+
+    @pytest.mark.parametrize("kind", ["vessel", "posterior"])
+    def test_a_ship_whose_runs_are_unknown_cannot_be_designed_for(self, kind):
+        tree = joint(tanker(), 10, np.random.default_rng(2))
+        one = "kvlcc2" if kind == "vessel" else ps.Ship.from_posterior(tanker(), tree, draws=10, rng=1)
+        with pytest.raises(ps.TrialDesignError, match="needs the motion of the runs so far, found a ship without it"):
+            design(one, [CIRCLE], interest=[CIRCLE])
+
+
 # the outlook of an identified ship ------------------------------------------------------------------------------------
 
 
@@ -303,6 +339,14 @@ def test_the_outlook_says_what_the_circle_is_and_which_run_tells_most(ship, plan
     assert f"would be {ratio:.2f} times as wide as now" in advice
     assert re.search(r", that of the .* of the .* ± \S+ in place of ± \S+ (L|deg)\.", advice)
     assert f"The run takes {room / tanker().particulars.L:.1f} L of sea room." in advice
+
+
+@pytest.mark.slow
+def test_a_ship_that_was_identified_has_one():
+    turns, advice = outlook(model().ship, np.random.default_rng(1))
+    assert re.fullmatch(r"Tactical diameter of the turning circle of 35 deg: .* to port, .* to starboard\.", turns)
+    widest = float(re.search(r"would be (\S+) times as wide as now", advice).group(1))
+    assert 0.0 < widest < 1.0
 
 
 def test_the_same_seed_gives_the_same_sentences(ship):

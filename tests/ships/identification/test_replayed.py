@@ -14,6 +14,7 @@ from pymc_ship.ships.identification.replayed import SCORED
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as parts_of_tanker
 from tests.ships.ensemble.cases import motion_of, ship_of
+from tests.ships.forecasting.posteriors import joint
 
 DURATION = 600.0
 
@@ -126,6 +127,38 @@ def test_revolutions_that_were_not_measured_are_those_of_the_approach(tanker):
     tree = ps.replay(ship, circle, start=400)
     apart = tree["bands"]["u"].sel(band="median") - tree["measured"]["u"]
     assert float(np.abs(apart).max()) < 0.02
+
+
+class TestOfAPosterior:
+    """Its draws are the ships of a replay, and nothing is added to them."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def ship(cls, tanker, trial):
+        tree = joint(tanker, 40, np.random.default_rng(3), spread=0.02, trial=trial)
+        return ps.Ship.from_posterior(tanker, tree, draws=40, rng=1)
+
+    def test_it_is_replayed_with_bands_of_its_draws(self, ship, trial):
+        tree = ps.replay(ship, trial, draws=40)
+        assert tree.attrs["draws"] == 40
+        assert tree["predictive"].to_dataset().identical(tree["trajectories"].to_dataset())
+        lower, median, upper = tree["bands"]["r"].values
+        expected = np.quantile(tree["trajectories"]["r"].values, [0.05, 0.5, 0.95], axis=0)
+        np.testing.assert_allclose([lower, median, upper], expected, rtol=1e-12)
+        assert (upper - lower)[-1] > 0.0
+
+    def test_it_is_scored_as_the_vessel_of_its_draws_is(self, ship, tanker, trial):
+        """A cloud about the coefficients that made the record, whose median is near them."""
+        found, own = ps.score(ship, trial), ps.score(tanker, trial)
+        assert found.attrs["score"] < 0.1
+        assert own.attrs["score"] < found.attrs["score"]
+        assert (found["coverage"].sel(channel="r") > own["coverage"].sel(channel="r")).all()
+
+    def test_its_indices_err_by_the_spread_of_its_draws_alone(self, ship, trial):
+        found = ps.score_indices(ship, trial, rng=1)
+        np.testing.assert_allclose(found["sd"], found["parameter_sd"])
+        assert (found["parameter_sd"] > 0.0).all()
+        assert (found["measured_sd"] == 0.0).all()
 
 
 def identified_from(tanker, manoeuvre):

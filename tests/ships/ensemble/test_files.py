@@ -1,0 +1,200 @@
+"""Saved ships: what is written is read, the two formats before this one are migrated, and no other is read."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pymc_ship as ps
+from pymc_ship.machine.checksums import folder_checksum
+from pymc_ship.ships.ensemble.files import FORMAT, MIGRATIONS
+from pymc_ship.ships.ensemble.index_table import index_rows, index_table
+from pymc_ship.ships.ensemble.motion_error import ERRING, TYPICAL, motion_error
+from tests.ships.ensemble.cases import motion_of, ship_of, with_likelihoods
+from tests.ships.forecasting.cases import scattered
+from tests.ships.identification.cases import tanker, trial
+
+SAVED = Path(__file__).parents[2] / "data" / "ships"
+"""Two zigzags of the KVLCC2, identified with 8 draws by the last version that wrote a format."""
+
+ROW = {
+    **{"run": "zigzag 10/10", "manoeuvre": "zigzag 10/10 port", "index": "first_overshoot_angle", "kind": "angle"},
+    **{"measured": 9.89731009365622, "forecast": 11.062129017656899, "parameter_sd": 0.8983950641682057},
+    **{"model_sd": 0.0, "measured_sd": 0.024063652226282508, "scale": 19.89731009365622},
+}
+"""First held-out index as the versions that wrote the files had it."""
+
+
+@pytest.fixture(scope="module")
+def ship():
+    """Two members, every attribute of a ship but the noise of sensors, which no identification finds."""
+    members = ((tanker(), scattered(tanker(), draws, seed=draws)) for draws in (8, 5))
+    known = {"index_error": {"angle": np.array([0.1, 0.2])}, "motion_error": motion_error([], tanker())}
+    known |= {"remarks": ("a", "b"), "prior": "order_damped", "held_out_indices": index_table([ROW])}
+    zigzag = ps.zigzag(10, 10)
+    motion = motion_of(tanker(), [trial(zigzag, duration=60.0)])
+    return with_likelihoods(ship_of(*members, names=("one, two", "three"), motion=motion, **known))
+
+
+def edited(at, out, **changes):
+    """Copy of a saved ship with another index, whole but for its checksum, which is as right as its writer's."""
+    folder = Path(shutil.copytree(at, out)) / "model"
+    index = json.loads((folder / "ship.json").read_text(encoding="utf-8")) | changes
+    del index["sha256"]
+    files = [f"{entry['file']}{ending}" for entry in index["terms"] for ending in (".toml", ".nc")]
+    index["sha256"] = folder_checksum(folder, files, index)
+    (folder / "ship.json").write_text(json.dumps(index), encoding="utf-8")
+    return out
+
+
+class TestWrittenAndRead:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def again(cls, ship, tmp_path_factory):
+        out = tmp_path_factory.mktemp("ship")
+        assert ps.save_ship(ship, out, made_by="me", runs=("run",)) == out / "model"
+        return ps.load_ship(out)
+
+    def test_every_member_has_its_draws_and_its_likelihood(self, ship, again):
+        assert [one.name for one in again.members] == ["one, two", "three"]
+        for one, other in zip(ship.members, again.members, strict=True):
+            np.testing.assert_array_equal(other.draws, one.draws)
+            np.testing.assert_array_equal(other.estimate, one.estimate)
+            assert (other.weight, other.inflation, other.dispersion) == (one.weight, one.inflation, one.dispersion)
+            for name in ("names", "log_density", "mean", "scale"):
+                np.testing.assert_array_equal(getattr(other.likelihood, name), getattr(one.likelihood, name))
+            np.testing.assert_array_equal(other.likelihood.statement.rows, one.likelihood.statement.rows)
+
+    def test_laws_motion_and_held_out_indices_are_kept(self, ship, again):
+        np.testing.assert_array_equal(again.motion.values, ship.motion.values)
+        for name in ("index_error", "motion_error"):
+            laws = getattr(again, name)
+            assert laws.keys() == getattr(ship, name).keys()
+            assert all((laws[key] == values).all() for key, values in getattr(ship, name).items())
+        assert again.held_out_indices.identical(ship.held_out_indices)
+        for name in ("remarks", "prior", "facilities", "uses_captive_tests"):
+            assert getattr(again, name) == getattr(ship, name)
+
+    def test_a_saved_ship_forecasts_as_it_did(self, ship, again):
+        bands = [ps.forecast(one, ps.turning_circle(35), rng=1)["index_bands"]["advance"] for one in (ship, again)]
+        np.testing.assert_array_equal(*bands)
+
+    def test_the_format_is_written(self, ship, tmp_path):
+        index = json.loads((ps.save_ship(ship, tmp_path) / "ship.json").read_text(encoding="utf-8"))
+        assert index["format"] == FORMAT == max(MIGRATIONS) + 1
+
+
+@pytest.mark.parametrize("lacking", ["likelihood", "motion"])
+def test_a_ship_without_the_likelihood_of_its_runs_is_not_saved(ship, tmp_path, lacking):
+    without = {
+        "likelihood": replace(ship, members=(ship.members[0], replace(ship.members[1], likelihood=None))),
+        "motion": replace(ship, motion=None),
+    }[lacking]
+    with pytest.raises(ps.VesselError, match=r"with the likelihood of its runs, found none of 'kvlcc2'; save that of"):
+        ps.save_ship(without, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_ship_of_a_vessel_file_is_not_saved(tmp_path):
+    with pytest.raises(ps.VesselError, match="or write the posterior and keep the vessel file"):
+        ps.save_ship(ps.Ship.from_vessel("kvlcc2"), tmp_path)
+
+
+class TestEarlierFormats:
+    @pytest.mark.parametrize("number", sorted(MIGRATIONS))
+    def test_draws_and_likelihood_are_those_of_the_version_that_wrote_them(self, number):
+        ship = ps.load_ship(SAVED / f"format_{number}")
+        ((vessel, rows),) = ship.models
+        assert (vessel.name, rows.shape) == ("kvlcc2", (8, 29))
+        assert rows[:2, 0].tolist() == [0.0009109896081059203, 0.0009161677264715609]
+        assert rows.sum() == pytest.approx(-0.413616525729991, rel=1e-14)
+        ((name, likelihood),) = ship.likelihoods.items()
+        assert name == ship.members[0].name == "hull and loading"
+        assert likelihood.log_density.tolist() == [9.989009648832024, 8.596577658306643]
+        assert np.linalg.norm(likelihood.statement.rows) == pytest.approx(576825.7929365315, rel=1e-13)
+        assert likelihood.statement.values.sum() == pytest.approx(-331.09544008862537, rel=1e-12)
+        assert likelihood.mean.sum() == pytest.approx(-0.10847942803775153, rel=1e-14)
+        assert likelihood.scale.sum() == pytest.approx(0.23488497698815936, rel=1e-14)
+
+    @pytest.mark.parametrize("number", sorted(MIGRATIONS))
+    def test_what_is_known_beside_them_is_read_under_its_present_names(self, number):
+        ship = ps.load_ship(SAVED / f"format_{number}")
+        assert (ship.prior, ship.uses_captive_tests) == ("hull_database", False)
+        assert ship.motion.shape == (200, 6)
+        assert ship.motion.values.sum() == pytest.approx(-28.39130790383833, rel=1e-12)
+        assert ship.facilities[""].rudder_delay == 2.447955856533735
+        assert np.median(ship.index_error["distance"]) == pytest.approx(0.00443343632160599, rel=1e-14)
+        rows = list(index_rows(ship.held_out_indices))
+        assert len(rows) == 12
+        assert rows[0] == ROW
+        assert repr(ship) == "Ship(kvlcc2: 1 model, 8 draws, errors beyond the draws from 2 held-out runs)"
+
+    def test_format_2_keeps_the_error_of_the_motion(self):
+        ship = ps.load_ship(SAVED / "format_2")
+        assert ship.remarks == ()
+        expected = {"u": 0.00039709111117237125, "r": 0.0005084025119169836, "x": 0.0024960773299353717}
+        for name, size in expected.items():
+            assert np.median(ship.motion_error[name]) == pytest.approx(size, rel=1e-14)
+
+    def test_format_1_has_the_error_of_the_motion_that_is_typical_and_says_so(self):
+        ship = ps.load_ship(SAVED / "format_1")
+        (remark,) = ship.remarks
+        assert remark.startswith("The report is of an earlier version: the error of the motion is the one typical of")
+        assert remark.endswith("Run `pymc-ship identify` again for that of this ship.")
+        assert set(ship.motion_error) == set(ERRING)
+        for name, sizes in ship.motion_error.items():
+            assert np.median(sizes) == pytest.approx(TYPICAL[name], rel=0.01)
+
+    @pytest.mark.parametrize("number", sorted(MIGRATIONS))
+    def test_a_migrated_ship_is_forecast_and_saved_in_the_present_format(self, number, tmp_path):
+        ship = ps.load_ship(SAVED / f"format_{number}")
+        index = json.loads((ps.save_ship(ship, tmp_path) / "ship.json").read_text(encoding="utf-8"))
+        assert index["format"] == FORMAT
+        bands = [
+            ps.forecast(one, ps.zigzag(10, 10), rng=1)["index_bands"]["first_overshoot_angle"].values
+            for one in (ship, ps.load_ship(tmp_path))
+        ]
+        np.testing.assert_array_equal(*bands)
+
+    def test_an_earlier_ship_is_the_prior_of_new_runs(self):
+        runs = [trial(ps.zigzag(10, 10, side="starboard"), seed=3, level=0.005)]
+        found = ps.identify_ship(runs, tanker(), prior=ps.load_ship(SAVED / "format_2"), draws=8, rng=1)
+        density = found.ship.likelihoods["hull and loading"].log_density
+        assert density.size == 2 + 3  # windows of a lone run are held out in three parts
+        assert density[:2].tolist() == [9.989009648832024, 8.596577658306643]
+        assert found.ship.held_out_indices.sizes["run"] == 2
+
+
+class TestOtherFormats:
+    @pytest.mark.parametrize("number", [0, FORMAT + 1, "3", None])
+    def test_a_number_that_is_not_known_is_refused(self, number, ship, tmp_path):
+        ps.save_ship(ship, tmp_path)
+        with pytest.raises(ps.VesselError, match=r"was written by another version of pymc_ship: .*; run .* again\.$"):
+            ps.load_ship(edited(tmp_path, tmp_path / "other", format=number))
+
+    @pytest.mark.parametrize("number", sorted(MIGRATIONS))
+    def test_an_earlier_one_that_was_changed_is_refused(self, number, tmp_path):
+        at = Path(shutil.copytree(SAVED / f"format_{number}", tmp_path / "at"))
+        path = at / "model" / "ship.json"
+        path.write_text(path.read_text(encoding="utf-8").replace("hull_database", "order_damped"), encoding="utf-8")
+        with pytest.raises(ps.VesselError, match="was damaged or changed, its checksum does not fit"):
+            ps.load_ship(at)
+
+    @pytest.mark.parametrize("lacking", ["index_rows", "held_tests", "motion_error", "facilities"])
+    def test_an_earlier_one_that_lacks_a_part_is_refused(self, lacking, tmp_path):
+        at = edited(SAVED / "format_2", tmp_path / "at", **{lacking: None})
+        path = at / "model" / "ship.json"
+        index = json.loads(path.read_text(encoding="utf-8"))
+        del index[lacking], index["sha256"]
+        path.write_text(json.dumps(index), encoding="utf-8")
+        with pytest.raises(ps.VesselError, match="was written by another version of pymc_ship"):
+            ps.load_ship(at)
+
+    def test_a_folder_without_a_ship_is_refused(self, tmp_path):
+        with pytest.raises(ps.VesselError, match="holds no identified ship: No such file or directory; run"):
+            ps.load_ship(tmp_path)
