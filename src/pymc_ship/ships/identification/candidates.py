@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -247,9 +248,11 @@ class Refusal:
 def candidates_of(
     wanted: Sequence[str], training: Training, rng: np.random.Generator
 ) -> tuple[list[Candidate], list[Refusal]]:
-    """Candidates of the term sets that can be fitted, and refusals of the others."""
+    """Candidates of the term sets that can be fitted, and refusals of the others; ``rng`` itself stays as it is."""
+    root = int(deepcopy(rng).integers(2**63))
     with threadpool_limits(limits=1, user_api="blas"), thread_pool(len(wanted)) as pool:
-        attempts = list(pool.map(lambda name, own: _attempt(name, training, own), wanted, rng.spawn(len(wanted))))
+        streams = [np.random.default_rng([root, k]) for k in range(len(wanted))]
+        attempts = list(pool.map(lambda name, own: _attempt(name, training, own), wanted, streams))
     found = [attempt for attempt in attempts if isinstance(attempt, Candidate)]
     refusals = [attempt for attempt in attempts if isinstance(attempt, Refusal)]
     if not found:
