@@ -11,6 +11,7 @@ import numpy as np
 import pymc_ship as ps
 from benchmarks import r_peers
 from benchmarks.table import Row, imported, median_seconds
+from pymc_ship.inference.sampling.gibbs import gibbs
 from pymc_ship.inference.sampling.regression_model import sample_model
 from tests.inference.regression import peers
 
@@ -19,14 +20,14 @@ def sampling(data, prior) -> Iterator[Row]:
     """Exact draws and Gibbs sampler against a plain Cholesky Gibbs sampler, in effective draws a second."""
     rng = np.random.default_rng(0)
     scaled = _scaled(data)
-    ps.gibbs(scaled, prior, draws=10, chains=1, rng=rng)
+    gibbs(scaled, prior, draws=10, chains=1, rng=rng)
     exact = prior.exact(scaled)
     seconds, (plain, _) = median_seconds(
         lambda: peers.cholesky_gibbs(scaled.design_matrix, scaled.response, prior, 4000, rng)
     )
     cases = {
         "exact independent draws, least ESS": lambda: exact.draw(40000, rng)[0][None],
-        "Gibbs, 64 chains x 1000, least ESS": lambda: ps.gibbs(scaled, prior, draws=1000, chains=64, rng=rng)[0],
+        "Gibbs, 64 chains x 1000, least ESS": lambda: gibbs(scaled, prior, draws=1000, chains=64, rng=rng)[0],
     }
     for what, work in cases.items():
         ours, draws = median_seconds(work, 3)
@@ -41,8 +42,8 @@ def mcmcpack(data, prior) -> Iterator[Row]:
     rows = np.column_stack([scaled.response, scaled.design_matrix])
     theirs, draws = r_peers.seconds(r_peers.MCMC_REGRESS, rows, arguments, what, peer)
     rng = np.random.default_rng(0)
-    ps.gibbs(scaled, prior, draws=10, chains=1, rng=rng)
-    ours, own = median_seconds(lambda: ps.gibbs(scaled, prior, draws=1000, chains=4, rng=rng)[0], 3)
+    gibbs(scaled, prior, draws=10, chains=1, rng=rng)
+    ours, own = median_seconds(lambda: gibbs(scaled, prior, draws=1000, chains=4, rng=rng)[0], 3)
     yield _ess_row(what, (own, ours), peer, (draws[None, :, : data.n_terms], theirs), prior.exact(scaled))
 
 

@@ -12,6 +12,7 @@ import pymc_ship as ps
 from benchmarks import kvlcc2
 from benchmarks.table import Row, imported, median_seconds
 from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from tests.physics.motion import plain_hull
@@ -92,9 +93,9 @@ def derivatives(vessel, trial) -> Iterator[Row]:
             plus, minus = np.split(replay(vessel, delta, points[:, n:], points[:, :n], **settings), 2, axis=1)
             return (plus - minus) / (2.0 * widths[:, None])
 
-        ps.sensitivities(vessel, delta[:20], start, **settings)
+        sensitivities(vessel, delta[:20], start, **settings)
         replay(vessel, delta[:20], points[:1, n:], points[:1, :n], **settings)
-        ours, (_, jacobian) = median_seconds(lambda s=settings: ps.sensitivities(vessel, delta, start, **s), 9)
+        ours, (_, jacobian) = median_seconds(lambda s=settings: sensitivities(vessel, delta, start, **s), 9)
         theirs, expected = median_seconds(differences)
         expected = expected.transpose(0, 2, 1)
         gap = np.median(np.abs(jacobian - expected).max(axis=1) / np.abs(expected).max(axis=1))

@@ -16,6 +16,17 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.captive.statement import CaptiveFit
+from pymc_ship.inference.regression.identify import Identification
+from pymc_ship.inference.trajectory.prior import CoefficientPrior
+from pymc_ship.physics.forces.modular import PARTS
+from pymc_ship.physics.manoeuvre.registry import KINDS
+from pymc_ship.records.checks.lag import VelocityLag
+from pymc_ship.ships.identification.model import ShipIdentification
+from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
+from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.units import METRE
+from tests.journeys.markdown import pages
 from tests.sentences import refused
 from tests.test_structure import SAMPLERS, WINGS
 
@@ -64,6 +75,10 @@ def test_the_table_of_public_names_has_the_order_of_the_house():
     assert all(list(names) == sorted(names) for names in ps._PUBLIC.values())
 
 
+def test_a_user_can_read_the_whole_list():
+    assert len(ps.__all__) - 1 <= 100
+
+
 def test_public_names_are_listed_once_and_unknown_ones_are_attribute_errors():
     assert len(set(ps.__all__)) == len(ps.__all__)
     assert ps.__version__
@@ -79,6 +94,25 @@ def test_only_public_names_are_listed_whatever_was_imported():
 def test_a_public_name_is_loaded_once():
     code = "import pymc_ship as ps; print('Vessel' in vars(ps)); ps.Vessel; print(vars(ps)['Vessel'] is ps.Vessel)"
     assert fresh(code).split() == ["False", "True"]
+
+
+def from_inside(blocks):
+    """Rooms of the package that the Python of a page imports from, or imports."""
+    nodes = [node for block in blocks for node in ast.walk(ast.parse(block))]
+    named = [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+    named += [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    return [name for name in named if name.startswith("pymc_ship.")]
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: page.path)
+def test_no_page_of_the_docs_imports_from_an_inner_module(page):
+    assert from_inside(page.blocks("python")) == []
+
+
+def test_the_check_of_imports_can_fail():
+    blocks = ["import pymc_ship as ps\nimport numpy", "def f():\n    from pymc_ship.trial import channels\n"]
+    blocks += ["import pymc_ship.pages.page as page\nfrom pymc_ship import Vessel\n"]
+    assert from_inside(blocks) == ["pymc_ship.trial", "pymc_ship.pages.page"]
 
 
 # type checkers --------------------------------------------------------------------------------------------------------
@@ -191,7 +225,7 @@ def empty(one, **given):
 
 
 def shown():
-    """An object of every public class, as large as they come."""
+    """An object of every class that is public or that a public function returns, as large as they come."""
     vessel, many = ps.load_vessel("container"), np.full(60, 1.0 / 3.0)
     data = ps.RegressionData.from_arrays(np.random.default_rng(1).normal(size=(300, 60)), many.repeat(5))
     prior = ps.ConjugatePrior(mean=many, kappa=many)
@@ -206,21 +240,24 @@ def shown():
         ps.StudyError("It failed."),
         ps.TrialError("It failed."),
         ps.VesselError("It failed."),
+        *(METRE, *CHANNELS.values()),
+        *(ps.Force(), *PARTS.values(), ps.Parameter("m_x", 1.0 / 3.0, 1.0 / 7.0, "catalogue of the maker")),
+        *(*KINDS.values(), *KINDS["zigzag"].indices.values()),
         vessel,
         ps.zigzag(20, 20),
         ps.Instrument(sd=dict.fromkeys(("u", "v", "r", "p", "phi", "psi"), 1 / 3), resolution={"u": 0.1, "psi": 0.01}),
-        ps.VelocityLag("late", 1.0 / 3.0, 1.0 / 7.0),
+        VelocityLag("late", 1.0 / 3.0, 1.0 / 7.0),
         data,
         prior,
         ps.SemiConjugatePrior(mean=many, kappa=many),
         exact,
-        empty(ps.Identification, data=dict.fromkeys(vessel.dofs, data), exact={"conjugate": exacts, "other": exacts}),
-        empty(ps.CoefficientPrior, mean=many, kind="order_damped"),
-        empty(ps.CaptiveFit, coefficients=many),
+        empty(Identification, data=dict.fromkeys(vessel.dofs, data), exact={"conjugate": exacts, "other": exacts}),
+        empty(CoefficientPrior, mean=many, kind="order_damped"),
+        empty(CaptiveFit, coefficients=many),
         ps.StoppingTest(1.0 / 3.0),
         ship,
-        empty(ps.ShipIdentification, ship=ship),
-        empty(ps.SeaTrial, vessel=vessel, trials={"circle": trial}),
+        empty(ShipIdentification, ship=ship),
+        empty(SeaTrial, vessel=vessel, trials={"circle": trial}),
         ps.Estimate(many, many, many),
     ]
 

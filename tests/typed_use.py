@@ -13,6 +13,9 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.regression.identify import Identification
+from pymc_ship.physics.vessel.reading import shipped_vessels
+from pymc_ship.ships.identification.model import ShipIdentification
 
 rng = np.random.default_rng(1)
 vessel = ps.load_vessel("container")
@@ -42,13 +45,13 @@ assert_type(data, ps.RegressionData)
 assert_type(prior, ps.Prior)
 assert_type(log_evidence, float)
 assert_type(tree, xr.DataTree)
-assert_type(found, ps.Identification)
+assert_type(found, Identification)
 assert_type(forecast, xr.DataTree)
 assert_type(named, xr.Dataset)
 assert_type(rows, xr.Dataset)
 assert_type(ps.write_trial(trial, "trial.csv"), Path)
 assert_type(known, ps.Ship)
-assert_type(identified, ps.ShipIdentification)
+assert_type(identified, ShipIdentification)
 assert_type(identified.ship, ps.Ship)
 assert_type(ps.forecast(vessel, manoeuvre, rng=1), xr.DataTree)
-assert_type(ps.shipped_vessels(), tuple[str, ...])
+assert_type(shipped_vessels(), tuple[str, ...])

@@ -8,6 +8,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.inference.regression import identify as identification
 from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.regression.tune import tune_prior
 from tests.journeys.cases import run
 from tests.physics.vessel.cases import toml
 
@@ -25,7 +26,7 @@ def quick_evidence():
 def tuned(made, small):
     """What a short search finds for the yaw."""
     data = ps.regression_data(ps.denoise(ps.read_trial(made / "trial.csv")), small, "yaw", interval=1.0)
-    return ps.tune_prior(data, "conjugate", evaluations=6, folds=3, rng=np.random.default_rng(1))
+    return tune_prior(data, "conjugate", evaluations=6, folds=3, rng=np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.cli import commands
 from pymc_ship.cli.main import main
+from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.trial.channels import SIMULATED
 from tests.journeys.cases import files, program, run
 from tests.physics.vessel.cases import toml
@@ -47,7 +48,7 @@ def test_simulate_passes_its_options_on(container, tmp_path, capsys):
     circle = ps.turning_circle(35.0, side="starboard", approach_speed=10.0)
     expected = ps.simulate(container, circle, duration=300.0, step=0.05, method="rk4")
     np.testing.assert_array_equal(ps.read_trial(out)["psi"], expected["psi"])
-    criteria = {row["criterion"]: row for row in ps.imo_criteria(ps.indices(expected), container)}
+    criteria = {row["criterion"]: row for row in imo_criteria(ps.indices(expected), container)}
     word = {True: "pass", False: "fail"}[criteria["advance"]["passed"]]
     assert f"advance {criteria['advance']['value']:.4g} 4.5 L {word}" in spaced(capsys.readouterr().out)
 

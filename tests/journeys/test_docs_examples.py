@@ -10,8 +10,8 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.physics.forces.modular import PARTS
 from pymc_ship.physics.manoeuvre.registry import KINDS
-from pymc_ship.physics.vessel.term_sets import TERM_SETS
 from pymc_ship.trial.channels import CHANNELS
 from tests.journeys.markdown import ROOT, Page, pages
 from tests.sentences import refused
@@ -24,7 +24,7 @@ FORMULAS = "regress_a_table"
 QUICK = {
     *(f"docs/how_to/{task}.md" for task in ("read_a_trial_file", "write_a_vessel", "choose_a_prior", FORMULAS)),
     *(f"docs/how_to/{task}.md" for task in ("denoise_a_record", "simulate_what_sensors_read")),
-    *(f"docs/how_to/add_a_{thing}.md" for thing in ("term", "prior", "manoeuvre", "channel", "page")),
+    *(f"docs/how_to/add_a_{thing}.md" for thing in ("term", "prior", "manoeuvre", "channel")),
     "docs/reference/posterior_tree.md",
 }
 """Pages whose Python takes no more than a few seconds."""
@@ -55,7 +55,7 @@ def with_python():
 @pytest.fixture
 def forgotten():
     """What a page adds to the tables of the package is gone after it."""
-    tables = KINDS, FAMILIES, CHANNELS, TERM_SETS
+    tables = KINDS, FAMILIES, CHANNELS, PARTS
     before = [dict(table) for table in tables]
     yield
     for table, entries in zip(tables, before, strict=True):

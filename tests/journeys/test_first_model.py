@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-import pymc_ship as ps
+from pymc_ship.physics.vessel.reading import shipped_vessels
 
 SCRIPT = Path(__file__).parents[2] / "models" / "first_model.py"
 
 
 def test_it_is_short_and_no_vessel():
     assert SCRIPT.read_text(encoding="utf-8").count("\n") < 65
-    assert "first_model" not in ps.shipped_vessels()
+    assert "first_model" not in shipped_vessels()
 
 
 @pytest.mark.consistency

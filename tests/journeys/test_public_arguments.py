@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.records.checks.lag import common_lag
 from tests.sentences import refused
 
 FUNCTIONS = {name: inspect.signature(getattr(ps, name)) for name in ps.__all__ if name[0].islower()}
@@ -152,7 +153,7 @@ def test_one_trial_where_a_list_is_meant_is_a_list_of_it(trial):
     with refused(ps.TrialError, "draws", 1):
         ps.identify_ship(trial, "kvlcc2", draws=1, rng=1)
     checks = ps.trial_checks(trial, "kvlcc2")
-    assert ps.common_lag(checks) == ps.common_lag([checks])
+    assert common_lag(checks) == common_lag([checks])
 
 
 def test_several_manoeuvres_or_posteriors_are_refused_with_a_sentence(data):

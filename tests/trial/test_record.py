@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.trial.record import check_trial
 from tests.sentences import refused
 
 CHANNELS = ("u", "v", "r", "p", "phi", "psi", "x", "y", "delta")
@@ -23,19 +24,19 @@ def record(n=50, step=0.1):
 class TestCheck:
     def test_a_good_trial_comes_back_itself(self):
         trial = record()
-        assert ps.check_trial(trial, CHANNELS) is trial
-        assert ps.check_trial(trial, []) is trial
+        assert check_trial(trial, CHANNELS) is trial
+        assert check_trial(trial, []) is trial
 
     def test_times_rounded_to_the_nanosecond_are_uniform(self):
         time = np.round(np.arange(20_000) / 3.0, 9)
         trial = xr.Dataset({"u": ("time", np.ones(20_000))}, {"time": time})
-        ps.check_trial(trial, ["u"])
+        check_trial(trial, ["u"])
 
     @pytest.mark.parametrize("step", [0.02, 1.0 / 30.0, 0.1352644, 1.0])
     def test_times_rounded_to_the_microsecond_are_uniform(self, step):
         time = np.round(np.arange(20_000) * step, 6)
         trial = xr.Dataset({"u": ("time", np.ones(20_000))}, {"time": time})
-        ps.check_trial(trial, ["u"])
+        check_trial(trial, ["u"])
 
 
 class TestRoundTrip:

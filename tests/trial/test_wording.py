@@ -8,6 +8,8 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.trial.record import check_trial
+from pymc_ship.trial.units import METRE
 from tests.sentences import wording
 from tests.trial.test_record import CHANNELS, record
 
@@ -15,25 +17,25 @@ from tests.trial.test_record import CHANNELS, record
 def with_bad_values(bad):
     trial = record()
     trial["v"][[7, 9, 30]] = bad
-    ps.check_trial(trial, CHANNELS)
+    check_trial(trial, CHANNELS)
 
 
 def with_a_bad_time(uniform, bad):
     time = np.arange(50) * 0.1
     time[10] = bad
-    ps.check_trial(record().assign_coords(time=time), ["u"], uniform=uniform)
+    check_trial(record().assign_coords(time=time), ["u"], uniform=uniform)
 
 
 def with_a_late_half():
     time = np.arange(50) * 0.1
     time[10:] += 1e-4
-    ps.check_trial(record().assign_coords(time=time), ["u"])
+    check_trial(record().assign_coords(time=time), ["u"])
 
 
 def with_a_hundredth_of_a_step(step):
     time = np.arange(100) * step
     time[50:] += 0.01 * step
-    ps.check_trial(xr.Dataset({"u": ("time", np.ones(100))}, {"time": time}), ["u"])
+    check_trial(xr.Dataset({"u": ("time", np.ones(100))}, {"time": time}), ["u"])
 
 
 def read(tmp_path, content):
@@ -44,6 +46,14 @@ def read(tmp_path, content):
 
 test_trial_errors = wording(
     ps.TrialError,
+    (
+        "Each channel has its own name, found another 'u' beside time, u, v",
+        lambda: ps.register_channel(ps.Channel("u", METRE, "speed")),
+    ),
+    (
+        "Each channel has its own name, found another 'time' beside time, u",
+        lambda: ps.register_channel(ps.Channel("time", METRE, "time")),
+    ),
     *(
         (
             r"Channel v must be finite, found 3 bad values, the first at t = 0\.7 s",
@@ -53,9 +63,9 @@ test_trial_errors = wording(
     ),
     (
         "needs the channels u, p, phi; p, phi missing",
-        lambda: ps.check_trial(record().drop_vars(["p", "phi"]), ["u", "p", "phi"]),
+        lambda: check_trial(record().drop_vars(["p", "phi"]), ["u", "p", "phi"]),
     ),
-    ("over the coordinate time", lambda: ps.check_trial(record().drop_vars("time"), ["u"])),
+    ("over the coordinate time", lambda: check_trial(record().drop_vars("time"), ["u"])),
     *(
         ("must be finite and increase", partial(with_a_bad_time, uniform=uniform, bad=bad))
         for bad in [0.9, 0.5, np.nan, np.inf]
@@ -65,7 +75,7 @@ test_trial_errors = wording(
     *(("must be uniform", partial(with_a_hundredth_of_a_step, step=step)) for step in [1e-4, 0.02, 1.0]),
     (
         r"function of time alone, found dims \('draw', 'time'\)",
-        lambda: ps.check_trial(xr.concat([record(), record()], "draw"), ["u"]),
+        lambda: check_trial(xr.concat([record(), record()], "draw"), ["u"]),
     ),
     *(
         (rf"broken\.csv.*{message}", partial(read, content=text.encode()))

@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.physics.vessel.vessel import Coefficient
 
 RUNS = {
     "zigzag_10_10_starboard": (ps.zigzag(10, 10, side="starboard"), 900, 247.0, None),
@@ -39,8 +38,10 @@ def true_ship() -> ps.Vessel:
     """The shipped tanker with forces that no term set has."""
     ship = ps.load_vessel("kvlcc2")
     values = {"Xvvvv": 0.03, "Ygdeltadeltadelta": -0.0025, "Ngdeltadeltadelta": 0.0009}
-    extra = {dof: [Coefficient(k, v) for k, v in values.items() if k[0] == letter] for dof, letter in _LETTERS.items()}
-    forces = {dof: (*force, *extra[dof]) for dof, force in ship.forces.items()}
+    forces = {}
+    for dof, force in ship.forces.items():
+        own = {name: value for name, value in values.items() if name[0] == _LETTERS[dof]}
+        forces[dof] = (*force, *(replace(force[0], name=name, value=value) for name, value in own.items()))
     return replace(ship, forces=forces)
 
 

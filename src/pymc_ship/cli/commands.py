@@ -45,9 +45,11 @@ from pymc_ship.cli.texts import (
     tuning_text,
 )
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
+from pymc_ship.inference.regression.tune import tune_prior
 from pymc_ship.machine.errors import SimulationError, TrialError
 from pymc_ship.machine.files import staged, staged_files, writable_folder
 from pymc_ship.machine.text import utf8
+from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.channels import CHANNELS, without_roll
@@ -78,7 +80,7 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
     text = [divergence(run)] if run["diverged"] else []
     if manoeuvre.traits.indices:
         found = ps.indices(run)
-        text += [index_table(found, {"value": found}), criteria_table(ps.imo_criteria(found, vessel))]
+        text += [index_table(found, {"value": found}), criteria_table(imo_criteria(found, vessel))]
     trial = run.isel(time=np.isfinite(run["psi"].values))
     if trial.sizes["time"] < 2:
         raise TrialError(f"A trial has at least two samples, found {trial.sizes['time']}; change duration or step.")
@@ -203,7 +205,7 @@ def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)
     progress(f"tuning the {args.family} prior of the {args.dof}: {args.evaluations} evaluations")
     settings = {"evaluations": args.evaluations, "folds": args.folds, "split": args.split}
-    tuned = ps.tune_prior(data, args.family, rng=np.random.default_rng(args.seed), **settings)
+    tuned = tune_prior(data, args.family, rng=np.random.default_rng(args.seed), **settings)
     if out:
         scores = {name: getattr(tuned, name) for name in ("score", "score_se", "evidence_score", "log_evidence")}
         table = {**tuned.prior.hyperparameters(), **scores, "dof": args.dof, "made_by": made_by(args)}

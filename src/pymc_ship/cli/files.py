@@ -20,6 +20,7 @@ from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.physics.vessel.plausibility import remarks
 from pymc_ship.physics.vessel.vessel import Vessel
+from pymc_ship.records.checks.lag import common_lag
 from pymc_ship.records.checks.verdicts import Check
 
 Progress = Callable[..., None]
@@ -80,7 +81,7 @@ def judged_arguments(
         trials.append(trial_argument(path, layout, progress))
         progress(f"checking {path}")
         checks.append(ps.trial_checks(trials[-1], vessel, any_speed=any_speed))
-    if len(paths) > 1 and (lag := ps.common_lag(checks)):
+    if len(paths) > 1 and (lag := common_lag(checks)):
         checks = [ps.trial_checks(trial, vessel, lag=lag, any_speed=any_speed) for trial in trials]
     for k, path in enumerate(paths):
         try:

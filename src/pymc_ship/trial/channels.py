@@ -1,8 +1,8 @@
 """The one table of channels: what a record may hold, and what every wing asks about it.
 
-A sensor that a facility has beside these is one more entry, ``CHANNELS["a_y"] = Channel("a_y", ...)``: its column is
-then read, scaled to the ship, written, polluted, denoised and labelled like any other. The model of a ship knows only
-her motion and her rudder: the other channels stand beside them and are not fitted.
+A sensor that a facility has beside these is made known by :func:`register_channel`: its column is then read, scaled to
+the ship, written, polluted, denoised and labelled like any other. The model of a ship knows only her motion and her
+rudder: the other channels stand beside them and are not fitted.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from pymc_ship.machine.errors import TrialError
+from pymc_ship.machine.fields import field_text
 from pymc_ship.trial.units import (
     METRE,
     METRE_PER_SECOND,
@@ -68,6 +70,9 @@ class Channel:
     denoised: bool = False
     scored: bool = False
     size: float = math.nan
+
+    def __repr__(self) -> str:
+        return field_text(self)
 
     @property
     def short_label(self) -> str:
@@ -215,6 +220,26 @@ _WIND = (
 
 CHANNELS = {channel.name: channel for channel in (*_MOTION, _RUDDER, *_PROPELLER, *_WIND)}
 """Every channel by name, in the order of a file; the states of the motion in the order of a state array."""
+
+
+def register_channel(channel: Channel) -> None:
+    """Make a channel known to files, scaling, noise, denoising and pages, for this process.
+
+    Parameters
+    ----------
+    channel : Channel
+        It comes after those that are known already.
+
+    Raises
+    ------
+    TrialError
+        When another channel has its name.
+    """
+    if channel.name in readable():
+        raise TrialError(
+            f"Each channel has its own name, found another {channel.name!r} beside {', '.join(readable())}; rename it."
+        )
+    CHANNELS[channel.name] = channel
 
 
 def channel_names(condition: Callable[[Channel], object]) -> tuple[str, ...]:

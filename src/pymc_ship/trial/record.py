@@ -62,10 +62,11 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
     Examples
     --------
     >>> import pymc_ship as ps
+    >>> from pymc_ship.trial.record import check_trial
     >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=60, step=0.5)
-    >>> ps.check_trial(trial, ["u", "psi"]) is trial
+    >>> check_trial(trial, ["u", "psi"]) is trial
     True
-    >>> ps.check_trial(trial[["u"]], ["u", "psi"])
+    >>> check_trial(trial[["u"]], ["u", "psi"])
     Traceback (most recent call last):
         ...
     pymc_ship.machine.errors.TrialError: The trial needs the channels u, psi; psi missing; add them.

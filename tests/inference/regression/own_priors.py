@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 import pymc_ship as ps
-from pymc_ship.inference.regression.priors import rotate
+from pymc_ship.inference.regression.priors import ExactPosterior, rotate
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +29,12 @@ class RidgePrior(ps.Prior):
     def from_box(cls, *, noise_variance: float, kappa: float) -> RidgePrior:
         return cls(scale=3.0 * noise_variance, kappa=kappa)
 
-    def exact(self, data: ps.RegressionData) -> ps.ExactPosterior:
+    def exact(self, data: ps.RegressionData) -> ExactPosterior:
         return ps.ConjugatePrior(mean=self.mean, kappa=self.kappa, shape=self.shape, scale=self.scale).exact(data)
 
 
 @dataclass(frozen=True, repr=False)
-class Mixture(ps.ExactPosterior):
+class Mixture(ExactPosterior):
     """Mixture over many values of the noise variance: normals of means m and covariances B' diag(v) B."""
 
     coefficients: tuple[str, ...]

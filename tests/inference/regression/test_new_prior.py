@@ -10,11 +10,13 @@ from scipy import stats
 
 import pymc_ship as ps
 from pymc_ship.diagnostics.regression import contraction, prior_of
+from pymc_ship.inference.regression.calibration import simulation_based_calibration
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior, read_posterior, write_posterior
+from pymc_ship.inference.regression.tune import tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.predictive import prior_draws
 from pymc_ship.replication.figures import noise_variance
@@ -96,7 +98,7 @@ def test_the_evidence_maximum_is_sought_in_the_familys_own_box():
 
 
 def test_bayesian_optimisation_seeks_there_too():
-    found = ps.tune_prior(scaled(), "ridge", evaluations=8, rng=np.random.default_rng(4))
+    found = tune_prior(scaled(), "ridge", evaluations=8, rng=np.random.default_rng(4))
     assert found.prior.family == "ridge"
     assert (found.points[:, 0] == 3.0).all()
     assert np.ptp(np.log(found.points[:, 2])) > 1.0
@@ -132,7 +134,7 @@ def test_draws_of_the_prior_have_its_power():
 
 @pytest.mark.parametrize("prior", [ridge(), root()])
 def test_its_exact_posterior_is_calibrated(prior):
-    found = ps.simulation_based_calibration(scaled(8), prior, simulations=150, rng=np.random.default_rng(7))
+    found = simulation_based_calibration(scaled(8), prior, simulations=150, rng=np.random.default_rng(7))
     assert found.attrs["calibrated"]
 
 
@@ -143,7 +145,7 @@ def test_the_posterior_of_the_next_family_is_not():
         return ConjugatePrior(kappa=prior.kappa, shape=prior.shape, scale=prior.scale).exact(data).draw(draws, rng)
 
     data, prior = scaled(8), root(scale=0.01)
-    found = ps.simulation_based_calibration(data, prior, wrong, simulations=150, rng=np.random.default_rng(7))
+    found = simulation_based_calibration(data, prior, wrong, simulations=150, rng=np.random.default_rng(7))
     assert not found.attrs["calibrated"]
 
 

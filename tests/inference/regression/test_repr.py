@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.inference.regression.tune import tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 
 PRIOR = {"kappa": 10.0, "shape": 3.0, "scale": 0.5}
@@ -57,7 +58,7 @@ def test_an_exact_posterior(prior, name):
 
 
 def test_a_tuned_prior():
-    found = ps.tune_prior(data(), evaluations=6, rng=np.random.default_rng(1))
+    found = tune_prior(data(), evaluations=6, rng=np.random.default_rng(1))
     head, *lines = short(repr(found))
     assert head == "TunedPrior of the conjugate family, 6 evaluations"
     rows = ["prior", "best point", "surrogate", "evidence"]

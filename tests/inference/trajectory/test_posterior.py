@@ -122,12 +122,6 @@ class TestMode:
         assert np.max(np.abs(fit.coefficients - reference_coefficients(ship)) / fit.sd) < 4.5
         assert mode.n_agreeing == 2
 
-    def test_the_posterior_of_one_trial_is_the_prior_of_the_next(self, ship, trials, tree):
-        prior = ps.posterior_prior(tree, ship)
-        fit = trajectory_mode(trials[0], ship, prior).choice.fit
-        assert fit.problem.prior.kind == "posterior"
-        assert (fit.sd < prior.scale).all()
-
 
 class TestTree:
     def test_groups_dims_and_coordinates(self, tree, ship):

@@ -85,29 +85,6 @@ class TestKinds:
         np.testing.assert_array_equal(reference_coefficients(container), before)
 
 
-class TestFromPosteriors:
-    def test_of_every_dof_they_are_their_moments_one_after_the_other(self, container):
-        reference = reference_coefficients(container)
-        sd = 0.1 * np.abs(reference) + 1e-6
-        names, dofs = np.array(coefficient_names(container)), coefficient_dofs(container)
-        trees = {
-            dof: tree_of(names[dofs == g], reference[dofs == g], sd[dofs == g]) for g, dof in enumerate(container.dofs)
-        }
-        prior = ps.posterior_prior(trees, container)
-        np.testing.assert_allclose(prior.mean, reference, atol=1e-12)
-        np.testing.assert_allclose(prior.scale, sd, rtol=1e-9)
-        assert not prior.tuned.any()
-        assert prior.kind == "posterior"
-
-    def test_one_tree_of_all_coefficients_in_any_order_is_the_same(self, container):
-        reference, names = reference_coefficients(container), np.array(coefficient_names(container))
-        sd = 0.1 * np.abs(reference) + 1e-6
-        shuffle = np.random.default_rng(2).permutation(names.size)
-        prior = ps.posterior_prior(tree_of(names[shuffle], reference[shuffle], sd[shuffle]), container)
-        np.testing.assert_allclose(prior.mean, reference, atol=1e-12)
-        np.testing.assert_allclose(prior.scale, sd, rtol=1e-9)
-
-
 class TestNormalForStudent:
     @staticmethod
     def settled(measured, sd):

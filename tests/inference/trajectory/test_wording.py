@@ -18,7 +18,7 @@ from pymc_ship.inference.trajectory.windows import (
     thinned,
 )
 from pymc_ship.machine.errors import FitError
-from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.physics.vessel.vessel import reference_coefficients
 from tests.inference.trajectory.cases import (
     problem_of,
     record,
@@ -26,7 +26,6 @@ from tests.inference.trajectory.cases import (
     truth,
 )
 from tests.inference.trajectory.test_fit import SD_GIVEN
-from tests.inference.trajectory.test_prior import tree_of
 from tests.sentences import wording
 from tests.ships.identification.cases import RUNS, tanker, trial, wide_prior
 
@@ -42,11 +41,6 @@ def with_chains(ship, zigzag, draws, chains):
 def with_noise(ship, zigzag, sign=1.0, **settings):
     problem = problem_of(ship, [rough(zigzag, 0)])
     fit_with_noise(problem.runs, ship, problem.prior, sign * truth(ship, [zigzag])[:53], **settings)
-
-
-def prior_from(container, lacking=(), fixed=()):
-    names = [name for name in coefficient_names(container) if name not in lacking]
-    ps.posterior_prior(tree_of(names, np.full(len(names), 0.1), 1.0 - np.isin(names, fixed)), container)
 
 
 def without_prior(ship):
@@ -127,15 +121,6 @@ test_trial_errors = wording(
 
 test_errors_of_priors = wording(
     ps.InferenceError,
-    ("every DOF, surge, sway, yaw, roll missing", lambda container: ps.posterior_prior({}, container)),
-    (
-        "every coefficient, Xu, Xvv missing; add them",
-        lambda container: prior_from(container, lacking=("Xu", "Xvv")),
-    ),
-    (
-        "draws that vary, those of Yv do not; give those held fixed",
-        lambda container: prior_from(container, fixed=("Yv",)),
-    ),
     ("found 'vague'", lambda ship, zigzag: fitted(zigzag, ship, prior="vague")),
     *(
         (found, lambda ship, zigzag, settings=settings: ps.coefficient_prior([zigzag], ship, **settings))

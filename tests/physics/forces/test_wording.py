@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pymc_ship.physics.forces.modular import UnknownPart, ordered
+import pymc_ship as ps
+from pymc_ship.physics.forces.modular import PARTS, UnknownPart, ordered
 from pymc_ship.physics.forces.prime_system import (
     scale,
 )
@@ -26,4 +27,9 @@ test_unknown_part = wording(
 test_value_errors = wording(
     ValueError,
     ("found 'w'", lambda: scale("w", 1.0, 1.0)),
+)
+
+test_vessel_errors = wording(
+    ps.VesselError,
+    ("Each part has its own name, found another 'hull' beside added mass", lambda: ps.register_part(PARTS["hull"])),
 )

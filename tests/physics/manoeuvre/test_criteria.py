@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.physics.manoeuvre.criteria import imo_limits, shown_probability
+from pymc_ship.physics.manoeuvre.criteria import imo_criteria, imo_limits, shown_probability
 from pymc_ship.ships.ensemble.scores import quantile_bands
 
 LENGTH = 230.66
@@ -105,7 +105,7 @@ def test_limits_are_those_of_the_criteria_of_a_trial(container):
     for attrs in (ZIGZAG, ZIGZAG | {"approach_speed": 5.0}, ZIGZAG | {"rudder_deg": 20.0, "heading_deg": 20.0}, CIRCLE):
         limits = imo_limits(attrs, container)
         tree = forecast_of(attrs, **{name: [limit * unit, 2.0 * limit * unit] for name, limit, unit, _ in limits})
-        trial = ps.imo_criteria(tree["indices"].to_dataset().isel(draw=0), container)
+        trial = imo_criteria(tree["indices"].to_dataset().isel(draw=0), container)
         rows = ps.imo_probabilities(tree, container)
         assert [(r["criterion"], r["limit"], r["units"]) for r in rows] == [
             (r["criterion"], r["limit"], r["units"]) for r in trial
@@ -157,7 +157,7 @@ class TestCriteria:
         for scale in (0.999, 1.001):
             values = {"first_overshoot_angle": scale * first, "second_overshoot_angle": scale * second}
             values["initial_turning_distance"] = scale * 2.5 * CONTAINER_LENGTH
-            rows = ps.imo_criteria(self.zigzag(10.0, CONTAINER_LENGTH / ratio, **values), container)
+            rows = imo_criteria(self.zigzag(10.0, CONTAINER_LENGTH / ratio, **values), container)
             assert [row["criterion"] for row in rows] == [name.replace("_", " ") for name in values]
             np.testing.assert_allclose([row["limit"] for row in rows], [first, second, 2.5], rtol=1e-14)
             np.testing.assert_allclose([row["value"] for row in rows], scale * np.array([first, second, 2.5]))
@@ -167,15 +167,15 @@ class TestCriteria:
     @pytest.mark.parametrize(("rudder_deg", "criteria"), [(35.0, 2), (15.0, 0)])
     def test_turning_limits_apply_to_hard_over_rudder_only(self, rudder_deg, criteria, container):
         run = ps.simulate(container, ps.turning_circle(rudder_deg), duration=100.0, record_interval=1.0)
-        assert len(ps.imo_criteria(ps.indices(run), container)) == criteria
+        assert len(imo_criteria(ps.indices(run), container)) == criteria
 
     def test_zigzag_20_20_first_overshoot_is_limited_to_25_deg(self, container):
         for value, passed in ((24.9, True), (25.0, True), (25.1, False)):
-            (row,) = ps.imo_criteria(self.zigzag(20.0, 12.7, first_overshoot_angle=value), container)
+            (row,) = imo_criteria(self.zigzag(20.0, 12.7, first_overshoot_angle=value), container)
             assert (row["criterion"], row["limit"], row["passed"]) == ("first overshoot angle", 25.0, passed)
 
     def test_turning_circle_limits_are_lengths(self, container, circle_trial):
-        rows = ps.imo_criteria(ps.indices(circle_trial), container)
+        rows = imo_criteria(ps.indices(circle_trial), container)
         assert [(row["criterion"], row["limit"], row["units"]) for row in rows] == [
             ("advance", 4.5, "L"),
             ("tactical diameter", 5.0, "L"),
@@ -185,7 +185,7 @@ class TestCriteria:
 
     def test_an_event_that_was_not_reached_neither_passes_nor_fails(self, container):
         short = ps.indices(ps.simulate(container, ps.turning_circle(35.0), duration=150.0))
-        assert [row["passed"] for row in ps.imo_criteria(short, container)] == [False, None]
+        assert [row["passed"] for row in imo_criteria(short, container)] == [False, None]
 
     def test_other_zigzags_have_no_limits(self, container):
-        assert ps.imo_criteria(self.zigzag(15.0, 12.7), container) == []
+        assert imo_criteria(self.zigzag(15.0, 12.7), container) == []

@@ -8,7 +8,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.kinds import UNITS
-from pymc_ship.physics.manoeuvre.registry import KINDS, RUDDER_PROGRAMME, either, kind_named, register
+from pymc_ship.physics.manoeuvre.registry import KINDS, RUDDER_PROGRAMME, either, kind_named, register_manoeuvre
 from pymc_ship.physics.manoeuvre.turning_circles import PULL_OUT, TURNING_CIRCLE
 from pymc_ship.physics.manoeuvre.zigzags import ZIGZAG
 from tests.sentences import refused
@@ -52,7 +52,7 @@ def test_units_of_the_indices_are_those_of_their_names(kind):
 @pytest.mark.parametrize("twin", [replace(ZIGZAG, option=""), replace(ZIGZAG, name="other")])
 def test_a_name_and_an_option_belong_to_one_kind(twin):
     with refused(ps.SimulationError, "zigzag"):
-        register(twin)
+        register_manoeuvre(twin)
     assert list(KINDS) == ["zigzag", "turning_circle", "pull_out", "rudder_programme"]
 
 

@@ -20,8 +20,9 @@ from pymc_ship.cli.main import main
 from pymc_ship.cli.parser import parser
 from pymc_ship.experiments.run import read_study
 from pymc_ship.physics.forces.terms import SYMBOLS
+from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.kinds import SIDES, Index, ManoeuvreKind
-from pymc_ship.physics.manoeuvre.registry import KINDS, register
+from pymc_ship.physics.manoeuvre.registry import KINDS, register_manoeuvre
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre, written_manoeuvre
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.forecasting.page import index_rows, write_forecast_page
@@ -76,7 +77,7 @@ RUDDER_KICK = ManoeuvreKind(
 
 @pytest.fixture(scope="module", autouse=True)
 def registered():
-    register(RUDDER_KICK)
+    register_manoeuvre(RUDDER_KICK)
     yield
     del KINDS["rudder_kick"]
 
@@ -132,7 +133,7 @@ class TestIndices:
 
     def test_no_criterion_of_the_imo_applies(self, container):
         angles = simulated(container, standard_manoeuvre("rudder_kick", 10, 10))
-        assert ps.imo_criteria(ps.indices(angles), container) == []
+        assert imo_criteria(ps.indices(angles), container) == []
 
     def test_a_record_is_recognised_and_measured_as_one(self, container, rudder_kick):
         run, record = trial(container, rudder_kick, DURATION)

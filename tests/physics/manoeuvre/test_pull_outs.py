@@ -5,6 +5,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.standard import standard_manoeuvre, written_manoeuvre
+from pymc_ship.ships.forecasting.steady_turns import spiral_indices
 from tests.sentences import refused
 
 STABLE, UNSTABLE = "container", "kvlcc2"
@@ -27,7 +28,7 @@ def test_an_unstable_ship_goes_on_turning_and_a_stable_one_does_not(side):
 
 def test_the_rate_left_is_that_of_her_spiral():
     vessel = ps.load_vessel(UNSTABLE)
-    spiral = ps.spiral_indices(ps.steady_turns(vessel))
+    spiral = spiral_indices(ps.steady_turns(vessel))
     left = float(ps.indices(sailed(UNSTABLE))["residual_yaw_rate"])
     assert left == pytest.approx(float(np.abs(spiral["residual_rate_starboard"][0])), rel=0.1)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pymc_ship as ps
 from pymc_ship.experiments.run import read_study
 from pymc_ship.physics.manoeuvre.kinds import Index, ManoeuvreKind
-from pymc_ship.physics.manoeuvre.registry import register
+from pymc_ship.physics.manoeuvre.registry import register_manoeuvre
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre, written_manoeuvre
 from pymc_ship.physics.manoeuvre.zigzags import ZIGZAG
 from tests.physics.manoeuvre.test_indices import sine
@@ -78,7 +78,7 @@ test_manoeuvre_errors = wording(
         ]
     ),
     *(
-        ("has its own name and option, found", lambda twin=twin: register(twin))
+        ("has its own name and option, found", lambda twin=twin: register_manoeuvre(twin))
         for twin in [replace(ZIGZAG, option=""), replace(ZIGZAG, name="other")]
     ),
     ("found 'rudder_kick'; register this kind", lambda: Manoeuvre("rudder_kick", 20.0, 40.0)),

@@ -10,6 +10,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.motion.inputs import recorded_inputs
 from pymc_ship.physics.motion.replay import replay
+from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.parts import with_parts
 from pymc_ship.physics.vessel.vessel import Windage, coefficient_names, reference_coefficients
 from tests.physics.forces.test_parts import AHEAD, ANY_SPEED, ROLLING, tanker
@@ -49,7 +50,7 @@ def test_derivatives_by_every_parameter_and_state_are_those_of_differences(name)
     linear = reference_coefficients(vessel)[: -sd.size]
     sd = np.concatenate([0.1 * np.abs(linear) + 1e-5, sd])
     theta = reference_coefficients(vessel) + 0.02 * sd
-    _, jacobian = ps.sensitivities(vessel, given, start, theta, **SETTINGS)
+    _, jacobian = sensitivities(vessel, given, start, theta, **SETTINGS)
     point, unit = np.concatenate([theta, start]), np.concatenate([sd, UNIT])
     labels = [*coefficient_names(vessel), *"uvrp", "phi", "psi", "x", "y"]
     for k, label in enumerate(labels):

@@ -10,6 +10,7 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 import pymc_ship as ps
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import reference_coefficients
+from pymc_ship.trial.record import check_trial
 from tests.physics.motion import plain_hull
 
 CHANNELS = ("u", "v", "r", "p", "phi", "psi", "x", "y", "delta")
@@ -288,7 +289,7 @@ class TestRecord:
         np.testing.assert_allclose(sparse["time"], zigzag_trial["time"][::25])
 
     def test_the_record_passes_its_own_check(self, zigzag_trial):
-        assert ps.check_trial(zigzag_trial, CHANNELS) is zigzag_trial
+        assert check_trial(zigzag_trial, CHANNELS) is zigzag_trial
         assert zigzag_trial.sizes == {"time": 20_000}
         assert zigzag_trial["time"].values[-1] == pytest.approx(399.98)
         assert not bool(zigzag_trial["diverged"])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.physics.vessel.reading import shipped_vessels
 from tests.physics.motion import plain_hull
 from tests.sentences import refused
 
@@ -79,7 +80,7 @@ class TestContainer:
         assert (np.linalg.eigvalsh(vessel.inertia_matrix) > 0.0).all()
 
     def test_container_is_shipped(self):
-        assert "container" in ps.shipped_vessels()
+        assert "container" in shipped_vessels()
 
 
 class TestText:

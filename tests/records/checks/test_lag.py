@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.records.checks.lag import LAG, NAME, READINGS, VelocityLag, lag_of
+from pymc_ship.records.checks.lag import LAG, NAME, READINGS, VelocityLag, common_lag, lag_of
 from pymc_ship.records.checks.track import body_velocity, earth_velocity
 from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check
 from tests.records.checks.cases import changed, found, lever, noisy
@@ -73,12 +73,12 @@ def test_a_lever_arm_is_no_lag(runs, container):
 def test_a_sound_record_has_no_lag(runs, container, run):
     checks = found(noisy(runs[run]), container)
     assert checks["velocity lag"].verdict == "good"
-    assert ps.common_lag([tuple(checks.values())]) is None
+    assert common_lag([tuple(checks.values())]) is None
 
 
 def test_one_lag_of_a_facility_is_that_of_all_its_runs(runs, container):
     checked = [ps.trial_checks(noisy(late_earth(run), seed=k), container) for k, run in enumerate(runs)]
-    lag = ps.common_lag(checked)
+    lag = common_lag(checked)
     assert lag.kind == "earth"
     assert lag.seconds == pytest.approx(SECONDS, abs=SIGNIFICANT * lag.error + 0.02)
     assert lag.error < min(lag_of(next(c for c in checks if c.name == "velocity lag")).error for checks in checked)
@@ -112,7 +112,7 @@ def test_a_lag_shorter_than_a_sample_is_left_alone(runs, container):
 def test_the_error_of_a_common_lag_is_that_of_a_mean(error):
     """Of runs told equally well: from their scatter where that is larger than the error of each, else from that."""
     seconds = np.array([0.6, 0.7, 0.95, 0.75])
-    lag = ps.common_lag([(told(value, error),) for value in seconds])
+    lag = common_lag([(told(value, error),) for value in seconds])
     assert lag.seconds == pytest.approx(seconds.mean(), rel=1e-12)
     assert lag.error == pytest.approx(max(seconds.std(ddof=1), error) / 2.0, rel=1e-9)
 

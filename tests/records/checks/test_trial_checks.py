@@ -9,7 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.cli.main import main
-from pymc_ship.records.checks.trial_checks import failed_checks
+from pymc_ship.records.checks.trial_checks import check_table, failed_checks
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.judgement import VERDICTS
 from pymc_ship.trial.channels import SIMULATED
@@ -139,7 +139,7 @@ def test_a_good_trial_needs_no_vessel_and_no_output(tmp_path, capsys, circle):
 
 def test_the_table_holds_every_check_and_number(zigzag, container):
     checks = ps.trial_checks(offset(zigzag), container)
-    table = ps.check_table(checks)
+    table = check_table(checks)
     assert table["check"].values.tolist() == [check.name for check in checks]
     assert table.sizes["number"] == sum(len(check.numbers) for check in checks)
     assert str(table["verdict"].sel(check="gyro offset").values) == "doubtful"

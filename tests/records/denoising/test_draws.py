@@ -11,6 +11,7 @@ import pymc_ship as ps
 from pymc_ship.records.denoising import wavelets
 from pymc_ship.records.denoising.ebayes import posterior_draw, posterior_mean, posterior_median, posterior_weight
 from pymc_ship.records.denoising.shrinkage import shrinkage
+from pymc_ship.trial.record import check_trial
 from tests.records.denoising.cases import SHAPES, classic
 from tests.sentences import refused
 
@@ -174,7 +175,7 @@ def test_each_draw_of_a_trial_is_a_trial():
     trial = record()
     drawn = ps.denoise_draws(trial, "sym4", draws=5, rng=np.random.default_rng(1))
     one = drawn.isel(draw=2)
-    ps.check_trial(one, ["u", "v", "delta"])
+    check_trial(one, ["u", "v", "delta"])
     assert drawn["u"].dims == ("draw", "time")
     assert drawn["delta"].identical(trial["delta"])
     assert drawn["v"].attrs == {"units": "m/s"}

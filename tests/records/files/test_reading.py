@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.trial.record import check_trial
 from tests.records.files.cases import NAMES, columns, written
 from tests.records.files.mutated import mutated
 
@@ -189,7 +190,7 @@ def fuzz(base, path, seeds):
             assert sentence.endswith("."), seed
             counts["refused"] += 1
             continue
-        ps.check_trial(trial, trial.data_vars)
+        check_trial(trial, trial.data_vars)
         assert len(trial.data_vars) > 0, seed
         assert trial.sizes["time"] > 1, seed
         assert all(line.endswith(".") for line in trial.attrs["reading"].splitlines()), seed

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import pymc_ship as ps
 from pymc_ship.records.files.time_base import regular, rounding, typical_step
+from pymc_ship.trial.record import check_trial
 
 STEP = 0.1352644
 
@@ -27,7 +27,7 @@ def regularised(time, channels):
 
 def assert_on_signal(time, channels, atol=1e-4):
     trial = xr.Dataset({name: ("time", values) for name, values in channels.items()}, {"time": time})
-    ps.check_trial(trial, channels)
+    check_trial(trial, channels)
     for name, expected in signal(time).items():
         np.testing.assert_allclose(channels[name], expected, atol=atol, err_msg=name)
 

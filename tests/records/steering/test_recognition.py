@@ -12,6 +12,7 @@ from pymc_ship.physics.manoeuvre.helm import Swings, approach_speed, execution, 
 from pymc_ship.records.steering.measured import aligned
 from pymc_ship.records.steering.recognition import Steering, recognise, with_steering
 from pymc_ship.ships.identification.held_out import scored_indices
+from pymc_ship.trial.record import check_trial
 from tests.physics.manoeuvre.cases import measured, scaled, simulated
 from tests.ships.identification.cases import tanker, trial, with_delay
 
@@ -47,7 +48,7 @@ def moved(run, course_deg=250.0, begin=(1e4, -3e3), straight=STRAIGHT):
     values["y"] = begin[1] + np.sin(course) * x + np.cos(course) * y
     values["psi"] = np.angle(np.exp(1j * (values["psi"] + course)))
     time = np.arange(n + run.sizes["time"]) * step + 500.0
-    return ps.check_trial(
+    return check_trial(
         run.drop_dims("time").assign_coords(time=time).assign({name: ("time", row) for name, row in values.items()}),
         values,
     )

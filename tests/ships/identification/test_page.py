@@ -17,6 +17,7 @@ from pymc_ship.inference.trajectory.prior import FREEDOM
 from pymc_ship.machine.errors import OutputError
 from pymc_ship.pages.tables import fixed
 from pymc_ship.physics.forces.hull_database import typical_rudder
+from pymc_ship.physics.vessel.hull_database import hull_coefficients
 from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ships.ensemble.index_error import TYPICAL, model_error
@@ -189,7 +190,7 @@ def test_coefficients_carry_the_widened_sandwich_and_what_was_known(text, out):
     assert [float(row["given_way"]) for row in found] == pytest.approx(given_way.tolist(), rel=0.04)
     assert given_way.max() > 1.1 * given_way.min()
     known = {row["coefficient"]: row["known_sd"] for row in found if row["known_sd"] != "nan"}
-    hull = {name: str(sd) for name, (_, sd) in ps.hull_coefficients(kvlcc2()).items()}
+    hull = {name: str(sd) for name, (_, sd) in hull_coefficients(kvlcc2()).items()}
     rudder = {f"{name[0]}g{name[1:]}": str(sd) for name, (_, sd) in typical_rudder(320.0, 20.8).items()}
     assert known == hull | rudder | {"XT": "0.00014"}
     line = next(line for line in cells(text) if line[0] == "XT")

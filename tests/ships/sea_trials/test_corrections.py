@@ -10,6 +10,7 @@ import pymc_ship as ps
 from pymc_ship.ships.sea_trials import corrections
 from pymc_ship.ships.sea_trials.conditions import Conditions
 from pymc_ship.ships.sea_trials.corrections import mean_wind
+from pymc_ship.ships.sea_trials.current import drift_current
 from pymc_ship.trial.record import OVER_GROUND
 from tests.ships.ensemble.cases import ship_of
 from tests.ships.sea_trials.cases import CURRENT, WIND, sailed, ship, tanker
@@ -199,4 +200,4 @@ def test_circles_that_differ_leave_a_run_without_one_their_scatter():
 
 
 def test_the_current_is_that_of_the_day(day):
-    assert ps.drift_current(day["circle"]).speed < 2.0 * CURRENT[0]
+    assert drift_current(day["circle"]).speed < 2.0 * CURRENT[0]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.ships.sea_trials.current import drift_current
 from tests.ships.sea_trials.cases import CURRENT, sailed
 
 
@@ -13,7 +14,7 @@ def test_a_turn_in_still_air_shows_the_current(side, direction, rounds):
     """The mean of the circular, the broken twin, is off by what the turn has yet to settle."""
     turn = sailed(ps.turning_circle(35, side=side), 2400, wind=None, current=(0.6, direction))
     turn = turn.sel(time=turn["time"][np.abs(turn["psi"].values) < 2.0 * np.pi * rounds])
-    found = ps.drift_current(turn)
+    found = drift_current(turn)
     true = 0.6 * np.array([np.cos(np.deg2rad(direction)), np.sin(np.deg2rad(direction))])
     error = np.abs(found.velocity - true).max()
     assert error < 3.0 * found.sd.max() < 0.06
@@ -28,7 +29,7 @@ def test_its_uncertainty_is_that_of_noisy_positions():
     true, z = np.array([0.0, CURRENT[0]]), []
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        found = ps.drift_current(
+        found = drift_current(
             turn.assign({name: turn[name] + 4.0 * rng.standard_normal(turn.sizes["time"]) for name in ("x", "y")})
         )
         z.append((found.velocity - true) / found.sd)
@@ -40,10 +41,10 @@ def test_its_uncertainty_is_that_of_noisy_positions():
 def test_a_turn_of_one_round_is_refused():
     turn = sailed(ps.turning_circle(35), 1100, wind=None)
     with pytest.raises(ps.TrialError, match="720 deg, of 630 at least, found 4"):
-        ps.drift_current(turn)
+        drift_current(turn)
 
 
 def test_a_record_without_a_track_is_refused():
     turn = sailed(ps.turning_circle(35), 2400, wind=None).drop_vars(["x", "y"])
     with pytest.raises(ps.TrialError, match="x"):
-        ps.drift_current(turn)
+        drift_current(turn)

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.ships.forecasting.steady_turns import spiral_indices
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
 from tests.ships.sea_trials.cases import ship
 
@@ -42,7 +43,7 @@ def interval(row):
 
 def test_a_direct_spiral_shows_the_loop_between_the_angles_that_were_held():
     turns = measured_spiral(spiral("kvlcc2"), vessel("kvlcc2").particulars.ship_time)
-    found, true = rows_of(turns), ps.spiral_indices(true_turns("kvlcc2"))
+    found, true = rows_of(turns), spiral_indices(true_turns("kvlcc2"))
     low, high = interval(found["loop_width"])
     assert low <= true["loop_width"].item() <= high
     assert high - low == pytest.approx(4.0, abs=0.1)  # a step to either side of both folds
@@ -112,7 +113,7 @@ def reverse_spiral(hold=10.0):
 def test_a_reverse_spiral_shows_the_loop_without_an_uncertainty():
     turns = measured_spiral(reverse_spiral(), vessel("kvlcc2").particulars.ship_time)
     assert not turns.attrs["held"]
-    row, true = rows_of(turns)["loop_width"], ps.spiral_indices(true_turns("kvlcc2"))
+    row, true = rows_of(turns)["loop_width"], spiral_indices(true_turns("kvlcc2"))
     assert row["corrected"] == pytest.approx(true["loop_width"].item(), abs=0.5)
     assert np.isnan(row["u_record"]).all()
 

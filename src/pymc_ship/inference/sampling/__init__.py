@@ -5,7 +5,7 @@
 - `predictive`: prior, prior predictive and posterior predictive groups.
 - `linear_transform`: linear coordinates of a PyMC variable.
 - `whitened_model`: the quick path of NUTS for normal errors.
-- `prior_laws`: horseshoe, R2-D2 and Student-t priors of the PyMC model.
+- `prior_laws`: horseshoe and R2-D2 priors of the PyMC model.
 - `own_tree`: draws of a PyMC model of one's own, laid out as a posterior.
 - `regression_model`: the PyMC model of a regression, and its NUTS draws.
 - `hierarchical_model`: coefficients partially pooled over groups of runs.

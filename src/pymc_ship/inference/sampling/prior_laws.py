@@ -1,7 +1,7 @@
-"""Priors of coefficients that no formula integrates: horseshoe, R2-D2 and Student-t, as functions for the direct model.
+"""Priors of coefficients that no formula integrates: horseshoe and R2-D2, as functions for the direct model.
 
 Each is what a prior of one's own is, a function ``prior(data, given)`` of
-:mod:`pymc_ship.inference.sampling.regression_model`. All live on the scaled columns; sigma2, the noise variance on the
+:mod:`pymc_ship.inference.sampling.regression_model`. Both live on the scaled columns; sigma2, the noise variance on the
 scaled response, is a priori inverse gamma of shape 2 and scale 1, as in the default priors of the two conjugate
 families. Other hyperparameters come by ``functools.partial``.
 """
@@ -12,28 +12,6 @@ from typing import Any
 
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.errors import InferenceError
-
-
-def student_t_prior(data: RegressionData, given: dict, *, nu: float = 4.0, scale: float = 10.0) -> tuple:
-    """Coefficients b ~ t(nu, 0, scale sigma): most are small, a few may be large.
-
-    Parameters
-    ----------
-    data : RegressionData
-    given : dict
-        What the variable of the coefficients takes besides.
-    nu, scale : float, optional
-        Degrees of freedom, and scale in units of sigma; 10 is that of the conjugate prior's kappa of 100.
-
-    Returns
-    -------
-    tuple of pytensor variables
-        Scaled coefficients and noise variance on the scaled response.
-    """
-    import pymc as pm
-
-    sigma2 = _noise_variance()
-    return pm.StudentT("scaled_coefficients", nu=nu, mu=0.0, sigma=scale * pm.math.sqrt(sigma2), **given), sigma2
 
 
 def horseshoe(data: RegressionData, given: dict, *, effective: float | None = None, slab: float = 10.0) -> tuple:

@@ -1,7 +1,7 @@
 """Parts put together: a ship's accelerations as one program, from her parts, their parameters and her inertia.
 
-A part made elsewhere is one more entry, ``PARTS["bow thruster"] = Part(...)``: its parameters are then read from vessel
-files, estimated, drawn and shown, and its force is simulated, differentiated and forecast like any other.
+A part made elsewhere is made known by :func:`register_part`: its parameters are then read from vessel files, estimated,
+drawn and shown, and its force is simulated, differentiated and forecast like any other.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.expressions import Expression, Tape, cos, sin
 from pymc_ship.physics.forces.hull import LOW_SPEED, MANOEUVRING, ROLL, SWAY_CENTRE
 from pymc_ship.physics.forces.part import INPUTS, STATES, Force, Motion, Parameter, Part, Ship
@@ -49,6 +50,26 @@ MODULAR = ("added mass", "propeller", "rudder")
 
 
 Matrix = tuple[tuple[float, ...], ...]
+
+
+def register_part(part: Part) -> None:
+    """Make a part of a ship's force known to vessel files, the simulator, fits and forecasts, for this process.
+
+    Parameters
+    ----------
+    part : Part
+        Its force is formed after those of the parts that are known already.
+
+    Raises
+    ------
+    VesselError
+        When another part has its name.
+    """
+    if part.name in PARTS:
+        raise VesselError(
+            f"Each part has its own name, found another {part.name!r} beside {', '.join(PARTS)}; rename it."
+        )
+    PARTS[part.name] = part
 
 
 class UnknownPart(ValueError):

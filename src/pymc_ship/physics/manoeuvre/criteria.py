@@ -145,9 +145,10 @@ def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any]]:
     Examples
     --------
     >>> import pymc_ship as ps
+    >>> from pymc_ship.physics.manoeuvre.criteria import imo_criteria
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.turning_circle(35), duration=900, step=0.5)
-    >>> for row in ps.imo_criteria(ps.indices(trial), vessel):
+    >>> for row in imo_criteria(ps.indices(trial), vessel):
     ...     print(f"{row['criterion']}: {row['value']:.2f} {row['units']}, limit {row['limit']}: {row['passed']}")
     advance: 3.14 L, limit 4.5: True
     tactical diameter: 3.61 L, limit 5.0: True

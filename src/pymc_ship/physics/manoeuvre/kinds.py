@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from pymc_ship.machine.errors import SimulationError
+from pymc_ship.machine.fields import field_text
 
 if TYPE_CHECKING:
     from pymc_ship.physics.manoeuvre.events import Record
@@ -154,6 +155,9 @@ class ManoeuvreKind:
 
     def _drawn(self) -> tuple[str, ...]:
         return (OVERSHOOTS if self.swings else ()) + (DIMENSIONS if self.circles else ())
+
+    def __repr__(self) -> str:
+        return field_text(self)
 
     @property
     def words(self) -> str:

@@ -16,7 +16,7 @@ KINDS = {kind.name: kind for kind in (ZIGZAG, TURNING_CIRCLE, PULL_OUT, RUDDER_P
 """Kinds by name, in the order of the options of the command line and in which records are recognised."""
 
 
-def register(kind: ManoeuvreKind) -> None:
+def register_manoeuvre(kind: ManoeuvreKind) -> None:
     """Make a kind of manoeuvre known to the simulator, the indices, forecasts, grids and the command line.
 
     Parameters

@@ -224,10 +224,11 @@ def sensitivities(
     Examples
     --------
     >>> import pymc_ship as ps
+    >>> from pymc_ship.physics.motion.sensitivities import sensitivities
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=300, step=0.5, method="rk4")
     >>> start = [vessel.particulars.nominal_speed, 0, 0, 0, 0]
-    >>> motion, jacobian = ps.sensitivities(vessel, trial["delta"].values, start, interval=0.5)
+    >>> motion, jacobian = sensitivities(vessel, trial["delta"].values, start, interval=0.5)
     >>> motion.shape, jacobian.shape
     ((5, 600), (5, 600, 34))
     """

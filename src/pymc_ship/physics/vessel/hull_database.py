@@ -39,7 +39,8 @@ def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
     What captive tests of other hulls say of a tanker's yaw damping:
 
     >>> import pymc_ship as ps
-    >>> mean, sd = ps.hull_coefficients(ps.load_vessel("kvlcc2"))["Nr"]
+    >>> from pymc_ship.physics.vessel.hull_database import hull_coefficients
+    >>> mean, sd = hull_coefficients(ps.load_vessel("kvlcc2"))["Nr"]
     >>> print(f"Nr = {mean:.4f}, sd {sd:.4f}")
     Nr = -0.0035, sd 0.0010
     """

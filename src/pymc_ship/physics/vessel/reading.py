@@ -41,7 +41,8 @@ def shipped_vessels() -> tuple[str, ...]:
     Examples
     --------
     >>> import pymc_ship as ps
-    >>> ps.shipped_vessels()
+    >>> from pymc_ship.physics.vessel.reading import shipped_vessels
+    >>> shipped_vessels()
     ('container', 'kvlcc2')
     """
     return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))

@@ -67,7 +67,7 @@ def trial_checks(
     vessel : Vessel, str or Path, optional
         Gives L, speed, rudder rate and terms. Without it, L/U is taken from the tightest turn.
     lag : VelocityLag, optional
-        Lag of the velocities behind the track in all runs of the facility, see :func:`pymc_ship.common_lag`; by default
+        Lag of the velocities behind the track in all runs of the facility, see :func:`.common_lag`; by default
         that of this record.
     any_speed : bool, optional
         Whether the model to be fitted holds at rest and astern, too; the record is then not cut to a piece ahead.
@@ -191,8 +191,9 @@ def check_table(checks: Iterable[Check]) -> xr.Dataset:
     Examples
     --------
     >>> import pymc_ship as ps
+    >>> from pymc_ship.records.checks.trial_checks import check_table
     >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> table = ps.check_table(ps.trial_checks(trial))
+    >>> table = check_table(ps.trial_checks(trial))
     >>> table["verdict"].sel(check="rudder sign").item()
     'good'
     """

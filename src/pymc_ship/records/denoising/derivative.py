@@ -49,10 +49,11 @@ def derivative(
 
     >>> import numpy as np
     >>> import pymc_ship as ps
+    >>> from pymc_ship.records.denoising.derivative import derivative
     >>> time = 0.5 * np.arange(6)
-    >>> print(ps.derivative(time**2, step=0.5, method="euler"))
+    >>> print(derivative(time**2, step=0.5, method="euler"))
     [0.5 1.5 2.5 3.5 4.5 4.5]
-    >>> print(ps.derivative(time**2, step=0.5, method="central"))
+    >>> print(derivative(time**2, step=0.5, method="central"))
     [0. 1. 2. 3. 4. 5.]
     """
     signal = np.asarray(values, dtype=float)

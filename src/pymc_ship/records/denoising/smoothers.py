@@ -15,7 +15,7 @@ import numpy as np
 from pymc_ship.records.denoising import wavelets
 
 POLYNOMIAL_ORDER = 3
-"""Order of the polynomial of the Savitzky-Golay filter, that of :func:`pymc_ship.derivative`."""
+"""Order of the polynomial of the Savitzky-Golay filter, that of the derivative."""
 
 BUTTERWORTH_ORDER = 4
 """Order of the low-pass filter, run forward and backward."""

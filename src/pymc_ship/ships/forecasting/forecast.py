@@ -83,7 +83,7 @@ def forecast(
         the sensors would read on top of it. Where the ship has laws of its errors, ``indices`` and their bands have the
         model error, and draws that are not feasible in this manoeuvre are left out, ``share_refused`` in attrs.
         ``extrapolation``, there where the motion of the runs is known: how the ships leave it, ``share_outside`` and
-        median ``distance`` over time, and over symbol what is in :func:`pymc_ship.extrapolation`, medians over draws.
+        median ``distance`` over time, and over symbol what is in :func:`.extrapolation`, medians over draws.
         Attrs tell ``share_extrapolated``, the share of outside instants of running ships (NaN where unknown),
         ``extrapolation``, a sentence, and ``steering``, how the rudder moves.
 

@@ -49,10 +49,11 @@ def steady_turns(ship: ShipLike) -> xr.Dataset:
     A tanker that is course-unstable: the rudder of slow turns lies on the wrong side.
 
     >>> import pymc_ship as ps
+    >>> from pymc_ship.ships.forecasting.steady_turns import spiral_indices
     >>> turns = ps.steady_turns("kvlcc2")
     >>> print(turns["delta"].isel(draw=0).sel(rate=[0.1, 0.5], method="nearest").values.round(1))
     [  1.6 -25.3]
-    >>> print(f"loop of {ps.spiral_indices(turns)['loop_width'].item():.1f} deg")
+    >>> print(f"loop of {spiral_indices(turns)['loop_width'].item():.1f} deg")
     loop of 3.1 deg
     """
     models = as_ship(ship).models

@@ -111,7 +111,7 @@ def held_out_overshoots(table: xr.Dataset) -> Figure:
     Parameters
     ----------
     table : Dataset, dims (run, index)
-        ``held_out_indices`` of a :class:`pymc_ship.ShipIdentification`.
+        ``held_out_indices`` of a :class:`pymc_ship.ships.identification.model.ShipIdentification`.
 
     Returns
     -------

@@ -51,7 +51,7 @@ def held_out_rows(table: xr.Dataset) -> list[dict]:
     Parameters
     ----------
     table : Dataset, dims (run, index)
-        ``held_out_indices`` of a :class:`pymc_ship.ShipIdentification`.
+        ``held_out_indices`` of a :class:`pymc_ship.ships.identification.model.ShipIdentification`.
 
     Returns
     -------

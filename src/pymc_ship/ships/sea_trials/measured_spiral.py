@@ -19,7 +19,7 @@ LABEL = "spiral test"
 """What a run is called in which steady turns are sailed at one rudder angle after the other."""
 
 INDICES = {"loop_width": "deg", "residual_rate_starboard": "deg/s", "residual_rate_port": "deg/s"}
-"""Indices of the test and their units, those of :func:`pymc_ship.spiral_indices`."""
+"""Indices of the test and their units, those of :func:`pymc_ship.ships.forecasting.steady_turns.spiral_indices`."""
 
 _CHANNELS = ("u", "v", "r", "psi", "delta")
 _LASTS = 2.0  # L/U for which a turn is steady
