@@ -84,7 +84,8 @@ def test_a_generator_goes_on(trial):
 
 @pytest.mark.parametrize("name", taking("vessel"))
 def test_what_is_no_vessel_is_refused_with_a_sentence(name, tmp_path):
-    rest = {"rng": 1, "out": tmp_path, "trials": [], "trial": xr.Dataset(), "manoeuvre": ps.zigzag(20, 20)}
+    rest = {"rng": 1, "ship": "kvlcc2", "out": tmp_path, "trials": [], "trial": xr.Dataset()}
+    rest |= {"manoeuvre": ps.zigzag(20, 20)}
     with refused(ps.VesselError, "kvlcc2", 3):
         called(name, vessel=3, **rest)
     with refused(ps.VesselError, "kvlcc2", "titanic"):

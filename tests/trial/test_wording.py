@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.trial.record import check_trial
+from pymc_ship.trial.record import check_trial, named_trials
 from pymc_ship.trial.units import METRE
 from tests.sentences import wording
 from tests.trial.test_record import CHANNELS, record
@@ -46,6 +46,8 @@ def read(tmp_path, content):
 
 test_trial_errors = wording(
     ps.TrialError,
+    ("Trials by name are meant, .* found <class 'int'>; give each its name", lambda: named_trials(3)),
+    ("Trials by name are meant, .* found 2 in a list", lambda: named_trials([record(), record()])),
     (
         "Each channel has its own name, found another 'u' beside time, u, v",
         lambda: ps.register_channel(ps.Channel("u", METRE, "speed")),

@@ -37,6 +37,14 @@ def trial_list(trials: object) -> list[xr.Dataset]:
     return [one_trial(trial) for trial in trials]
 
 
+def named_trials(trials: object) -> dict[str, xr.Dataset]:
+    """Trials by name; TrialError for anything that is no mapping of trials."""
+    if isinstance(trials, xr.Dataset) or not isinstance(trials, Mapping):
+        found = f"{len(trials)} in a list" if isinstance(trials, list | tuple) else shown(type(trials))
+        raise TrialError(f"Trials by name are meant, Datasets of xarray in a dict, found {found}; give each its name.")
+    return {str(name): one_trial(trial) for name, trial in trials.items()}
+
+
 def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = True) -> xr.Dataset:
     """Check that a trial holds finite channels over increasing, uniform time.
 

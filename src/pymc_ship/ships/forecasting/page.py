@@ -14,6 +14,7 @@ from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Table, fixed, number, percent, table
 from pymc_ship.physics.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
 from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import measured_indices
 from pymc_ship.ships.ensemble.index_error import BEYOND, error_rows
@@ -60,7 +61,7 @@ def write_forecast_page(
     forecasts: Mapping[str, xr.DataTree],
     out: str | Path,
     *,
-    vessel: Vessel | None = None,
+    vessel: VesselLike | None = None,
     measured: Mapping[str, xr.Dataset] | None = None,
     turns: xr.Dataset | None = None,
     stop: xr.Dataset | None = None,
@@ -77,7 +78,7 @@ def write_forecast_page(
         Forecasts from :func:`pymc_ship.forecast` by the name of their section, such as ``"zigzag 10/10 port"``.
     out : str or Path
         Folder of the page; created where it is missing. What else is in it stays.
-    vessel : Vessel, optional
+    vessel : Vessel, str or Path, optional
         Whose name and particulars head the page; that of the ship by default.
     measured : mapping of str to Dataset, optional
         Measured trials by the name of the forecast they belong to; see
@@ -105,7 +106,7 @@ def write_forecast_page(
         When the folder cannot be written.
     """
     ship = as_ship(ship)
-    vessel = ship.vessel if vessel is None else vessel
+    vessel = ship.vessel if vessel is None else as_vessel(vessel)
     measured = dict(measured or {})
     if not forecasts and turns is None and stop is None:
         raise ValueError("A page of forecasts needs at least one, found none; forecast a manoeuvre.")

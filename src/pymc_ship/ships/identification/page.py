@@ -36,7 +36,7 @@ from pymc_ship.ships.identification.figures import (
 from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
 from pymc_ship.ships.identification.model import ShipIdentification
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import sampling_interval
+from pymc_ship.trial.record import named_trials, sampling_interval
 
 CORRELATED = 0.95
 """Correlation of two coefficients from which the page warns of it."""
@@ -140,11 +140,14 @@ def write_ship_report(
 
     Raises
     ------
+    TrialError
+        For trials without names, or anything else that is no trial.
     ValueError
         For trials that are not those of the identification.
     OutputError
         When the folder cannot be written.
     """
+    trials = named_trials(trials)
     if tuple(trials) != result.names:
         raise ValueError(
             f"The report takes the trials of the identification, {', '.join(result.names)}, in this order; found "

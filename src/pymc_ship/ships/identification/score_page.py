@@ -15,6 +15,7 @@ from pymc_ship.pages.tables import fixed, number, table
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 from pymc_ship.ships.identification.replayed import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
+from pymc_ship.trial.record import named_trials
 
 PAGE = Page(
     "score.html",
@@ -65,10 +66,12 @@ def write_score_page(
 
     Raises
     ------
+    TrialError
+        For trials without names, or anything else that is no trial.
     OutputError
         When the folder cannot be written.
     """
-    ship = as_ship(ship)
+    ship, trials = as_ship(ship), named_trials(trials)
     rows, runs = channel_rows(found), run_rows(found)
     unit, percent = number(3), fixed(0)
     channels = {"run": ("run", str), "channel": ("channel", str), "rmse": ("RMSE [SI]", unit)}
