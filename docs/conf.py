@@ -15,6 +15,7 @@ release = ps.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build"]
 myst_heading_anchors = 3
+suppress_warnings = ["ref.python"]  # dims of an attribute, such as run, are no references
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 napoleon_use_param = False

@@ -30,7 +30,7 @@ from pymc_ship.ships.identification import candidates as ship_candidates
 from tests.journeys.cases import program
 from tests.sentences import refused
 
-COMMANDS = ("study", "simulate", "denoise", "regress", "tune", "forecast", "report")
+COMMANDS = ("study", "simulate", "denoise", "regress", "tune", "forecast", "design", "report")
 HEAVY = ("numpy", "xarray", "numba", "scipy", "pymc", "pytensor", "arviz", "skopt", "sklearn", "matplotlib", "rich")
 
 

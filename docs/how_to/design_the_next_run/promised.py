@@ -45,7 +45,7 @@ def print_row(ship: str, ratios: list | np.ndarray) -> None:
     print(f"{ship:14s}" + "".join(f"{promised:18.2f}, {kept:4.2f}" for promised, kept in ratios), flush=True)
 
 
-def identified(drawn: DrawnShip, runs: list) -> ps.ShipModel:
+def identified(drawn: DrawnShip, runs: list) -> ps.Ship:
     """The ship from her records."""
     trials = [ps.judged_trial(run, drawn.vessel) for run in runs]
     return ps.identify_ship(trials, drawn.vessel, draws=400, rng=1).ship
