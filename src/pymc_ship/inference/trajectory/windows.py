@@ -100,6 +100,13 @@ class WindowFit:
     mode: TrajectoryFit | None = None
 
     @property
+    def prior(self) -> CoefficientPrior:
+        """Prior of the fit, with the normal priors that stand for Student's t."""
+        if self.mode is None:
+            raise ValueError("A law has a prior where it stands for windows, found none; fit windows.")
+        return self.mode.problem.prior
+
+    @property
     def spread(self) -> dict[str, float]:
         """Spread under which the windows count, by channel, SI: what they leave times the root of the dispersion."""
         return {name: sd * float(np.sqrt(self.dispersion)) for name, sd in self.channel_sd.items()}

@@ -60,7 +60,7 @@ def aligned(measured: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(variables, {"time": kept - start}, measured.attrs)
 
 
-def measured_indices(measured: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, float]:
+def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
     """Indices of a measured trial of the manoeuvre that ``attrs`` tell, as far as its channels allow.
 
     Parameters
@@ -83,7 +83,7 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str
     return smooth_indices(smoothed(measured), attrs)
 
 
-def smooth_indices(smooth: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, float]:
+def smooth_indices(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
     """Indices of a measured trial whose motion is smooth already; all else as :func:`measured_indices`."""
     kind = kind_named(attrs["manoeuvre"])
     trial = aligned(smooth).dropna("time")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -172,7 +172,7 @@ def design(
     return _chosen(_design(ship, models[0][0], targets), offered, n, sea_room)
 
 
-def _sailed(models: Sequence[tuple[Vessel, np.ndarray]], manoeuvre: Manoeuvre, **around: object) -> _Run:
+def _sailed(models: Sequence[tuple[Vessel, np.ndarray]], manoeuvre: Manoeuvre, **around: Any) -> _Run:
     runs = [
         simulate(
             vessel,
@@ -363,7 +363,7 @@ def _chosen(design: _Design, offered: Mapping[str, _Run], n: int, sea_room: floa
     room = {label: _room(run) for label, run in offered.items()}
     fitting = {label: run for label, run in offered.items() if room[label] <= sea_room}
     if not fitting:
-        least = min(room, key=room.get)
+        least = min(room, key=lambda label: room[label])
         raise SimulationError(
             f"No candidate has enough sea room in {sea_room:g} m: the {least} takes {room[least]:.0f} m; give more "
             "room or shorter runs."
@@ -373,7 +373,7 @@ def _chosen(design: _Design, offered: Mapping[str, _Run], n: int, sea_room: floa
         ahead = {label: design.after(known, run) for label, run in fitting.items()}
         found = {label: design.half_widths(one) for label, one in ahead.items()}
         ratio = {label: float(np.exp(np.mean(np.log(width / widths[0])))) for label, width in found.items()}
-        chosen.append(min(ratio, key=ratio.get))
+        chosen.append(min(ratio.items(), key=lambda pair: pair[1])[0])
         known = ahead[chosen[-1]]
         widths.append(found[chosen[-1]])
         ratios.append([ratio.get(label, np.nan) for label in offered])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from pymc_ship.machine.errors import SimulationError
@@ -23,13 +25,13 @@ def outlook(ship: Ship, rng: np.random.Generator) -> tuple[str, ...]:
     Empty where hardly any draw reaches an index.
     """
     vessel, drawn = ship.models[0][0], thinned_draws(ship.models, _DRAWS)
-    settings = simulation_settings(vessel) | {"ci_prob": _INSIDE, "rng": rng, "motion": ship.motion}
-    settings["errors"] = ship.index_error | steady_error(ship.motion_error)
+    settings: dict[str, Any] = simulation_settings(vessel) | {"ci_prob": _INSIDE, "rng": rng, "motion": ship.motion}
+    settings["errors"] = (ship.index_error or {}) | steady_error(ship.motion_error)
     turns = []
     for manoeuvre in (one for one in STANDARD if one.traits.circles):
         duration = manoeuvre.traits.reach * vessel.particulars.ship_time
-        bands = pooled_forecast(drawn, manoeuvre, duration=duration, **settings)["index_bands"]["tactical_diameter"]
-        lower, median, upper = (bands / vessel.particulars.L).values.tolist()
+        bands = pooled_forecast(drawn, manoeuvre, duration=duration, **settings)["index_bands"].dataset
+        lower, median, upper = (bands["tactical_diameter"] / vessel.particulars.L).values.tolist()
         turns += [f"{median:.2f} L ({lower:.2f} to {upper:.2f}) to {manoeuvre.side}"] if np.isfinite(median) else []
     said = [f"Tactical diameter of the turning circle of 35 deg: {', '.join(turns)}."] if turns else []
     try:

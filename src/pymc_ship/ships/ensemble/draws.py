@@ -52,7 +52,11 @@ def coefficient_draws(
         )
     if isinstance(posteriors, xr.DataTree):
         return _rows(
-            posteriors[group], coefficient_names(vessel), f"The joint {group} lacks {{}} of {vessel.name!r}", draws, rng
+            posteriors[group].dataset,
+            coefficient_names(vessel),
+            f"The joint {group} lacks {{}} of {vessel.name!r}",
+            draws,
+            rng,
         )
     unknown = [dof for dof in posteriors if dof not in vessel.dofs]
     if unknown:
@@ -62,14 +66,16 @@ def coefficient_draws(
         reference = vessel.coefficients(dof)
         if dof in posteriors:
             lacks = f"The {dof} {group} lacks {{}} of {vessel.name!r}"
-            blocks.append(_rows(posteriors[dof][group], reference["coefficient"].values, lacks, draws, rng))
+            blocks.append(
+                _rows(posteriors[dof][group].dataset, reference["coefficient"].values.tolist(), lacks, draws, rng)
+            )
         else:
             blocks.append(np.tile(reference.values, (draws, 1)))
     blocks.append(np.tile([parameter.value for parameter in vessel.parameters], (draws, 1)))
     return np.concatenate(blocks, axis=1)
 
 
-def _rows(held: xr.DataTree, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator) -> np.ndarray:
+def _rows(held: xr.Dataset, names: Sequence[str], lacks: str, draws: int, rng: np.random.Generator) -> np.ndarray:
     """Draws of the named coefficients of one group, each row from one draw of it."""
     sample = held["coefficients"].stack(sample=("chain", "draw"))
     lacking = sorted(set(names) - set(sample["coefficient"].values))
@@ -111,7 +117,8 @@ def fitted_motion(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> xr.Dat
     does not hold it or where they differ.
     """
     found = [_constant(tree, "motion") for tree in _trees(posteriors)]
-    return found[0] if found and all(motion is not None and motion.equals(found[0]) for motion in found) else None
+    first = found[0] if found else None
+    return first if first is not None and all(one is not None and one.equals(first) for one in found) else None
 
 
 def sensor_noise(posteriors: Mapping[str, xr.DataTree] | xr.DataTree) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -28,7 +29,7 @@ def is_feasible(
     coefficients: np.ndarray,
     manoeuvres: Sequence[Manoeuvre] = STANDARD,
     reach: float = _REACH,
-    **around: object,
+    **around: Any,
 ) -> np.ndarray:
     """Whether ships stay what a ship can be in manoeuvres.
 
@@ -59,11 +60,11 @@ def is_feasible(
 
 
 def _simulated(
-    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, reach: float, **around: object
+    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, reach: float, **around: Any
 ) -> xr.Dataset:
     unit = vessel.particulars.ship_time
-    settings = {"duration": reach * unit, "step": _STEP * unit, "method": "rk4", "coefficients": coefficients}
-    return simulate(vessel, manoeuvre, **settings, **around)
+    duration, step = reach * unit, _STEP * unit
+    return simulate(vessel, manoeuvre, duration=duration, step=step, method="rk4", coefficients=coefficients, **around)
 
 
 def _faults(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +112,7 @@ def first_failure(vessel: Vessel, coefficients: np.ndarray) -> Failure | None:
             f"exceeds {FASTEST:g} times her approach speed": _first(ship, fast),
             f"turns on a radius below {TIGHTEST:g} L": _first(ship, tight),
         }
-        fault = min(at, key=at.get)
+        fault = min(at, key=lambda name: at[name])
         if np.isfinite(at[fault]):
             return Failure(manoeuvre, at[fault], fault, ship.sel(time=slice(None, at[fault])))
     return None

@@ -74,20 +74,21 @@ def save_ship(
         For a ship without the likelihood of its runs, such as that of a vessel file.
     """
     members = [one for one in ship.members if len(one.draws)]
-    if ship.motion is None or any(one.likelihood is None for one in members):
+    known = [(one, one.likelihood) for one in members if one.likelihood is not None]
+    if ship.motion is None or len(known) < len(members):
         raise VesselError(
             f"A ship is saved with the likelihood of its runs, found none of {ship.vessel.name!r}; save that of "
             "identify_ship, or write the posterior and keep the vessel file."
         )
     with staged(Path(out) / FOLDER) as folder:
         folder.mkdir()
-        for member in members:
+        for member, likelihood in known:
             path = folder / _stem(member.name)
             path.with_suffix(".toml").write_text(_vessel_text(member), encoding="utf-8")
-            write_posterior(_tree(member, ship, made_by), path.with_suffix(".nc"))
+            write_posterior(_tree(member, likelihood, ship, made_by), path.with_suffix(".nc"))
         index = {
             "format": FORMAT,
-            "terms": [_entry(member) for member in members],
+            "terms": [_entry(member, likelihood) for member, likelihood in known],
             "prior": ship.prior,
             "index_error": {kind: sizes.tolist() for kind, sizes in (ship.index_error or {}).items()},
             "motion_error": {name: sizes.tolist() for name, sizes in ship.motion_error.items()},
@@ -225,9 +226,9 @@ def _checksum(folder: Path, index: Mapping) -> str:
     return folder_checksum(folder, names, index)
 
 
-def _entry(member: Member) -> dict:
+def _entry(member: Member, likelihood: Earlier) -> dict:
     """What ship.json says of a member."""
-    density = member.likelihood.log_density.tolist()
+    density = likelihood.log_density.tolist()
     return {"name": member.name, "file": _stem(member.name), "weight": member.weight, "log_density": density}
 
 
@@ -235,14 +236,14 @@ def _stem(name: str) -> str:
     return name.replace(",", "").replace(" ", "-")
 
 
-def _tree(member: Member, ship: Ship, made_by: str) -> xr.DataTree:
+def _tree(member: Member, likelihood: Earlier, ship: Ship, made_by: str) -> xr.DataTree:
     """Draws of a member with the motion they were fitted to.
 
     Four chains of equal length hold the draws; if their number is no multiple of four, one chain holds all of them.
     """
     chains = _CHAINS if len(member.draws) % _CHAINS == 0 else 1
     values = member.draws.reshape(-1, chains, member.draws.shape[1]).swapaxes(0, 1)
-    names, said = coefficient_names(member.vessel), member.likelihood
+    names = coefficient_names(member.vessel)
     coords = {"chain": np.arange(chains), "draw": np.arange(values.shape[1]), "coefficient": names}
     posterior = xr.Dataset({"coefficients": (("chain", "draw", "coefficient"), values)}, coords)
     attrs = {
@@ -264,10 +265,10 @@ def _tree(member: Member, ship: Ship, made_by: str) -> xr.DataTree:
             "constant_data": xr.Dataset(
                 {
                     "motion": ship.motion,
-                    "statement": (("statement_row", "coefficient"), said.statement.rows),
-                    "stated": ("statement_row", said.statement.values),
-                    "prior_mean": ("coefficient", said.mean),
-                    "prior_scale": ("coefficient", said.scale),
+                    "statement": (("statement_row", "coefficient"), likelihood.statement.rows),
+                    "stated": ("statement_row", likelihood.statement.values),
+                    "prior_mean": ("coefficient", likelihood.mean),
+                    "prior_scale": ("coefficient", likelihood.scale),
                 },
                 {"coefficient": names},
             ),

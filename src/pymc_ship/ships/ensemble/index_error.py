@@ -18,6 +18,7 @@ distance from the motion of the runs, in the same units: :data:`BEYOND`, of ship
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -27,7 +28,7 @@ from scipy.special import ndtr, ndtri
 from pymc_ship.physics.manoeuvre.kinds import ERRING
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.ships.ensemble.calibration import calibrated, calibrated_by, constants
+from pymc_ship.ships.ensemble.calibration import calibrated, calibrated_by
 from pymc_ship.ships.ensemble.motion_error import GROWTH, equal_sizes, size_law
 
 BEYOND = calibrated("index_growth")
@@ -40,7 +41,7 @@ TYPICAL = calibrated_by("index_typical")
 TOGETHER = calibrated("index_together")
 """Weight of each held-out index in the law; the indices of one run err together."""
 
-HELD, MADE = constants()["statements_held"].value, constants()["statements_made"].value
+HELD, MADE = int(calibrated("statements_held")), int(calibrated("statements_made"))
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
 and how many there were, on ships by which no other constant was chosen."""
 
@@ -50,7 +51,7 @@ _SHARE_OF = {"angle": "swing of heading", "time": "L/U", "distance": "L", "roll"
 _COVERED = 0.95
 
 
-def index_scale(quantity: str, value, heading_deg: float, vessel: Vessel):
+def index_scale(quantity: str, value: Any, heading_deg: float, vessel: Vessel) -> Any:
     """What an error of an index of a quantity is measured in: a drift angle in 1 rad, an angle of roll in itself."""
     s = vessel.particulars
     units = {"time": s.ship_time, "speed": s.nominal_speed, "rate": np.rad2deg(1.0 / s.ship_time)}
@@ -186,7 +187,7 @@ def reliability(beyond: float) -> dict[str, float | str]:
 
 
 def error_sizes(
-    found: xr.Dataset, errors: Mapping[str, np.ndarray], vessel: Vessel, *, beyond: float, place: np.ndarray
+    found: xr.Dataset, errors: Mapping[str, np.ndarray | float], vessel: Vessel, *, beyond: float, place: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Standard deviation of the error of each index of the simulated ships, by its name, each of shape (n_draws,).
 
@@ -221,7 +222,7 @@ def error_sizes(
 
 def with_model_error(
     found: xr.Dataset,
-    errors: Mapping[str, np.ndarray],
+    errors: Mapping[str, np.ndarray | float],
     vessel: Vessel,
     rng: np.random.Generator,
     *,
@@ -253,7 +254,7 @@ def with_model_error(
     sizes = error_sizes(found, errors, vessel, beyond=beyond, place=rng.random(found.sizes["draw"]))
 
     def widened(variable: xr.DataArray) -> xr.DataArray:
-        size, index = sizes[variable.name], table[variable.name]
+        size, index = sizes[str(variable.name)], table[str(variable.name)]
         if not size.any():
             return variable
         error = size * rng.standard_normal(size.size)

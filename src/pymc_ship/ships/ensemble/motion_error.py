@@ -128,11 +128,15 @@ def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> dict[str, np.nd
                 times.append(lead)
                 errors.append(one.measured[_ROWS, place] / scale - np.nanmedian(drawn, axis=1))
                 known.append([robust_sd(values) ** 2 for values in drawn] + (one.noise_sd[_ROWS] / scale) ** 2)
-    lead, error, variance = np.array(times), np.reshape(errors, (-1, len(ERRING))), np.reshape(known, (-1, len(ERRING)))
+    leads, error, variance = (
+        np.array(times),
+        np.reshape(errors, (-1, len(ERRING))),
+        np.reshape(known, (-1, len(ERRING))),
+    )
     found = {}
     for k, name in enumerate(ERRING):
         seen = np.isfinite(error[:, k]) & np.isfinite(variance[:, k])
-        typical = TYPICAL[name] * risen(name, lead[seen])
+        typical = TYPICAL[name] * risen(name, leads[seen])
         found[name] = TYPICAL[name] * equal_sizes(*size_law(error[seen, k], variance[seen, k], typical, TOGETHER))
     return found
 

@@ -129,10 +129,10 @@ def sentence(vessel: Vessel, summary: xr.Dataset) -> str:
         return "Every instant lies inside the motion of the record."
     sides = ("below", "lowest", "trained_lowest"), ("above", "highest", "trained_highest")
     departures = [
-        (*(float(summary[name].sel(symbol=symbol)) for name in names), symbol) for names in sides for symbol in SYMBOLS
+        ([float(summary[name].sel(symbol=symbol)) for name in names], symbol) for names in sides for symbol in SYMBOLS
     ]
-    named = sorted((found for found in departures if found[0] >= _VISIBLE), key=lambda found: -found[0])[:_NAMED]
-    where = "; ".join(_departure(vessel, *found[1:]) for found in named)
+    named = sorted((found for found in departures if found[0][0] >= _VISIBLE), key=lambda found: -found[0][0])[:_NAMED]
+    where = "; ".join(_departure(vessel, reached, trained, symbol) for (_, reached, trained), symbol in named)
     return (
         f"{share_outside(share).capitalize()} of the instants lie outside the motion of the record, typically by "
         f"{summary.attrs['median_distance']:.2g} times the span that it covers: "
@@ -155,7 +155,7 @@ def _departure(vessel: Vessel, reached: float, trained: float, symbol: str) -> s
 
 def _shown(vessel: Vessel, symbol: str) -> tuple[str, Callable[[float], float], str]:
     """Words for a symbol, how its prime value is shown, and the units of that."""
-    words = {
+    words: dict[str, tuple[str, Callable[[float], float], str]] = {
         "u": ("speed", lambda u_a: vessel.particulars.nominal_speed / (1.0 - u_a), " m/s"),
         "v": ("v/U", float, ""),
         "r": ("rL/U", float, ""),
@@ -217,7 +217,7 @@ def _measured(
 
 
 @njit(**KERNEL)
-def _fill_distances(points, directions, limits, distance):
+def _fill_distances(points: np.ndarray, directions: np.ndarray, limits: np.ndarray, distance: np.ndarray) -> None:
     """Raise each distance to the largest excess of its point (n_symbols, n_points) over the supports."""
     for begin in range(0, distance.size, _BLOCK):
         end = min(begin + _BLOCK, distance.size)

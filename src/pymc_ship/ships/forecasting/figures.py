@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -64,7 +66,7 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
         upper.set_ylabel(CHANNELS["psi"].axis)
         lower.set_ylabel(CHANNELS["delta"].axis)
     lower.set_xlabel("time from the rudder's execution [s]")
-    lower.set_xlim(0.0, float(tree["bands"]["time"][-1]))
+    lower.set_xlim(0.0, float(tree["bands"].dataset["time"][-1]))
     handles = dict(zip(*upper.get_legend_handles_labels()[::-1], strict=True))
     if "measured" in handles:
         handles["measured"] = handles.pop("measured")
@@ -80,8 +82,8 @@ def overshoot_peaks(ship: xr.Dataset, heading_deg: float, side: str) -> list[tup
     good = np.isfinite(ship["psi"].values)
     time, psi, found = ship["time"].values[good], np.rad2deg(ship["psi"].values[good]), []
     sign, begin = SIDES[side], 0
-    while (beyond := np.flatnonzero(sign * psi[begin:] >= heading_deg)).size:
-        begin += int(beyond[0])
+    while (places := np.flatnonzero(sign * psi[begin:] >= heading_deg)).size:
+        begin += int(places[0])
         beyond = sign * psi[begin:]
         back = np.flatnonzero(np.maximum.accumulate(beyond) - beyond > _FALLEN)
         if not back.size:
@@ -105,14 +107,19 @@ def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
         lower, median, upper = (heading + float(values.sel(band=band)) for band in ("lower", "median", "upper"))
         error = np.array([[median - lower], [upper - median]])[:: int(sign)]
         label = "overshoot with its interval" if k == 0 else None
-        style = {"fmt": "o", "ms": 5, "color": BLUE, "mec": "white", "capsize": 3, "zorder": 4}
+        style: dict[str, Any] = {"fmt": "o", "ms": 5, "color": BLUE, "mec": "white", "capsize": 3, "zorder": 4}
         ax.errorbar(when, sign * median, error, label=label, **style)
         text, away = f"{float(values.sel(band='median')):.1f}°", 8 if sign > 0.0 else -8
-        settings = {"ha": "center", "va": "bottom" if sign > 0.0 else "top", "fontsize": 8.0, "color": BLUE}
+        settings: dict[str, Any] = {
+            "ha": "center",
+            "va": "bottom" if sign > 0.0 else "top",
+            "fontsize": 8.0,
+            "color": BLUE,
+        }
         ax.annotate(text, (when, sign * upper), (0, away), textcoords="offset points", **settings)
         sign = -sign
     if trial is not None and "psi" in trial:
-        until = trial.sel(time=trial["time"] <= float(tree["bands"]["time"][-1]))
+        until = trial.sel(time=trial["time"] <= float(tree["bands"].dataset["time"][-1]))
         peaks = overshoot_peaks(until, heading, side)
         label = "measured peak"
         if peaks:

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Table, fixed, number, percent, table
+from pymc_ship.pages.tables import Columns, Table, fixed, number, percent, table
 from pymc_ship.physics.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -113,7 +114,8 @@ def write_forecast_page(
     _check(forecasts, measured)
     out = writable_folder(out)
     verdicts = [row for name, tree in forecasts.items() for row in verdict_rows(name, tree, vessel, measured.get(name))]
-    rows, drawn, sections = {"forecast_verdict": verdicts} if verdicts else {}, {}, []
+    rows, sections = {"forecast_verdict": verdicts} if verdicts else {}, []
+    drawn: dict[str, Figure] = {}
     for slug, (name, tree) in zip(_slugs(forecasts), forecasts.items(), strict=True):
         progress(f"drawing {name}")
         trial = measured.get(name)
@@ -294,12 +296,12 @@ def index_table(rows: Sequence[Mapping], ci_prob: float) -> Table:
         n = fixed(_DECIMALS[row["units"]])
         shown = {key: n(row[key]) for key in ("median", "measured") if key in row}
         lines.append(dict(row) | shown | {"interval": _interval(row, n), "reached": 100.0 * row["reached"]})
-    columns = {"index": ("index", str), "units": ("", str), "median": ("median", _formatted)}
+    columns: Columns = {"index": ("index", str), "units": ("", str), "median": ("median", _formatted)}
     columns |= {"interval": (f"interval of {percent(ci_prob)}", str)}
     if "measured" in rows[0]:
         for line in lines:
-            shown = fixed(2 if line["error_units"] == "deg" else 1)(line["error"])
-            line["error"] = shown if shown == "–" else f"{'' if shown[0] == '−' else '+'}{shown} {line['error_units']}"
+            error = fixed(2 if line["error_units"] == "deg" else 1)(line["error"])
+            line["error"] = error if error == "–" else f"{'' if error[0] == '−' else '+'}{error} {line['error_units']}"
         columns |= {
             "measured": ("measured", _formatted),
             "error": ("error of the median", str),
@@ -323,7 +325,7 @@ def verdict_table(rows: Sequence[Mapping]) -> Table:
         shown = {"median": "–", "measured": "–"} | {key: f"{n(row[key])} {row['units']}" for key in known}
         probability = shown_probability(row["probability"]) + (f" ± {fixed(2)(se)}" if se >= 0.005 else "")
         lines.append(dict(row) | shown | {"interval": _interval(row, n), "probability": probability})
-    columns = {"manoeuvre": ("manoeuvre", str), "criterion": ("criterion", str), "limit": ("limit", str)}
+    columns: Columns = {"manoeuvre": ("manoeuvre", str), "criterion": ("criterion", str), "limit": ("limit", str)}
     columns |= {"median": ("median", str), "interval": ("interval", str)}
     columns |= {"probability": ("probability of passing", str), "judgement": ("verdict", str)}
     if any(np.isfinite(row["measured"]) for row in rows):

@@ -142,11 +142,12 @@ def simulated_ships(
     status = np.select(list(flags.values()), STATUSES[:-1], STATUSES[-1])
     found = tree["indices"].to_dataset() if "indices" in tree.children else xr.Dataset()
     found = found.assign(
-        status=("draw", status),
-        **{name: ("draw", value) for name, value in flags.items()},
-        diverged_at=ships["diverged_at"],
-        growth_rate=("draw", growth, {"units": "U/L"}),
-        coefficients=(("draw", "coefficient"), rows),
+        {
+            **{name: ("draw", value) for name, value in ({"status": status} | flags).items()},
+            "diverged_at": ships["diverged_at"],
+            "growth_rate": ("draw", growth, {"units": "U/L"}),
+            "coefficients": (("draw", "coefficient"), rows),
+        }
     )
     counted = zip(SHARES, [*flags.values(), status == STATUSES[-1]], strict=True)
     shares = {f"share_{name}": float(np.mean(which)) for name, which in counted}
@@ -198,13 +199,13 @@ def _rows(
                 "this vessel."
             )
         return prior.draw(draws, rng)
-    if isinstance(prior, xr.DataTree):
-        return coefficient_draws(vessel, _with_prior(prior, "The tree"), draws, rng, group="prior")
     if not isinstance(prior, Mapping):
         raise InferenceError(
             "The prior of ships is a CoefficientPrior, a tree with the group prior or a mapping of DOFs, found "
             f"{type(prior).__name__}; make one, for example with coefficient_prior."
         )
+    if isinstance(prior, xr.DataTree):
+        return coefficient_draws(vessel, _with_prior(prior, "The tree"), draws, rng, group="prior")
     trees = {dof: _tree(dof, given, draws, rng) for dof, given in prior.items()}
     return coefficient_draws(vessel, trees, draws, rng, group="prior")
 

@@ -8,6 +8,8 @@ one rate to the next.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -125,8 +127,8 @@ def spiral_curve(turns: xr.Dataset, *, ci_prob: float = 0.95) -> Figure:
 
 def draw_curve(ax: Axes, turns: xr.Dataset | None, ci_prob: float) -> None:
     """Draw the curve and its band on the axes of a spiral test, at rates whose steady turns nearly all ships have."""
-    kept = [] if turns is None else np.isfinite(turns["delta"].values).mean(axis=0) > ci_prob
-    if np.any(kept):
+    kept = None if turns is None else np.isfinite(turns["delta"].values).mean(axis=0) > ci_prob
+    if turns is not None and np.any(kept):
         tails = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
         lower, median, upper = np.nanquantile(turns["delta"].values[:, kept], tails, axis=0)
         rate = np.nanmedian(turns["r"].values[:, kept], axis=0)
@@ -207,7 +209,9 @@ def _of_model(vessel: Vessel, draws: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
-def _balanced(residual, start: np.ndarray, prime: float) -> tuple[np.ndarray, np.ndarray]:
+def _balanced(
+    residual: Callable[[np.ndarray, float], np.ndarray], start: np.ndarray, prime: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Newton's method for all ships at once: unknowns (n_unknowns, n_ships), and which of them are in balance."""
     at = start.copy()
     for _ in range(_ITERATIONS):

@@ -77,6 +77,10 @@ class StoppingTest:
 
         SimulationError for those that no engine has, and for a vessel that does not know way astern.
         """
+        return StoppingTest(self.astern, *self._times(vessel))
+
+    def _times(self, vessel: Vessel) -> tuple[float, float]:
+        """Time of the reversal [s] and approach speed [m/s] of a vessel."""
         if not knows_astern(vessel):
             raise SimulationError(_NOT_ASTERN)
         s, nominal = vessel.particulars, ship_of(vessel).n
@@ -88,16 +92,16 @@ class StoppingTest:
                 "are 1/s)."
             )
         speed = s.nominal_speed if self.approach_speed is None else self.approach_speed
-        return StoppingTest(self.astern, reversal, speed)
+        return reversal, speed
 
     def sailed(self, vessel: Vessel, coefficients: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Revolutions [1/s] at some even times [s] and states of the ships, (n_time,) and (8, n_draws, n_time)."""
-        test, s, nominal = self.on(vessel), vessel.particulars, ship_of(vessel).n
-        ends = [test.approach_speed / s.nominal_speed, -test.astern / nominal]
+        s, nominal, (reversal, speed) = vessel.particulars, ship_of(vessel).n, self._times(vessel)
+        ends = [speed / s.nominal_speed, -self.astern / nominal]
         inputs = np.zeros((4, time.size))
-        inputs[1] = np.interp(time, [0.0, max(test.reversal, 1e-9)], ends)
+        inputs[1] = np.interp(time, [0.0, max(reversal, 1e-9)], ends)
         initial = np.zeros((len(coefficients), len(STATE)))
-        initial[:, 0] = test.approach_speed
+        initial[:, 0] = speed
         return nominal * inputs[1], replay(vessel, inputs, initial, coefficients, interval=float(time[1] - time[0]))
 
 
@@ -189,7 +193,7 @@ def stopped(motion: Mapping[str, np.ndarray], time: np.ndarray) -> xr.Dataset:
         for name, row in (("u", u), ("x", x), ("y", y)):
             shown[name][k, :end] = row[k, :end]
     kept = int(np.flatnonzero(np.isfinite(shown["u"]).any(axis=0)).max(initial=0)) + 1
-    found = {name: ("draw", value, {"units": INDICES[name]}) for name, value in values.items()}
+    found: dict[str, tuple] = {name: ("draw", value, {"units": INDICES[name]}) for name, value in values.items()}
     units = {"u": "m/s", "x": "m", "y": "m"}
     found |= {name: (("draw", "time"), row[:, :kept], {"units": units[name]}) for name, row in shown.items()}
     return xr.Dataset(found, {"draw": np.arange(n_draws), "time": ("time", time[:kept], {"units": "s"})})

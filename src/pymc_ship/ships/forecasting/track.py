@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -69,7 +70,7 @@ class _Plan:
         ax.set_xlabel(labels[turned])
         ax.set_ylabel(labels[not turned])
 
-    def points(self, advance, transfer) -> tuple:
+    def points(self, advance: Any, transfer: Any) -> tuple[Any, Any]:
         """Coordinates on the axes."""
         return (advance, transfer) if self.turned else (transfer, advance)
 
@@ -79,13 +80,13 @@ class _Plan:
         self.ax.set_xlim(*horizontal)
         self.ax.set_ylim(*(vertical[::-1] if self.turned else vertical))
 
-    def line(self, ship: xr.Dataset, **style) -> None:
+    def line(self, ship: xr.Dataset, **style: Any) -> None:
         """Track of a ship."""
         thinned = ship.isel(time=slice(None, None, max(1, ship.sizes["time"] // _POINTS)))
         x, y = (thinned[name].values / self.L for name in ("x", "y"))
         self.ax.plot(*self.points(x, y), **style)
 
-    def outlines(self, ship: xr.Dataset, interval: float, **style) -> None:
+    def outlines(self, ship: xr.Dataset, interval: float, **style: Any) -> None:
         """Hull each interval, in the first round."""
         time, x, y, psi = (ship[name].values for name in ("time", "x", "y", "psi"))
         good = np.isfinite(x + y + psi)
@@ -110,7 +111,8 @@ def _mark(ship: xr.Dataset, turned: float) -> tuple[float, float] | None:
     if not over.size:
         return None
     pair = slice(max(over[0] - 1, 0), over[0] + 1)
-    return tuple(float(np.interp(np.deg2rad(turned), psi[pair], ship[name].values[pair])) for name in ("x", "y"))
+    x, y = (float(np.interp(np.deg2rad(turned), psi[pair], ship[name].values[pair])) for name in ("x", "y"))
+    return x, y
 
 
 @styled
@@ -154,7 +156,7 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
         face = (colour, 0.0 if label == "measured" else 0.3)
         plan.outlines(ship, interval, fc=face, ec=colour, lw=0.9, zorder=3.5 if label == "measured" else 2.5)
     if turning:
-        found = {} if trial is None else measured_indices(measured, tree.attrs)
+        found = {} if measured is None or trial is None else measured_indices(measured, tree.attrs)
         _dimensions(plan, tree, named, (advance, transfer), found)
     plan.limits(advance, transfer)
     title = f"{tree.attrs['label']}: outlines every {interval:g} s, L = {plan.L:.4g} m"
@@ -192,7 +194,7 @@ def _measured(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr
     trial = aligned(measured)
     if not {"x", "y", "psi"} <= set(trial.data_vars):
         return None
-    shown = trial.sel(time=trial["time"] <= float(tree["trajectories"]["time"][-1]))
+    shown = trial.sel(time=trial["time"] <= float(tree["trajectories"].dataset["time"][-1]))
     trial = _until(shown[["x", "y", "psi"]].dropna("time"), most)
     return trial if trial.sizes["time"] > 1 else None
 
@@ -218,7 +220,12 @@ def _dimensions(
     for (label, angle), place in marks.items():
         if place is not None:
             colour = BLUE if label == "median ship" else REFERENCE
-            shape = {"marker": "o" if angle == 90.0 else "s", "ls": "none", "color": colour, "mec": "white"}
+            shape: dict[str, Any] = {
+                "marker": "o" if angle == 90.0 else "s",
+                "ls": "none",
+                "color": colour,
+                "mec": "white",
+            }
             where = f"{angle:g}° of heading" if label == "median ship" else None
             plan.ax.plot(place[1] / plan.L, place[0] / plan.L, ms=7.0, zorder=4, label=where, **shape)
     inward = 0.8 * _ROOM / (1.0 + 2.0 * _ROOM) * np.ptp(advance)
@@ -243,10 +250,13 @@ def _dimension(ax: Axes, mark: np.ndarray, level: float, text: str, *, vertical:
     for corner, foot in zip((np.zeros(2), mark), ends, strict=True):
         ax.plot(*np.column_stack([corner, foot]), color=REFERENCE, lw=0.6, ls=":", zorder=2)
     arrow = {"arrowstyle": "<->", "lw": 0.9, "color": REFERENCE, "shrinkA": 0, "shrinkB": 0}
-    ax.annotate("", ends[1], ends[0], arrowprops=arrow)
+    ax.annotate("", tuple(ends[1]), tuple(ends[0]), arrowprops=arrow)
     away = 5.0 if level > 0.0 else -5.0
+    settings: dict[str, Any]
     if vertical:
         settings = {"xytext": (away, 0), "ha": "left" if level > 0.0 else "right", "va": "center", "rotation": 90.0}
     else:
         settings = {"xytext": (0, away), "ha": "center", "va": "bottom" if level > 0.0 else "top"}
-    ax.annotate(text, ends.mean(axis=0), textcoords="offset points", fontsize=8.0, multialignment="center", **settings)
+    ax.annotate(
+        text, tuple(ends.mean(axis=0)), textcoords="offset points", fontsize=8.0, multialignment="center", **settings
+    )

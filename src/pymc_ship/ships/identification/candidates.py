@@ -34,8 +34,8 @@ from pymc_ship.physics.vessel.term_sets import (
     with_terms,
 )
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, places_of_facility
-from pymc_ship.records.checks.plausibility import DRIFT, SHORTEST_PIECE, SLOW, piece_check, pieces_ahead
-from pymc_ship.records.checks.verdicts import ship_scale
+from pymc_ship.records.checks.plausibility import DRIFT, SHORTEST_PIECE, piece_check, pieces_ahead
+from pymc_ship.records.checks.verdicts import SLOW, ship_scale
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feasible
 from pymc_ship.ships.ensemble.ship import Member
@@ -86,7 +86,8 @@ class Candidate:
     @property
     def said(self) -> Statement:
         """All that data have said of these coefficients: the windows of the runs, and what stood beside the prior."""
-        return joined([self.prior.statement, said_by_windows(self.fit, self.fit.mode.problem.prior, self.inflation)])
+        own = said_by_windows(self.fit, self.fit.prior, self.inflation)
+        return joined([self.prior.statement, own]) or own
 
     def densities(self, earlier: Mapping[str, Earlier]) -> np.ndarray:
         """Log predictive density of every run so far, (n_runs,)."""
@@ -333,7 +334,8 @@ def _fit(problem: _Problem) -> WindowFit:
 def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined:
     """The fit with the likelihoods of earlier runs and of captive tests beside the prior."""
     prior, vessel = problem.prior, problem.vessel
-    tests, before, apart = None, None, ()
+    tests, before = None, None
+    apart: tuple[float, ...] = ()
     if training.captive is not None:
         tests = fit_captive(training.captive, vessel, prior)
         tests = shared_with_trials(tests, prior, fit.coefficients, fit.covariance)
@@ -445,7 +447,7 @@ def held_together(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
     if len(runs) > 1:
         return list(runs)
     parts = np.array_split(np.arange(len(runs[0])), min(_GROUPS, len(runs[0])))
-    return [[runs[0][k] for k in part] for part in parts if part.size]
+    return [[runs[0][k] for k in part.tolist()] for part in parts if part.size]
 
 
 def _inflation(whole: WindowFit, judged: HeldOut) -> float:

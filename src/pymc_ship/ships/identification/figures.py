@@ -221,15 +221,16 @@ def runaways(refusals: Sequence[Refusal]) -> Figure:
     """
     fig, axes = subplots(8.0, 4.2, 2, 1, sharex="col")
     speed_axes, turn_axes = axes[:, 0]
-    for refusal in refusals:
-        ship, particulars = refusal.failure.motion, refusal.vessel.particulars
+    shown = [(one.name, one.vessel, one.failure.motion) for one in refusals if one.vessel and one.failure]
+    for name, vessel, ship in shown:
+        particulars = vessel.particulars
         speed = np.hypot(ship["u"].values, ship["v"].values)
         time = ship["time"].values / particulars.ship_time
-        (line,) = speed_axes.plot(time, speed / particulars.nominal_speed, label=refusal.name)
+        (line,) = speed_axes.plot(time, speed / particulars.nominal_speed, label=name)
         turn = ship["r"].values * particulars.L / np.maximum(speed, 1e-3 * particulars.nominal_speed)
         turn_axes.plot(time, turn, color=line.get_color())
     speed_axes.axhline(FASTEST, color=REFERENCE, ls="--", lw=0.9)
-    ahead = not all(holds_any_speed(refusal.vessel) for refusal in refusals)
+    ahead = not all(holds_any_speed(vessel) for _, vessel, _ in shown)
     for side in (1.0, -1.0) if ahead else ():
         turn_axes.axhline(side / TIGHTEST, color=REFERENCE, ls="--", lw=0.9)
     speed_axes.set_ylabel("speed over nominal")

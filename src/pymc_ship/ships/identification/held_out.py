@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -124,12 +125,13 @@ def _log_density(square: np.ndarray, sd: np.ndarray) -> float:
     return float(-np.sum(np.log(sd) + 0.5 * _LOG_2PI + 0.5 * square / sd**2))
 
 
-def sailed_in(trial: xr.Dataset, vessel: Vessel) -> dict[str, float | tuple[float, float]]:
+def sailed_in(trial: xr.Dataset, vessel: Vessel) -> dict[str, Any]:
     """Revolutions [1/s] and wind (speed [m/s], from where to the base course [deg]) of a recorded manoeuvre.
 
     As settings of a simulation: those that were measured and that the forces of the vessel know.
     """
-    found, after = {}, trial["time"].values >= execution(trial)
+    found: dict[str, Any] = {}
+    after = trial["time"].values >= execution(trial)
     if takes_revolutions(vessel) and revolutions_measured(trial):
         found["n"] = float(np.median(trial["n"].values[after]))
     if WIND.name in vessel.parts and {"wind_speed", "wind_direction"} <= set(trial.data_vars):
@@ -159,7 +161,7 @@ def _through_water(
 
 
 def forecast_indices(
-    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float, **around
+    vessel: Vessel, coefficients: np.ndarray, manoeuvre: Manoeuvre, duration: float, **around: Any
 ) -> dict[str, np.ndarray]:
     """Scored indices of a manoeuvre that the vessel models, for each row of coefficients, each of shape (n_draws,).
 
@@ -249,7 +251,7 @@ def forecast_rows(
         scale = float(index_scale(kind, measured, manoeuvre.heading_deg, models[0][0]))
         if np.isfinite([measured, forecast, *sd]).all() and scale > 0.0:
             between = float(np.sqrt(share @ (mean - forecast) ** 2))
-            row = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": kind}
+            row: dict[str, Any] = {"run": run, "manoeuvre": manoeuvre.label, "index": name, "kind": kind}
             row |= {"measured": measured, "forecast": forecast, "parameter_sd": float(np.sqrt(share @ sd**2))}
             rows.append(row | {"model_sd": between, "measured_sd": noise.get(name, 0.0), "scale": scale})
     return rows

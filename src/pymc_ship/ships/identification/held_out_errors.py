@@ -17,7 +17,7 @@ QUANTILES = {"90": 1.6448536269514722, "95": 1.959963984540054}
 """Half the width of a normal interval in sd, by its probability in %."""
 
 
-def overshoot_errors(rows: Sequence[dict]) -> dict[str, float]:
+def overshoot_errors(rows: Sequence[Mapping]) -> dict[str, float]:
     """Mean and largest absolute error of the overshoot angles [deg], median relative error of the times [%].
 
     Parameters

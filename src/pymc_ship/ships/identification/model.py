@@ -173,7 +173,7 @@ def identify_ship(
             f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
             f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
         )
-    kind = chosen_prior(vessel, (before.prior if before else prior) or None)
+    kind = chosen_prior(vessel, (prior.prior if isinstance(prior, Ship) else prior) or None)
     training = _after(before, replace(_prepared(trials, vessel, kind), captive=captive))
     wanted = tuple(dict.fromkeys(terms or training.earlier or default_sets(training)))
     _check_goes_with(before, wanted, captive)
@@ -190,7 +190,7 @@ def identify_ship(
     remarks += [] if all_rows else [_NOTHING_HELD_OUT]
     progress("draws that do not run away")
     found = sorted(_drawn(found, draws, rng), key=lambda candidate: -candidate.weight)
-    remarks += [] if captive is None else [_beside_captive(captive, found[0])]
+    remarks += [] if captive is None else _beside_captive(captive, found[0])
     remarks += [beside_earlier(found[0], training)] if training.earlier else []
     moved = motion_error(_held_out_motion(found, training, rng), vessel)
     known_facilities = before.facilities if before else {}
@@ -198,7 +198,7 @@ def identify_ship(
         members=tuple(candidate.member(training.earlier) for candidate in found),
         motion=_motion(training, fullest_vessel, before),
         index_error=errors,
-        motion_error=moved if len(trials) > 1 or not training.earlier else before.motion_error,
+        motion_error=before.motion_error if before and training.earlier and len(trials) == 1 else moved,
         facilities=training.facilities | {k: v for k, v in known_facilities.items() if k not in training.facilities},
         remarks=tuple(remarks),
         prior=training.prior,
@@ -224,13 +224,15 @@ _NOTHING_HELD_OUT = (
 )
 
 
-def _beside_captive(tests: xr.Dataset, best: Candidate) -> str:
+def _beside_captive(tests: xr.Dataset, best: Candidate) -> list[str]:
     """Sentence on how far the coefficients differ between the captive tests and the trials."""
-    return (
+    if best.captive is None:
+        return []
+    return [
         f"{tests.sizes['test']} captive tests stand beside the prior of every term set; held-out runs are "
         "forecast with them, too. Each coefficient differs between carriage and ship by "
         f"{best.captive.apart:.2g} of its prior sd ({best.name})."
-    )
+    ]
 
 
 def captive_comparison(found: ShipIdentification, rng: Seed) -> xr.Dataset | None:
@@ -239,9 +241,9 @@ def captive_comparison(found: ShipIdentification, rng: Seed) -> xr.Dataset | Non
     See :func:`pymc_ship.inference.captive.comparison.compared`; drawn by "prior alone" and as "identified". None
     without captive tests.
     """
-    if found.captive is None:
-        return None
     best = found.candidates[0]
+    if found.captive is None or best.captive is None:
+        return None
     draws = {"prior alone": best.prior.draw(_PRIOR_DRAWS, random_generator(rng)), "identified": best.draws}
     return compared(found.captive, best.vessel, draws, revolutions=best.captive.revolutions)
 

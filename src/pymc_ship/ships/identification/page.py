@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,7 +14,7 @@ from pymc_ship.inference.captive.comparison import captive_forces, comparison_ro
 from pymc_ship.inference.trajectory.windows import LENGTH, thinned
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed, number, table
 from pymc_ship.physics.manoeuvre.helm import approach_speed
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.vessel.parts import HELD
@@ -85,7 +86,7 @@ REFUSED = Page(
 """The page where every term set is refused; it stands beside that of an identification that succeeded before."""
 
 _DOUBTS = ("doubtful", "bad")
-_REFUSALS = {
+_REFUSALS: Columns = {
     "terms": ("term set", str),
     "manoeuvre": ("fails in", str),
     "time": ("after [s]", number(3)),
@@ -160,7 +161,7 @@ def write_ship_report(
         "term_sets": term_set_rows(result),
         "refusals": refusal_rows(result.refusals),
         "held_out_indices": held_out_rows(result.held_out_indices),
-        "model_error": error_rows(result.ship.index_error, fullest(c.vessel for c in result.candidates)),
+        "model_error": error_rows(result.ship.index_error or {}, fullest(c.vessel for c in result.candidates)),
         "coefficients": coefficient_rows(result.candidates[0]),
         "correlations": correlation_rows(result.candidates[0]),
         "captive": comparison_rows(captive) if captive is not None else [],
@@ -250,7 +251,7 @@ def run_rows(
     unit, rows = result.vessel.particulars.ship_time, []
     for (name, trial), manoeuvre in zip(trials.items(), result.manoeuvres, strict=True):
         duration = float(np.ptp(trial["time"].values))
-        row = {"run": name, "manoeuvre": "none recognised" if manoeuvre is None else manoeuvre.label}
+        row: dict[str, Any] = {"run": name, "manoeuvre": "none recognised" if manoeuvre is None else manoeuvre.label}
         row |= {"duration": duration, "duration_L_U": duration / unit, "approach_speed": approach_speed(trial)}
         row |= {"sampling": sampling_interval(trial), "fitted_at": sampling_interval(thinned(trial, result.vessel))}
         made = [check for check in checks.get(name, ()) if check.verdict != "not checked"]
@@ -289,7 +290,7 @@ def coefficient_rows(candidate: Candidate) -> list[dict]:
     """Estimate and sd (sandwich, widened) of each coefficient, its prior, and how far that gave way, prime values."""
     vessel, sd = candidate.vessel, np.sqrt(np.diag(candidate.fit.covariance))
     held = {c.name: c for c in (*(c for force in vessel.forces.values() for c in force), *vessel.parameters)}
-    pairs, given_way = correlation_rows(candidate), candidate.fit.mode.problem.prior.scale / candidate.prior.scale
+    pairs, given_way = correlation_rows(candidate), candidate.fit.prior.scale / candidate.prior.scale
     columns, rows = (coefficient_names(vessel), candidate.fit.coefficients, sd, given_way), []
     for name, value, spread, factor in zip(*columns, strict=True):
         center, width = (held[name].value, held[name].sd) if held[name].sd > 0.0 else (np.nan, np.nan)
@@ -435,24 +436,32 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     """Tables of the page, by name; those without rows are left out."""
     n = number(3)
     channels = tuple(dict.fromkeys(name for candidate in result.candidates for name in candidate.held_out.rms))
-    runs = {"run": ("run", str), "manoeuvre": ("recognised as", str), "duration": ("duration s", fixed(0))}
+    runs: Columns = {"run": ("run", str), "manoeuvre": ("recognised as", str), "duration": ("duration s", fixed(0))}
     runs |= {"duration_L_U": ("in L/U", fixed(1)), "approach_speed": ("approach speed m/s", fixed(2))}
     runs |= {"sampling": ("sampled every s", n), "fitted_at": ("fitted every s", n)}
     runs |= {"checks": ("checks made", fixed(0)), "verdict": ("worst of them", str)}
-    sets = {"terms": ("term set", str), "coefficients": ("coefficients", fixed(0)), "weight": ("weight %", fixed(1))}
+    sets: Columns = {
+        "terms": ("term set", str),
+        "coefficients": ("coefficients", fixed(0)),
+        "weight": ("weight %", fixed(1)),
+    }
     sets |= {"score": ("held-out score", _score), "to_best": ("to the best", _score)}
     sets |= _rms_columns(channels) | {"inflation": ("sd inflation", fixed(2)), "dispersion": ("count 1 in", fixed(0))}
     sets |= {"draws": ("draws", fixed(0)), "share_unsound": ("ran away %", fixed(1)), "about": ("what it is", str)}
-    held = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "unit": ("", str)}
+    held: Columns = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "unit": ("", str)}
     held |= {key: (key, fixed(2)) for key in ("measured", "forecast", "error", "sd", "z")}
-    known = {"known_value": ("known beforehand", fixed(1)), "known_sd": ("± sd", fixed(1))}
+    known: Columns = {"known_value": ("known beforehand", fixed(1)), "known_sd": ("± sd", fixed(1))}
     known |= {"apart": ("sd away", fixed(1))}
-    coefficients = {"coefficient": ("coefficient", str), "estimate": ("estimate", fixed(1)), "sd": ("sd", fixed(1))}
+    coefficients: Columns = {
+        "coefficient": ("coefficient", str),
+        "estimate": ("estimate", fixed(1)),
+        "sd": ("sd", fixed(1)),
+    }
     coefficients |= known | {"correlated_with": (f"correlated beyond {CORRELATED:g} with", str)}
-    pairs = {"first": ("coefficient", str), "second": ("with", str), "correlation": ("correlation", fixed(3))}
+    pairs: Columns = {"first": ("coefficient", str), "second": ("with", str), "correlation": ("correlation", fixed(3))}
     heads = {"median": "sd [%]", "upper": "95 % below"}
-    sizes = {key: (head, lambda value: fixed(1)(100.0 * value)) for key, head in heads.items()}
-    found = {
+    sizes: Columns = {key: (head, lambda value: fixed(1)(100.0 * value)) for key, head in heads.items()}
+    found: dict[str, tuple[list[dict], Columns]] = {
         "runs": (rows["runs"], runs),
         "term_sets": ([_shown(row, channels) for row in rows["term_sets"]], sets),
         "refusals": (rows["refusals"], _REFUSALS),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -179,7 +180,7 @@ def score(
             f"{len(trials)} records, {len(names)} names, {length} s and {every} s; correct them."
         )
     middle = {name: float(np.mean(np.concatenate([trial[name].values for trial in trials]))) for name in _VELOCITIES}
-    settings = {"windows": (length, every), "middle": middle, "draws": draws, "ci_prob": ci_prob}
+    settings: dict[str, Any] = {"windows": (length, every), "middle": middle, "draws": draws, "ci_prob": ci_prob}
     rows = {name: _scored(ship, trial, **settings) for name, trial in zip(names, trials, strict=True)}
     table = {
         key: (("run", "channel"), np.array([row[key] for row in rows.values()])) for key in ("rmse", "coverage", "crps")
@@ -255,7 +256,7 @@ def score_indices(
 
 
 def _scored(
-    ship: Ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: float
+    ship: Ship, trial: xr.Dataset, windows: tuple[float, float], middle: dict[str, float], **bands: Any
 ) -> dict:
     """Errors, coverage and CRPS of the windows of one record, each list in the order of :data:`SCORED`."""
     time, (length, every) = trial["time"].values, windows
@@ -263,7 +264,7 @@ def _scored(
     if not begins.size:
         raise TrialError(f"A score needs a record of a window of {length:g} s, found {np.ptp(time):.4g} s; shorten it.")
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
-    stayed = [tree for tree in trees if np.isfinite(tree["bands"]["u"].values[:, -1]).all()]
+    stayed = [tree for tree in trees if np.isfinite(tree["bands"].dataset["u"].values[:, -1]).all()]
     noise = dict(zip(STATE, reading_noise(trial).tolist(), strict=True))
     found = [_window(tree, noise) for tree in stayed]
     nothing = np.full(len(SCORED), np.nan)
@@ -271,11 +272,11 @@ def _scored(
     lost = len(trees) - len(stayed)
     rmse = nothing if lost else np.sqrt(mean["square"])
     counts = {"windows": len(trees), "ran_away": lost}
-    moved = np.mean([_moved(tree["measured"], middle) for tree in trees], axis=0)
+    moved = np.mean([_moved(tree["measured"].dataset, middle) for tree in trees], axis=0)
     return {"rmse": rmse, "moved": moved, **mean, **counts}
 
 
-def _moved(measured: xr.DataTree, middle: dict[str, float]) -> list[float]:
+def _moved(measured: xr.Dataset, middle: dict[str, float]) -> list[float]:
     """Mean square of the motion of a window, in the order of :data:`SCORED`: of what an error is a share."""
     found = []
     for name in SCORED[:-1]:
@@ -287,12 +288,12 @@ def _moved(measured: xr.DataTree, middle: dict[str, float]) -> list[float]:
 
 def _window(tree: xr.DataTree, noise: Mapping[str, float]) -> dict[str, list[float]]:
     """Squared error, coverage and CRPS of a window, in the order of :data:`SCORED`; ``noise`` is that of readings."""
-    ships, measured, ci_prob = tree["predictive"], tree["measured"], tree.attrs["ci_prob"]
-    median = tree["trajectories"].dataset.median("draw")
+    ships, measured, bands = (tree[name].dataset for name in ("predictive", "measured", "bands"))
+    median, ci_prob = tree["trajectories"].dataset.median("draw"), tree.attrs["ci_prob"]
     found: dict[str, list[float]] = {key: [] for key in _OF_WINDOW}
     for name in SCORED[:-1]:
         seen = measured[name].values
-        low, middle, high = (tree["bands"][name].sel(band=band).values for band in BANDS)
+        low, middle, high = (bands[name].sel(band=band).values for band in BANDS)
         reach = ndtri(0.5 + 0.5 * ci_prob) * noise[name]
         half = np.where(seen < middle, middle - low, high - middle)
         found["square"].append(float(np.mean((median[name].values - seen) ** 2)))

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import fixed, number, table
+from pymc_ship.pages.tables import Columns, fixed, number, table
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 from pymc_ship.ships.identification.replayed import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
@@ -74,14 +74,14 @@ def write_score_page(
     ship, trials = as_ship(ship), named_trials(trials)
     rows, runs = channel_rows(found), run_rows(found)
     unit, percent = number(3), fixed(0)
-    channels = {"run": ("run", str), "channel": ("channel", str), "rmse": ("RMSE [SI]", unit)}
+    channels: Columns = {"run": ("run", str), "channel": ("channel", str), "rmse": ("RMSE [SI]", unit)}
     channels |= {"relative": ("RMSE over motion", unit), "coverage": ("inside %", percent), "crps": ("CRPS [SI]", unit)}
-    by_run = {"run": ("run", str), "windows": ("windows", percent), "ran_away": ("ran away", percent)}
+    by_run: Columns = {"run": ("run", str), "windows": ("windows", percent), "ran_away": ("ran away", percent)}
     by_run |= {"score": ("score", unit)}
-    heads = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str)}
+    heads: Columns = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str)}
     heads |= {name: (name, unit) for name in ("measured", "forecast", "error")}
     heads |= {"sd": ("± sd", unit), "inside": ("inside 95 %", str)}
-    beside = index_errors(indices)
+    beside, selected = index_errors(indices), list(trials)[:SHOWN]
     values = {
         "vessel": ship.vessel,
         "attrs": found.attrs,
@@ -91,12 +91,12 @@ def write_score_page(
             "runs": table(runs, by_run),
             "indices": table(beside, heads),
         },
-        "shown": list(trials)[:SHOWN],
+        "shown": selected,
         "command": command,
     }
     length = max(found.attrs["length"], found.attrs["every"])
     figures = {"score_channels": errors_by_channel(found)}
-    drawn = {name: trials[name] for name in values["shown"]}
+    drawn = {name: trials[name] for name in selected}
     figures["score_windows"] = windows_of(
         ship, drawn, found.attrs["length"], length, draws, ci_prob=found.attrs["ci_prob"]
     )
@@ -183,8 +183,9 @@ def windows_of(
             ax, factor = axes[row, column], CHANNELS[channel].unit.shown_factor
             ax.plot(time, factor * trial[channel].values, color=REFERENCE, lw=0.9, label="measured")
             for k, tree in enumerate(trees):
-                lower, median, upper = factor * tree["bands"][channel].values
-                at, labels = tree["bands"]["time"].values, ("ship", "band", "restart") if k == 0 else (None,) * 3
+                bands = tree["bands"].dataset
+                lower, median, upper = factor * bands[channel].values
+                at, labels = bands["time"].values, ("ship", "band", "restart") if k == 0 else (None,) * 3
                 ax.plot(at, median, color=RUST, label=labels[0])
                 ax.fill_between(at, lower, upper, color=RUST, alpha=0.25, lw=0.0, label=labels[1])
                 ax.plot(at[0], median[0], "o", ms=3, color=RUST, label=labels[2])

@@ -214,7 +214,11 @@ def _ratios(
     around = None if wind is None else _from_bow(wind, base_course(trial))
     found: dict[str, list[np.ndarray]] = {}
     for vessel, rows in thinned_draws(model.models, DRAWS):
-        full = (vessel, rows) if model.loaded is None else at_loading(vessel, rows, model.tried, model.loaded)
+        full = (
+            (vessel, rows)
+            if model.loaded is None or model.tried is None
+            else at_loading(vessel, rows, model.tried, model.loaded)
+        )
         both = []
         for ship, draws, blowing in ((*full, None), (vessel, rows, around)):
             settings = simulation_settings(ship) | {"duration": manoeuvre.traits.reach * ship.particulars.ship_time}

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed, number, table
 from pymc_ship.ships.sea_trials.current import DriftCurrent
 from pymc_ship.ships.sea_trials.figures import circles, spirals, swings
 from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
@@ -117,7 +117,7 @@ def _flows(currents: Mapping[str, DriftCurrent]) -> list[dict]:
 
 
 def _currents_table(flows: list[dict]) -> Table:
-    heads = {"run": ("run", str), "speed": ("speed [m/s]", fixed(3)), "direction": ("to [deg]", fixed(0))}
+    heads: Columns = {"run": ("run", str), "speed": ("speed [m/s]", fixed(3)), "direction": ("to [deg]", fixed(0))}
     heads |= {"u_north": ("u, north [m/s]", fixed(3)), "u_east": ("u, east [m/s]", fixed(3)), "pairs": ("pairs", str)}
     return table(flows, heads)
 

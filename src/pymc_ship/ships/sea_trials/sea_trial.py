@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -161,7 +162,7 @@ def sea_trial(
     for name, manoeuvre in manoeuvres.items():
         progress(f"indices of {name}")
         delay = facilities[facility_of(named[name])].rudder_delay
-        known = {"rudder_delay": float(np.nan_to_num(delay)), "current": currents.get(name)}
+        known: dict[str, Any] = {"rudder_delay": float(np.nan_to_num(delay)), "current": currents.get(name)}
         known |= {"wind": corrected.get(name), "model": model, "rng": rng}
         found = corrected_indices(named[name], manoeuvre, vessel, **known)
         rows += [{"run": name, "manoeuvre": manoeuvre.label, "side": manoeuvre.side} | row for row in found]
@@ -249,7 +250,7 @@ def _stopping_rows(stop: Mapping[str, float], L: float) -> list[dict]:
     rows = []
     for name, units in STOPPING.items():
         value = stop[name] / (L if units == "m" else 1.0)
-        row = {"manoeuvre": LABEL, "side": "", "index": name, "units": "L" if units == "m" else units}
+        row: dict[str, Any] = {"manoeuvre": LABEL, "side": "", "index": name, "units": "L" if units == "m" else units}
         row |= dict.fromkeys(("raw", "less_current", "corrected"), value) | {"ratio": 1.0}
         row |= {"limit": LIMIT if name == "track_reach" and np.isfinite(value) else np.nan}
         rows.append(row | dict.fromkeys(PARTS, np.full(1, np.nan)))
