@@ -24,7 +24,7 @@ def test_forecast_writes_a_page_and_prints_indices_beside_the_reference(made, sm
     drawn = [f"{name}_{kind}" for name in names for kind in ("heading_and_rudder", "motion", "track")]
     assert files(tmp_path) == sorted(
         ["forecast.html", "figures/forecast_forces.png", "tables/forecast_verdict.csv"]
-        + [f"tables/forecast_{name}.csv" for name in names]
+        + [f"tables/forecast_{name}{what}.csv" for name in names for what in ("", "_bands")]
         + [f"figures/forecast_{name}.png" for name in drawn]
     )
     manoeuvre = ps.zigzag(10.0, 10.0, side="starboard")
@@ -35,6 +35,11 @@ def test_forecast_writes_a_page_and_prints_indices_beside_the_reference(made, sm
         for band in ("lower", "median", "upper"):
             expected = float(tree["index_bands"][name].sel(band=band))
             assert float(table[name.replace("_", " ")][band]) == pytest.approx(expected, rel=1e-5)
+    over_time = rows(tmp_path / "tables" / "forecast_zigzag_10_10_starboard_bands.csv")
+    for name in ("lower", "median", "upper"):
+        expected = tree["bands"]["psi"].sel(band=name).values
+        np.testing.assert_allclose([float(row[f"psi_{name}"]) for row in over_time], expected, rtol=1e-5, atol=1e-9)
+    assert [float(row["time"]) for row in over_time] == tree["bands"]["time"].values.tolist()
     printed = capsys.readouterr().out
     assert printed.startswith("zigzag 10/10 starboard: 30 ships, 0 % diverged, bands of 90%\n")
     assert printed.count("\nExtrapolation is unknown: the posterior does not hold the motion it was fitted to.\n") == 3

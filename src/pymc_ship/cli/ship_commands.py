@@ -47,6 +47,9 @@ from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
 from pymc_ship.trial.record import facility_of
 
 SIDES = ("port", "starboard")
+FILES = (".nc", ".zarr")
+"""Endings of the files of a joint posterior."""
+
 _DESIGN_DRAWS = 400  # of a posterior, as many as a design simulates
 
 
@@ -169,7 +172,7 @@ def _source(args: argparse.Namespace, rng: np.random.Generator, progress: Progre
 
 def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | dict[str, xr.DataTree]:
     """Joint posterior of a file, or those of each DOF that `regress` wrote."""
-    if path.suffix in (".nc", ".zarr"):
+    if path.suffix in FILES:
         return _of_vessel(read_posterior(path), path, vessel)
     return {dof: _posterior(path, dof, family, vessel) for dof in vessel.dofs}
 
@@ -192,7 +195,7 @@ def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
 
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Forecast manoeuvres and write the page; the text has indices and IMO verdicts."""
+    """Forecast manoeuvres and write the page; the text has indices and IMO verdicts, the tables the bands over time."""
     from pymc_ship.ships.forecasting.page import write_forecast_page
     from pymc_ship.ships.forecasting.steady_turns import spiral_sentence, steady_turns
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
@@ -211,7 +214,8 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise SimulationError(
             "A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35, --spiral, --stop or --measured."
         )
-    out = writable_folder(args.out or args.posterior)
+    place = Path(args.posterior)
+    out = writable_folder(args.out or (place.parent if place.suffix in FILES else place))
     trees, text = {}, []
     for label, manoeuvre in wanted.items():
         progress(f"forecasting the {label}")

@@ -239,8 +239,9 @@ class TestWords:
         assert "rudder kick 20/40 port: 8 ships" in shown
         assert ("time to midships" in shown) == bool(kind.indices)
         assert "does not hold the motion it was fitted to.\n" in shown
-        tables = [path.name for path in (tmp_path / "page").glob("tables/*.csv")]
-        assert tables == (["forecast_rudder_kick_20_40_port.csv"] if kind.indices else [])
+        tables = sorted(path.name for path in (tmp_path / "page").glob("tables/*.csv"))
+        indices = ["forecast_rudder_kick_20_40_port.csv"] if kind.indices else []
+        assert tables == [*indices, "forecast_rudder_kick_20_40_port_bands.csv"]
         assert "Rudder kick 20/40 port" in (tmp_path / "page" / "forecast.html").read_text(encoding="utf-8")
 
     def test_words_that_are_no_angles_are_refused(self, capsys):

@@ -162,7 +162,8 @@ def test_tables_and_figures_stand_beside_the_page(page):
     assert {path.name for path in (page.parent / "figures").iterdir()} == drawn | {"forecast_forces.png"}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in (page.parent / "figures").iterdir())
     tables = {p.name: list(csv.DictReader(p.read_text().splitlines())) for p in (page.parent / "tables").iterdir()}
-    assert set(tables) == {f"forecast_{name}.csv" for name in (*names, "verdict")}
+    bands = {f"forecast_{name}_bands.csv" for name in names}
+    assert set(tables) == {f"forecast_{name}.csv" for name in (*names, "verdict")} | bands
     assert len(tables["forecast_verdict.csv"]) == 5
     tree = forecasts()["turning circle 35 port"]
     row = tables["forecast_turning_circle_35_port.csv"][0]

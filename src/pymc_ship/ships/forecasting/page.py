@@ -19,6 +19,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import measured_indices
 from pymc_ship.ships.ensemble.index_error import BEYOND, error_rows
+from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.figures import manoeuvre_figures
 from pymc_ship.ships.forecasting.force_curves import force_curves
@@ -122,6 +123,7 @@ def write_forecast_page(
         drawn |= {f"{slug}_{kind}": figure for kind, figure in manoeuvre_figures(tree, vessel, trial).items()}
         lines = index_rows(tree, vessel, trial)
         rows |= {slug: lines} if lines else {}
+        rows[f"{slug}_bands"] = band_rows(tree)
         mine = [row["verdict"] for row in verdicts if row["manoeuvre"] == name]
         sections.append(_section(slug, name, tree, lines, mine))
     progress("drawing the force curves")
@@ -232,6 +234,15 @@ def index_rows(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = 
         row["reached"] = float(np.isfinite(draws[name].values).mean())
         rows.append(row | ({} if measured is None else _beside(row, found.get(name, np.nan) / unit)))
     return rows
+
+
+def band_rows(tree: xr.DataTree) -> list[dict]:
+    """Bands of a forecast over time: ``time`` and ``<channel>_<band>``, SI and rad."""
+    bands = tree["bands"].to_dataset()
+    columns = {"time": bands["time"].values.tolist()}
+    for channel, values in bands.data_vars.items():
+        columns |= {f"{channel}_{band}": values.sel(band=band).values.tolist() for band in BANDS}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def _beside(row: Mapping, value: float) -> dict:
