@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -125,8 +126,9 @@ def checked_trials(
     for layout in dict.fromkeys(layout for _, layout in files):
         mine = {name: path for name, (path, of) in zip(names, files, strict=True) if of == layout}
         found = judged_arguments(list(mine.values()), layout, vessel, args, progress, any_speed=any_speed)
-        for table, values in zip((trials, checks), found, strict=True):
-            table |= dict(zip(mine, values, strict=True))
+        corrected, made = found
+        trials |= dict(zip(mine, corrected, strict=True))
+        checks |= dict(zip(mine, made, strict=True))
     return trials, checks
 
 
@@ -219,7 +221,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
     trees, text = {}, []
     for label, manoeuvre in wanted.items():
         progress(f"forecasting the {label}")
-        settings = {"draws": 1000 if args.draws is None else args.draws, **source.settings}
+        settings: dict[str, Any] = {"draws": 1000 if args.draws is None else args.draws, **source.settings}
         settings |= {} if args.duration is None else {"duration": args.duration}
         settings |= {"n": args.n, "wind": args.wind, "current": args.current}
         settings["facility"] = args.facility or _facility(ship, measured.get(label))
@@ -247,7 +249,7 @@ def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree) -
     """Indices of the ship of a vessel file in the manoeuvre of a forecast; None without a vessel or indices."""
     if vessel is None or not manoeuvre.traits.indices:
         return None
-    duration = float(tree["trajectories"]["time"][-1])
+    duration = float(tree["trajectories"].dataset["time"][-1])
     return ps.indices(ps.simulate(vessel, manoeuvre, duration=duration, record_interval=0.5))
 
 
@@ -337,7 +339,9 @@ def _text(
     from pymc_ship.records.steering.measured import measured_indices
     from pymc_ship.ships.forecasting.page import refused_sentence
 
-    beside = {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
+    beside: dict[str, Mapping[Any, Any]] = (
+        {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
+    )
     beside |= {} if reference is None else {"reference": reference}
     verdicts = ps.imo_probabilities(tree, vessel)
     parts = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -121,7 +121,7 @@ def divergence(run: xr.Dataset) -> str:
     return f"The run diverged at t = {float(run['diverged_at']):g} s; the trial holds what was before."
 
 
-def index_table(found: xr.Dataset, columns: Mapping[str, xr.Dataset]) -> str:
+def index_table(found: xr.Dataset, columns: Mapping[str, Mapping[Any, Any]]) -> str:
     """One line for each index, one column for each data set."""
     rows = [
         (str(name).replace("_", " "), *(float(values[name]) for values in columns.values()), found[name].attrs["units"])
@@ -156,7 +156,7 @@ def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str], most: i
     return lines + (f"\n... and {len(rows) - most} more rows" if len(rows) > most else "")
 
 
-def forecast_text(tree: xr.DataTree, beside: Mapping[str, xr.Dataset]) -> str:
+def forecast_text(tree: xr.DataTree, beside: Mapping[str, Mapping[Any, Any]]) -> str:
     """Median and band of each index and what stands beside them, between shares of the forecast and extrapolation."""
     lines = [f"{tree.attrs['label']}: {stated_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]
     if "index_bands" in tree.children:

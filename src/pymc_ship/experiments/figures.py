@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymc_ship.pages.drawing import REFERENCE, STYLE, subplots
@@ -47,7 +49,7 @@ def scores(rows: Sequence[Mapping]) -> Figure:
     return fig
 
 
-def _lines(ax, rows: Sequence[Mapping], name: str) -> None:
+def _lines(ax: Axes, rows: Sequence[Mapping], name: str) -> None:
     """Line of each method over the levels; what is infinite or zero on a logarithmic axis is left out."""
     logarithmic, levels = name != "coverage", sorted({row["level"] for row in rows if row["level"] > 0.0})
     drawn = 0
@@ -58,7 +60,12 @@ def _lines(ax, rows: Sequence[Mapping], name: str) -> None:
         bars = 2.0 * np.nan_to_num(se[shown])
         drawn += shown.sum()
         lower = np.minimum(bars, 0.9 * value[shown]) if logarithmic else bars
-        style = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)], "ms": 4.0, "capsize": 2.0}
+        style: dict[str, Any] = {
+            "color": COLOURS[k % len(COLOURS)],
+            "marker": MARKERS[k % len(MARKERS)],
+            "ms": 4.0,
+            "capsize": 2.0,
+        }
         ax.errorbar(100.0 * level[shown], value[shown], (lower, bars), label=method, elinewidth=0.8, **style)
     if not drawn:
         ax.text(0.5, 0.5, "no finite value", ha="center", transform=ax.transAxes)

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 from urllib.parse import quote
 
 import pyarrow as pa
@@ -112,7 +112,12 @@ class Grid:
     def task(self, cell: Cell, seed: int, block: str = "") -> Task:
         """Task of one seed of a cell."""
         ship, manoeuvre = self.ships[cell.ship], self.manoeuvres[cell.manoeuvre]
-        kind = {"noise": cell.noise, "level": cell.level, "method": cell.method, "own": self.own.get(cell.method)}
+        kind: dict[str, Any] = {
+            "noise": cell.noise,
+            "level": cell.level,
+            "method": cell.method,
+            "own": self.own.get(cell.method),
+        }
         return Task(ship, manoeuvre, **kind, seed=seed, root=self.root_seed, duration=self.duration, block=block)
 
     def record(self) -> dict:
@@ -285,7 +290,7 @@ def _ships(entry: Entry, folder: Path) -> dict[str, Vessel]:
 
 def manoeuvres_of(entry: Entry) -> dict[str, Manoeuvre]:
     """Manoeuvres of a list of labels by label, each once."""
-    found = {}
+    found: dict[str, Manoeuvre] = {}
     for text in texts(entry):
         try:
             manoeuvre = written_manoeuvre(text)

@@ -31,7 +31,7 @@ from pymc_ship.machine.files import staged_files
 from pymc_ship.machine.memory import peak_memory
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed, number, table
 
 PAGE = Page("index.html", Path(__file__).with_name("page.html.j2"), digits=6, tables=".")
 """The page of a study, with ``cells.csv`` beside it."""
@@ -97,7 +97,7 @@ def cell_table(rows: Sequence[Mapping]) -> Table:
         dict(row) | {name: f"{number(3)(row[name])} ± {number(2)(row[f'{name}_se'])}" for name in STATISTIC}
         for row in rows
     ]
-    columns = {name: (name, str) for name in _SHARED if len({row[name] for row in rows}) > 1}
+    columns: Columns = {name: (name, str) for name in _SHARED if len({row[name] for row in rows}) > 1}
     columns |= {"level": ("noise level", number(3)), "method": ("method", str)}
     columns |= {"median_error": ("median error %", str), "coverage": ("90 % intervals cover %", str)}
     columns |= {"tactical_diameter_error": ("tactical diameter error %", str)}
@@ -107,12 +107,12 @@ def cell_table(rows: Sequence[Mapping]) -> Table:
 def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> Content:
     n, grid = number(3), store.study
     sessions = session_rows(costs)
-    by_session = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed(0))}
+    by_session: Columns = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed(0))}
     by_session |= {"tasks": ("tasks", fixed(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
     by_session |= {"overhead": ("overhead %", fixed(1)), "speed": ("tasks/s", n), "parent_ms": ("parent ms/task", n)}
-    by_method = {"group": ("method", str), "tasks": ("tasks", fixed(0))}
+    by_method: Columns = {"group": ("method", str), "tasks": ("tasks", fixed(0))}
     by_method |= {name: (f"{name} s", n) for name in PARTS} | {"sum": ("sum s", n), "cpu": ("processor s", n)}
-    plan = {"quantity": ("", str), "value": ("value", n), "unit": ("", str), "measured": ("from", str)}
+    plan: Columns = {"quantity": ("", str), "value": ("value", n), "unit": ("", str), "measured": ("from", str)}
     groups = [list(group) for _, group in groupby(rows, key=lambda row: [row[name] for name in _SHARED])]
     shown = {f"scores_{k}": group for k, group in enumerate(groups[:MOST_FIGURES])}
     values = {

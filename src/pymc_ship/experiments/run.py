@@ -12,7 +12,7 @@ from typing import Any
 from pymc_ship.experiments.grid import grid_of
 from pymc_ship.experiments.methods import import_path, imported
 from pymc_ship.experiments.store import Store, opened
-from pymc_ship.experiments.study import Study
+from pymc_ship.experiments.study import Study, StudyKind
 from pymc_ship.experiments.task import Method
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.errors import StudyError
@@ -71,8 +71,8 @@ def montecarlo(
     OutputError
         For a folder that cannot be written; what was kept before stays.
     """
-    where = {"workers": workers, "scheduler": scheduler}
-    return reported_montecarlo(study, out, **where, methods=methods, progress=progress)[1]
+    _, page = reported_montecarlo(study, out, workers=workers, scheduler=scheduler, methods=methods, progress=progress)
+    return page
 
 
 def reported_montecarlo(
@@ -114,7 +114,7 @@ def read_study(study: str | Path | Mapping, methods: Mapping[str, Method] | None
     return _kind(file.at("study")).read(file, folder)
 
 
-def _kind(entry: Entry) -> type[Study]:
+def _kind(entry: Entry) -> type[StudyKind]:
     """Kind of study that an import path names, or which is given."""
     kind = entry.value
     if isinstance(kind, str) and import_path(kind):

@@ -59,7 +59,7 @@ class Store:
 
     def missing(self) -> list[tuple[Any, str, Sequence[int]]]:
         """Cell, part and seeds of what is still to be measured, in the order of the results."""
-        found = []
+        found: list[tuple[Any, str, Sequence[int]]] = []
         self._left.clear()
         for cell, seeds, part in self.study.parts():
             done = self._done(part, len(seeds))
@@ -122,7 +122,7 @@ class Store:
         path, journal = self._parquet(part), self._journal(part)
         if not journal.exists():
             return
-        rows = {}
+        rows: dict[int, dict] = {}
         before = self._read(part).to_pylist() if path.exists() else []
         for row in before + self._lines(journal):
             rows.setdefault(row["seed"], row)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import pyarrow as pa
 
@@ -15,32 +15,25 @@ from pymc_ship.machine.toml import Entry
 
 
 class Study(Protocol):
-    """What the engine asks of a study, which is a dataclass.
+    """What the engine asks of a study, which is a dataclass."""
 
-    Attributes
-    ----------
-    seeds : int
-        Tasks of each cell.
-    scores : mapping of str to pyarrow.DataType
-        Columns of a result beside seed, status and sentence.
-    timed : tuple of str
-        Parts of a task whose seconds are kept.
-    """
+    __dataclass_fields__: ClassVar[dict[str, Any]]
 
-    title: str
-    seeds: int
-    scores: Mapping[str, pa.DataType]
-    timed: tuple[str, ...]
+    @property
+    def title(self) -> str:
+        """Head of the page."""
 
-    @classmethod
-    def read(cls, file: Entry, folder: Path) -> Self:
-        """Study of the table of a TOML file, in a folder from which the paths in it count.
+    @property
+    def seeds(self) -> int:
+        """Tasks of each cell."""
 
-        Raises
-        ------
-        StudyError
-            For what cannot be used; the sentence names the key.
-        """
+    @property
+    def scores(self) -> Mapping[str, pa.DataType]:
+        """Columns of a result beside seed, status and sentence."""
+
+    @property
+    def timed(self) -> tuple[str, ...]:
+        """Parts of a task whose seconds are kept."""
 
     @property
     def n_tasks(self) -> int:
@@ -75,3 +68,17 @@ class Study(Protocol):
 
     def columns(self, rows: Sequence[Mapping]) -> dict[str, str]:
         """Heads of the columns of the main table that a terminal shows, by key."""
+
+
+class StudyKind(Study, Protocol):
+    """A study that a TOML file names by its import path."""
+
+    @classmethod
+    def read(cls, file: Entry, folder: Path) -> Self:
+        """Study of the table of a TOML file, in a folder from which the paths in it count.
+
+        Raises
+        ------
+        StudyError
+            For what cannot be used; the sentence names the key.
+        """
