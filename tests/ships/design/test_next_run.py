@@ -320,7 +320,7 @@ class TestOfAPosterior:
     def test_a_ship_whose_runs_are_unknown_cannot_be_designed_for(self, kind):
         tree = joint(tanker(), 10, np.random.default_rng(2))
         one = "kvlcc2" if kind == "vessel" else ps.Ship.from_posterior(tanker(), tree, draws=10, rng=1)
-        with pytest.raises(ps.TrialDesignError, match="needs the motion of the runs so far, found a ship without it"):
+        with pytest.raises(ps.SimulationError, match="needs the motion of the runs so far, found a ship without it"):
             design(one, [CIRCLE], interest=[CIRCLE])
 
 
