@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from pymc_ship.diagnostics import figures, trajectory_figures
 from pymc_ship.diagnostics import trajectory as trajectory_diagnostics
-from pymc_ship.diagnostics import trajectory_figures
 from pymc_ship.diagnostics.numbers import autocorrelation
 from tests.diagnostics.cases import changed, hull, short_posterior
 
@@ -116,7 +116,8 @@ def test_directions_are_drawn_as_shares_with_the_unknown_apart():
 
 
 def test_the_correlation_is_parted_by_degree_of_freedom():
-    fig = drawn(trajectory_figures.correlation(short_posterior()))
+    tree = short_posterior()
+    fig = drawn(figures.correlation(tree, trajectory_diagnostics.dofs(tree)))
     ax = fig.axes[0]
     assert [text.get_text() for text in ax.get_xticklabels()] == ["surge", "sway", "yaw"]
     sizes = [len(hull().terms(dof)) for dof in hull().dofs]

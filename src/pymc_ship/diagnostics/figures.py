@@ -188,18 +188,34 @@ def pair(tree: xr.DataTree, names: Sequence[str]) -> Figure:
     return fig
 
 
-def correlation(tree: xr.DataTree) -> Figure:
-    """Heat map of the posterior correlation of the coefficients."""
+def correlation(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Figure:
+    """Heat map of the posterior correlation of the coefficients; those of all ``dofs`` are parted by lines."""
     matrix = numbers.correlation(tree)
-    names = [str(name) for name in matrix["coefficient"].values]
     with matplotlib.rc_context({**STYLE, "axes.grid": False}):
-        side = 2.2 + 0.2 * len(names)
-        fig, axes = subplots(side + 0.8, side)
-        image = axes[0, 0].imshow(matrix.values, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
-        axes[0, 0].set_xticks(range(len(names)), names, rotation=90, fontsize=7)
-        axes[0, 0].set_yticks(range(len(names)), names, fontsize=7)
-        fig.colorbar(image, ax=axes[0, 0], label="posterior correlation", shrink=0.8)
+        side = 6.4 if dofs else 2.2 + 0.2 * len(matrix)
+        fig, axes = subplots(side + (1.0 if dofs else 0.8), side)
+        ax = axes[0, 0]
+        image = ax.imshow(matrix.values, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+        if dofs:
+            _part(ax, np.array(dofs))
+        else:
+            names = matrix["coefficient"].values.tolist()
+            ax.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
+            ax.set_yticks(range(len(names)), names, fontsize=7)
+        fig.colorbar(image, ax=ax, label="posterior correlation", shrink=0.8)
     return fig
+
+
+def _part(ax: Axes, dofs: np.ndarray) -> None:
+    """Part the rows and columns of a heat map where the DOF of its coefficients changes."""
+    edges = np.flatnonzero(dofs[1:] != dofs[:-1]) + 0.5
+    middles, names = 0.5 * (np.append(-0.5, edges) + np.append(edges, dofs.size - 0.5)), list(dict.fromkeys(dofs))
+    ax.set_xticks(middles, names)
+    ax.set_yticks(middles, names)
+    ax.tick_params(length=0)
+    for edge in edges:
+        ax.axhline(edge, color=REFERENCE, lw=0.6)
+        ax.axvline(edge, color=REFERENCE, lw=0.6)
 
 
 def pareto_k(loo: ELPDData) -> Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, SD_LIMIT
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.errors import VesselError
-from pymc_ship.pages.tables import Columns, Table, fixed, number, percent, table
+from pymc_ship.pages.tables import Table, fixed, heads, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.forecasting.prior_ships import (
@@ -36,23 +36,10 @@ SHIPS = 200
 SHIPS_TITLE = "Ships of the prior and of the posterior"
 """Title of the part on the ships that a prior holds."""
 
-_SHARES: Columns = {
-    "manoeuvre": ("manoeuvre", str),
-    "of": ("ships of the", str),
-    "ran_away": ("ran away %", fixed(1)),
-    "wrong_way": ("wrong way %", fixed(1)),
-    "course_unstable": ("course-unstable %", fixed(1)),
-    "sailed": ("none of these %", fixed(1)),
-}
-_BANDS: Columns = {
-    "index": ("index", str),
-    "manoeuvre": ("manoeuvre", str),
-    "prior": ("prior", str),
-    "prior_reached": ("reached %", fixed(1)),
-    "posterior": ("posterior", str),
-    "posterior_reached": ("reached %", fixed(1)),
-}
-
+_ENDS = {"ran_away": "ran away %", "wrong_way": "wrong way %", "course_unstable": "course-unstable %"}
+_SHARES = heads(str, manoeuvre="manoeuvre", of="ships of the") | heads(fixed(1), **_ENDS, sailed="none of these %")
+_BANDS = heads(str, index="index", manoeuvre="manoeuvre", prior="prior") | heads(fixed(1), prior_reached="reached %")
+_BANDS |= heads(str, posterior="posterior") | heads(fixed(1), posterior_reached="reached %")
 
 WORDS_JUDGED = (
     f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
@@ -116,16 +103,9 @@ def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
 
 def gate_table(one: Comparison) -> Table:
     """Worst value of every gate of every method against its limit."""
-    columns: Columns = {
-        "method": ("method", str),
-        "gate": ("gate", str),
-        "value": ("value", number(4)),
-        "where": ("of", str),
-        "limit": ("limit", str),
-        "judged": ("holds", str),
-    }
-    if len(one.trees) == 1:
-        del columns["method"]
+    columns = heads(str, method="method") if len(one.trees) > 1 else {}
+    columns |= heads(str, gate="gate") | heads(number(4), value="value")
+    columns |= heads(str, where="of", limit="limit", judged="holds")
     rows = [
         {"method": method, **gate, "judged": "yes" if gate["holds"] else "NO"}
         for method, gates in one.gates.items()
@@ -166,19 +146,16 @@ def energy_part(tree: xr.DataTree) -> Part:
     return Part("Energy", "", [], [("energy", figures.energy(tree), caption)])
 
 
-def correlation_part(tree: xr.DataTree, heat_map: Callable[[xr.DataTree], Figure], caption: str) -> Part:
-    """The strongest posterior correlations, the draws of the first pair, and a heat map of all."""
+def correlation_part(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Part:
+    """The strongest posterior correlations, the draws of the first pair, and a heat map of all, parted by ``dofs``."""
     title, pairs = "Correlation of the coefficients", numbers.correlated_pairs(tree)
     if not pairs or pairs[0]["correlation"] == 0.0:
         return Part(title, "Not shown: there is no pair of coefficients that vary.")
-    columns: Columns = {
-        "first": ("coefficient", str),
-        "second": ("and", str),
-        "correlation": ("posterior correlation", fixed(4)),
-    }
+    columns = heads(str, first="coefficient", second="and") | heads(fixed(4), correlation="posterior correlation")
+    caption = f"Posterior correlation of all coefficients{', degrees of freedom parted' * bool(dofs)}."
     shown = f"About {figures.PAIR_DRAWS} draws of the most correlated pair, with marginals."
     pair = figures.pair(tree, [pairs[0]["first"], pairs[0]["second"]])
-    images = [("pair", pair, shown), ("correlation", heat_map(tree), caption)]
+    images = [("pair", pair, shown), ("correlation", figures.correlation(tree, dofs), caption)]
     return Part(title, "", [(table(pairs, columns), f"The {len(pairs)} strongest posterior correlations.")], images)
 
 

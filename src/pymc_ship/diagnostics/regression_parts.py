@@ -40,7 +40,7 @@ from pymc_ship.diagnostics.tables import (
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.sampling.error_laws import errors_of
-from pymc_ship.pages.tables import Columns, fixed, number, percent, table
+from pymc_ship.pages.tables import fixed, heads, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel
 
 _n = number(3)
@@ -123,7 +123,7 @@ def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> li
         energy_part(chains),
         _noise_variance(tree, rng),
         _predictive(tree, rng),
-        correlation_part(tree, figures.correlation, "Posterior correlation of all coefficients."),
+        correlation_part(tree),
         _directions(tree),
         _residuals(tree),
         _leave_one_out(tree, rng),
@@ -163,7 +163,9 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     reference = ship.coefficients(dof).values if ship else None
     published = {family: ship.published(dof, family) for family in FAMILIES} if ship else {}
     published = {family: values for family, values in published.items() if np.isfinite(values).any()}
-    rows = coefficient_table(found, narrowing, reference, published)
+    marks = {} if reference is None else {"reference": reference}
+    marks |= {f"publ. {family}": values for family, values in published.items()}
+    rows = coefficient_table(found.rename(quantity="coefficient"), narrowing, marks)
     relative = (
         "Coefficients over their posterior standard deviation, since no vessel was given"
         if reference is None
@@ -278,11 +280,8 @@ def _directions(tree: xr.DataTree) -> Part:
         f"The data {said}; a direction is left to the prior where the data's share of the posterior precision does not "
         f"exceed {CONTRACTION_LIMIT:g}. The condition number of the scaled design is {_n(condition)}."
     )
-    columns: Columns = {
-        "singular_value": ("singular value", _n),
-        "share": ("share of the data", fixed(4)),
-        "direction": ("largest loadings, scaled columns over prior sd", str),
-    }
+    columns = heads(_n, singular_value="singular value") | heads(fixed(4), share="share of the data")
+    columns |= heads(str, direction="largest loadings, scaled columns over prior sd")
     shown = rows[: max(8, open_)]
     caption = f"The {len(shown)} weakest directions of the design times prior sd over σ; share = s² / (s² + 1)."
     return Part(title, text, [(table(shown, columns), caption)])

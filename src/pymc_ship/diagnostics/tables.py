@@ -9,21 +9,15 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics.numbers import CI_PROB, judged
-from pymc_ship.pages.tables import Columns, Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed, heads, number, table
 
-_SCALED = ("mean", "sd", "lower", "upper", "mcse_mean", "mcse_sd")
-
-
-AGREEMENT: Columns = {
-    "method": ("method", str),
-    "largest_z": ("largest |z|", fixed(2)),
-    "z_limit": ("limit", fixed(2)),
-    "r_hat": ("largest R-hat", fixed(4)),
-    "ess_bulk": ("least bulk ESS", fixed(0)),
-    "ess_tail": ("least tail ESS", fixed(0)),
-    "divergences": ("divergences", fixed(0)),
-    "agrees": ("agrees", str),
-}
+AGREEMENT: Columns = (
+    heads(str, method="method")
+    | heads(fixed(2), largest_z="largest |z|", z_limit="limit")
+    | heads(fixed(4), r_hat="largest R-hat")
+    | heads(fixed(0), ess_bulk="least bulk ESS", ess_tail="least tail ESS", divergences="divergences")
+    | heads(str, agrees="agrees")
+)
 """Columns of a table of :func:`agreement_rows`."""
 
 
@@ -51,8 +45,8 @@ def agreement_table(agreement: xr.Dataset) -> Table:
     methods = [str(method) for method in agreement["method"].values]
     rows = []
     for quantity in agreement["quantity"].values:
-        one, scale = agreement.sel(quantity=quantity), 1e10 if quantity == "noise_variance" else 1e5
-        row: dict[str, Any] = {"quantity": "σ²" if quantity == "noise_variance" else str(quantity)}
+        one, (label, scale) = agreement.sel(quantity=quantity), _scaled(str(quantity))
+        row: dict[str, Any] = {"quantity": label}
         row |= {name: scale * float(one[f"exact_{name}"]) for name in ("mean", "sd")}
         for method in methods:
             by_method = one.sel({"method": method})
@@ -72,92 +66,50 @@ def agreement_table(agreement: xr.Dataset) -> Table:
     return table(rows, columns)
 
 
-def coefficient_table(
-    summary: xr.Dataset,
-    narrowing: xr.Dataset | None,
-    reference: np.ndarray | None,
-    published: Mapping[str, np.ndarray],
-) -> Table:
-    """Posterior of every quantity beside reference and published values and, where known, what determines it."""
-    columns = _coefficient_columns(narrowing, reference, published)
-    return table(_coefficient_rows(summary, narrowing, reference, published), columns)
+def coefficient_table(found: xr.Dataset, narrowing: xr.Dataset | None, marks: Mapping[str, np.ndarray]) -> Table:
+    """Posterior of every coefficient beside other values and, where known, what determines it.
 
-
-def prior_posterior_table(found: xr.Dataset, marks: dict[str, np.ndarray]) -> Table:
-    """Prior and posterior of the coefficients of a DOF beside other values; prior means of zero left out."""
-    scaled = {"prior_mean": "prior mean"} if found["prior_mean"].values.any() else {}
-    scaled |= {"prior_sd": "prior sd", "mean": "mean", "sd": "sd"}
-    scaled |= {"lower": f"{50 - 50 * CI_PROB:g} %", "upper": f"{50 + 50 * CI_PROB:g} %"}
-    columns: Columns = {"coefficient": ("coefficient", str)} | {name: (name, number(4)) for name in marks}
-    columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in scaled.items()}
-    columns |= {"contraction": ("contraction", fixed(3)), "judged": ("judged", str)}
-    rows, words = [], judged(found)
+    The noise variance may follow the coefficients in ``found``. Of a prior only a mean other than zero is shown.
+    """
+    shown = {"prior_mean": "prior mean", "prior_sd": "prior sd", "mean": "mean", "sd": "sd"}
+    shown |= {"lower": f"{50 - 50 * CI_PROB:g} %", "upper": f"{50 + 50 * CI_PROB:g} %"}
+    shown = {key: head for key, head in shown.items() if key in found}
+    if "prior_mean" in found and not found["prior_mean"].values.any():
+        del shown["prior_mean"]
+    columns: Columns = heads(str, coefficient="coefficient") | {name: (name, number(4)) for name in marks}
+    columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in shown.items()}
+    if narrowing is not None:
+        columns |= heads(fixed(3), contraction="contraction") | heads(str, judged="judged")
+    rows, words = [], [] if narrowing is None else judged(narrowing).tolist()
     for k, name in enumerate(map(str, found["coefficient"].values)):
-        one = found.isel(coefficient=k)
-        rows.append(
-            {"coefficient": name, "contraction": float(one["contraction"]), "judged": str(words[k])}
-            | {key: 1e5 * float(one[key]) for key in scaled}
-            | {mark: 1e5 * float(values[k]) for mark, values in marks.items()}
-        )
+        label, scale = _scaled(name)
+        row: dict[str, Any] = {"coefficient": label, "contraction": np.nan, "judged": ""}
+        row |= {key: scale * float(found[key].values[k]) for key in shown}
+        row |= {mark: scale * float(values[k]) if k < len(values) else np.nan for mark, values in marks.items()}
+        if narrowing is not None and k < len(words):
+            row |= {"contraction": float(narrowing["contraction"].values[k]), "judged": words[k]}
+        rows.append(row)
     return table(rows, columns)
+
+
+def chain_table(summary: xr.Dataset, *, errors: bool = True) -> Table:
+    """R-hat and effective sample sizes of every quantity, after its mean with its Monte Carlo errors."""
+    scaled = heads(number(4), mean="mean") | heads(number(3), mcse_mean="MCSE of mean", mcse_sd="MCSE of sd")
+    mixed = heads(fixed(4), r_hat="R-hat") | heads(fixed(0), ess_bulk="bulk ESS", ess_tail="tail ESS")
+    rows = []
+    for k, name in enumerate(map(str, summary["quantity"].values)):
+        label, scale = _scaled(name)
+        row = {key: scale * float(summary[key].values[k]) for key in scaled}
+        rows.append({"quantity": label} | row | {key: float(summary[key].values[k]) for key in mixed})
+    return table(rows, heads(str, quantity="quantity") | (scaled if errors else {}) | mixed)
+
+
+def _scaled(quantity: str) -> tuple[str, float]:
+    """What a quantity is called in a table, and what its prime value is multiplied with there."""
+    return ("σ²", 1e10) if quantity == "noise_variance" else (quantity, 1e5)
 
 
 def sensitivity_table(rows: Sequence[Mapping], quantity: str) -> Table:
     """Rows of :func:`pymc_ship.diagnostics.numbers.prior_sensitivity`, the first column as named."""
-    columns: Columns = {
-        "quantity": (quantity, str),
-        "prior": ("prior", fixed(3)),
-        "likelihood": ("likelihood", fixed(3)),
-    }
-    return table(rows, columns | {"diagnosis": ("diagnosis", str)})
-
-
-def chain_table(summary: xr.Dataset) -> Table:
-    """Monte Carlo errors, R-hat and effective sample sizes of every quantity."""
-    columns: Columns = {
-        "quantity": ("quantity", str),
-        "mean": ("mean", number(4)),
-        "mcse_mean": ("MCSE of mean", number(3)),
-        "mcse_sd": ("MCSE of sd", number(3)),
-        "r_hat": ("R-hat", fixed(4)),
-        "ess_bulk": ("bulk ESS", fixed(0)),
-        "ess_tail": ("tail ESS", fixed(0)),
-    }
-    return table(_coefficient_rows(summary, None, None, {}), columns)
-
-
-def _coefficient_columns(
-    narrowing: xr.Dataset | None, reference: np.ndarray | None, published: Mapping[str, np.ndarray]
-) -> dict:
-    columns: Columns = {"quantity": ("coefficient", str)}
-    columns |= {"reference": ("reference", number(4))} if reference is not None else {}
-    columns |= {f"published_{family}": (f"publ. {family}", number(4)) for family in published}
-    columns |= {
-        "mean": ("mean", number(4)),
-        "sd": ("sd", number(3)),
-        "lower": (f"{50 - 50 * CI_PROB:g} %", number(4)),
-        "upper": (f"{50 + 50 * CI_PROB:g} %", number(4)),
-    }
-    if narrowing is not None:
-        columns |= {"contraction": ("contraction", fixed(3)), "judged": ("judged", str)}
-    return columns
-
-
-def _coefficient_rows(
-    summary: xr.Dataset, narrowing: xr.Dataset | None, reference: np.ndarray | None, published: Mapping[str, np.ndarray]
-) -> list[dict]:
-    rows, words = [], np.array([]) if narrowing is None else judged(narrowing)
-    for k, name in enumerate(map(str, summary["quantity"].values)):
-        last = name == "noise_variance"
-        scale = 1e10 if last else 1e5
-        row: dict[str, Any] = {key: float(summary[key].values[k]) for key in ("r_hat", "ess_bulk", "ess_tail")}
-        row |= {key: scale * float(summary[key].values[k]) for key in _SCALED}
-        row |= {"quantity": "σ²" if last else name, "contraction": float("nan"), "judged": ""}
-        row |= {f"published_{family}": float("nan") if last else 1e5 * v[k] for family, v in published.items()}
-        row["reference"] = float("nan") if last or reference is None else 1e5 * float(reference[k])
-        if narrowing is not None and not last:
-            one = narrowing.isel(coefficient=k)
-            row["contraction"] = float(one["contraction"])
-            row["judged"] = str(words[k])
-        rows.append(row)
-    return rows
+    columns = heads(str, quantity=quantity) | heads(fixed(3), prior="prior", likelihood="likelihood")
+    return table(rows, columns | heads(str, diagnosis="diagnosis"))

@@ -194,22 +194,3 @@ def directions(found: xr.Dataset) -> Figure:
         ax.set_ylabel("prior variance left [share]")
         ax.legend()
     return fig
-
-
-def correlation(tree: xr.DataTree) -> Figure:
-    """Heat map of the posterior correlation of the coefficients, DOFs parted by lines."""
-    matrix, dofs = numbers.correlation(tree), np.array(trajectory.dofs(tree))
-    edges = np.flatnonzero(dofs[1:] != dofs[:-1]) + 0.5
-    middles = 0.5 * (np.append(-0.5, edges) + np.append(edges, dofs.size - 0.5))
-    names = list(dict.fromkeys(dofs))
-    with matplotlib.rc_context({**STYLE, "axes.grid": False}):
-        fig, axes = subplots(7.4, 6.4)
-        image = axes[0, 0].imshow(matrix.values, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
-        axes[0, 0].set_xticks(middles, names)
-        axes[0, 0].set_yticks(middles, names)
-        axes[0, 0].tick_params(length=0)
-        for edge in edges:
-            axes[0, 0].axhline(edge, color=REFERENCE, lw=0.6)
-            axes[0, 0].axvline(edge, color=REFERENCE, lw=0.6)
-        fig.colorbar(image, ax=axes[0, 0], label="posterior correlation", shrink=0.8)
-    return fig

@@ -26,13 +26,13 @@ from pymc_ship.diagnostics.parts import (
     record_remarks,
     ships_part,
 )
-from pymc_ship.diagnostics.tables import prior_posterior_table, sensitivity_table
+from pymc_ship.diagnostics.tables import chain_table, coefficient_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
 from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.inference.trajectory.posterior import verdict as khat_verdict
-from pymc_ship.pages.tables import Columns, fixed, number, percent, table
+from pymc_ship.pages.tables import fixed, heads, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 _DEFAULTS = (
@@ -51,7 +51,6 @@ _SOURCES = (
 )
 
 _CI = percent(CI_PROB)
-_HEAT_MAP = "Posterior correlation of all coefficients, degrees of freedom parted."
 _WEAKEST = 8
 _LISTED = 12
 _n = number(3)
@@ -145,7 +144,7 @@ def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> li
         _coefficients(tree, ship),
         _contraction(tree),
         _directions(tree),
-        correlation_part(tree, trajectory_figures.correlation, _HEAT_MAP),
+        correlation_part(tree, trajectory.dofs(tree)),
         _leave_one_out(tree),
         _sensitivity(tree),
         _ships(tree, ship, rng),
@@ -167,19 +166,13 @@ def _chains(tree: xr.DataTree) -> Part:
     found = numbers.summary(tree)
     names = [str(name) for name in found["quantity"].values]
     worst = np.argsort(-np.nan_to_num(found["r_hat"].values, nan=np.inf), kind="stable")[:_LISTED]
-    keys = {"r_hat": fixed(4), "ess_bulk": fixed(0), "ess_tail": fixed(0)}
-    rows = [{"quantity": names[k], **{key: float(found[key][k]) for key in keys}} for k in worst]
-    heads = ("R-hat", "bulk ESS", "tail ESS")
-    columns: Columns = {"quantity": ("quantity", str)} | {
-        key: (head, form) for head, (key, form) in zip(heads, keys.items(), strict=True)
-    }
     coefficients = set(map(str, tree["posterior"].dataset["coefficient"].values))
     chosen = [names[k] for k in worst if names[k] in coefficients][:1]
     pair = numbers.correlated_pairs(tree, 1)[:1]
     chosen = list(dict.fromkeys([*chosen, *(name for one in pair for name in (one["first"], one["second"]))]))
     text = "Drawn are the coefficient of largest R-hat and the most correlated pair (prime values times 1e5)."
-    caption = f"The {len(rows)} quantities of largest R-hat."
-    return Part("Chains", text, [(table(rows, columns), caption)], chain_images(tree, chosen))
+    rows = chain_table(found.isel(quantity=worst), errors=False)
+    return Part("Chains", text, [(rows, f"The {len(worst)} quantities of largest R-hat.")], chain_images(tree, chosen))
 
 
 def _motion(tree: xr.DataTree) -> Part:
@@ -196,21 +189,10 @@ def _residuals(tree: xr.DataTree) -> Part:
     if lacking := missing_sentence(tree, *RECORDS):
         return Part("Residuals", f"Not shown: {lacking}")
     found, rows = trajectory.residuals(tree), trajectory.channel_rows(tree)
-    columns: Columns = {
-        "run": ("run", number(4)),
-        "channel": ("channel", str),
-        "blocks": ("blocks", number(6)),
-        "block_sd": ("sd of a block", _n),
-        "offset": ("offset", _n),
-        "unit": ("unit", str),
-        "correlation": ("correlation", fixed(3)),
-        "chi2": ("χ²", fixed(3)),
-        "inside": (f"within {SD_LIMIT:g} sd", fixed(3)),
-        "r1": ("r1", fixed(3)),
-        "p_value": ("Ljung-Box p", _n),
-        "largest": ("largest [sd]", fixed(2)),
-        "at": ("at [s]", fixed(1)),
-    }
+    columns = heads(number(4), run="run") | heads(str, channel="channel") | heads(number(6), blocks="blocks")
+    columns |= heads(_n, block_sd="sd of a block", offset="offset") | heads(str, unit="unit")
+    columns |= heads(fixed(3), correlation="correlation", chi2="χ²", inside=f"within {SD_LIMIT:g} sd", r1="r1")
+    columns |= heads(_n, p_value="Ljung-Box p") | heads(fixed(2), largest="largest [sd]") | heads(fixed(1), at="at [s]")
     caption = (
         "The noise of a block of samples, sensor offset and correlation with the block before, as the noise model has "
         "them, and the residuals once that correlation is taken out: mean square χ², share within "
@@ -248,7 +230,7 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
             inside, total = inside + int(within.sum()), total + within.size
         values = "parameters" if dof == trajectory.PARTS else "prime values"
         caption = f"{dof.capitalize()}, {values} times 1e5; equal-tailed (eti) intervals of {_CI}."
-        tables.append((prior_posterior_table(one, marks), caption))
+        tables.append((coefficient_table(one, one, marks), caption))
         images.append(
             (
                 f"forest-{dof}",
@@ -292,7 +274,7 @@ def _directions(tree: xr.DataTree) -> Part:
         return Part(title, "Not shown: every coefficient has a flat prior, which gives a direction no unit.")
     count = min(max(_WEAKEST, found.attrs["n_unknown"]), found.sizes["direction"])
     rows = [{"share": float(found["share"][k]), "direction": str(found["text"].values[k])} for k in range(count)]
-    columns: Columns = {"share": ("prior variance left", fixed(3)), "direction": ("largest loadings, in prior sd", str)}
+    columns = heads(fixed(3), share="prior variance left") | heads(str, direction="largest loadings, in prior sd")
     text = (
         "Principal directions of one half of the draws in prior standard deviations, and the variance of the other "
         "half along them; a share is known to a tenth or so and may come out above 1."

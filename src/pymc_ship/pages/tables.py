@@ -55,6 +55,11 @@ def percent(share: float) -> str:
     return f"{100.0 * share:g} %"
 
 
+def heads(form: Callable[[Any], str], **heads: str) -> Columns:
+    """Columns of one formatter, each head by its key in the rows."""
+    return {key: (head, form) for key, head in heads.items()}
+
+
 def table(rows: Sequence[Mapping[str, Any]], columns: Columns) -> Table:
     """Format the given keys of rows under their heads."""
     return Table(
