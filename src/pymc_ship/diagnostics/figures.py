@@ -62,8 +62,7 @@ def arviz_figure(plot: str, subject: object, size: tuple[float, float], **settin
 
 def _labelled(fig: Figure, x: str, y: str) -> Figure:
     for ax in fig.axes:
-        ax.set_xlabel(x)
-        ax.set_ylabel(y)
+        ax.set(xlabel=x, ylabel=y)
     return fig
 
 
@@ -93,8 +92,7 @@ def energy(tree: xr.DataTree) -> Figure:
     fig = arviz_figure("plot_energy", tree, (8.0, 2.8), threshold=numbers.E_BFMI_LIMIT)
     labels = (("E-BFMI", "chain"), ("energy, centred", "density"))
     for ax, (x, y) in zip(fig.axes, labels, strict=False):
-        ax.set_xlabel(x)
-        ax.set_ylabel(y)
+        ax.set(xlabel=x, ylabel=y)
     fig.axes[0].set_yticks(range(tree["posterior"].sizes["chain"]))
     return fig
 
@@ -225,8 +223,7 @@ def pareto_k(loo: ELPDData) -> Figure:
         k = np.ravel(loo.pareto_k.values)
         axes[0, 0].plot(np.arange(k.size), k, ".", color=BLUE, ms=4)
         axes[0, 0].axhline(loo.good_k, color=REFERENCE, ls="--", lw=0.9, label=f"limit {loo.good_k:.2f}")
-        axes[0, 0].set_xlabel("row")
-        axes[0, 0].set_ylabel("Pareto k")
+        axes[0, 0].set(xlabel="row", ylabel="Pareto k")
         axes[0, 0].legend()
     return fig
 
@@ -246,13 +243,11 @@ def residuals(values: xr.DataArray, band: float) -> Figure:
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(8.0, 2.9, 1, 2, width_ratios=(1.5, 1.0))
         axes[0, 0].plot(values["time"], 1e5 * values, color=BLUE, lw=0.8)
-        axes[0, 0].set_xlabel("time [s]")
-        axes[0, 0].set_ylabel("residual · 10⁵ (prime)")
+        axes[0, 0].set(xlabel="time [s]", ylabel="residual · 10⁵ (prime)")
         axes[0, 1].axhspan(-band, band, color=NOISE, alpha=0.5, lw=0, label="white noise, 95 %")
         axes[0, 1].vlines(np.arange(1, lags + 1), 0.0, r, color=RUST, lw=1.4)
         axes[0, 1].axhline(0.0, color=REFERENCE, lw=0.7)
-        axes[0, 1].set_xlabel("lag [rows]")
-        axes[0, 1].set_ylabel("autocorrelation")
+        axes[0, 1].set(xlabel="lag [rows]", ylabel="autocorrelation")
         axes[0, 1].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return fig
 

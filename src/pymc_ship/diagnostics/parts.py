@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from pymc_ship.diagnostics import figures, numbers
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, SD_LIMIT
+from pymc_ship.diagnostics.tables import ENDS
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.pages.tables import Table, fixed, heads, number, percent, table
@@ -36,8 +37,7 @@ SHIPS = 200
 SHIPS_TITLE = "Ships of the prior and of the posterior"
 """Title of the part on the ships that a prior holds."""
 
-_ENDS = {"ran_away": "ran away %", "wrong_way": "wrong way %", "course_unstable": "course-unstable %"}
-_SHARES = heads(str, manoeuvre="manoeuvre", of="ships of the") | heads(fixed(1), **_ENDS, sailed="none of these %")
+_SHARES = heads(str, manoeuvre="manoeuvre", of="ships of the") | ENDS
 _BANDS = heads(str, index="index", manoeuvre="manoeuvre", prior="prior") | heads(fixed(1), prior_reached="reached %")
 _BANDS |= heads(str, posterior="posterior") | heads(fixed(1), posterior_reached="reached %")
 
@@ -116,26 +116,18 @@ def gate_table(one: Comparison) -> Table:
 
 def chain_images(tree: xr.DataTree, names: list[str]) -> list[tuple[str, Figure, str]]:
     """Traces, ranks where there are two chains, and growth of the effective sample size of some quantities."""
-    limit = f"{numbers.ESS_LIMIT:g}"
-    images = [
-        ("trace", figures.trace(tree, names), "Trace, one colour a chain."),
-        (
-            "ess",
-            figures.effective_sample_size(tree, names),
-            f"Bulk (blue) and tail ESS (orange) against the number of draws at {figures.ESS_POINTS} points; "
-            f"dashed: {limit}.",
-        ),
-    ]
-    if tree["posterior"].sizes["chain"] < 2:
-        return images
-    ranks = (
-        "rank",
-        figures.rank(tree, names),
+    ranked = (
         "Fractional ranks, each chain's distribution function minus the uniform one, with the p-value of uniformity "
-        f"(black: where it fails at the {100 * (1 - ENVELOPE):.0f} % level; envelope_prob {ENVELOPE:g}).",
+        f"(black: where it fails at the {100 * (1 - ENVELOPE):.0f} % level; envelope_prob {ENVELOPE:g})."
     )
-    images.insert(1, ranks)
-    return images
+    growth = (
+        f"Bulk (blue) and tail ESS (orange) against the number of draws at {figures.ESS_POINTS} points; "
+        f"dashed: {numbers.ESS_LIMIT:g}."
+    )
+    images = [("trace", figures.trace(tree, names), "Trace, one colour a chain.")]
+    if tree["posterior"].sizes["chain"] > 1:
+        images.append(("rank", figures.rank(tree, names), ranked))
+    return [*images, ("ess", figures.effective_sample_size(tree, names), growth)]
 
 
 def energy_part(tree: xr.DataTree) -> Part:
@@ -164,13 +156,14 @@ def pareto_image(loo: ELPDData, unit: str) -> tuple[str, Figure, str]:
     return "pareto", figures.pareto_k(loo), f"Pareto k of every {unit}; dashed: limit {loo.good_k:.2f}."
 
 
-def pareto_sentence(loo: ELPDData, unit: str) -> str:
-    """Sentence on the rows or blocks whose Pareto k is too large."""
-    k = np.ravel(loo.pareto_k.values)
+def loo_sentences(loo: ELPDData, unit: str, digits: int) -> str:
+    """The elpd, in so many digits, and how many rows or blocks have too large a Pareto k."""
+    k, n = np.ravel(loo.pareto_k.values), number(3)
     worst = int(np.argmax(k))
     return (
+        f"elpd {number(digits)(float(loo.elpd))} ± {n(float(loo.se))}, p_loo {n(float(loo.p))}. "
         f"{int(np.sum(k > loo.good_k))} of {k.size} {unit}s have a Pareto k above {loo.good_k:.2f}; the largest is "
-        f"{number(3)(float(k[worst]))}, row {worst}."
+        f"{n(float(k[worst]))}, row {worst}."
     )
 
 

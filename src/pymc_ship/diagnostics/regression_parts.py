@@ -10,25 +10,11 @@ import json
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics import figures, numbers, regression
+from pymc_ship.diagnostics import figures, numbers, parts, regression
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.group_parts import groups_part
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, PSENSE_LIMIT, WHITENESS_LEVEL
-from pymc_ship.diagnostics.parts import (
-    SHIPS_TITLE,
-    WORDS_JUDGED,
-    Part,
-    Subject,
-    chain_images,
-    correlation_part,
-    energy_part,
-    gate_table,
-    missing_sentence,
-    pareto_image,
-    pareto_sentence,
-    record_remarks,
-    ships_part,
-)
+from pymc_ship.diagnostics.parts import Part, Subject
 from pymc_ship.diagnostics.tables import (
     AGREEMENT,
     agreement_rows,
@@ -56,9 +42,11 @@ def _verdict(one: Comparison) -> list[str]:
     if one.agreement is not None:
         lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
     tree = one.posterior
-    if lacking := missing_sentence(tree, *regression.needed(tree)):
-        return [*lines, f"What the data determine and the residuals are not known: {lacking}", *record_remarks(tree)]
-    return [*lines, _determined(tree), _white(tree), *record_remarks(tree)]
+    if lacking := parts.missing_sentence(tree, *regression.needed(tree)):
+        lines.append(f"What the data determine and the residuals are not known: {lacking}")
+    else:
+        lines += [_determined(tree), _white(tree)]
+    return [*lines, *parts.record_remarks(tree)]
 
 
 def _determined(tree: xr.DataTree) -> str:
@@ -120,10 +108,10 @@ def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> li
         _coefficients(tree, ship),
         *groups_part(tree),
         _chains(chains, one.sampler if len(one.trees) > 1 else ""),
-        energy_part(chains),
+        parts.energy_part(chains),
         _noise_variance(tree, rng),
         _predictive(tree, rng),
-        correlation_part(tree),
+        parts.correlation_part(tree),
         _directions(tree),
         _residuals(tree),
         _leave_one_out(tree, rng),
@@ -137,7 +125,7 @@ def _convergence(one: Comparison) -> Part:
     whose = f" of {' and '.join(unknown)}" if len(one.trees) > 1 else ""
     text = f"Divergences and E-BFMI{whose} are not judged: there are no sample_stats." if unknown else ""
     caption = "Worst value over all quantities against its limit."
-    return Part("Convergence gates", text, [(gate_table(one), caption)])
+    return Part("Convergence gates", text, [(parts.gate_table(one), caption)])
 
 
 def _agreement(one: Comparison) -> Part:
@@ -190,12 +178,9 @@ def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
     if narrowing is None:
         return []
     own = regression.prior_of(tree) is None
-    variance = (
-        f"of a normal prior with the same central {_CI}"
-        if own
-        else "of the conjugate prior at the posterior mean of σ²"
-    )
-    return [f"Contraction is 1 − posterior variance / prior variance (that {variance}). {WORDS_JUDGED}"]
+    normal, conjugate = f"a normal prior with the same central {_CI}", "the conjugate prior at the posterior mean of σ²"
+    variance = f"of {normal if own else conjugate}"
+    return [f"Contraction is 1 − posterior variance / prior variance (that {variance}). {parts.WORDS_JUDGED}"]
 
 
 def _held(found: xr.Dataset, reference: np.ndarray | None) -> list[str]:
@@ -224,20 +209,17 @@ def _chains(tree: xr.DataTree, method: str) -> Part:
     whose = f"The chains are those of {method}. " if method else ""
     if not names:
         return Part("Chains", f"{whose}Not drawn: none of the chosen quantities varies.", tables)
-    rest = (
-        ", the most correlated pair and the noise variance"
-        if "noise_variance" in names
-        else " and the most correlated pair"
-    )
+    pair = "the most correlated pair"
+    rest = f", {pair} and the noise variance" if "noise_variance" in names else f" and {pair}"
     text = f"{whose}Drawn are the coefficient of largest R-hat{rest}."
     if tree["posterior"].sizes["chain"] < 2:
         text = f"{text} Ranks are not drawn: they need two chains."
-    return Part("Chains", text, tables, chain_images(tree, names))
+    return Part("Chains", text, tables, parts.chain_images(tree, names))
 
 
 def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Prior and posterior of the noise variance"
-    if lacking := missing_sentence(tree, *regression.needed(tree)):
+    if lacking := parts.missing_sentence(tree, *regression.needed(tree)):
         return Part(title, f"Not shown: {lacking}")
     if float(tree["posterior"].dataset["noise_variance"].std()) == 0.0:
         return Part(title, "Not drawn: the noise variance does not vary.")
@@ -251,14 +233,11 @@ def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 
 def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Prior and posterior predictive check"
-    if lacking := missing_sentence(tree, *regression.needed_to_predict(tree)):
+    if lacking := parts.missing_sentence(tree, *regression.needed_to_predict(tree)):
         return Part(title, f"Not shown: {lacking}")
     low, middle, high = regression.prior_predictive_ratio(tree, rng)
-    made = (
-        "as the tree holds them"
-        if numbers.has(tree, "posterior_predictive/response")
-        else "drawn from posterior and design"
-    )
+    held = numbers.has(tree, "posterior_predictive/response")
+    made = "as the tree holds them" if held else "drawn from posterior and design"
     text = (
         f"Under the prior the root mean square of the response is {_n(middle)} times that of the record "
         f"(5 to 95 % of 400 draws: {_n(low)} to {_n(high)}). Posterior predictive responses, {made}:"
@@ -270,7 +249,7 @@ def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 
 def _directions(tree: xr.DataTree) -> Part:
     title = "Singular directions of the design"
-    if lacking := missing_sentence(tree, *regression.needed(tree)):
+    if lacking := parts.missing_sentence(tree, *regression.needed(tree)):
         return Part(title, f"Not shown: {lacking}")
     rows = regression.singular_directions(tree)
     open_ = sum(row["share"] <= CONTRACTION_LIMIT for row in rows)
@@ -288,7 +267,7 @@ def _directions(tree: xr.DataTree) -> Part:
 
 
 def _residuals(tree: xr.DataTree) -> Part:
-    if lacking := missing_sentence(tree, *regression.needed(tree)):
+    if lacking := parts.missing_sentence(tree, *regression.needed(tree)):
         return Part("Residuals", f"Not shown: {lacking}")
     values = regression.residuals(tree)
     if values.size < 10:
@@ -307,26 +286,21 @@ def _residuals(tree: xr.DataTree) -> Part:
 
 def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Leave-one-out cross-validation"
-    if lacking := missing_sentence(tree, "log_likelihood/response", *regression.needed_to_predict(tree)):
+    if lacking := parts.missing_sentence(tree, "log_likelihood/response", *regression.needed_to_predict(tree)):
         return Part(title, f"Not shown: {lacking}")
     loo = numbers.cross_validation(tree)
     full = regression.with_posterior_predictive(tree, rng)
     half, most = regression.loo_pit_coverage(full)
     text = (
-        f"elpd {_n(float(loo.elpd))} ± {_n(float(loo.se))}, p_loo {_n(float(loo.p))}. {pareto_sentence(loo, 'row')} "
+        f"{parts.loo_sentences(loo, 'row', 3)} "
         f"Leave-one-out intervals of 50 and {_CI} hold {100 * half:.0f} and {100 * most:.0f} % of the rows. "
         "With serially correlated rows leave-one-out flatters, since the neighbours of a row stay in."
     )
-    images = [
-        pareto_image(loo, "row"),
-        (
-            "pit",
-            figures.loo_pit(full),
-            f"LOO-PIT, its distribution function minus the uniform one; orange: what most tells it from uniform "
-            f"(envelope_prob {ENVELOPE:g}).",
-        ),
-    ]
-    return Part(title, text, [], images)
+    caption = (
+        "LOO-PIT, its distribution function minus the uniform one; orange: what most tells it from uniform "
+        f"(envelope_prob {ENVELOPE:g})."
+    )
+    return Part(title, text, [], [parts.pareto_image(loo, "row"), ("pit", figures.loo_pit(full), caption)])
 
 
 def _sensitivity(tree: xr.DataTree) -> Part:
@@ -334,7 +308,7 @@ def _sensitivity(tree: xr.DataTree) -> Part:
     if numbers.has(tree, "posterior/group_coefficients"):
         return Part(title, "Not shown: to power the priors of groups would power what pools them.")
     stated = next(iter(tree["log_prior"].data_vars), "coefficients") if "log_prior" in tree.children else "coefficients"
-    if lacking := missing_sentence(tree, f"log_prior/{stated}", "log_likelihood/response"):
+    if lacking := parts.missing_sentence(tree, f"log_prior/{stated}", "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
     rows = numbers.prior_sensitivity(tree)
     moved = [row["quantity"] for row in rows if row["prior"] > PSENSE_LIMIT]
@@ -346,11 +320,11 @@ def _sensitivity(tree: xr.DataTree) -> Part:
 def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Part:
     """Ships of the prior: that of the tree's own group where there is one, otherwise that which it records."""
     if numbers.has(tree, "prior/coefficients"):
-        return ships_part(tree, ship, {tree.attrs["dof"]: tree}, rng)
-    prior, lacking = regression.prior_of(tree), missing_sentence(tree, *regression.needed(tree))
+        return parts.ships_part(tree, ship, {tree.attrs["dof"]: tree}, rng)
+    prior, lacking = regression.prior_of(tree), parts.missing_sentence(tree, *regression.needed(tree))
     if prior is None or lacking:
-        return Part(SHIPS_TITLE, f"Not shown: {lacking}")
-    return ships_part(tree, ship, {tree.attrs["dof"]: (regression.data_of(tree), prior)}, rng)
+        return Part(parts.SHIPS_TITLE, f"Not shown: {lacking}")
+    return parts.ships_part(tree, ship, {tree.attrs["dof"]: (regression.data_of(tree), prior)}, rng)
 
 
 def _coefficient_names(vessel: Vessel, tree: xr.DataTree) -> list[str]:

@@ -21,6 +21,16 @@ AGREEMENT: Columns = (
 """Columns of a table of :func:`agreement_rows`."""
 
 
+ENDS = heads(
+    fixed(1),
+    ran_away="ran away %",
+    wrong_way="wrong way %",
+    course_unstable="course-unstable %",
+    sailed="none of these %",
+)
+"""Columns of the shares of ships by how they end."""
+
+
 def agreement_rows(agreement: xr.Dataset) -> list[dict]:
     """Worst values and verdict of each method of an agreement."""
     return [

@@ -190,7 +190,6 @@ def directions(found: xr.Dataset) -> Figure:
         ):
             ax.semilogy(place[which], share[which], ".", color=colour, ms=5, label=label)
         ax.axhline(UNKNOWN, color=REFERENCE, ls="--", lw=0.9)
-        ax.set_xlabel("direction, the least known first")
-        ax.set_ylabel("prior variance left [share]")
+        ax.set(xlabel="direction, the least known first", ylabel="prior variance left [share]")
         ax.legend()
     return fig

@@ -8,24 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics import numbers, trajectory, trajectory_figures
+from pymc_ship.diagnostics import numbers, parts, trajectory, trajectory_figures
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, TAILS, WHITENESS_LEVEL
-from pymc_ship.diagnostics.parts import (
-    SHIPS_TITLE,
-    WORDS_JUDGED,
-    Part,
-    Subject,
-    chain_images,
-    correlation_part,
-    energy_part,
-    gate_table,
-    missing_sentence,
-    pareto_image,
-    pareto_sentence,
-    record_remarks,
-    ships_part,
-)
+from pymc_ship.diagnostics.parts import Part, Subject
 from pymc_ship.diagnostics.tables import chain_table, coefficient_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
 from pymc_ship.inference.identifiability.information import UNKNOWN
@@ -65,12 +51,12 @@ def _verdict(one: Comparison) -> list[str]:
     if tree.attrs["method"] == "trajectory":
         khat = float(tree.attrs["pareto_khat"])
         lines.append(f"Pareto k-hat {khat:.2f} (limit {KHAT_LIMIT:g}): {khat_verdict(khat)}.")
-    lacking = missing_sentence(tree, *PRIOR)
+    lacking = parts.missing_sentence(tree, *PRIOR)
     lines += [f"What the records determine is not known: {lacking}"] if lacking else _determined(tree)
     lines += [tree.attrs["noise_sentence"], _white(tree)]
     agreeing, starts = int(tree.attrs["starts_agreeing"]), int(tree.attrs["starts"])
     lines.append(f"{agreeing} of {starts} starts of the fit ended at this mode; {_diverged(tree)}.")
-    return [*lines, *record_remarks(tree)]
+    return [*lines, *parts.record_remarks(tree)]
 
 
 def _determined(tree: xr.DataTree) -> list[str]:
@@ -96,7 +82,7 @@ def _determined(tree: xr.DataTree) -> list[str]:
 
 
 def _white(tree: xr.DataTree) -> str:
-    if lacking := missing_sentence(tree, *RECORDS):
+    if lacking := parts.missing_sentence(tree, *RECORDS):
         return f"The residuals are not known: {lacking}"
     rows = trajectory.channel_rows(tree)
     worst = min(rows, key=lambda row: row["p_value"])
@@ -135,7 +121,7 @@ def _origin(one: Comparison) -> str:
 def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> list[Part]:
     """Every part of a section, in order; a part whose variables the tree lacks says so."""
     tree = one.posterior
-    sampled = [_chains(tree), energy_part(tree)] if tree.attrs["method"] != "trajectory" else []
+    sampled = [_chains(tree), parts.energy_part(tree)] if tree.attrs["method"] != "trajectory" else []
     return [
         _gates(one),
         *sampled,
@@ -144,7 +130,7 @@ def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> li
         _coefficients(tree, ship),
         _contraction(tree),
         _directions(tree),
-        correlation_part(tree, trajectory.dofs(tree)),
+        parts.correlation_part(tree, trajectory.dofs(tree)),
         _leave_one_out(tree),
         _sensitivity(tree),
         _ships(tree, ship, rng),
@@ -159,7 +145,7 @@ def _gates(one: Comparison) -> Part:
     )
     if one.posterior.attrs["method"] != "trajectory":
         text = "Over all coefficients, initial states and sensor offsets."
-    return Part("Gates", text, [(gate_table(one), "Worst value against its limit.")])
+    return Part("Gates", text, [(parts.gate_table(one), "Worst value against its limit.")])
 
 
 def _chains(tree: xr.DataTree) -> Part:
@@ -171,13 +157,13 @@ def _chains(tree: xr.DataTree) -> Part:
     pair = numbers.correlated_pairs(tree, 1)[:1]
     chosen = list(dict.fromkeys([*chosen, *(name for one in pair for name in (one["first"], one["second"]))]))
     text = "Drawn are the coefficient of largest R-hat and the most correlated pair (prime values times 1e5)."
-    rows = chain_table(found.isel(quantity=worst), errors=False)
-    return Part("Chains", text, [(rows, f"The {len(worst)} quantities of largest R-hat.")], chain_images(tree, chosen))
+    rows, caption = chain_table(found.isel(quantity=worst), errors=False), "The {} quantities of largest R-hat."
+    return Part("Chains", text, [(rows, caption.format(len(worst)))], parts.chain_images(tree, chosen))
 
 
 def _motion(tree: xr.DataTree) -> Part:
     title = "Measured and fitted motion"
-    if lacking := missing_sentence(tree, *RECORDS, "constant_data/motion"):
+    if lacking := parts.missing_sentence(tree, *RECORDS, "constant_data/motion"):
         return Part(title, f"Not shown: {lacking}")
     caption = "Run {}: block means and the motion at the posterior mode; below, residuals in sd of a block."
     runs = range(tree["constant_data"].sizes["run_index"])
@@ -186,7 +172,7 @@ def _motion(tree: xr.DataTree) -> Part:
 
 
 def _residuals(tree: xr.DataTree) -> Part:
-    if lacking := missing_sentence(tree, *RECORDS):
+    if lacking := parts.missing_sentence(tree, *RECORDS):
         return Part("Residuals", f"Not shown: {lacking}")
     found, rows = trajectory.residuals(tree), trajectory.channel_rows(tree)
     columns = heads(number(4), run="run") | heads(str, channel="channel") | heads(number(6), blocks="blocks")
@@ -203,20 +189,16 @@ def _residuals(tree: xr.DataTree) -> Part:
         "single samples, and χ² lies above 1."
     )
     text = _white(tree) + (student if tree.attrs["noise_model"].startswith("student_t") else "")
-    images = [
-        (
-            "autocorrelation",
-            trajectory_figures.autocorrelation(found),
-            "Their autocorrelation; band of each run ± 1.96/√n.",
-        ),
-        ("quantiles", trajectory_figures.quantiles(found), "Quantiles of these residuals against those of the normal."),
-    ]
+    band = "Their autocorrelation; band of each run ± 1.96/√n."
+    against = "Quantiles of these residuals against those of the normal."
+    images = [("autocorrelation", trajectory_figures.autocorrelation(found), band)]
+    images.append(("quantiles", trajectory_figures.quantiles(found), against))
     return Part("Residuals", text, [(table(rows, columns), caption)], images)
 
 
 def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     title = "Coefficients"
-    if lacking := missing_sentence(tree, *PRIOR):
+    if lacking := parts.missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
     found = trajectory.contraction(tree)
     tails = tree["posterior"].dataset["coefficients"].quantile(TAILS, ("chain", "draw"))
@@ -231,15 +213,10 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
         values = "parameters" if dof == trajectory.PARTS else "prime values"
         caption = f"{dof.capitalize()}, {values} times 1e5; equal-tailed (eti) intervals of {_CI}."
         tables.append((coefficient_table(one, one, marks), caption))
-        images.append(
-            (
-                f"forest-{dof}",
-                trajectory_figures.forest(tree, dof, marks),
-                f"{dof.capitalize()}: mean, 50 % and {_CI} eti.",
-            )
-        )
+        intervals = f"{dof.capitalize()}: mean, 50 % and {_CI} eti."
+        images.append((f"forest-{dof}", trajectory_figures.forest(tree, dof, marks), intervals))
     held = f" The {_CI} intervals hold {inside} of {total} reference values." if ship else ""
-    return Part(title, f"{WORDS_JUDGED}{held}", tables, images)
+    return Part(title, f"{parts.WORDS_JUDGED}{held}", tables, images)
 
 
 def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -256,18 +233,17 @@ def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.
 
 def _contraction(tree: xr.DataTree) -> Part:
     title = "Contraction"
-    if lacking := missing_sentence(tree, *PRIOR):
+    if lacking := parts.missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
     text = "Contraction is 1 − posterior variance / prior variance, the factors tau included; 1 under a flat prior."
     caption = f"Contraction of every coefficient; dashed: limit {CONTRACTION_LIMIT:g}."
-    return Part(
-        title, text, [], [("contraction", trajectory_figures.contraction(trajectory.contraction(tree)), caption)]
-    )
+    figure = trajectory_figures.contraction(trajectory.contraction(tree))
+    return Part(title, text, [], [("contraction", figure, caption)])
 
 
 def _directions(tree: xr.DataTree) -> Part:
     title = "Directions that stay unknown"
-    if lacking := missing_sentence(tree, *PRIOR):
+    if lacking := parts.missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
     found = trajectory.directions(tree)
     if not found.sizes["direction"]:
@@ -280,31 +256,27 @@ def _directions(tree: xr.DataTree) -> Part:
         "half along them; a share is known to a tenth or so and may come out above 1."
     )
     caption = f"The {len(rows)} least known directions."
-    image = (
-        "directions",
-        trajectory_figures.directions(found),
-        f"Prior variance left along every direction; dashed: {UNKNOWN:g}.",
-    )
+    left = f"Prior variance left along every direction; dashed: {UNKNOWN:g}."
+    image = ("directions", trajectory_figures.directions(found), left)
     return Part(title, text, [(table(rows, columns), caption)], [image])
 
 
 def _leave_one_out(tree: xr.DataTree) -> Part:
     title = "Leave-one-out by block"
-    if lacking := missing_sentence(tree, "log_likelihood/response"):
+    if lacking := parts.missing_sentence(tree, "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
     loo = numbers.cross_validation(trajectory.ships_that_ran(tree))
     text = (
-        f"elpd {number(6)(float(loo.elpd))} ± {_n(float(loo.se))}, p_loo {_n(float(loo.p))}. "
-        f"{pareto_sentence(loo, 'block')} Neighbouring blocks of a trajectory are not exchangeable: those that "
+        f"{parts.loo_sentences(loo, 'block', 6)} Neighbouring blocks of a trajectory are not exchangeable: those that "
         "stay in tell the motion of the one left out. elpd compares models of the same record; for the forecast of a "
         "manoeuvre leave out whole runs, or the future of one."
     )
-    return Part(title, text, [], [pareto_image(loo, "block")])
+    return Part(title, text, [], [parts.pareto_image(loo, "block")])
 
 
 def _sensitivity(tree: xr.DataTree) -> Part:
     title = "Sensitivity to prior and likelihood"
-    if lacking := missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
+    if lacking := parts.missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
     rows = numbers.prior_sensitivity(trajectory.ships_that_ran(tree))
     moved = sum(row["prior"] > PSENSE_LIMIT for row in rows)
@@ -319,12 +291,12 @@ def _sensitivity(tree: xr.DataTree) -> Part:
 
 def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> Part:
     """Ships of the prior, factors tau included."""
-    if lacking := missing_sentence(tree, *PRIOR):
-        return Part(SHIPS_TITLE, f"Not shown: {lacking}")
+    if lacking := parts.missing_sentence(tree, *PRIOR):
+        return Part(parts.SHIPS_TITLE, f"Not shown: {lacking}")
     prior = trajectory.prior_of(tree)
     if not np.isfinite(prior.scale).all():
-        return Part(SHIPS_TITLE, "Not shown: a coefficient with a flat prior has no draws.")
-    part = ships_part(tree, ship, prior, rng)
+        return Part(parts.SHIPS_TITLE, "Not shown: a coefficient with a flat prior has no draws.")
+    part = parts.ships_part(tree, ship, prior, rng)
     part.text += " The factors tau of the prior come from the evidence of the records." * bool(part.tables)
     return part
 

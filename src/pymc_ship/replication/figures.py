@@ -69,8 +69,7 @@ def noise_variance(exact: Mapping[str, Any], dof: str) -> Figure:
         else:
             ax.locator_params(axis="x", nbins=5)
         ax.set_xlim(seen[0] / 1.02, seen[-1] * 1.02)
-        ax.set_xlabel("σ² of the prime response")
-        ax.set_ylabel("density of log σ²")
+        ax.set(xlabel="σ² of the prime response", ylabel="density of log σ²")
         ax.set_title(f"{dof}, {family}")
         ax.legend()
     return fig
@@ -86,8 +85,7 @@ def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
             ax.plot(draws["draw"], 1e5 * draws.sel(chain=chain), lw=0.4, alpha=0.7)
         ax.axhline(1e5 * float(draws.mean()), color=RUST, label="posterior mean")
         ax.axhline(1e5 * reference, color=REFERENCE, ls="--", label="reference")
-        ax.set_xlabel("draw")
-        ax.set_ylabel(f"{name}' · 10⁵")
+        ax.set(xlabel="draw", ylabel=f"{name}' · 10⁵")
     fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return fig
 
@@ -124,8 +122,7 @@ def _track(ax: Axes, reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]
         for draw in range(min(40, ships.sizes["draw"])):
             ax.plot(ships["y"][draw], ships["x"][draw], color=prior_family(family).colour, lw=0.4, alpha=0.25)
     ax.plot(reference["y"], reference["x"], "--", color=REFERENCE)
-    ax.set_xlabel("y, to starboard [m]")
-    ax.set_ylabel("x, ahead [m]")
+    ax.set(xlabel="y, to starboard [m]", ylabel="x, ahead [m]")
     if equal:
         ax.set_aspect("equal")
         low, high = float(reference["y"].min()), float(reference["y"].max())  # of a ship that runs away: until then
@@ -142,8 +139,7 @@ def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], publis
     ax.axhline(published, color=REFERENCE, ls="--", lw=0.9, label="published, median of all")
     if np.isfinite(bound):
         ax.axvline(bound, color=REFERENCE, ls=":", lw=0.9, label=f"published errors at level {bound:.1e}")
-    ax.set_xlabel("noise level (standard deviation of ξ)")
-    ax.set_ylabel("median |error| [%]")
+    ax.set(xlabel="noise level (standard deviation of ξ)", ylabel="median |error| [%]")
     ax.legend(ncols=2)
     return fig
 
@@ -163,8 +159,7 @@ def errors_by_method(
         ax.loglog(levels, values, ms=3.5, label=method, **style)
     for (family, median), marker in zip(published.items(), "*P", strict=False):
         ax.plot(printed_level, median, marker, ls="", ms=8, color=REFERENCE, label=f"published, {family}")
-    ax.set_xlabel("noise level (standard deviation of ξ)")
-    ax.set_ylabel("median |error| [%]")
+    ax.set(xlabel="noise level (standard deviation of ξ)", ylabel="median |error| [%]")
     fig.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return fig
 
@@ -179,8 +174,7 @@ def tuning(tuned: Mapping[str, TunedPrior]) -> Figure:
         ax.plot(np.arange(1, best.size + 1), best, ".-", ms=3, color=DOF_COLOURS.get(dof, REFERENCE), label=dof)
     ax.axhline(0.0, color=REFERENCE, ls="--", lw=0.9, label="evidence maximum")
     ax.set_yscale("symlog", linthresh=1e-3)
-    ax.set_xlabel("evaluation")
-    ax.set_ylabel("gain [nats per row]")
+    ax.set(xlabel="evaluation", ylabel="gain [nats per row]")
     ax.legend(ncols=5, fontsize=8)
     return fig
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.tables import Columns, fixed, number, table
+from pymc_ship.pages.tables import Columns, fixed, heads, number, table
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import bound_chapter, figures
 from pymc_ship.replication.measurements import level_of_error
@@ -201,14 +201,9 @@ def _forecasts(result: StudyResult) -> dict:
         f"without moving the ship. The 35 deg turn, an extrapolation, is off by {_n(shown['turn'])} %, with "
         f"{_n(shown['diverged'])} % of the draws diverged."
     )
-    columns: Columns = {
-        "level": ("noise level", number(3)),
-        "family": ("family", str),
-        "coefficients": ("coefficient error %", _n),
-        "zigzag": ("zigzag RMSE/range %", _n),
-        "turn": ("turn RMSE/range %", _n),
-        "diverged": ("turn diverged %", fixed(1)),
-    }
+    columns = heads(number(3), level="noise level") | heads(str, family="family")
+    columns |= heads(_n, coefficients="coefficient error %", zigzag="zigzag RMSE/range %", turn="turn RMSE/range %")
+    columns |= heads(fixed(1), diverged="turn diverged %")
     return _finding("Forecasts can be good where coefficients are not", text, table=table(rows, columns))
 
 
@@ -285,12 +280,8 @@ def _printed_errors(result: StudyResult) -> dict:
         "Both published estimates of Xv are 24.0e-5 against a printed reference of 41.0e-5, "
         "so that reference may be a misprint."
     )
-    columns: Columns = {
-        "dof": ("DOF", str),
-        "printed": ("printed errors", str),
-        "fit_own": ("fit the estimate beside them", str),
-        "fit_other": ("fit the other family's", str),
-    }
+    columns = heads(str, dof="DOF", printed="printed errors", fit_own="fit the estimate beside them")
+    columns |= heads(str, fit_other="fit the other family's")
     return _finding("Slip: two columns of errors", text, table=table(rows, columns))
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pymc_ship.diagnostics.tables import AGREEMENT, agreement_rows, agreement_table
-from pymc_ship.pages.tables import Columns, Table, fixed, number, table
+from pymc_ship.diagnostics.tables import AGREEMENT, ENDS, agreement_rows, agreement_table
+from pymc_ship.pages.tables import Columns, Table, fixed, heads, number, table
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.vessel.vessel import LETTER
@@ -78,13 +78,8 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
         "indices": _index_table(result),
         "denoising": table(
             _denoising_rows(result),
-            {
-                "channel": ("channel", str),
-                "noise": ("noise sd", n),
-                "before": ("RMSE before", n),
-                "after": ("RMSE after", n),
-                "gain": ("before / after", n),
-            },
+            heads(str, channel="channel")
+            | heads(n, noise="noise sd", before="RMSE before", after="RMSE after", gain="before / after"),
         ),
         "denoisers": table(
             result.tables["denoisers"],
@@ -96,12 +91,9 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
         ),
         "drawn_channels": table(
             result.tables["drawn_channels"],
-            {
-                "channel": ("channel", str),
-                "sd": ("sd of draws", n),
-                "rmse": ("RMSE of their mean", n),
-                "coverage": ("90 % intervals cover %", fixed(0)),
-            },
+            heads(str, channel="channel")
+            | heads(n, sd="sd of draws", rmse="RMSE of their mean")
+            | heads(fixed(0), coverage="90 % intervals cover %"),
         ),
         "drawn_coefficients": table(
             result.tables["drawn_coefficients"],
@@ -117,29 +109,17 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
         ),
         "data": table(
             _data_rows(result),
-            {
-                "dof": ("DOF", str),
-                "rows": ("rows", str),
-                "terms": ("terms", str),
-                "condition": ("condition number", number(4)),
-                "vif_median": ("VIF, median", n),
-                "vif_largest": ("VIF, largest", n),
-                "largest": ("of", str),
-            },
+            heads(str, dof="DOF", rows="rows", terms="terms")
+            | heads(number(4), condition="condition number")
+            | heads(n, vif_median="VIF, median", vif_largest="VIF, largest")
+            | heads(str, largest="of"),
         ),
         "priors": table(
             result.tables["priors"],
-            {
-                "family": ("family", str),
-                "dof": ("DOF", str),
-                "choice": ("choice", str),
-                "shape": ("shape A", n),
-                "scale": ("scale b = 1/B", n),
-                "kappa": ("kappa", n),
-                "score": ("score", fixed(4)),
-                "score_se": ("± se", fixed(4)),
-                "log_evidence": ("log evidence", p),
-            },
+            heads(str, family="family", dof="DOF", choice="choice")
+            | heads(n, shape="shape A", scale="scale b = 1/B", kappa="kappa")
+            | heads(fixed(4), score="score", score_se="± se")
+            | heads(p, log_evidence="log evidence"),
         ),
         "prior_ships": _prior_ship_table(result),
         "errors": table(
@@ -172,22 +152,12 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
 
 def _prior_ship_table(result: StudyResult) -> Table:
     """Shares of the ships of each prior, and the band of an index of each manoeuvre."""
-    n, share = number(3), fixed(1)
-    rows = []
+    n, rows = number(3), []
     for row in result.tables["prior_ships"]:
         band = f"{n(row['median'])} ({n(row['lower'])} to {n(row['upper'])})" if np.isfinite(row["median"]) else "–"
         rows.append({**row, "band": f"{row['index']} [{row['unit']}]: {band}"})
-    columns: Columns = {
-        "family": ("family", str),
-        "choice": ("prior", str),
-        "manoeuvre": ("manoeuvre", str),
-        "ran_away": ("ran away %", share),
-        "wrong_way": ("wrong way %", share),
-        "course_unstable": ("course-unstable %", share),
-        "sailed": ("none of these %", share),
-        "band": ("index of those that reach it", str),
-        "reached": ("reach it %", share),
-    }
+    columns = heads(str, family="family", choice="prior", manoeuvre="manoeuvre") | ENDS
+    columns |= heads(str, band="index of those that reach it") | heads(fixed(1), reached="reach it %")
     return table(rows, columns)
 
 
