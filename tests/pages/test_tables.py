@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pymc_ship.pages.tables import fixed, number, percent, table
+from pymc_ship.pages.tables import fixed, heads, number, percent, table
 from tests.sentences import refused
 
 MINUS, DASH = "−", "–"
@@ -132,3 +132,8 @@ def test_a_table_without_rows_keeps_its_heads():
 def test_a_row_that_lacks_a_column_is_an_error():
     with refused(KeyError, "rows"):
         table([{"dof": "yaw", "median": 1.0, "share": 2.0}], COLUMNS)
+
+
+def test_columns_of_one_formatter_keep_their_order_and_join_those_of_another():
+    made = table([{"b": 1.0, "a": 2.0, "c": "x"}], heads(fixed(1), b="B", a="A %") | heads(str, c="C"))
+    assert (made.heads, made.numeric, made.cells) == (["B", "A %", "C"], [True, True, False], [["1.0", "2.0", "x"]])
