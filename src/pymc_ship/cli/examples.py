@@ -46,7 +46,7 @@ FORECAST = """examples:
 DESIGN = """examples:
   pymc-ship design reports/my_ship --sea-room 3000 --wind 8/270 --out design
   pymc-ship design trajectory.nc --vessel container --n 2 --out design
-  pymc-ship design trajectory.nc --vessel my.toml --criterion forecast --out design
+  pymc-ship design regressed --vessel my.toml --out design
 """
 MONTECARLO = """examples:
   pymc-ship montecarlo studies/container.toml --out reports/montecarlo

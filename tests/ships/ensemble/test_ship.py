@@ -7,6 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from tests.sentences import refused
 from tests.ships.ensemble.cases import motion_of, ship_of
 from tests.ships.forecasting.posteriors import joint, posterior, scattered
 from tests.ships.identification.cases import tanker, trial
@@ -143,8 +144,15 @@ class TestRepr:
         found = model()
         assert repr(found.ship) == "Ship(kvlcc2: 1 model, 40 draws, errors beyond the draws from 3 held-out runs)"
         assert repr(found) == f"ShipIdentification(3 runs, 2 term sets, {found.ship!r})"
-        for one in (found, found.ship, *found.ship.members):
+        likelihoods = found.ship.likelihoods.values()
+        for one in (found, found.ship, *found.ship.members, *found.candidates, *likelihoods):
             assert len(repr(one)) < 400, type(one)
+
+
+@pytest.mark.slow
+def test_an_identification_in_place_of_its_ship_is_refused():
+    with refused(ps.VesselError, "found.ship"):
+        ps.forecast(model(), ps.turning_circle(35.0), rng=1)
 
 
 def test_members_keep_their_shares_and_the_fullest_vessel_heads_the_ship():

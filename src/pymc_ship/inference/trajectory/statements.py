@@ -43,6 +43,10 @@ class Earlier:
     mean: np.ndarray
     scale: np.ndarray
 
+    def __repr__(self) -> str:
+        """Number of coefficients and of runs."""
+        return f"Earlier({len(self.names)} coefficients, {len(self.log_density)} runs)"
+
     def of(self, vessel: Vessel) -> Statement:
         """Statement of the coefficients of a vessel with these terms; InferenceError where one is lacking."""
         mine = coefficient_names(vessel)

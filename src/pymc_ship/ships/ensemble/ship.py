@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, fullest, reference_coefficients
@@ -203,7 +204,9 @@ ShipLike = Ship | VesselLike
 
 
 def as_ship(ship: ShipLike) -> Ship:
-    """Ship as it is, or that of a vessel."""
+    """Ship as it is, or that of a vessel; VesselError for anything else."""
+    if isinstance(getattr(ship, "ship", None), Ship):
+        raise VesselError("A ship or a vessel is meant, found an identification; give its ship, `found.ship`.")
     return ship if isinstance(ship, Ship) else Ship.from_vessel(ship)
 
 

@@ -149,9 +149,12 @@ def write_forecast_page(
 
 
 def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[str]:
-    """How the intervals of a ship with laws of its errors are made; nothing of another."""
+    """How the intervals are made: of the draws alone, or with the laws of the errors of the ship."""
     if ship.index_error is None:
-        return []
+        return [
+            "Each forecast runs one ship for each draw of the coefficients; the intervals are those of the ships. They "
+            "hold the uncertainty of the coefficients alone, not that of the model's form."
+        ]
     found = [
         f"{len(ship.models)} term sets take part by their score on held-out runs: their scatter and that of the "
         "coefficients make the bands, tracks and force curves.",

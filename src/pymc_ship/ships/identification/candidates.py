@@ -83,6 +83,10 @@ class Candidate:
     captive: CaptiveFit | None = None
     apart: tuple[float, ...] = ()
 
+    def __repr__(self) -> str:
+        """Name, weight and number of draws."""
+        return f"Candidate({self.name!r}, weight {self.weight:.3g}, {len(self.draws)} draws)"
+
     @property
     def said(self) -> Statement:
         """All that data have said of these coefficients: the windows of the runs, and what stood beside the prior."""
