@@ -26,25 +26,6 @@ def test_a_file_is_read(tmp_path):
     assert load_conditions(None) == load_conditions({}) or np.isnan(load_conditions({}).water_depth)
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ({"weather": {}}, "unknown key weather"),
-        ({"water": {"deep": 1.0}}, "unknown key water.deep"),
-        ({"water": {"depth": 0.0}}, "water.depth must be positive, found 0"),
-        ({"water": {"depth": -4.0}}, "water.depth"),
-        ({"water": {"sea_state": 11}}, "whole number from 0 to 9, found 11"),
-        ({"water": {"sea_state": 2.5}}, "whole number from 0 to 9, found 2.5"),
-        ({"wind": {"speed": 4.0}}, "wind.from is missing"),
-        ({"form": {"date": 4}}, "form.date must be a text"),
-        ({"water": 3}, "must be a table"),
-    ],
-)
-def test_what_no_trial_has_is_refused(table, message):
-    with pytest.raises(ps.TrialError, match=message):
-        load_conditions(table)
-
-
 def judgements(conditions, **known):
     settings = {"wind": 4.0, "speeds": {"a": 7.9}} | known
     return {row["condition"]: row["judgement"] for row in condition_rows(conditions, VESSEL, **settings)}

@@ -117,24 +117,6 @@ def test_another_loading_is_that_of_a_ship_as_far_from_its_formulae(calm):
     assert abs(found["tactical_diameter"]["raw"] / calm["circle"]["tactical_diameter"] - 1.0) > 0.03
 
 
-def test_polynomials_know_no_draught():
-    plain = replace(ship(), members=ship_of((ps.load_vessel("kvlcc2"), np.zeros((2, 29)))).members)
-    run = {"circle": sailed(CIRCLE, 2400, wind=None)}
-    with pytest.raises(ps.TrialError, match="knows another draught"):
-        ps.sea_trial(run, tanker(), ship=plain, full_load=tanker(), rng=1)
-
-
-def test_a_full_load_needs_a_ship():
-    with pytest.raises(ps.TrialError, match="give the ship"):
-        ps.sea_trial({"circle": sailed(CIRCLE, 600)}, tanker(), full_load=tanker(), rng=1)
-
-
-def test_another_ship_is_not_her_full_load():
-    other = replace(tanker(), particulars=replace(tanker().particulars, L=200.0))
-    with pytest.raises(ps.TrialError, match="L = 200 m and 320 m"):
-        ps.sea_trial({"circle": sailed(CIRCLE, 600)}, tanker(), ship=ship(), full_load=other, rng=1)
-
-
 def test_the_same_seed_gives_the_same_rows_and_another_does_not(day):
     runs = {"zigzag": day["zigzag"]}
     first, again, other = (ps.sea_trial(runs, tanker(), rng=seed).indices for seed in (1, 1, 2))

@@ -36,15 +36,3 @@ def test_its_uncertainty_is_that_of_noisy_positions():
     held = np.abs(z) < 2.0
     assert held.mean() >= 0.95 - 2.0 * np.sqrt(0.95 * 0.05 / held.size)
     assert np.mean(np.abs(z) < 0.2) < 0.8
-
-
-def test_a_turn_of_one_round_is_refused():
-    turn = sailed(ps.turning_circle(35), 1100, wind=None)
-    with pytest.raises(ps.TrialError, match="720 deg, of 630 at least, found 4"):
-        drift_current(turn)
-
-
-def test_a_record_without_a_track_is_refused():
-    turn = sailed(ps.turning_circle(35), 2400, wind=None).drop_vars(["x", "y"])
-    with pytest.raises(ps.TrialError, match="x"):
-        drift_current(turn)

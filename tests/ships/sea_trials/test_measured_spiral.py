@@ -152,9 +152,3 @@ def test_a_sea_trial_states_the_loop_and_draws_it_beside_the_ship(tmp_path):
     page = ps.trial_report(found, tmp_path).read_text(encoding="utf-8")
     assert "Spiral test: steady rate of turn" in page
     assert (tmp_path / "figures" / "sea_trial_spirals.png").exists()
-
-
-@pytest.mark.parametrize("settings", [{"hold": 0.0}, {"hold": 100.0, "step_deg": 4.0}, {"hold": np.inf}])
-def test_a_direct_spiral_that_cannot_be_sailed_is_refused(settings):
-    with pytest.raises(ps.SimulationError, match="direct spiral holds each angle"):
-        ps.direct_spiral(15.0, **settings)

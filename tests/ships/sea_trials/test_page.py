@@ -75,12 +75,6 @@ def test_the_least_favourable_run_and_judgement_stand_in_the_form():
     assert (other["port"], other["judgement"]) == ("not sailed", "")
 
 
-def test_a_day_without_a_standard_manoeuvre_is_refused():
-    run = sailed(ps.zigzag(10, 10), 200, wind=None)
-    with pytest.raises(ps.TrialError, match="No run is of a standard manoeuvre"):
-        ps.sea_trial([run.assign(delta=0.0 * run["delta"])], tanker(), rng=1)
-
-
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory):
     path = tmp_path_factory.mktemp("runs") / "circle.csv"
