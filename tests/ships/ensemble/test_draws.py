@@ -1,8 +1,6 @@
 import numpy as np
-import pytest
 import xarray as xr
 
-import pymc_ship as ps
 from pymc_ship.ships.ensemble.draws import coefficient_draws
 from tests.ships.forecasting.posteriors import joint, posterior, reference_row, scattered
 
@@ -43,17 +41,6 @@ def test_draws_repeat_only_where_the_posterior_has_too_few(container):
     assert set(many) <= set(range(10))
 
 
-def test_posteriors_that_do_not_fit_the_vessel_are_refused(container):
-    rng = np.random.default_rng(14)
-    names = container.coefficients("sway")["coefficient"].values
-    lacking = posterior(names[2:], np.zeros((4, len(names) - 2)))
-    expected = ", ".join(sorted(names[:2]))
-    with pytest.raises(ps.VesselError, match=rf"The sway posterior lacks {expected} of 'container'; use its own terms"):
-        coefficient_draws(container, {"sway": lacking}, 4, rng)
-    with pytest.raises(ps.VesselError, match="surge, sway, yaw, roll; found 'heave'"):
-        coefficient_draws(container, {"heave": lacking}, 4, rng)
-
-
 def test_a_joint_posterior_is_drawn_in_whole_rows(container):
     """Two coefficients of different DOFs that are one and the same stay so; drawn by DOF they come apart."""
     rng = np.random.default_rng(15)
@@ -71,12 +58,3 @@ def test_a_joint_posterior_is_drawn_in_whole_rows(container):
         assert {tuple(row) for row in drawn} <= rows
     apart = coefficient_draws(container, dict.fromkeys(container.dofs, tree), 50, np.random.default_rng(16))
     assert abs(np.corrcoef(apart[:, first], apart[:, second])[0, 1]) < 0.5
-
-
-def test_a_joint_posterior_that_lacks_a_coefficient_is_refused(container):
-    lacking = joint(container, 4, np.random.default_rng(17)).isel(coefficient=slice(2, None))
-    names = container.coefficients("surge")["coefficient"].values[:2]
-    with pytest.raises(
-        ps.VesselError, match=f"The joint posterior lacks {', '.join(names)} of 'container'; use its own"
-    ):
-        coefficient_draws(container, lacking, 4, np.random.default_rng(1))

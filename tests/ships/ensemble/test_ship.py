@@ -59,20 +59,6 @@ class TestOfAPosterior:
     def test_a_noise_that_is_given_counts_in_place_of_that_of_the_posterior(self, tree):
         assert ps.Ship.from_posterior(tanker(), tree, rng=1, noise_sd={"v": 0.2}).noise_sd == {"v": 0.2}
 
-    @pytest.mark.parametrize(
-        ("settings", "error", "message"),
-        [
-            ({"draws": 1}, ValueError, "needs two draws or more, found 1; ask for more"),
-            ({"noise_sd": {"speed": 1.0}}, ValueError, "found 1.0 for 'speed'; correct it"),
-            ({"posteriors": "posterior.nc"}, ps.VesselError, "one joint posterior or posteriors by degree of freedom"),
-            ({"posteriors": posterior(["Yv"], np.zeros((2, 1)))}, ps.VesselError, "lacks .* of 'kvlcc2'; use its own"),
-        ],
-    )
-    def test_what_makes_no_ship_is_refused_in_a_sentence(self, tree, settings, error, message):
-        with pytest.raises(error, match=message) as caught:
-            ps.Ship.from_posterior(**{"vessel": "kvlcc2", "posteriors": tree, "rng": 1} | settings)
-        assert str(caught.value).endswith(".")
-
 
 class TestOfAVessel:
     def test_it_is_one_draw_the_coefficients_of_the_file(self):
@@ -80,10 +66,6 @@ class TestOfAVessel:
         ((vessel, rows),) = ship.models
         np.testing.assert_array_equal(rows, reference_coefficients(vessel)[None])
         assert (ship.draws, ship.motion, ship.index_error) == (1, None, None)
-
-    def test_a_file_that_cannot_be_read_is_refused(self, tmp_path):
-        with pytest.raises(ps.VesselError, match=r"none\.toml"):
-            ps.Ship.from_vessel(tmp_path / "none.toml")
 
 
 class TestOneForecastForAll:
