@@ -191,22 +191,3 @@ def test_a_single_instant_outside_is_less_than_a_tenth_of_a_percent(container):
     said = sentence(container, shares(extrapolation(container, si(container, many), box())))
     assert said.startswith("Less than 0.1 % of the instants lie outside")
     assert sentence(container, shares(extrapolation(container, si(container, many[-100:]), box()))).startswith("1 % of")
-
-
-@pytest.mark.parametrize(
-    ("spoilt", "message"),
-    [
-        (lambda motion: motion.rename(row="time"), "has the dims row and symbol"),
-        (lambda motion: motion.isel(symbol=slice(5)), "has the dims row and symbol"),
-        (lambda motion: motion.isel(row=slice(0)), "has rows, found 0 rows"),
-        (lambda motion: motion.where(motion != motion[3, 2]), "is finite"),
-    ],
-)
-def test_a_motion_that_cannot_be_read_is_refused(container, spoilt, message):
-    with pytest.raises(ps.TrialError, match=message):
-        extrapolation(container, si(container, CENTRE), spoilt(box()))
-
-
-def test_ships_without_a_channel_are_refused(container):
-    with pytest.raises(ps.TrialError, match="r, delta missing; add them"):
-        extrapolation(container, si(container, CENTRE).drop_vars(["r", "delta"]), box())

@@ -65,9 +65,3 @@ class TestForceCurves:
         assert force_draws(vessel, np.arange(1.0, 7.0)[None], "surge", "delta", np.array([0.2]))[0, 0] == pytest.approx(
             1.0
         )
-
-    def test_what_does_not_fit_is_said(self, container):
-        with pytest.raises(ValueError, match="found none; add one"):
-            force_curves([])
-        with pytest.raises(ValueError, match=r"have shape \(draws, 112\)|have shape \(draws, 102\)"):
-            force_curves([(container, np.zeros((3, 5)))])

@@ -129,12 +129,6 @@ def test_quantiles_leave_nan_out_like_numpy():
     assert np.isnan(quantiles(values, probabilities)[:, 2, 2]).all()
 
 
-@pytest.mark.parametrize("settings", [{"draws": 1}, {"ci_prob": 0.0}, {"ci_prob": 1.0}, {"ci_prob": np.nan}])
-def test_settings_without_meaning_are_refused(container, settings):
-    with pytest.raises(ValueError, match=r"needs two draws and 0 < ci_prob < 1, found"):
-        ps.forecast(container, ZIGZAG, rng=1, duration=10.0, **settings)
-
-
 def read_back(tree, sd, instants):
     """Half the width of the measured bands of a channel over what its noise makes of it, mean over the instants."""
     bands = tree["measured_bands"]["v"].isel(time=instants)
@@ -191,12 +185,6 @@ def test_noise_leaves_all_else_of_a_forecast_as_it_is(container, zigzag_trial):
     assert not held["measured_bands"]["r"].equals(other["measured_bands"]["r"])
     for group in without.children:
         xr.testing.assert_identical(without[group].to_dataset(), held[group].to_dataset())
-
-
-@pytest.mark.parametrize("noise", [{"speed": 1.0}, {"u": -1.0}, {"u": np.nan}, {"u": np.inf}])
-def test_noise_without_meaning_is_refused(container, noise):
-    with pytest.raises(ValueError, match=r"standard deviation from 0 up for any of u, v, .* found"):
-        ps.Ship.from_posterior(container, {}, draws=4, rng=1, noise_sd=noise)
 
 
 def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(container):

@@ -19,6 +19,7 @@ from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.ships.forecasting import page as forecast_report
 from pymc_ship.ships.forecasting.page import index_rows, index_table, verdict_rows, verdict_table, write_forecast_page
 from tests.inference.trajectory.cases import without_roll
+from tests.sentences import refused
 from tests.ships.ensemble.cases import ship_of
 from tests.ships.forecasting.cases import MANOEUVRES, forecast, scattered, trial
 
@@ -266,9 +267,7 @@ def test_names_that_make_the_same_file_are_told_apart(tmp_path):
 
 def test_what_does_not_fit_is_said_before_anything_is_written(tmp_path):
     out = tmp_path / "new"
-    with pytest.raises(ValueError, match="at least one, found none"):
-        write_forecast_page(vessel(), {}, out, command="")
-    with pytest.raises(ValueError, match="belongs to one of the forecasts steps; found 'stops'"):
+    with refused(ValueError, "stops"):
         write_forecast_page(vessel(), {"steps": steps()}, out, measured={"stops": None}, command="")
     assert not out.exists()
     (tmp_path / "file").write_text("")

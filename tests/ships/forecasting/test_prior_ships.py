@@ -136,33 +136,3 @@ def test_a_tree_gives_the_draws_of_its_group_prior(container, zigzag_trial):
 
 
 # refusals -------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("prior", "sentence"),
-    [
-        ("flat", "a tree with the group prior or a mapping of DOFs, found str; make one, for example with"),
-        ({"sway": "flat"}, "The prior of sway is a pair of RegressionData and Prior or a tree .*, found str; give the"),
-        ({"sway": (ps.ConjugatePrior(), ps.ConjugatePrior())}, "pair of RegressionData and Prior .*, found tuple"),
-        ({"sway": xr.DataTree()}, "The tree of sway has no coefficients in a group prior; add the group with"),
-        (xr.DataTree(), "The tree has no coefficients in a group prior; add the group with with_predictive"),
-    ],
-)
-def test_what_is_no_prior_is_refused_in_a_sentence(container, prior, sentence):
-    with pytest.raises(ps.InferenceError, match=sentence):
-        ships(container, prior)
-
-
-def test_priors_without_ships_are_refused(container, zigzag_trial, small):
-    flat = ps.coefficient_prior([zigzag_trial], container, "flat", table={"Yv": (-0.01, 0.001)})
-    with pytest.raises(ps.InferenceError, match=r"found 101 of 102 without \(prior flat\); use order_damped or"):
-        ships(container, flat)
-    with pytest.raises(ps.InferenceError, match="A prior of 'small' has 10 coefficients, found 102; make it with"):
-        ships(small, ps.coefficient_prior([zigzag_trial], container))
-    with pytest.raises(ValueError, match="two or more, found 1; raise"):
-        ships(container, flat, draws=1)
-    with pytest.raises(ps.VesselError, match="found 'heave'"):
-        ships(container, {"heave": drawn(container, rows_of(container))})
-    lacking = drawn(container, rows_of(container)).isel(coefficient=slice(1, None))
-    with pytest.raises(ps.VesselError, match="The joint prior lacks"):
-        ships(container, lacking)

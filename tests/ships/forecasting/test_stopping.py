@@ -113,15 +113,6 @@ def test_a_ship_that_does_not_stop_counts_against_her(tanker):
     assert stopping_sentence(found.isel(draw=[1])) == "No drawn ship stops with 1 1/s astern."
 
 
-def test_a_ship_without_way_astern_is_refused_with_the_remedy(tanker):
-    plain = ps.load_vessel("kvlcc2")
-    with pytest.raises(ps.SimulationError, match="modular at any speed"):
-        stopping(plain, astern=1.0)
-    for astern in (0.0, -1.0, 60.0):
-        with pytest.raises(ps.SimulationError, match="1/min over 60"):
-            stopping(tanker, astern=astern)
-
-
 def test_the_figure_has_tracks_and_speeds(drawn):
     track, speed = stopping_tracks(drawn).axes
     assert track.get_xlabel() == "transfer to starboard [L]"
