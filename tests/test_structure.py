@@ -99,12 +99,8 @@ TESTED_BY = {
 """Rooms without a test of their name, and the test through which they are tested instead."""
 
 NOT_CONVERTED = {
-    "experiments",
     "ships/design",
-    "ships/ensemble",
-    "ships/forecasting",
     "ships/identification",
-    "ships/sea_trials",
 }
 """Folders of tests that still check the words of errors outside a table of ``tests/sentences.py``; to be emptied."""
 
@@ -169,13 +165,6 @@ def too_many_or_few(rooms):
     """Wings without 2 to 12 rooms, with their number."""
     counts = {name: sum(wing(path) == name for path in rooms) for name in WINGS}
     return {name: count for name, count in counts.items() if not 2 <= count <= 12}
-
-
-def arrows(rooms, depth):
-    """Pairs of districts (depth 1) or wings (depth 2) of which the first imports the second."""
-    short = [(wing(path), wing_of(name)) for path in rooms for name in inside(path) if name]
-    pairs = {tuple(".".join(end.split(".")[:depth]) for end in ends) for ends in short}
-    return {(a, b) for a, b in pairs if a != b}
 
 
 def faults_of_a_face(path):

@@ -8,7 +8,6 @@ import pytest
 
 from pymc_ship.cli.main import main
 from pymc_ship.experiments.run import read_study
-from pymc_ship.machine.errors import StudyError
 from tests.experiments.folders import ROOT, changed, run, tables
 
 TUTORIAL = ROOT / "docs" / "tutorials" / "your_ship" / "my_ship.toml"
@@ -68,11 +67,6 @@ def test_a_study_that_cannot_be_read_is_one_sentence(study, tmp_path, capsys, ol
     assert printed.err.count("\n") == 1
     assert sentence in printed.err
     assert not (tmp_path / "out").exists()
-
-
-def test_a_study_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(StudyError, match=r"none\.toml cannot be read: No such file or directory; check the path"):
-        read_study(tmp_path / "none.toml")
 
 
 def test_a_study_may_be_a_table(study, plain, tmp_path):

@@ -31,6 +31,7 @@ from pymc_ship.physics.vessel.plausibility import remarks
 from pymc_ship.physics.vessel.reading import load_vessel
 from tests.experiments.cases import always_deadly, always_full, deadly, deadly_on_cluster, out_of_memory_once, trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
+from tests.sentences import refused
 
 TWO = pytest.param(2, marks=pytest.mark.consistency)  # processes
 
@@ -151,14 +152,14 @@ def test_a_worker_that_joblib_renews_is_no_remark(study, tmp_path, text):
         warnings.warn(text, UserWarning, stacklevel=1)
         return trivial(task)
 
-    with pytest.raises(UserWarning, match="another") if text == "another" else nullcontext():
+    with pytest.raises(UserWarning) if text == "another" else nullcontext():
         run(study, tmp_path, warning)
     assert (tmp_path / "results.parquet").exists() == (text != "another")
 
 
 def test_workers_that_die_again_and_again_end_the_study_in_a_sentence(study, plain, tmp_path, monkeypatch):
     monkeypatch.setattr(workers_module, "RESTARTS", 1)
-    with pytest.raises(StudyError, match="Workers died 2 times without a result in between"):
+    with refused(StudyError, 2):
         run(study, tmp_path, always_deadly, workers=2)
     run(study, tmp_path)
     assert tables(tmp_path) == tables(plain)
@@ -175,8 +176,7 @@ def test_a_task_that_the_machine_fails_is_done_again(study, plain, tmp_path, mon
 
 @pytest.mark.parametrize("workers", [1, TWO])
 def test_a_machine_that_fails_every_task_ends_the_study_in_a_sentence(study, plain, tmp_path, workers):
-    message = r"died 6 times without a result in between, of OSError: \[Errno 28\] No space left on device; what was"
-    with pytest.raises(StudyError, match=message):
+    with refused(StudyError, 6, "OSError"):
         run(study, tmp_path, always_full, workers=workers)
     assert kept(tmp_path) == set()
     run(study, tmp_path)
@@ -282,15 +282,8 @@ def test_without_distributed_a_cluster_is_refused_in_a_sentence(study, tmp_path,
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x"])
 def test_a_scheduler_that_does_not_answer_is_named(study, tmp_path, monkeypatch, address):
     monkeypatch.setattr(workers_module, "_CONNECT", 0.3)
-    with pytest.raises(StudyError, match=f"No Dask scheduler answers at {address}"):
+    with refused(StudyError, address):
         ps.montecarlo(study, tmp_path, scheduler=address)
-
-
-def test_workers_are_of_this_machine_or_of_a_cluster(study, tmp_path):
-    with pytest.raises(StudyError, match="found --workers; leave it out"):
-        ps.montecarlo(study, tmp_path, workers=2, scheduler="tcp://127.0.0.1:1")
-    with pytest.raises(StudyError, match="at least one worker, found 0"):
-        ps.montecarlo(study, tmp_path, workers=0)
 
 
 def test_cells_have_their_scores_and_monte_carlo_errors(measured):
