@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.metadata import version
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeIs
 
 import numpy as np
 import xarray as xr
@@ -38,12 +38,16 @@ from pymc_ship.machine.seeds import Seed, random_generator
 if TYPE_CHECKING:
     import pymc as pm
 
+    from pymc_ship.inference.sampling.linear_transform import LinearTransform
+
 _PLUG_IN_STEPS = 10
 
 NUTS_SAMPLERS = ("nutpie", "pymc", "numpyro", "blackjax")
 """Programs that draw by NUTS, each where it is installed."""
 
-_SAMPLE_STATS = dict.fromkeys(("lp", "energy", "energy_error", "step_size", "step_size_bar", "acceptance_rate"), float)
+_SAMPLE_STATS: dict[str, type] = dict.fromkeys(
+    ("lp", "energy", "energy_error", "step_size", "step_size_bar", "acceptance_rate"), float
+)
 _SAMPLE_STATS |= {"tree_depth": np.int64, "n_steps": np.int64, "reached_max_treedepth": bool, "diverging": bool}
 """Statistics that are kept, by their ArviZ names."""
 
@@ -130,7 +134,7 @@ def _stated(data: RegressionData, prior: Prior, given: dict) -> tuple:
     return pm.Normal("scaled_coefficients", mu=prior.means(data.n_terms), sigma=spread, **given), variance
 
 
-def _law_parameter(errors: str):
+def _law_parameter(errors: str) -> Any:
     """Free variable of an error law beside the noise variance; None for normal errors."""
     import pymc as pm
 
@@ -139,7 +143,7 @@ def _law_parameter(errors: str):
     return pm.Uniform("autocorrelation", -1.0, 1.0) if errors == "ar1" else None
 
 
-def _row_density(errors: str, parameter, moments: tuple, given: dict) -> None:
+def _row_density(errors: str, parameter: Any, moments: tuple, given: dict) -> None:
     """Likelihood of the rows; that of AR(1) is a product of densities given the row before."""
     import pymc as pm
     import pytensor.tensor as pt
@@ -156,7 +160,7 @@ def _row_density(errors: str, parameter, moments: tuple, given: dict) -> None:
     pm.Normal("response", mu=fit, sigma=sd, **given)
 
 
-def _coordinates(data: RegressionData, prior: Prior | Callable, errors: str | Callable):
+def _coordinates(data: RegressionData, prior: Prior | Callable, errors: str | Callable) -> LinearTransform:
     """Linear coordinates in which the scaled coefficients are nearly normal and independent, from a plug-in fit.
 
     The fit is exact for normal errors of a known variance; for others the rows are made nearly normal and independent
@@ -172,10 +176,7 @@ def _coordinates(data: RegressionData, prior: Prior | Callable, errors: str | Ca
     target = data.scaled_response - data.scaled_design_matrix @ mean
     wide, unseen = data.n_terms > data.n_rows, max(0, data.n_terms - data.n_rows)
     variance = (target @ target + 2.0 * prior.scale) / (data.n_rows + 2.0 * prior.shape)
-
-    def whiten(rows):
-        return rows
-
+    whiten = ERRORS["normal"].whiten(target, 1.0)
     for _ in range(_PLUG_IN_STEPS):
         left, s, right = np.linalg.svd(whiten(design), full_matrices=wide)
         z, s = np.pad(left.T @ whiten(target), (0, unseen)), np.pad(s, (0, unseen))
@@ -185,7 +186,7 @@ def _coordinates(data: RegressionData, prior: Prior | Callable, errors: str | Ca
         error = whiten(residual)
         variance = (error @ error + 2.0 * prior.scale) / (data.n_rows + 2.0 * prior.shape)
         spread = np.sqrt(variance / (ratio + s**2))
-        whiten = whiten_at(residual, variance)
+        whiten = whiten_at(residual, float(variance))
     basis = right * root
     return LinearTransform(mean + location @ basis, (spread[:, None] * basis).T)
 
@@ -265,20 +266,20 @@ def nuts_posterior(
     """
     rng = random_generator(rng)
     sampler = _installed(sampler)
-    own = _is_own(prior) or callable(errors)
     state, seed = rng_state(rng), int(rng.integers(2**31))
     settings = {"draws": draws, "chains": chains, "tune": tune, "target_accept": target_accept, "cores": cores}
-    if sampler == "nutpie" and errors == "normal" and not own:
-        check_settings(settings)
-        warn_of_uneven_columns(data, prior)
-        model = whitened_model.compiled(data.n_terms).with_data(**whitened_model.statistics(data, prior))
-        drawn = _sample_nutpie(model, settings, seed, progress)
-        sampled = _with_named_statistics(drawn, tune, sampler)
-    else:
+    if _is_own(prior) or callable(errors):
         model = pymc_model(data, prior, errors)
         sampled = sample_model(model, settings, seed, progress, sampler)
-    if own:
         return posterior_tree(sampled, data, model, rng=np.random.default_rng([seed, 1]))
+    if sampler == "nutpie" and errors == "normal":
+        check_settings(settings)
+        warn_of_uneven_columns(data, prior)
+        compiled = whitened_model.compiled(data.n_terms).with_data(**whitened_model.statistics(data, prior))
+        drawn = _sample_nutpie(compiled, settings, seed, progress)
+        sampled = _with_named_statistics(drawn, tune, sampler)
+    else:
+        sampled = sample_model(pymc_model(data, prior, errors), settings, seed, progress, sampler)
     posterior, law = sampled["posterior"].dataset, error_law(errors, data)
     tree = draws_tree(
         data,
@@ -326,7 +327,7 @@ def _with_named_statistics(drawn: xr.DataTree, tune: int, sampler: str) -> xr.Da
     return xr.DataTree.from_dict({"posterior": drawn["posterior"].to_dataset(), "sample_stats": statistics})
 
 
-def _is_own(prior: Prior | Callable) -> bool:
+def _is_own(prior: Prior | Callable) -> TypeIs[Callable]:
     """Whether a prior is a function; InferenceError for what is neither a prior nor a function, such as a name."""
     own = callable(prior) and not isinstance(prior, type)
     if not own:
@@ -345,7 +346,7 @@ def _installed(sampler: str | None) -> str:
     return sampler
 
 
-def _sample_nutpie(compiled, settings: dict, seed: int, progress: bool) -> xr.DataTree:
+def _sample_nutpie(compiled: Any, settings: dict, seed: int, progress: bool) -> xr.DataTree:
     import nutpie
 
     return nutpie.sample(compiled, **settings, seed=seed, progress_bar=progress, save_warmup=False)
@@ -370,6 +371,7 @@ def nuts_sample_stats(raw: xr.Dataset, attrs: dict) -> xr.Dataset:
     """Statistics that the sampler tells, under their ArviZ names, as plain arrays of bool, int64 or float64."""
     named = raw.rename({given: name for given, name in _NUTPIE_NAMES.items() if given in raw})
     kept = {name: kind for name, kind in _SAMPLE_STATS.items() if name in named}
-    values = {name: (("chain", "draw"), named[name].to_numpy().astype(kind)) for name, kind in kept.items()}
-    coords = {dim: np.arange(raw.sizes[dim]) for dim in ("chain", "draw")}
+    sample = ("chain", "draw")
+    values: dict[str, tuple] = {name: (sample, named[name].to_numpy().astype(kind)) for name, kind in kept.items()}
+    coords = {dim: np.arange(raw.sizes[dim]) for dim in sample}
     return xr.Dataset(values, coords, attrs)
