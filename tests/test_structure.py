@@ -97,7 +97,6 @@ TESTED_BY = {
 """Rooms without a test of their name, and the test through which they are tested instead."""
 
 NOT_CONVERTED = {
-    "ships/design",
     "ships/identification",
 }
 """Folders of tests that still check the words of errors outside a table of ``tests/sentences.py``; to be emptied."""
