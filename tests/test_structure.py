@@ -96,11 +96,6 @@ TESTED_BY = {
 }
 """Rooms without a test of their name, and the test through which they are tested instead."""
 
-NOT_CONVERTED = {
-    "ships/identification",
-}
-"""Folders of tests that still check the words of errors outside a table of ``tests/sentences.py``; to be emptied."""
-
 
 def tree(path):
     return ast.parse(path.read_text(encoding="utf-8"), str(path))
@@ -341,7 +336,7 @@ def test_the_checks_of_prints_and_samplers_can_fail(tmp_path):
 @pytest.mark.parametrize("path", sorted(TESTS.rglob("test_*.py")), ids=label)
 def test_the_words_of_an_error_are_checked_in_the_table_of_its_wing_alone(path):
     """Else no word can be mended: elsewhere a test checks the class and, with ``refused``, numbers and names."""
-    assert wordings(path) == [] or path.parent.relative_to(TESTS).as_posix() in NOT_CONVERTED
+    assert wordings(path) == []
 
 
 def without_a_test(rooms, tested_by):
@@ -361,11 +356,6 @@ def test_the_check_of_rooms_and_tests_can_fail():
     rows = {name: row for name, row in TESTED_BY.items() if name != first}
     changed = {"cli.nowhere": "cli/test_main.py: no room", "trial.units": "trial/test_units.py: no test"}
     assert without_a_test(ROOMS, rows | changed) == sorted([first, *changed])
-
-
-def test_the_list_of_folders_without_a_table_has_no_others():
-    found = {path.parent.relative_to(TESTS).as_posix() for path in TESTS.rglob("test_*.py") if wordings(path)}
-    assert found >= NOT_CONVERTED
 
 
 def test_the_check_of_words_can_fail(tmp_path):

@@ -118,19 +118,6 @@ def test_scores_steer_as_at_the_facility_of_the_record(ship):
     assert own["forecast"] > elsewhere["forecast"] + 0.3
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        (["basin A", "basin B"], "A facility is one of basin A, basin B; found 'basin C'; choose one of them."),
-        ([""], "The trials of this ship name no facility, found 'basin C' asked for; leave it out"),
-    ],
-)
-def test_a_facility_that_is_not_known_is_refused(ship, names, message):
-    one = replace(ship, index_error={}, facilities=dict.fromkeys(names))
-    with pytest.raises(ps.TrialError, match=message):
-        ps.forecast(one, RUNS[0], rng=1, facility="basin C")
-
-
 # command --------------------------------------------------------------------------------------------------------------
 
 

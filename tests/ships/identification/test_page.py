@@ -28,6 +28,7 @@ from pymc_ship.ships.identification.figures import held_out_windows
 from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
 from pymc_ship.ships.identification.model import identify_ship
 from pymc_ship.ships.identification.page import coefficient_rows, correlation_rows, write_ship_report
+from tests.sentences import refused
 from tests.ships.identification.three_zigzags import TERMS, kvlcc2, model, runs
 
 COMMAND = "pymc-ship identify 'my <ship>.csv' --seed 3"
@@ -300,14 +301,9 @@ def test_no_held_out_manoeuvre_no_table_of_it(tmp_path):
     assert own.read_text(encoding="utf-8") == "kept"
 
 
-def test_the_trials_must_be_those_of_the_model(tmp_path):
-    with pytest.raises(ValueError, match="trials of the identification, a, b, c, in this order; found b, a, c"):
-        written(tmp_path, trials={name: runs()[name] for name in "bac"})
-
-
 def test_a_folder_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot be written"):
+    with refused(OutputError, str(tmp_path / "file")):
         written(tmp_path / "file")
 
 

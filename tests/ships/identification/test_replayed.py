@@ -98,28 +98,6 @@ def test_a_window_that_runs_away_costs_the_run_its_score(tanker, trial):
     assert np.isnan(found.attrs["score"])
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"start": -5.0}, "begins and ends inside the record, 0 to 599.5 s, found -5 to 599.5 s"),
-        ({"duration": 1e4}, "inside the record.*found 0 to 10000 s"),
-        ({"draws": 0}, "needs a draw and 0 < ci_prob < 1, found 0 and 0.9"),
-        ({"ci_prob": 1.0}, "found 200 and 1.0"),
-    ],
-)
-def test_a_replay_that_cannot_be_is_one_sentence(tanker, trial, settings, message):
-    with pytest.raises(ValueError, match=message) as error:
-        ps.replay(tanker, trial, **settings)
-    assert str(error.value).endswith(".")
-
-
-@pytest.mark.parametrize("settings", [{"length": -1.0}, {"every": 0.0}, {"length": 1e4}, {"names": ["a", "b"]}])
-def test_windows_that_cannot_be_are_one_sentence(tanker, trial, settings):
-    with pytest.raises(ps.TrialError, match="A score needs") as error:
-        ps.score(tanker, trial, **settings)
-    assert str(error.value).endswith(".")
-
-
 def test_revolutions_that_were_not_measured_are_those_of_the_approach(tanker):
     """A replay that begins in the turn, where the ship is slow: a ship of parts slows down no further."""
     ship = parts_of_tanker(AHEAD)

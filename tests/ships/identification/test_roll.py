@@ -128,9 +128,3 @@ def test_stated_stability_stays():
     vessel = with_stability(stated)
     assert (vessel.particulars.GM, vessel.I_xx) == (2.0, 3e-5)
     assert list(vessel.derived) == ["particulars.BM", "added_mass.Kpdot"]
-
-
-def test_roll_needs_a_draught():
-    vessel = replace(KNOWN, particulars=replace(KNOWN.particulars, d=0.0))
-    with pytest.raises(ps.VesselError, match="needs the draught of 'kvlcc2'; add d to"):
-        ps.with_terms(vessel, WITH)

@@ -12,7 +12,7 @@ from pymc_ship.inference.trajectory.windows import prepared_windows
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.vessel.parts import HELD
 from pymc_ship.physics.vessel.term_sets import AHEAD_SET, ANY_SPEED_SET, with_terms
-from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
+from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.identification.candidates import (
     _shared,
@@ -29,7 +29,7 @@ from pymc_ship.ships.identification.model import _prepared
 from pymc_ship.ships.identification.page import write_ship_report
 from pymc_ship.trial.record import OVER_GROUND
 from tests.physics.forces.test_parts import AHEAD, tanker
-from tests.ships.ensemble.cases import ship_of
+from tests.sentences import refused
 
 SETTINGS = {"duration": 450, "step": 0.5, "method": "rk4"}
 SET = "modular"
@@ -110,14 +110,6 @@ def test_forecasts_take_revolutions_wind_and_current(ship):
     np.testing.assert_allclose(drift, 0.5 * plain["bands"]["time"], atol=1e-6)
 
 
-def test_a_ship_of_terms_knows_no_revolutions():
-    vessel = ps.load_vessel("kvlcc2")
-    draws = np.tile(reference_coefficients(vessel), (4, 1))
-    plain = ship_of((vessel, draws), index_error={})
-    with pytest.raises(ps.SimulationError, match="No term set of this ship knows revolutions"):
-        ps.forecast(plain, ps.turning_circle(35), rng=1, n=1.0)
-
-
 def test_a_ship_that_stops_or_goes_astern_takes_parts_for_any_speed(truth, trials):
     slow = trials[0].assign(u=0.1 * trials[0]["u"])
     astern = trials[0].assign(n=("time", np.full(trials[0].sizes["time"], -1.0)))
@@ -147,7 +139,7 @@ def test_nominal_revolutions_are_held_where_those_of_the_records_do_not_vary(tru
     n = truth.propeller.n
     assert freedom([with_n(trials[0], 0.8 * n), with_n(trials[1], n)]) == 0.1
     assert freedom([with_n(trials[0], 0.96 * n), with_n(trials[1], n)]) == HELD
-    with pytest.raises(ps.TrialError, match="measured in all 2 runs or in none, found none in run 2; add n there"):
+    with refused(ps.TrialError, 2):
         freedom([with_n(trials[0], truth.propeller.n), trials[1]])
 
 
