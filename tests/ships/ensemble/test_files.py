@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.ships.ensemble.files import FORMAT, MIGRATIONS
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import ERRING, TYPICAL, motion_error
@@ -40,17 +38,6 @@ def ship():
     zigzag = ps.zigzag(10, 10)
     motion = motion_of(tanker(), [trial(zigzag, duration=60.0)])
     return with_likelihoods(ship_of(*members, names=("one, two", "three"), motion=motion, **known))
-
-
-def edited(at, out, **changes):
-    """Copy of a saved ship with another index, whole but for its checksum, which is as right as its writer's."""
-    folder = Path(shutil.copytree(at, out)) / "model"
-    index = json.loads((folder / "ship.json").read_text(encoding="utf-8")) | changes
-    del index["sha256"]
-    files = [f"{entry['file']}{ending}" for entry in index["terms"] for ending in (".toml", ".nc")]
-    index["sha256"] = folder_checksum(folder, files, index)
-    (folder / "ship.json").write_text(json.dumps(index), encoding="utf-8")
-    return out
 
 
 class TestWrittenAndRead:

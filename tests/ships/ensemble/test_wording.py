@@ -9,13 +9,25 @@ from pathlib import Path
 import numpy as np
 
 import pymc_ship as ps
+from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.ensemble.files import FORMAT, MIGRATIONS
 from tests.sentences import wording
 from tests.ships.ensemble.cases import ship_of
-from tests.ships.ensemble.test_files import SAVED, edited
+from tests.ships.ensemble.test_files import SAVED
 from tests.ships.forecasting.posteriors import joint, posterior
 from tests.ships.identification.cases import tanker
+
+
+def edited(at, out, **changes):
+    """Copy of a saved ship with another index, whole but for its checksum, which is as right as its writer's."""
+    folder = Path(shutil.copytree(at, out)) / "model"
+    index = json.loads((folder / "ship.json").read_text(encoding="utf-8")) | changes
+    del index["sha256"]
+    files = [f"{entry['file']}{ending}" for entry in index["terms"] for ending in (".toml", ".nc")]
+    index["sha256"] = folder_checksum(folder, files, index)
+    (folder / "ship.json").write_text(json.dumps(index), encoding="utf-8")
+    return out
 
 
 def of_posterior(**settings):

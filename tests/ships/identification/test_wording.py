@@ -115,7 +115,10 @@ test_inference_errors = wording(
     ps.InferenceError,
     (r"found 'vague'; choose one of them\.$", lambda: identified(trials(0)[:1], prior="vague")),
     ("'loading' asked for", lambda: after_earlier_runs(terms=["loading"])),
-    ("already", lambda: after_earlier_runs(uses_captive_tests=True, captive=xr.Dataset())),
+    (
+        "stand beside the earlier runs already; leave them out",
+        lambda: after_earlier_runs(uses_captive_tests=True, captive=xr.Dataset()),
+    ),
     (
         "said of nothing has no place",
         lambda: Earlier(
