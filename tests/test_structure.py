@@ -58,6 +58,7 @@ TESTED_BY = {
     "diagnostics.regression_parts": "diagnostics/test_parts.py: the parts of both kinds of posterior",
     "experiments.figures": "experiments/test_page.py: drawn with the page",
     "experiments.study": "experiments/test_run.py: the protocol that a run follows",
+    "inference.regression.calibration": "consistency/test_calibration.py: every way to a posterior is calibrated",
     "inference.regression.families": "inference/regression/test_new_prior.py: a family that is registered",
     "inference.regression.priors": "inference/regression/test_new_prior.py: a prior of one's own",
     "inference.rows.from_trials": "inference/rows/test_data.py: the rows of a trial",

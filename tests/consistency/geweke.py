@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
+from pymc_ship.inference.regression.calibration import judged, quantities, simulated_from_prior, with_response
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
-from tests.consistency.calibration import judged, quantities, simulated_from_prior, with_response
 
 
 def geweke(

@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pymc_ship.inference.regression.families import FAMILIES
-from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.sampling.gibbs import gibbs
-from pymc_ship.inference.sampling.regression_model import nuts_posterior
-from tests.consistency.calibration import (
+from pymc_ship.inference.regression.calibration import (
     coverage,
     exact_draws,
     rank_p_value,
     simulation_based_calibration,
 )
+from pymc_ship.inference.regression.families import FAMILIES
+from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling.gibbs import gibbs
+from pymc_ship.inference.sampling.regression_model import nuts_posterior
 from tests.consistency.geweke import geweke
 from tests.inference.regression.peers import simulated
+from tests.sentences import refused
 
 module = importlib.import_module("pymc_ship.inference.sampling.gibbs")
 LONG = pytest.mark.consistency
@@ -220,3 +221,12 @@ class TestJointDistribution:
         table = geweke(*self.few_rows(family), wrong, chains=100, steps=25, rng=np.random.default_rng(39))
         note(compared, f"twin: joint distribution under a wrong {twin}, gibbs, {family}", table)
         assert not table.attrs["calibrated"]
+
+
+class TestErrors:
+    def test_counts(self):
+        rng = np.random.default_rng(1)
+        with refused(ValueError, "draws", 1, 99):
+            simulation_based_calibration(*case("conjugate"), simulations=0, rng=rng)
+        with refused(ValueError, "simulations", 1, 0):
+            coverage(*case("conjugate"), simulations=0, rng=rng)

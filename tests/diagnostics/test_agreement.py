@@ -6,7 +6,8 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from pymc_ship.diagnostics.agreement import LEVEL, agreement
+from pymc_ship.diagnostics.agreement import agreement
+from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.tree import draws_tree, exact_posterior
 from pymc_ship.inference.rows.data import RegressionData

@@ -13,12 +13,10 @@ import xarray as xr
 
 from pymc_ship.diagnostics.numbers import R_HAT_LIMIT, gates, missing, quantities, summary
 from pymc_ship.diagnostics.regression import DESIGN, data_of, prior_of
+from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.regression.priors import ExactPosterior
 from pymc_ship.inference.sampling.error_laws import errors_of
-
-LEVEL = 1e-3
-"""Chance that one of all the comparisons of a table exceeds its limit when every draw is right."""
 
 PROBABILITIES = (0.05, 0.5, 0.95)
 """Probabilities of the quantiles compared."""

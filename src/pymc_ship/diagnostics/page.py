@@ -9,12 +9,13 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics import numbers
-from pymc_ship.diagnostics.agreement import LEVEL, Comparison, comparisons
+from pymc_ship.diagnostics.agreement import Comparison, comparisons
 from pymc_ship.diagnostics.numbers import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.parts import Subject
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory import METHODS
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
+from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing

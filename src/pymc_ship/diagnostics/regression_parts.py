@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics import figures, numbers, parts, regression
-from pymc_ship.diagnostics.agreement import LEVEL, Comparison
+from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.group_parts import groups_part
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, PSENSE_LIMIT, WHITENESS_LEVEL
 from pymc_ship.diagnostics.parts import Part, Subject
@@ -23,6 +23,7 @@ from pymc_ship.diagnostics.tables import (
     coefficient_table,
     sensitivity_table,
 )
+from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.sampling.error_laws import errors_of
 from pymc_ship.pages.tables import fixed, heads, number, percent, table

@@ -10,6 +10,7 @@ from scipy import stats
 
 import pymc_ship as ps
 from pymc_ship.diagnostics.regression import contraction, prior_of
+from pymc_ship.inference.regression.calibration import simulation_based_calibration
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.cross_validation import cross_validation
 from pymc_ship.inference.regression.families import FAMILIES
@@ -19,7 +20,6 @@ from pymc_ship.inference.regression.tune import tune_prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.predictive import prior_draws
 from pymc_ship.replication.figures import noise_variance
-from tests.consistency.calibration import simulation_based_calibration
 from tests.inference.regression.own_priors import RidgePrior, RootPrior, by_summation
 from tests.inference.regression.peers import simulated
 from tests.sentences import refused

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
+from pymc_ship.inference.regression.calibration import coverage, simulation_based_calibration
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.cross_validation import cross_validation, fold_rows
 from pymc_ship.inference.regression.families import FAMILIES
@@ -43,6 +44,9 @@ from tests.sentences import wording
 
 class Vague(ps.Prior):
     box: ClassVar = {"kappa": (1.0, 2.0)}
+
+
+RNG = np.random.default_rng(1)
 
 
 def held_tree():
@@ -81,6 +85,10 @@ def on_a_full_disk(tmp_path, monkeypatch):
 
 test_value_errors = wording(
     ValueError,
+    *(
+        (rf"Counts must be 1 or more, found .*'{name}': {number}", partial(function, *case(), simulations=0, rng=RNG))
+        for function, name, number in [(simulation_based_calibration, "draws", 99), (coverage, "simulations", 0)]
+    ),
     *(
         (
             f"found {draws} for {chains}; give a multiple",

@@ -9,5 +9,6 @@
 - `tree`: draws laid out as a DataTree, written and read.
 - `cross_validation`: log predictive density of blocks of rows left out.
 - `tune`: priors chosen by evidence or by Bayesian optimisation.
+- `calibration`: simulation-based calibration, coverage and Geweke's test.
 - `identify`: every degree of freedom of a trial at once; posteriors pooled over draws of a denoised trial.
 """

@@ -16,9 +16,12 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy import special, stats
 
-from pymc_ship.diagnostics.agreement import LEVEL
-from pymc_ship.inference.regression.priors import Prior
+from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.machine.seeds import Seed, random_generator
+
+LEVEL = 1e-3
+"""Chance that one of all the comparisons of a table exceeds its limit when every draw is right."""
 
 Draws = tuple[np.ndarray, np.ndarray]
 """Coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
@@ -38,7 +41,7 @@ def simulation_based_calibration(
     *,
     simulations: int = 1000,
     draws: int = 99,
-    rng: np.random.Generator,
+    rng: Seed,
 ) -> xr.Dataset:
     """Ranks of the truth among posterior draws, and whether they are uniform.
 
@@ -66,6 +69,9 @@ def simulation_based_calibration(
     ----------
     Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), doi:10.1214/23-BA1404; :func:`rank_p_value`.
     """
+    rng = random_generator(rng)
+    check_prior(prior)
+    _positive(simulations=simulations, draws=draws)
     ranks = np.empty((simulations, data.n_terms + 2), dtype=int)
     for k in range(simulations):
         truth, simulated = simulated_from_prior(data, prior, rng)
@@ -83,7 +89,7 @@ def coverage(
     *,
     probabilities: Sequence[float] = (0.5, 0.8, 0.95),
     simulations: int = 200,
-    rng: np.random.Generator,
+    rng: Seed,
 ) -> xr.Dataset:
     """Share of simulated data sets whose central intervals hold the truth, against their probability.
 
@@ -103,6 +109,9 @@ def coverage(
     Dataset
         Dims interval, quantity: ``share``, and ``z`` from the binomial test; attrs as in the calibration by ranks.
     """
+    rng = random_generator(rng)
+    check_prior(prior)
+    _positive(simulations=simulations)
     level = np.asarray(probabilities, dtype=float)
     ends = np.concatenate([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     inside = np.zeros((level.size, data.n_terms + 1), dtype=int)
@@ -182,3 +191,8 @@ def judged(table: xr.Dataset) -> xr.Dataset:
     size, largest = table["z"].size, float(np.abs(table["z"].to_numpy()).max())
     limit = float(_z(LEVEL / size))
     return table.assign_attrs(comparisons=size, largest_z=largest, z_limit=limit, calibrated=int(largest <= limit))
+
+
+def _positive(**counts: int) -> None:
+    if min(counts.values()) < 1:
+        raise ValueError(f"Counts must be 1 or more, found {counts}; raise them.")
