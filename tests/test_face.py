@@ -22,6 +22,7 @@ from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.physics.forces.modular import PARTS
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.records.checks.lag import VelocityLag
+from pymc_ship.ships.forecasting.stopping import StoppingTest
 from pymc_ship.ships.identification.model import ShipIdentification
 from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
 from pymc_ship.trial.channels import CHANNELS
@@ -254,7 +255,7 @@ def shown():
         empty(Identification, data=dict.fromkeys(vessel.dofs, data), exact={"conjugate": exacts, "other": exacts}),
         empty(CoefficientPrior, mean=many, kind="order_damped"),
         empty(CaptiveFit, coefficients=many),
-        ps.StoppingTest(1.0 / 3.0),
+        StoppingTest(1.0 / 3.0),
         ship,
         empty(ShipIdentification, ship=ship),
         empty(SeaTrial, vessel=vessel, trials={"circle": trial}),

@@ -4,6 +4,7 @@ from pymc_ship.experiments.run import montecarlo as montecarlo
 from pymc_ship.inference.captive.statement import fit_captive as fit_captive
 from pymc_ship.inference.captive.table import read_captive as read_captive
 from pymc_ship.inference.identifiability.information import identifiability as identifiability
+from pymc_ship.inference.regression.calibration import simulation_based_calibration as simulation_based_calibration
 from pymc_ship.inference.regression.conjugate import ConjugatePrior as ConjugatePrior
 from pymc_ship.inference.regression.families import register_family as register_family
 from pymc_ship.inference.regression.identify import identify as identify
@@ -84,7 +85,6 @@ from pymc_ship.ships.forecasting.forecast import forecast as forecast
 from pymc_ship.ships.forecasting.page import write_forecast_page as write_forecast_page
 from pymc_ship.ships.forecasting.prior_ships import prior_ships as prior_ships
 from pymc_ship.ships.forecasting.steady_turns import steady_turns as steady_turns
-from pymc_ship.ships.forecasting.stopping import StoppingTest as StoppingTest
 from pymc_ship.ships.forecasting.stopping import stopping as stopping
 from pymc_ship.ships.identification.model import identify_ship as identify_ship
 from pymc_ship.ships.identification.page import write_ship_report as write_ship_report

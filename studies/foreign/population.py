@@ -19,6 +19,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.ships.forecasting.stopping import StoppingTest
 from studies.foreign import mariner, mmg, s175, sailing
 from studies.foreign.sailing import CALM, SENSORS, Trial, Weather
 from studies.population.judged_ship import DrawnShip
@@ -74,7 +75,7 @@ def drawn(rng: np.random.Generator) -> DrawnShip:
         settings = {"duration": _LASTS[trial.kind] * unit, "ground": sky == 1, "sensors": SENSORS}
         return sailing.sail(ship, trial, weather, course_deg=90.0 * run, seed=noise + run, **settings)
 
-    def stop(test: ps.StoppingTest, duration: float) -> xr.Dataset:
+    def stop(test: StoppingTest, duration: float) -> xr.Dataset:
         trial = Trial("stop", 0.0, astern=test.astern, reversal=test.reversal)
         return sailing.sail(ship, trial, duration=duration)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
+from pymc_ship.ships.forecasting.stopping import StoppingTest
 from studies.foreign import mariner, mmg, s175, sailing
 from studies.foreign.population import HULLS, a_form, a_ship, as_trial, drawn, scaled, usual
 
@@ -95,7 +96,7 @@ def test_those_whose_forces_stay_finite_are_stopped(ships):
     assert {hull for hull, ship in ships.items() if ship.stop} == {"cargo ship", "cross flow"}
     ship = ships["cargo ship"]
     unit = ship.vessel.particulars.ship_time
-    run = ship.stop(ps.StoppingTest(astern=1.0, reversal=unit), 150.0 * unit)
+    run = ship.stop(StoppingTest(astern=1.0, reversal=unit), 150.0 * unit)
     assert run["n"].values[-1] == pytest.approx(-1.0)
     assert run["u"].values[-1] <= 0.0 < float(run["psi"][-1])
 

@@ -6,6 +6,7 @@ import numpy as np
 
 import pymc_ship as ps
 from pymc_ship.ships.design.next_run import _Run, design
+from pymc_ship.ships.forecasting.stopping import StoppingTest
 from tests.sentences import wording
 from tests.ships.design.test_next_run import CIRCLE, well_known
 from tests.ships.forecasting.posteriors import joint
@@ -40,7 +41,7 @@ test_simulation_errors = wording(
         for candidates, n, interest in [
             ([], 1, [CIRCLE]),
             ([STEPS], 1, [CIRCLE]),
-            ([ps.StoppingTest(1.0)], 1, [CIRCLE]),
+            ([StoppingTest(1.0)], 1, [CIRCLE]),
             ([CIRCLE], 0, [CIRCLE]),
             ([CIRCLE], 1, []),
             ([CIRCLE], 1, [STEPS]),
