@@ -6,9 +6,12 @@ contents become the navigation, and each line of the API becomes the docstring i
 
 from __future__ import annotations
 
+import logging
 import re
 
 import pymc_ship as ps
+
+logging.getLogger("pytensor").setLevel(logging.WARNING)  # a colour scheme of the theme turns its remarks on
 
 project = "pymc_ship"
 release = ps.__version__

@@ -35,7 +35,7 @@ from pymc_ship.physics.vessel.term_sets import takes_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.identification.candidates import chosen_prior, held_piece, informed, stated_prior
-from pymc_ship.ships.identification.held_out import HeldOut, index_rows, scored, scored_indices
+from pymc_ship.ships.identification.held_out import HeldOut, forecast_rows, scored, scored_indices
 from pymc_ship.ships.identification.held_out_errors import overshoot_errors
 from pymc_ship.ships.identification.model import identify_ship
 from studies.command_line import study_parser
@@ -206,7 +206,7 @@ def _row(name: str, fits: Sequence[Estimated], runs: _Runs) -> dict:
             known = [value for index, value in found.items() if rolls or not of_roll(table[index])]
             measured += int(np.isfinite(known).sum())
             estimate = np.tile(fit.coefficients, (2, 1))
-            lines += index_rows(run, trial, manoeuvre, [(runs.vessel, estimate)], np.ones(1))
+            lines += forecast_rows(run, trial, manoeuvre, [(runs.vessel, estimate)], np.ones(1))
     row = {"path": name, "log_density": float(judged.log_density.sum())}
     row |= {f"rms_{channel}": np.nan if lost else value for channel, value in judged.rms.items()}
     row |= overshoot_errors(lines) | {"reached": len(lines), "measured": measured, "remark": ""}

@@ -45,12 +45,12 @@ ALL_COMMANDS = [
 ]
 """Each command, to be given an --out."""
 LONG_WORK = {
-    "simulate": "simulate",
-    "denoise": "denoise",
-    "regress": "regression_data",
-    "tune": "tune_prior",
-    "forecast": "forecast",
-    "study": "simulate",
+    "simulate": "pymc_ship.simulate",
+    "denoise": "pymc_ship.denoise",
+    "regress": "pymc_ship.regression_data",
+    "tune": "pymc_ship.cli.commands.tune_prior",
+    "forecast": "pymc_ship.forecast",
+    "study": "pymc_ship.simulate",
 }
 """What each command spends its time on."""
 

@@ -199,7 +199,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_long_work(made, tmp_pa
     """Below a regular file nothing can be written, not even by root."""
     (tmp_path / "file").write_text("kept")
     command, *rest = words.format(made=made).split()
-    monkeypatch.setattr(ps, LONG_WORK[command], forbid)
+    monkeypatch.setattr(LONG_WORK[command], forbid)
     monkeypatch.setattr(identification, "identify", forbid)
     message = refused(capsys, command, *rest, "--out", tmp_path / "file" / "below" / "out.csv")
     assert re.fullmatch(r".*file/below.* cannot be written: Not a directory; choose another place\.", message)

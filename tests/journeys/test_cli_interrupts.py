@@ -48,9 +48,9 @@ def test_an_interrupted_run_keeps_the_earlier_result_and_leaves_nothing_else(
     for name in results:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("earlier")
-    monkeypatch.setattr(ps, "tune_prior", lambda *args, **settings: tuned)
+    monkeypatch.setattr("pymc_ship.cli.commands.tune_prior", lambda *args, **settings: tuned)
     if place == "api":
-        monkeypatch.setattr(ps, LONG_WORK[command], stop)
+        monkeypatch.setattr(LONG_WORK[command], stop)
         monkeypatch.setattr(identification, "identify", stop)
     else:
         monkeypatch.setattr("os.replace", stop)

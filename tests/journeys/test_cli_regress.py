@@ -90,7 +90,7 @@ def test_tune_prints_and_writes_what_the_search_found(made, small, tuned, tmp_pa
         called.update(settings, family=family, data=data)
         return tuned
 
-    monkeypatch.setattr(ps, "tune_prior", tune_prior)
+    monkeypatch.setattr("pymc_ship.cli.commands.tune_prior", tune_prior)
     out = tmp_path / "prior.json"
     words = ("--vessel", made / "small.toml", "--dof", "yaw", "--family", "conjugate", "--split", "random", "--raw")
     run("tune", made / "trial.csv", *words, "--evaluations", 6, "--folds", 3, "--interval", 3, "--out", out)

@@ -13,16 +13,16 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.predictive import predict
 from pymc_ship.machine.errors import InferenceError
 from tests.inference.rows.frames import motion
-from tests.inference.sampling.test_predictive import EXACT, LIMIT, tree_of, z_of_moments
+from tests.inference.sampling.test_predictive import FAMILIES, LIMIT, tree_of, z_of_moments
 from tests.sentences import refused
 
 
 @pytest.mark.parametrize("case", ["tall", "zscored", "wide"])
-@pytest.mark.parametrize("family", EXACT)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_predictions_of_new_rows_have_the_exact_mean_and_variance(family, case):
     data, prior, tree = tree_of(family, case)
     new = np.random.default_rng(3).normal(size=(6, 5))
-    mean, sd = EXACT[family][0](data, prior).predict(new)
+    mean, sd = prior.exact(data).predict(new)
     found = predict(tree, new, rng=2)
     z_mean, z_variance = z_of_moments(found["response"].values.reshape(4000, -1), mean, sd)
     assert max(z_mean.max(), z_variance.max()) < LIMIT

@@ -92,6 +92,6 @@ def test_a_ship_of_other_sets_has_a_section_on_those_that_were_refused(refusals,
 
 def test_sets_that_are_all_refused_carry_their_refusals(tanker):
     refusals = [Refusal("cubic", "The cubic terms run away.")]
-    error = FitError(refusals)
+    error = FitError("No term set can be fitted.", refusals=refusals)
     assert error.refusals == tuple(refusals)
     assert "The cubic terms run away." in str(replace(error.refusals[0]).sentence)

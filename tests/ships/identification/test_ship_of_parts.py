@@ -215,7 +215,7 @@ def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
     assert starts == [window.run.start for piece in (first, second) for window in prepared_windows(piece, ahead)]
     training = _prepared([broken, trials[1]], known(truth), "hull_database")
     assert default_sets(training)[0] == AHEAD_SET
-    candidate = candidates_of([AHEAD_SET], training)[0][0]
+    candidate = candidates_of([AHEAD_SET], training, np.random.default_rng(1))[0][0]
     (remark,) = cut_runs(("broken", "whole"), training, [candidate])
     assert remark.startswith("Run broken: sets for a ship ahead were fitted to the pieces from 0 to ")
     assert " and from " in remark

@@ -108,7 +108,7 @@ def forecast(
     >>> trial = ps.pollute(ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5), level=0.01, rng=rng)
     >>> found = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
     >>> ship = ps.Ship.from_posterior(vessel, found.posteriors("conjugate", draws=40, rng=rng), draws=40, rng=rng)
-    >>> turn = ps.forecast(ship, ps.turning_circle(35), duration=900, step=0.5, method="euler", ci_prob=0.9, rng=rng)
+    >>> turn = ps.forecast(ship, ps.turning_circle(35), duration=900, ci_prob=0.9, rng=rng)
     >>> lower, median, upper = turn["index_bands"]["tactical_diameter"].values
     >>> truth = ps.indices(ps.simulate(vessel, ps.turning_circle(35), duration=900, step=0.5))["tactical_diameter"]
     >>> turn.attrs["share_diverged"], bool(lower < truth < upper)
