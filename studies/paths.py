@@ -229,11 +229,11 @@ def paths(args: argparse.Namespace, progress: Progress) -> Outcome:
     any_speed = takes_part_sets(vessel)
     trials, _ = checked_trials(files, vessel, args, progress, any_speed=any_speed)
     runs, names = list(trials.values()), list(trials)
-    ship = identify_ship(runs, vessel, names=names, rng=np.random.default_rng(args.seed), progress=progress)
-    best = next((one for one in ship.candidates if not one.vessel.modular), None)
+    found = identify_ship(runs, vessel, names=names, rng=np.random.default_rng(args.seed), progress=progress)
+    best = next((one for one in found.candidates if not one.vessel.modular), None)
     if best is None:
         raise VesselError("Paths are compared on a set of terms, found parts of a vessel alone; name another vessel.")
-    rows = compare_paths(runs, best.vessel, ship.prior, names=names, trajectory=best.held_out, progress=progress)
+    rows = compare_paths(runs, best.vessel, found.ship.prior, names=names, trajectory=best.held_out, progress=progress)
     with staged_files(out) as folder:
         write_rows(rows, folder / "paths.csv", digits=None)
     return f"On the terms of {best.name}:\n{_text(rows)}", out / "paths.csv"
