@@ -83,6 +83,14 @@ def test_forecast_takes_a_joint_posterior_and_says_what_it_extrapolates(made, sm
     assert unescape(found.attrs["extrapolation"]) in unescape((tmp_path / "out" / "forecast.html").read_text())
 
 
+@pytest.mark.parametrize("ending", ["nc", "zarr"])
+def test_the_page_of_a_posterior_stands_beside_its_file(made, small, tmp_path, ending):
+    ps.write_posterior(joint_posterior(made, small), tmp_path / f"joint.{ending}")
+    words = ("--vessel", made / "small.toml", "--draws", 5, "--duration", 30, "--turn", 35)
+    run("forecast", tmp_path / f"joint.{ending}", *words)
+    assert (tmp_path / "forecast.html").is_file()
+
+
 def test_a_posterior_has_the_options_of_a_ship(made, small, tmp_path, capsys):
     """A current carries it, a measured trial stands beside it, a spiral is told; it does not know revolutions."""
     run("simulate", made / "small.toml", "--zigzag", "10/10", "--duration", 250, "--out", tmp_path / "zigzag.csv")

@@ -33,7 +33,7 @@ from pymc_ship.cli.texts import (
     score_text,
     term_set_text,
 )
-from pymc_ship.inference.regression.tree import read_posterior
+from pymc_ship.inference.regression.tree import FILES, read_posterior
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
@@ -48,9 +48,6 @@ from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
 from pymc_ship.trial.record import facility_of
 
 SIDES = ("port", "starboard")
-FILES = (".nc", ".zarr")
-"""Endings of the files of a joint posterior."""
-
 _DESIGN_DRAWS = 400  # of a posterior, as many as a design simulates
 
 

@@ -34,6 +34,9 @@ CITATIONS = {
 _SUM, _ZARR = "sha256", "zarr.json"
 _PACKAGES = ("pymc-ship", "numpy", "scipy", "xarray", "arviz", "pymc")
 
+FILES = (".nc", ".zarr")
+"""Endings of the files of a posterior."""
+
 
 def rng_state(rng: np.random.Generator) -> str:
     """State of a generator as JSON: what has to be restored to repeat the draws that follow."""
@@ -249,7 +252,7 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     True
     """
     path = Path(path)
-    if path.suffix not in (".nc", ".zarr"):
+    if path.suffix not in FILES:
         raise ValueError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
     with staged(path) as partial:
         if path.suffix == ".nc":
