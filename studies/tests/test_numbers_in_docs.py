@@ -12,7 +12,7 @@ import pytest
 from pymc_ship.ships.ensemble.calibration import constants
 
 ROOT = Path(__file__).parents[2]
-EXPLANATION = ROOT / "docs" / "explanation"
+CASES = ROOT / "docs" / "case_studies"
 
 
 @cache
@@ -143,8 +143,8 @@ DIAMETER, PLACES = "turning circle, tactical diameter", ("psi", "x", "y")
 HELD, MADE = (constants()[f"statements_{word}"].value for word in ("held", "made"))
 SUREST = f"{(HELD + 1) / (MADE + 2):.3f}"
 PAGES = {
-    "explanation/what_to_expect": of_what_to_expect,
-    "explanation/foreign_ships": of_foreign_ships,
+    "what_to_expect": of_what_to_expect,
+    "case_studies/foreign_ships": of_foreign_ships,
     "explanation/model_error": of_model_error,
     "tutorials/your_ship": of_your_ship,
 }
@@ -158,7 +158,7 @@ def test_a_number_in_the_docs_is_that_of_its_table(page, sentence):
 
 def shown(link):
     """Cells of the table of foreign_ships.md whose head leads to a table of the report, by the first cell."""
-    lines = (EXPLANATION / "foreign_ships.md").read_text(encoding="utf-8").splitlines()
+    lines = (CASES / "foreign_ships.md").read_text(encoding="utf-8").splitlines()
     begin = next(k for k, line in enumerate(lines) if line.startswith("|") and f"/{link}.csv" in line)
     end = next(k for k in range(begin, len(lines)) if not lines[k].startswith("|"))
     cells = ([cell.strip().replace("**", "") for cell in line.strip("|").split("|")] for line in lines[begin + 2 : end])
@@ -176,7 +176,7 @@ def test_a_table_in_the_docs_is_that_of_the_report(name):
 
 
 def test_other_intervals_in_the_docs_are_those_of_the_report():
-    text = plain(EXPLANATION / "foreign_ships.md")
+    text = plain(CASES / "foreign_ships.md")
     for name, row in rows("alternatives", "intervals").items():
         score = f"{float(row['score']):.2f} ± {float(row['score_se']):.2f}"
         cells = [share(row, 95), f"{float(row['hold_50']):.0f}", f"{float(row['half_width']):.3f}", score]

@@ -37,7 +37,7 @@ def faults_of_links(page):
 
 def test_the_documentation_has_pages_of_every_kind():
     folders = {Path(page.path).parent.name for page in PAGES}
-    assert folders == {"", "docs", "tutorials", "how_to", "reference", "explanation"}
+    assert folders == {"", "docs", "tutorials", "how_to", "reference", "explanation", "case_studies"}
     assert len(PAGES) >= 25
 
 

@@ -12,7 +12,7 @@ ships (:data:`TYPICAL`), times the likelihood of the held-out indices of this sh
 
 No held-out zigzag says how wrong a model is where no run has been. What foreign ships showed there grows with the
 distance from the motion of the runs, in the same units: :data:`BEYOND`, of ships that share no code with the package
-(docs/explanation/foreign_ships.md). ``calibration.toml`` has these constants and the ships that chose them.
+(docs/case_studies/foreign_ships.md). ``calibration.toml`` has these constants and the ships that chose them.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ doi:10.1214/06-BA117A), whose median is that of a population of foreign ships (:
 the replays of this ship beyond the variance of draws and readings. A replay holds the whole law.
 
 No held-out run says how wrong a model is where no run has been. What foreign ships showed there grows with the distance
-of the median ship from the motion of the runs: :data:`GROWTH` (docs/explanation/foreign_ships.md).
+of the median ship from the motion of the runs: :data:`GROWTH` (docs/case_studies/foreign_ships.md).
 ``calibration.toml`` has these constants and the ships that chose them.
 """
 

@@ -1,6 +1,6 @@
 """Captive tests of the KVLCC2 alone: how well the parts follow them, and where her zigzags disagree.
 
-Usage: python3 docs/explanation/kvlcc2/captive.py captive.csv reports/kvlcc2
+Usage: python -m studies.kvlcc2.captive captive.csv reports/kvlcc2
 """
 
 import sys

@@ -1,6 +1,6 @@
 """NUTS beside the normal approximation of an identification by parts, as it is and carried to the windows.
 
-    python3 docs/explanation/kvlcc2/nuts.py hsva/z20_10_s.csv
+    python -m studies.kvlcc2.nuts hsva/z20_10_s.csv
 
 Windows of 5 L/U of the runs that are named, each with a start of its own, under the spread with which the windows of an
 identification count. All posteriors have this likelihood and the priors of the parameters; the widening by scatter
@@ -28,7 +28,7 @@ from pymc_ship.ships.forecasting.forecast import pooled_forecast
 from pymc_ship.ships.identification.candidates import as_recorded, stated_prior
 
 SET = "modular"
-FORMAT = Path(__file__).parent / "hsva.toml"
+FORMAT = Path(__file__).parents[2] / "docs" / "case_studies" / "kvlcc2" / "hsva.toml"
 MANOEUVRES = (ps.turning_circle(35), ps.turning_circle(35, side="starboard"), ps.zigzag(10, 10), ps.zigzag(20, 20))
 DRAWS = 500
 INDICES = ("advance", "transfer", "tactical_diameter", "first_overshoot_angle", "second_overshoot_angle")

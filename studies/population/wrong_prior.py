@@ -1,6 +1,6 @@
 """Ships whose prior is wrong: identified with Student's t and with the normal law as the prior of each coefficient.
 
-    python3 -m docs.explanation.model_error.conflict
+    python -m studies.population.wrong_prior
 
 Four ships of the second half of the population have sailed a 20/20 and a 10/10 zigzag. The prior of N_v, the moment by
 which drift turns a ship, is moved by some of its standard deviations in every term set.
