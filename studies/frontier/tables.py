@@ -12,7 +12,7 @@ import numpy as np
 
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
 from pymc_ship.replication.estimates import DIFFERENCES
-from pymc_ship.replication.scores import with_error
+from pymc_ship.replication.scores import statistic_and_error
 from studies.frontier.data_sets import LEVELS
 from studies.frontier.measure import Measurement
 
@@ -197,7 +197,9 @@ def aim_rows(found: Sequence[Measurement]) -> list[dict]:
     rows, measured = [], {(one.cell, one.estimator, one.level) for one in found}
     for aim in AIMS:
         for level in sorted({level for *key, level in measured if key == [aim.cell, aim.estimators[0]]}):
-            value, se = with_error(over_seeds(found, aim.cell, level, aim.estimators, aim.column), aim.statistic)
+            value, se = statistic_and_error(
+                over_seeds(found, aim.cell, level, aim.estimators, aim.column), aim.statistic
+            )
             least, greatest = aim.limits.get(level, (-np.inf, np.inf))
             verdict = "" if level not in aim.limits else "yes" if least <= value <= greatest else "no"
             row = {"measure": aim.label, "unit": aim.unit, "level": level, "value": value, "se": se}
@@ -224,7 +226,7 @@ def bound_down_rows(found: Sequence[Measurement]) -> list[dict]:
         bound = None
         for key, method in (METHODS | {LEAST_SQUARES: "the paper's pipeline, least squares"}).items():
             name = best_differencing(found, level) if key == "best differencing" else key
-            value, se = with_error(over_seeds(found, "white", level, (name,), "median_error"), "median")
+            value, se = statistic_and_error(over_seeds(found, "white", level, (name,), "median_error"), "median")
             bound = bound or value
             row = {"level": level, "method": method, "by": name if key == "best differencing" else ""}
             rows.append(row | {"median_error": value, "se": se, "times_bound": value / bound})
@@ -243,10 +245,10 @@ def noise_rows(found: Sequence[Measurement]) -> list[dict]:
     rows = []
     for cell, level, estimator in dict.fromkeys((o.cell, o.level, o.estimator) for o in found if "failed" in o.values):
         where = found, cell, level, (estimator,)
-        coverage, se = with_error(over_seeds(*where, "coverage"), "mean")
+        coverage, se = statistic_and_error(over_seeds(*where, "coverage"), "mean")
         mine = [one.values for one in found if (one.cell, one.level, one.estimator) == (cell, level, estimator)]
         row = {"cell": cell, "level": level, "estimator": estimator, "seeds": len(mine)}
-        row |= {"median_error": with_error(over_seeds(*where, "median_error"), "median")[0]}
+        row |= {"median_error": statistic_and_error(over_seeds(*where, "median_error"), "median")[0]}
         row |= {"coverage": coverage, "se": se}
         kinds = {name: f"chose_{name}" for name in ("white", "ar1", "student_t", "offsets")} | {"failed": "failed"}
         rows.append(

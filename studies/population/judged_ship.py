@@ -17,7 +17,7 @@ from time import process_time
 import numpy as np
 import xarray as xr
 
-from pymc_ship.experiments.task import timed
+from pymc_ship.experiments.task import stopwatch
 from pymc_ship.machine.errors import FitError, StudyError
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
@@ -160,7 +160,7 @@ def judge(task: ShipTask) -> dict:
     began, parts, found = process_time(), dict.fromkeys(PARTS, 0.0), _nothing()
     with one_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        with timed(parts, "draw"):
+        with stopwatch(parts, "draw"):
             drawn, records = _drawn(task)
         found |= {"hull": drawn.hull, "runs": float(len(records))}
         try:
@@ -209,21 +209,21 @@ def _of_the_user(task: ShipTask) -> Iterator[None]:
 
 def _judged(task: ShipTask, drawn: DrawnShip, records: list[xr.Dataset], parts: dict[str, float]) -> dict:
     """Rows of indices and instants; the seconds are filled in."""
-    with timed(parts, "identify"):
+    with stopwatch(parts, "identify"):
         vessel = as_vessel(drawn.vessel)
         trials = [judged_trial(record, vessel) for record in records]
         identified = identify_ship(trials, vessel, rng=task.rng("identification"))
     ship = identified.ship
     found: dict[str, list] = {"indices": [], "instants": [], "held": held_rows(identified)}
     for manoeuvre in task.forecasts:
-        with timed(parts, "forecast"):
+        with stopwatch(parts, "forecast"):
             tree = forecast(ship, manoeuvre, rng=task.rng(f"forecast of a {manoeuvre.label}"), draws=_DRAWS)
             with _of_the_user(task):
                 run = drawn.sail(manoeuvre, float(tree["trajectories"]["time"][-1]))
             found["indices"] += index_rows(tree, run, manoeuvre, ship.vessel)
-        with timed(parts, "replay"):
+        with stopwatch(parts, "replay"):
             found["instants"] += [row for start in _RESTARTS for row in instant_rows(ship, run, start)]
-    with timed(parts, "stop"):
+    with stopwatch(parts, "stop"):
         found["stops"] = stop_rows(task, drawn, trials, vessel)
     return found
 

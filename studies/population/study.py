@@ -10,8 +10,8 @@ from typing import ClassVar
 import pyarrow as pa
 
 from pymc_ship import __version__
-from pymc_ship.experiments.grid import changed, manoeuvres_of, seed_parts
-from pymc_ship.experiments.methods import check_handed_on, digest, import_path, imported
+from pymc_ship.experiments.grid import manoeuvres_of, record_difference, seed_parts
+from pymc_ship.experiments.methods import check_picklable, digest, import_function, import_path
 from pymc_ship.experiments.store import Store
 from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.toml import Entry
@@ -151,7 +151,7 @@ class Population:
         new = self.record()
         same = ("version", "root_seed", "population", "forecasts", "astern")
         lists = {"trials": (list(old["trials"]), list(new["trials"]))}
-        return changed(old, new, same=same, grown="ships", named=("trials",), lists=lists)
+        return record_difference(old, new, same=same, grown="ships", named=("trials",), lists=lists)
 
     def report(self, store: Store) -> tuple[list[dict], Path]:
         """Coverage of all ships and by class of trials, and the page."""
@@ -167,12 +167,12 @@ class Population:
 def _drawing(entry: Entry) -> tuple[Draw, str]:
     """Function that draws a ship, and its import path."""
     if isinstance(entry.value, str) and import_path(entry.value):
-        draw, name = imported(entry.value, f"{entry.file}: {entry.key}"), entry.value
+        draw, name = import_function(entry.value, f"{entry.file}: {entry.key}"), entry.value
     else:
         draw, name = entry.value, getattr(entry.value, "__qualname__", "")
     if not callable(draw):
         entry.fail(f"must be the import path module:function of what draws a ship, found {shown(draw)}; correct it.")
-    check_handed_on(draw, f"{entry.file}: {entry.key}")
+    check_picklable(draw, f"{entry.file}: {entry.key}")
     return draw, name
 
 

@@ -39,7 +39,7 @@ def test_saved_draws_are_compared_with_the_exact_posterior_itself():
     (found,) = comparisons(trees)
     xr.testing.assert_allclose(found.agreement, ps.agreement(exact, {"gibbs": trees["b"], "nuts": trees["c"]}))
     assert found.agreement["agrees"].all()
-    assert (found.failed_gates, found.disagreements) == ([], [])
+    assert (found.failed_diagnostics, found.disagreements) == ([], [])
 
 
 def test_draws_of_one_method_twice_are_told_apart_by_their_names():

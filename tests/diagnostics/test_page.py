@@ -152,9 +152,9 @@ def shared(tmp_path_factory):
 def test_a_section_of_several_methods_has_their_gates_agreement_and_the_chains_of_nuts(shared):
     assert re.findall(r"<h3>(.*)</h3>", shared) == TITLES
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>.*?</tr>", shared)]
-    gates = [row[:2] for row in cells if len(row) == 6 and row[0] in ("exact", "gibbs", "nuts")]
-    assert [method for method, gate in gates if gate == "largest R-hat"] == ["exact", "gibbs", "nuts"]
-    assert [method for method, gate in gates if gate == "divergences"] == ["nuts"]
+    convergence_diagnostics = [row[:2] for row in cells if len(row) == 6 and row[0] in ("exact", "gibbs", "nuts")]
+    assert [method for method, gate in convergence_diagnostics if gate == "largest R-hat"] == ["exact", "gibbs", "nuts"]
+    assert [method for method, gate in convergence_diagnostics if gate == "divergences"] == ["nuts"]
     verdicts = {row[0]: (row[2], row[-1]) for row in cells if len(row) == 8 and row[-1] in ("yes", "NO")}
     assert verdicts == {"gibbs": ("4.15", "NO"), "nuts": ("4.15", "yes")}
     assert "The chains are those of nuts." in shared

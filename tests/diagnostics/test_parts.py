@@ -18,8 +18,8 @@ pytestmark = pytest.mark.filterwarnings("error")
 
 
 def test_the_verdict_counts_what_the_data_determine(good):
-    gates, determined, white = verdict_on(good)
-    assert gates == "All convergence gates hold."
+    convergence_diagnostics, determined, white = verdict_on(good)
+    assert convergence_diagnostics == "All convergence gates hold."
     count, total = map(int, re.match(r"(\d+) of (\d+) coefficients are determined by the data", determined).groups())
     assert 10 <= count < total == 28
     assert white.startswith("Residuals pass for white noise (r1 = ")

@@ -52,14 +52,14 @@ def without(tree, *groups):
 
 
 def gate(tree, name):
-    return next(row for row in numbers.gates(tree) if row["gate"] == name)
+    return next(row for row in numbers.convergence_diagnostics(tree) if row["gate"] == name)
 
 
 # convergence
 
 
 def test_independent_draws_pass_every_gate(good):
-    rows = numbers.gates(good[0])
+    rows = numbers.convergence_diagnostics(good[0])
     assert [row["gate"] for row in rows] == ["largest R-hat", "least bulk ESS", "least tail ESS"]
     assert all(row["holds"] for row in rows)
     assert rows[1]["value"] == pytest.approx(2400, rel=0.2)
@@ -76,7 +76,7 @@ def test_a_chain_that_stands_elsewhere_fails_the_gate_of_its_coefficient(good):
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_chains_that_stand_still_and_single_chains_fail(good):
     still = changed(good[0], noise_variance=xr.zeros_like(good[0]["posterior"]["noise_variance"]) + 1.0)
-    assert not all(row["holds"] for row in numbers.gates(still))
+    assert not all(row["holds"] for row in numbers.convergence_diagnostics(still))
     one = xr.DataTree.from_dict(
         {"/": good[0].to_dataset(), "posterior": good[0]["posterior"].to_dataset().isel(chain=[0])}
     )

@@ -7,7 +7,7 @@ import xarray as xr
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics import trajectory as d
 from pymc_ship.diagnostics.numbers import cross_validation
-from pymc_ship.diagnostics.page import subject_of
+from pymc_ship.diagnostics.page import posterior_kind
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
 from pymc_ship.inference.identifiability.information import UNKNOWN
@@ -42,10 +42,10 @@ def test_the_prior_sd_is_laid_out_with_its_factors_and_infinite_where_flat(tmp_p
 
 
 def test_posteriors_of_trajectories_are_known_by_their_method():
-    assert subject_of(short_posterior()) is TRAJECTORIES
-    assert subject_of(sampled()) is TRAJECTORIES
-    assert subject_of(with_attrs(short_posterior(), method="conjugate")) is REGRESSION
-    assert subject_of(xr.DataTree()) is REGRESSION
+    assert posterior_kind(short_posterior()) is TRAJECTORIES
+    assert posterior_kind(sampled()) is TRAJECTORIES
+    assert posterior_kind(with_attrs(short_posterior(), method="conjugate")) is REGRESSION
+    assert posterior_kind(xr.DataTree()) is REGRESSION
 
 
 def test_a_sampler_needs_no_pareto_khat():
@@ -57,19 +57,27 @@ def test_a_sampler_needs_no_pareto_khat():
 
 @pytest.mark.parametrize(("khat", "holds"), [(0.3, True), (0.7, True), (0.71, False), (np.nan, False)])
 def test_the_gate_of_the_normal_approximation_is_pareto_khat(khat, holds):
-    (gate,) = numbers.gates(with_attrs(short_posterior(), pareto_khat=khat))
+    (gate,) = numbers.convergence_diagnostics(with_attrs(short_posterior(), pareto_khat=khat))
     assert (gate["gate"], gate["limit"], gate["holds"]) == ("Pareto k-hat", "≤ 0.7", holds)
 
 
 def test_the_gates_of_a_sampler_watch_every_unknown():
-    gates = {gate["gate"]: gate for gate in numbers.gates(sampled())}
-    assert list(gates) == ["largest R-hat", "least bulk ESS", "least tail ESS", "divergences", "least E-BFMI"]
-    assert all(gate["holds"] for gate in gates.values())
+    convergence_diagnostics = {gate["gate"]: gate for gate in numbers.convergence_diagnostics(sampled())}
+    assert list(convergence_diagnostics) == [
+        "largest R-hat",
+        "least bulk ESS",
+        "least tail ESS",
+        "divergences",
+        "least E-BFMI",
+    ]
+    assert all(gate["holds"] for gate in convergence_diagnostics.values())
     torn = changed(sampled(), "posterior/initial_state", lambda v: v[3, :, 1, 1].__iadd__(1.0))
-    failed = [gate for gate in numbers.gates(torn) if not gate["holds"]]
+    failed = [gate for gate in numbers.convergence_diagnostics(torn) if not gate["holds"]]
     assert failed[0]["where"] == "initial v, run 2"
     diverged = changed(sampled(), "sample_stats/diverging", lambda v: v[0].__setitem__(slice(2), True))
-    assert [(g["gate"], g["value"]) for g in numbers.gates(diverged) if not g["holds"]] == [("divergences", 2.0)]
+    assert [(g["gate"], g["value"]) for g in numbers.convergence_diagnostics(diverged) if not g["holds"]] == [
+        ("divergences", 2.0)
+    ]
 
 
 def test_the_unknowns_are_coefficients_initial_states_and_offsets():

@@ -10,7 +10,7 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.diagnostics import page as page_module
 from pymc_ship.diagnostics import trajectory_parts
-from pymc_ship.diagnostics.agreement import Comparison, comparisons, failure
+from pymc_ship.diagnostics.agreement import Comparison, comparisons, failure_sentence
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
 from pymc_ship.inference.regression.tree import write_posterior
 from tests.diagnostics.cases import changed, hull, sampled, short_posterior, with_attrs, without
@@ -61,8 +61,10 @@ def page(tmp_path_factory):
 
 
 def test_the_verdict_says_what_is_known_how_noise_was_treated_and_how_far_to_trust_it():
-    gates, khat, determined, along, noise, white, starts = TRAJECTORIES.verdict(section(short_posterior()))
-    assert gates == "All gates hold."
+    convergence_diagnostics, khat, determined, along, noise, white, starts = TRAJECTORIES.verdict(
+        section(short_posterior())
+    )
+    assert convergence_diagnostics == "All gates hold."
     assert khat == "Pareto k-hat 0.30 (limit 0.7): the normal approximation can be trusted."
     pattern = r"(\d+) of 53 coefficients are determined by the data; (\d+) follow the prior and (\d+) cannot be told"
     assert sum(map(int, re.match(pattern, determined).groups())) == 53
@@ -80,8 +82,8 @@ def test_the_verdict_says_what_is_known_how_noise_was_treated_and_how_far_to_tru
 
 def test_the_verdict_on_a_normal_approximation_that_fails():
     failing = with_attrs(short_posterior(), pareto_khat=0.85, share_diverged=0.125)
-    gates, khat, *_, starts = TRAJECTORIES.verdict(section(failing))
-    assert gates == (
+    convergence_diagnostics, khat, *_, starts = TRAJECTORIES.verdict(section(failing))
+    assert convergence_diagnostics == (
         "A gate fails: Pareto k-hat 0.85 (importance weights of the draws), to be ≤ 0.7. The numbers below are not to "
         "be relied on."
     )
@@ -157,8 +159,8 @@ def test_the_coefficients_stand_beside_reference_and_published_values():
     tree = short_posterior()
     found = part("_coefficients", tree, hull())
     surge, caption = found.tables[0]
-    of_vessel, judged = ["reference", "publ. conj.", "publ. semiconj."], ["contraction", "judged"]
-    assert surge.heads == ["coefficient", *of_vessel, "prior sd", "mean", "sd", "2.5 %", "97.5 %", *judged]
+    of_vessel, evidence_words = ["reference", "publ. conj.", "publ. semiconj."], ["contraction", "judged"]
+    assert surge.heads == ["coefficient", *of_vessel, "prior sd", "mean", "sd", "2.5 %", "97.5 %", *evidence_words]
     assert surge.cells[0][:2] == ["Xu", "−226.2"]
     assert caption == "Surge, prime values times 1e5; equal-tailed (eti) intervals of 95 %."
     held = int(re.search(r"The 95 % intervals hold (\d+) of 53 reference values\.", found.text)[1])
@@ -259,7 +261,7 @@ def test_a_failing_gate_is_status_3_and_the_page_is_written(monkeypatch, tmp_pat
         "Pareto k-hat 0.85 (importance weights of the draws), to be ≤ 0.7; the page is written and names them all."
     )
     assert printed.err == ("" if khat < 0.7 else f"pymc-ship: {sentence}\n")
-    assert failure([Comparison("trials", {"trials": tree})]) == ("" if khat < 0.7 else sentence)
+    assert failure_sentence([Comparison("trials", {"trials": tree})]) == ("" if khat < 0.7 else sentence)
     assert (tmp_path / "out" / "diagnostics.html").exists()
 
 

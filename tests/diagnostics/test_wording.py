@@ -8,7 +8,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.agreement import agreement
-from pymc_ship.diagnostics.page import check_trees
+from pymc_ship.diagnostics.page import check_posteriors
 from pymc_ship.diagnostics.regression import check_posterior
 from pymc_ship.diagnostics.trajectory import check_trajectory
 from pymc_ship.inference.regression.tree import exact_posterior
@@ -115,10 +115,10 @@ test_vessel_errors = wording(
     ),
     (
         "is to be of 'container', found 'flat_bottomed' in x",
-        lambda container: check_trees({"x": short_posterior()}, container),
+        lambda container: check_posteriors({"x": short_posterior()}, container),
     ),
     (
         "to hold the surge sway yaw coefficients of 'container' in order, found Xu",
-        lambda container: check_trees({"x": with_attrs(short_posterior(), vessel="container")}, container),
+        lambda container: check_posteriors({"x": with_attrs(short_posterior(), vessel="container")}, container),
     ),
 )

@@ -21,7 +21,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from pymc_ship.experiments.run import reported_montecarlo
-from pymc_ship.experiments.task import PARTS, measure
+from pymc_ship.experiments.task import PARTS, measure_task
 from tests.experiments.cases import slow, trivial
 
 STUDY = Path(__file__).parents[2] / "studies" / "container.toml"
@@ -73,7 +73,7 @@ def scaling(seeds, work):
 def main(words):
     """Run what the words ask for."""
     if words[:1] in (["scaling"], ["sleep"]):
-        scaling(int(words[1]) if words[1:] else 1, measure if words[0] == "scaling" else slow)
+        scaling(int(words[1]) if words[1:] else 1, measure_task if words[0] == "scaling" else slow)
     elif words[:1] == ["one"]:
         print(json.dumps(memory(int(words[1]), *words[2:])))
     elif words[:1] == ["memory"]:

@@ -16,7 +16,7 @@ import pymc_ship as ps
 from pymc_ship.cli.main import main
 from pymc_ship.experiments import run as engine
 from pymc_ship.experiments.run import read_study
-from pymc_ship.experiments.store import opened
+from pymc_ship.experiments.store import locked_store
 from pymc_ship.machine.errors import StudyError
 from tests.experiments.cases import trivial
 from tests.experiments.folders import PATH, changed, kept, run, tables, timings
@@ -25,7 +25,7 @@ from tests.sentences import refused
 
 def journalled(study, out):
     """Store of a study with three results in the journal of its first part, and the journal."""
-    with opened(out, read_study(study)) as store:
+    with locked_store(out, read_study(study)) as store:
         (cell, part, seeds), *_ = store.missing()
         for seed in seeds[:3]:
             clock = {"session": 1, "executor": "joblib", "workers": 1, "wall": 1.0, "parent": 1.0}
@@ -37,7 +37,7 @@ def journalled(study, out):
 def test_a_line_that_was_cut_off_is_dropped(study, plain, tmp_path):
     journal = journalled(study, tmp_path)
     journal.write_bytes(journal.read_bytes()[:-30])
-    with opened(tmp_path, read_study(study)) as store:
+    with locked_store(tmp_path, read_study(study)) as store:
         assert store.missing()[0][2] == [2, 3]
     run(study, tmp_path)
     assert tables(tmp_path) == tables(plain)

@@ -7,7 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.experiments import task as task_module
-from pymc_ship.experiments.task import METHODS, Task, measure, turn_error
+from pymc_ship.experiments.task import METHODS, Task, measure_task, turn_error
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 
 
@@ -22,15 +22,15 @@ def test_methods_have_the_same_noise_and_everything_else_its_own(small):
 
 
 def test_coefficients_that_are_not_finite_fail(small, monkeypatch):
-    nothing = np.full(reference_coefficients(small).size, np.nan)
-    monkeypatch.setitem(METHODS, "weak form", lambda *_: task_module.Estimate(nothing, nothing, nothing))
-    found = measure(Task(small, ps.zigzag(20, 20), "white", 0.01, "weak form", 0, 1, 30.0))
+    failed = np.full(reference_coefficients(small).size, np.nan)
+    monkeypatch.setitem(METHODS, "weak form", lambda *_: task_module.Estimate(failed, failed, failed))
+    found = measure_task(Task(small, ps.zigzag(20, 20), "white", 0.01, "weak form", 0, 1, 30.0))
     assert (found["status"], np.isnan(found["median_error"])) == ("failed", True)
 
 
 def test_a_record_that_diverges_fails(small):
     wild = small.with_coefficients({"surge": np.array([5.0, *small.coefficients("surge").values[1:]])})
-    found = measure(Task(wild, ps.zigzag(20, 20), "white", 0.01, "weak form", 0, 1, 400.0))
+    found = measure_task(Task(wild, ps.zigzag(20, 20), "white", 0.01, "weak form", 0, 1, 400.0))
     assert found["status"] == "failed"
     assert "the record diverged at t = " in found["sentence"]
 
@@ -39,7 +39,7 @@ def test_a_ship_that_diverges_in_the_turn_has_coefficients_and_no_diameter(conta
     wild = reference_coefficients(container)
     wild[0] = 5.0
     monkeypatch.setitem(METHODS, "weak form", lambda *_: task_module.Estimate(wild, wild - 9.0, wild + 9.0))
-    found = measure(Task(container, ps.zigzag(20, 20), "white", 0.01, "weak form", 0, 1, 30.0))
+    found = measure_task(Task(container, ps.zigzag(20, 20), "white", 0.01, "weak form", 0, 1, 30.0))
     assert found["status"] == "diverged"
     assert "diverged in the turning circle 35 port at t = " in found["sentence"]
     assert np.isnan(found["tactical_diameter_error"])
@@ -66,4 +66,4 @@ def test_an_error_of_the_machine_is_no_result(small, monkeypatch, error):
 
     monkeypatch.setitem(METHODS, "weak form", fails)
     with pytest.raises(type(error)):
-        measure(Task(small, ps.zigzag(20, 20), "white", 0.01, "weak form", 0, 1, 30.0))
+        measure_task(Task(small, ps.zigzag(20, 20), "white", 0.01, "weak form", 0, 1, 30.0))

@@ -9,7 +9,7 @@ import numpy as np
 
 import pymc_ship as ps
 from pymc_ship.experiments.run import read_study
-from pymc_ship.experiments.store import opened
+from pymc_ship.experiments.store import locked_store
 from pymc_ship.machine import workers
 from tests.experiments.cases import always_full
 from tests.experiments.folders import run
@@ -31,13 +31,13 @@ def with_a_damaged_part(plain, study, tmp_path):
 
 
 def while_another_is_at_work(study, tmp_path):
-    with opened(tmp_path, read_study(study)), opened(tmp_path, read_study(study)):
+    with locked_store(tmp_path, read_study(study)), locked_store(tmp_path, read_study(study)):
         pass
 
 
 def with_another_method(study, tmp_path):
     for method in (shifted(0.1), lambda *_: None):
-        with opened(tmp_path, read_study(only(study), {"mine": method})):
+        with locked_store(tmp_path, read_study(only(study), {"mine": method})):
             pass
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.experiments.run import read_study
-from pymc_ship.experiments.store import opened
+from pymc_ship.experiments.store import locked_store
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
@@ -69,7 +69,7 @@ def read_ship(out):
 
 def read_parts(study, out):
     """Results of a study; those that are missing are done again."""
-    with opened(out, read_study(study)) as store:
+    with locked_store(out, read_study(study)) as store:
         if store.missing():
             return AGAIN
         return [repr(rows.to_pylist()) for _, rows in store.rows()]

@@ -34,7 +34,7 @@ def test_study_passes_its_options_on(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("failed", [[], ["nuts: largest R-hat 1.02 (Yv), to be < 1.01"]])
 def test_a_study_whose_check_fails_writes_its_pages_and_ends_with_status_3(tmp_path, monkeypatch, capsys, failed):
     good, poor = (
-        SimpleNamespace(name=name, failed_gates=said, disagreements=[])
+        SimpleNamespace(name=name, failed_diagnostics=said, disagreements=[])
         for name, said in zip("ab", ([], failed), strict=True)
     )
     result = SimpleNamespace(comparisons=[good, poor], vessel=None, seed=3, draws={})

@@ -12,8 +12,8 @@ from pymc_ship.replication.scores import (
     forecast_row,
     published_rows,
     relative_error,
+    statistic_and_error,
     summary_rows,
-    with_error,
 )
 from pymc_ship.ships.ensemble.scores import BANDS
 
@@ -170,4 +170,4 @@ def test_a_channel_that_never_moves_is_not_scored(ship):
 
 def test_the_error_of_a_mean_is_its_standard_error():
     values = np.random.default_rng(0).standard_normal(200)
-    assert with_error(values, "mean")[1] == pytest.approx(values.std() / np.sqrt(200), rel=0.15)
+    assert statistic_and_error(values, "mean")[1] == pytest.approx(values.std() / np.sqrt(200), rel=0.15)

@@ -14,7 +14,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.diagnostics import page as diagnostic_report
-from pymc_ship.diagnostics.agreement import failure
+from pymc_ship.diagnostics.agreement import failure_sentence
 from pymc_ship.inference.identifiability.bound import cramer_rao_bound
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.machine.seeds import generator
@@ -354,9 +354,9 @@ def test_a_study_whose_chains_fail_says_where_and_writes_both_pages(result, tmp_
     trees = result.draws["conjugate"]["nuts"] | {"yaw": torn}
     draws = result.draws | {"conjugate": result.draws["conjugate"] | {"nuts": trees}}
     broken = replace(result, draws=draws)
-    assert failure(result.comparisons) == ""
+    assert failure_sentence(result.comparisons) == ""
     assert re.match(
-        r".* in 1 of 8 posteriors, first in yaw, conjugate: nuts: largest R-hat ", failure(broken.comparisons)
+        r".* in 1 of 8 posteriors, first in yaw, conjugate: nuts: largest R-hat ", failure_sentence(broken.comparisons)
     )
     monkeypatch.setattr(diagnostic_report, "subject_of", parts_of())
     monkeypatch.setattr(report, "_trace_figures", lambda result: [])

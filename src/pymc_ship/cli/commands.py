@@ -62,13 +62,13 @@ OFFSETS = {"auto": None, "yes": True, "no": False}
 
 def study(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run the paper's study; the text is empty, the page says it all."""
-    from pymc_ship.diagnostics.agreement import failure
+    from pymc_ship.diagnostics.agreement import failure_sentence
     from pymc_ship.replication.page import reported_study
 
     model_argument(args.vessel, progress)
     out = args.out or Path("reports", Path(args.vessel).stem)
     result, page = reported_study(out, vessel=args.vessel, level=args.level, seed=args.seed, progress=progress)
-    return "", page, failure(result.comparisons)
+    return "", page, failure_sentence(result.comparisons)
 
 
 def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -263,19 +263,19 @@ def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Report on saved posteriors; the text has the verdict on each."""
-    from pymc_ship.diagnostics.agreement import comparisons, failure
-    from pymc_ship.diagnostics.page import check_trees, subject_of, write_diagnostics
+    from pymc_ship.diagnostics.agreement import comparisons, failure_sentence
+    from pymc_ship.diagnostics.page import check_posteriors, posterior_kind, write_diagnostics
 
     vessel = vessel_argument(args.vessel, progress) if args.vessel else None
     paths = {Path(path).stem: path for path in args.posteriors}
     if len(paths) < len(args.posteriors):
         paths = {path: path for path in args.posteriors}
     trees = {name: read_posterior(path) for name, path in paths.items()}
-    check_trees(trees, vessel)
+    check_posteriors(trees, vessel)
     out, compared = writable_folder(args.out), comparisons(trees)
     page = write_diagnostics(compared, out, vessel, seed=args.seed, progress=progress)
-    said = ["\n".join([one.name, *subject_of(one.posterior).verdict(one)]) for one in compared]
-    return "\n\n".join(said), page, failure(compared)
+    said = ["\n".join([one.name, *posterior_kind(one.posterior).verdict(one)]) for one in compared]
+    return "\n\n".join(said), page, failure_sentence(compared)
 
 
 def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics.numbers import R_HAT_LIMIT, gates, missing, quantities, summary
+from pymc_ship.diagnostics.numbers import R_HAT_LIMIT, convergence_diagnostics, missing, quantities, summary
 from pymc_ship.diagnostics.regression import DESIGN, data_of, prior_of
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
@@ -193,17 +193,17 @@ class Comparison:
         return max(reversed([*self.trees]), key=lambda method: "sample_stats" in self.trees[method].children)
 
     @cached_property
-    def gates(self) -> dict[str, list[dict]]:
+    def convergence_diagnostics(self) -> dict[str, list[dict]]:
         """Gates of every method."""
-        return {method: gates(tree) for method, tree in self.trees.items()}
+        return {method: convergence_diagnostics(tree) for method, tree in self.trees.items()}
 
     @property
-    def failed_gates(self) -> list[str]:
+    def failed_diagnostics(self) -> list[str]:
         """The gates that fail, in words."""
         return [
             f"{f'{method}: ' if len(self.trees) > 1 else ''}{gate['gate']} {_value(gate['value'])} ({gate['where']}), "
             f"to be {gate['limit']}"
-            for method, rows in self.gates.items()
+            for method, rows in self.convergence_diagnostics.items()
             for gate in rows
             if not gate["holds"]
         ]
@@ -260,9 +260,9 @@ def _compared(trees: Mapping[str, xr.DataTree]) -> Comparison:
     )
 
 
-def failure(compared: Sequence[Comparison]) -> str:
+def failure_sentence(compared: Sequence[Comparison]) -> str:
     """One sentence that says where a convergence gate or the agreement fails; empty where all holds."""
-    faults = [(one.name, [*one.failed_gates, *one.disagreements]) for one in compared]
+    faults = [(one.name, [*one.failed_diagnostics, *one.disagreements]) for one in compared]
     failed = [f"{name}: {'; '.join(said)}" for name, said in faults if said]
     if not failed:
         return ""

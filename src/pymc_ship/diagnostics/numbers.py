@@ -125,7 +125,7 @@ def summary(tree: xr.DataTree) -> xr.Dataset:
     return xr.Dataset(values, attrs={"ci_prob": CI_PROB, "ci_kind": "eti"})
 
 
-def gates(tree: xr.DataTree) -> list[dict]:
+def convergence_diagnostics(tree: xr.DataTree) -> list[dict]:
     """Gates of a posterior: what is measured, its worst value, where, the limit, and whether the gate holds.
 
     Independent draws of a normal approximation have one gate, Pareto k-hat. Chains have R-hat below 1.01 and bulk and
@@ -135,11 +135,11 @@ def gates(tree: xr.DataTree) -> list[dict]:
     if "pareto_khat" in tree.attrs:
         khat = float(tree.attrs["pareto_khat"])
         where = "importance weights of the draws"
-        return [_gate("Pareto k-hat", khat, where, f"≤ {KHAT_LIMIT:g}", khat <= KHAT_LIMIT)]
-    return _chain_gates(tree)
+        return [_diagnostic("Pareto k-hat", khat, where, f"≤ {KHAT_LIMIT:g}", khat <= KHAT_LIMIT)]
+    return _chain_diagnostics(tree)
 
 
-def _chain_gates(tree: xr.DataTree) -> list[dict]:
+def _chain_diagnostics(tree: xr.DataTree) -> list[dict]:
     import arviz as az
 
     table = summary(tree)
@@ -151,23 +151,23 @@ def _chain_gates(tree: xr.DataTree) -> list[dict]:
         return float(values[k]), str(names[k])
 
     value, where = worst("r_hat", 1.0)
-    found = [_gate("largest R-hat", value, where, f"< {R_HAT_LIMIT:g}", value < R_HAT_LIMIT)]
+    found = [_diagnostic("largest R-hat", value, where, f"< {R_HAT_LIMIT:g}", value < R_HAT_LIMIT)]
     for name, label in (("ess_bulk", "least bulk ESS"), ("ess_tail", "least tail ESS")):
         value, where = worst(name, -1.0)
-        found.append(_gate(label, value, where, f"> {ESS_LIMIT:g}", value > ESS_LIMIT))
+        found.append(_diagnostic(label, value, where, f"> {ESS_LIMIT:g}", value > ESS_LIMIT))
     stats = tree["sample_stats"].dataset if "sample_stats" in tree.children else xr.Dataset()
     if "diverging" in stats:
         count = int(stats["diverging"].sum())
-        found.append(_gate("divergences", float(count), "all chains", "= 0", count == 0))
+        found.append(_diagnostic("divergences", float(count), "all chains", "= 0", count == 0))
     if "energy" in stats:
         bfmi = np.atleast_1d(az.bfmi(tree)["energy"].values)
         k = int(np.argmin(np.where(np.isnan(bfmi), -np.inf, bfmi)))
         value = float(bfmi[k])
-        found.append(_gate("least E-BFMI", value, f"chain {k}", f"> {E_BFMI_LIMIT:g}", value > E_BFMI_LIMIT))
+        found.append(_diagnostic("least E-BFMI", value, f"chain {k}", f"> {E_BFMI_LIMIT:g}", value > E_BFMI_LIMIT))
     return found
 
 
-def _gate(label: str, value: float, where: str, limit: str, holds: bool) -> dict:
+def _diagnostic(label: str, value: float, where: str, limit: str, holds: bool) -> dict:
     return {"gate": label, "value": value, "where": where, "limit": limit, "holds": bool(holds)}
 
 
@@ -282,7 +282,7 @@ def narrowing(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
     return xr.Dataset({**values, "determined": narrowed & (np.abs(mean) > SD_LIMIT * sd)})
 
 
-def judged(found: xr.Dataset) -> np.ndarray:
+def evidence_words(found: xr.Dataset) -> np.ndarray:
     """Word for each coefficient of a contraction: "determined", "not from zero" or "prior", shape (n_coefficients,)."""
     return np.where(found["determined"], "determined", np.where(found["narrowed"], "not from zero", "prior"))
 

@@ -11,7 +11,7 @@ import xarray as xr
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.agreement import Comparison, comparisons
 from pymc_ship.diagnostics.numbers import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
-from pymc_ship.diagnostics.parts import Subject
+from pymc_ship.diagnostics.parts import PosteriorKind
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory import METHODS
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
@@ -46,7 +46,7 @@ _DEFAULTS = (
     f"number of comparisons. Whiteness at the {percent(WHITENESS_LEVEL)} level, sensitivity above {PSENSE_LIMIT:g}."
 )
 
-SUBJECTS = dict.fromkeys(METHODS, TRAJECTORIES)
+POSTERIOR_KINDS = dict.fromkeys(METHODS, TRAJECTORIES)
 """Kind of posterior by the method of its draws; a method that is not named here draws that of a regression."""
 
 
@@ -91,7 +91,7 @@ def diagnostic_report(
         When the folder cannot be written.
     """
     ship = None if vessel is None else as_vessel(vessel)
-    check_trees(trees, ship)
+    check_posteriors(trees, ship)
     return write_diagnostics(comparisons(trees), writable_folder(out), ship, seed=seed, progress=progress)
 
 
@@ -116,7 +116,7 @@ def diagnostic_content(
     for k, one in enumerate(compared):
         progress(f"diagnosing {one.name}")
         sections.append(_section(f"posterior-{k + 1}", one, ship, np.random.default_rng(seed), images))
-    subjects = list(dict.fromkeys(subject_of(one.posterior) for one in compared))
+    subjects = list(dict.fromkeys(posterior_kind(one.posterior) for one in compared))
     values = {
         "title": f"Diagnostics of {len(sections)} posterior{'s' * (len(sections) > 1)}",
         "defaults": " ".join(filter(None, (_DEFAULTS, *(subject.defaults for subject in subjects)))),
@@ -127,12 +127,12 @@ def diagnostic_content(
     return Content(values, images, sources=sources)
 
 
-def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None:
+def check_posteriors(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None:
     """Raise a ValueError when there is no tree, one is no posterior, or one is of another vessel."""
     if not trees:
         raise ValueError("A diagnostic report needs at least one posterior, found none; give trees by name.")
     for name, tree in trees.items():
-        subject_of(tree).check(tree, name)
+        posterior_kind(tree).check(tree, name)
         if vessel is None:
             continue
         if tree.attrs["vessel"] != vessel.name:
@@ -140,29 +140,29 @@ def check_trees(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None
                 f"The posterior is to be of {vessel.name!r}, found {tree.attrs['vessel']!r} in {name}; use its vessel."
             )
         names = [str(value) for value in tree["posterior"].dataset["coefficient"].values]
-        if names != subject_of(tree).coefficient_names(vessel, tree):
+        if names != posterior_kind(tree).coefficient_names(vessel, tree):
             raise VesselError(
                 f"The posterior is to hold the {tree.attrs['dof']} coefficients of {vessel.name!r} in order, found "
                 f"{', '.join(names)} in {name}; use the vessel it was made with."
             )
 
 
-def subject_of(tree: xr.DataTree) -> Subject:
+def posterior_kind(tree: xr.DataTree) -> PosteriorKind:
     """Kind of posterior that a tree holds."""
-    return SUBJECTS.get(tree.attrs.get("method", ""), REGRESSION)
+    return POSTERIOR_KINDS.get(tree.attrs.get("method", ""), REGRESSION)
 
 
 def _section(
     identifier: str, one: Comparison, ship: Vessel | None, rng: np.random.Generator, images: dict[str, str]
 ) -> dict:
-    subject, shown = subject_of(one.posterior), []
+    subject, shown = posterior_kind(one.posterior), []
     for part in subject.parts(one, ship, rng):
         captions = []
         for kind, figure, caption in part.images:
             images[f"{identifier}-{kind}"] = drawing.embedded(figure, part.title)
             captions.append((f"{identifier}-{kind}", caption))
         shown.append({"title": part.title, "text": part.text, "tables": part.tables, "figures": captions})
-    failed = ["a gate fails"] * bool(one.failed_gates) + ["methods disagree"] * bool(one.disagreements)
+    failed = ["a gate fails"] * bool(one.failed_diagnostics) + ["methods disagree"] * bool(one.disagreements)
     return {
         "id": identifier,
         "name": one.name,

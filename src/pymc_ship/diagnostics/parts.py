@@ -41,19 +41,19 @@ _SHARES = heads(str, manoeuvre="manoeuvre", of="ships of the") | ENDS
 _BANDS = heads(str, index="index", manoeuvre="manoeuvre", prior="prior") | heads(fixed(1), prior_reached="reached %")
 _BANDS |= heads(str, posterior="posterior") | heads(fixed(1), posterior_reached="reached %")
 
-WORDS_JUDGED = (
+EVIDENCE_WORDS = (
     f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
     f"{CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
 )
-"""What the words of :func:`pymc_ship.diagnostics.numbers.judged` mean."""
+"""What the words of :func:`pymc_ship.diagnostics.numbers.evidence_words` mean."""
 
 
 @dataclass(frozen=True)
-class Subject:
+class PosteriorKind:
     """What a section can be about: a kind of posterior, and how the page speaks of it.
 
-    A new kind of posterior is one file that makes its ``Subject``, and one entry in
-    :data:`pymc_ship.diagnostics.page.SUBJECTS`.
+    A new kind of posterior is one file that makes its ``PosteriorKind``, and one entry in
+    :data:`pymc_ship.diagnostics.page.POSTERIOR_KINDS`.
 
     Attributes
     ----------
@@ -101,15 +101,15 @@ def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
     return f"the tree has no {' and no '.join(lacking)}." if lacking else ""
 
 
-def gate_table(one: Comparison) -> Table:
+def diagnostics_table(one: Comparison) -> Table:
     """Worst value of every gate of every method against its limit."""
     columns = heads(str, method="method") if len(one.trees) > 1 else {}
     columns |= heads(str, gate="gate") | heads(number(4), value="value")
     columns |= heads(str, where="of", limit="limit", judged="holds")
     rows = [
         {"method": method, **gate, "judged": "yes" if gate["holds"] else "NO"}
-        for method, gates in one.gates.items()
-        for gate in gates
+        for method, convergence_diagnostics in one.convergence_diagnostics.items()
+        for gate in convergence_diagnostics
     ]
     return table(rows, columns)
 

@@ -14,7 +14,7 @@ from pymc_ship.diagnostics import figures, numbers, parts, regression
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.group_parts import groups_part
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, PSENSE_LIMIT, WHITENESS_LEVEL
-from pymc_ship.diagnostics.parts import Part, Subject
+from pymc_ship.diagnostics.parts import Part, PosteriorKind
 from pymc_ship.diagnostics.tables import (
     AGREEMENT,
     agreement_rows,
@@ -37,7 +37,7 @@ _PRIME = "Prime values times 1e5 (σ² times 1e10)"
 def _verdict(one: Comparison) -> list[str]:
     """What heads a section: gates and agreement, what the data determine, and whether the residuals are white."""
     lines = ["All convergence gates hold."]
-    if failed := one.failed_gates:
+    if failed := one.failed_diagnostics:
         lines = [f"A convergence gate fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
     if one.agreement is not None:
         lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
@@ -125,7 +125,7 @@ def _convergence(one: Comparison) -> Part:
     whose = f" of {' and '.join(unknown)}" if len(one.trees) > 1 else ""
     text = f"Divergences and E-BFMI{whose} are not judged: there are no sample_stats." if unknown else ""
     caption = "Worst value over all quantities against its limit."
-    return Part("Convergence gates", text, [(parts.gate_table(one), caption)])
+    return Part("Convergence gates", text, [(parts.diagnostics_table(one), caption)])
 
 
 def _agreement(one: Comparison) -> Part:
@@ -180,7 +180,7 @@ def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
     own = regression.prior_of(tree) is None
     normal, conjugate = f"a normal prior with the same central {_CI}", "the conjugate prior at the posterior mean of σ²"
     variance = f"of {normal if own else conjugate}"
-    return [f"Contraction is 1 − posterior variance / prior variance (that {variance}). {parts.WORDS_JUDGED}"]
+    return [f"Contraction is 1 − posterior variance / prior variance (that {variance}). {parts.EVIDENCE_WORDS}"]
 
 
 def _held(found: xr.Dataset, reference: np.ndarray | None) -> list[str]:
@@ -332,7 +332,7 @@ def _coefficient_names(vessel: Vessel, tree: xr.DataTree) -> list[str]:
     return [str(value) for value in vessel.coefficients(tree.attrs["dof"])["coefficient"].values]
 
 
-REGRESSION = Subject(
+REGRESSION = PosteriorKind(
     check=regression.check_posterior,
     coefficient_names=_coefficient_names,
     verdict=_verdict,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.diagnostics.numbers import CI_PROB, judged
+from pymc_ship.diagnostics.numbers import CI_PROB, evidence_words
 from pymc_ship.pages.tables import Columns, Table, fixed, heads, number, table
 
 AGREEMENT: Columns = (
@@ -89,8 +89,8 @@ def coefficient_table(found: xr.Dataset, narrowing: xr.Dataset | None, marks: Ma
     columns: Columns = heads(str, coefficient="coefficient") | {name: (name, number(4)) for name in marks}
     columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in shown.items()}
     if narrowing is not None:
-        columns |= heads(fixed(3), contraction="contraction") | heads(str, judged="judged")
-    rows, words = [], [] if narrowing is None else judged(narrowing).tolist()
+        columns |= heads(fixed(3), contraction="contraction") | heads(str, judged="evidence")
+    rows, words = [], [] if narrowing is None else evidence_words(narrowing).tolist()
     for k, name in enumerate(map(str, found["coefficient"].values)):
         label, scale = _scaled(name)
         row: dict[str, Any] = {"coefficient": label, "contraction": np.nan, "judged": ""}

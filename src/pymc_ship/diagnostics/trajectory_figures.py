@@ -159,14 +159,14 @@ def contraction(found: xr.Dataset) -> Figure:
     """Contraction of every coefficient, a row of bars for each DOF."""
     dofs = list(dict.fromkeys(found["dof"].values))
     most = max(int(np.sum(found["dof"].values == dof)) for dof in dofs)
-    judged = numbers.judged(found)
+    words = numbers.evidence_words(found)
     with matplotlib.rc_context(STYLE | {"axes.grid": False}):
         fig, axes = subplots(9.0, 2.3 * len(dofs), len(dofs))
         for ax, dof in zip(axes[:, 0], dofs, strict=True):
             mine = found["dof"].values == dof
             place, height = np.arange(mine.sum()), np.maximum(found["contraction"].values[mine], 0.0)
             for word, colour in _JUDGED.items():
-                which = judged[mine] == word
+                which = words[mine] == word
                 ax.bar(place[which], height[which], color=colour, label=word)
             ax.axhline(CONTRACTION_LIMIT, color=REFERENCE, ls="--", lw=0.8)
             ax.set_xticks(place, found["coefficient"].values[mine], rotation=90, fontsize=7)

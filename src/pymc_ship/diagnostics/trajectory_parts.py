@@ -11,7 +11,7 @@ import xarray as xr
 from pymc_ship.diagnostics import numbers, parts, trajectory, trajectory_figures
 from pymc_ship.diagnostics.agreement import Comparison
 from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, PSENSE_LIMIT, SD_LIMIT, TAILS, WHITENESS_LEVEL
-from pymc_ship.diagnostics.parts import Part, Subject
+from pymc_ship.diagnostics.parts import Part, PosteriorKind
 from pymc_ship.diagnostics.tables import chain_table, coefficient_table, sensitivity_table
 from pymc_ship.diagnostics.trajectory import PRIOR, RECORDS
 from pymc_ship.inference.identifiability.information import UNKNOWN
@@ -46,7 +46,7 @@ def _verdict(one: Comparison) -> list[str]:
     """What heads a section: gates, what the records determine, the noise and the residuals, starts and divergences."""
     tree = one.posterior
     lines = ["All gates hold."]
-    if failed := one.failed_gates:
+    if failed := one.failed_diagnostics:
         lines = [f"A gate fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
     if tree.attrs["method"] == "trajectory":
         khat = float(tree.attrs["pareto_khat"])
@@ -145,7 +145,7 @@ def _gates(one: Comparison) -> Part:
     )
     if one.posterior.attrs["method"] != "trajectory":
         text = "Over all coefficients, initial states and sensor offsets."
-    return Part("Gates", text, [(parts.gate_table(one), "Worst value against its limit.")])
+    return Part("Gates", text, [(parts.diagnostics_table(one), "Worst value against its limit.")])
 
 
 def _chains(tree: xr.DataTree) -> Part:
@@ -216,7 +216,7 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
         intervals = f"{dof.capitalize()}: mean, 50 % and {_CI} eti."
         images.append((f"forest-{dof}", trajectory_figures.forest(tree, dof, marks), intervals))
     held = f" The {_CI} intervals hold {inside} of {total} reference values." if ship else ""
-    return Part(title, f"{parts.WORDS_JUDGED}{held}", tables, images)
+    return Part(title, f"{parts.EVIDENCE_WORDS}{held}", tables, images)
 
 
 def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -306,7 +306,7 @@ def _coefficient_names(vessel: Vessel, _: xr.DataTree) -> list[str]:
     return coefficient_names(vessel)
 
 
-TRAJECTORIES = Subject(
+TRAJECTORIES = PosteriorKind(
     check=trajectory.check_trajectory,
     coefficient_names=_coefficient_names,
     verdict=_verdict,

@@ -12,10 +12,10 @@ from urllib.parse import quote
 import pyarrow as pa
 
 from pymc_ship import __version__
-from pymc_ship.experiments.methods import import_path, own_methods, recorded
+from pymc_ship.experiments.methods import import_path, method_record, own_methods
 from pymc_ship.experiments.page import write_report
 from pymc_ship.experiments.store import Store
-from pymc_ship.experiments.task import METHODS, PARTS, SCORES, Cell, Method, Task, measure, nothing
+from pymc_ship.experiments.task import METHODS, PARTS, SCORES, Cell, Method, Task, empty_result, measure_task
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import SimulationError, StudyError, VesselError
 from pymc_ship.machine.toml import Entry
@@ -82,7 +82,7 @@ class Grid:
 
     scores: ClassVar[dict[str, pa.DataType]] = dict.fromkeys(SCORES, pa.float64())
     timed: ClassVar[tuple[str, ...]] = PARTS
-    work, empty = staticmethod(measure), staticmethod(nothing)
+    work, empty = staticmethod(measure_task), staticmethod(empty_result)
 
     @property
     def n_tasks(self) -> int:
@@ -131,7 +131,7 @@ class Grid:
             "ships": digests,
             "manoeuvres": {label: _in_full(manoeuvre) for label, manoeuvre in self.manoeuvres.items()},
             "noise": {kind: list(levels) for kind, levels in self.noise.items()},
-            "methods": [recorded(name, self.own.get(name)) for name in self.methods],
+            "methods": [method_record(name, self.own.get(name)) for name in self.methods],
         }
 
     def difference(self, old: Mapping) -> str:
@@ -140,7 +140,9 @@ class Grid:
         lists = {key: (list(old[key]), list(new[key])) for key in (*_LISTS, "noise")}
         lists |= {f"noise.{kind}": (levels, new["noise"].get(kind, [])) for kind, levels in old["noise"].items()}
         named = ("ships", "manoeuvres")
-        return changed(old, new, same=("version", "root_seed", "duration"), grown="seeds", named=named, lists=lists)
+        return record_difference(
+            old, new, same=("version", "root_seed", "duration"), grown="seeds", named=named, lists=lists
+        )
 
     def report(self, store: Store) -> tuple[list[dict], Path]:
         """Scores by cell, and the page, see :func:`pymc_ship.experiments.page.write_report`."""
@@ -156,7 +158,7 @@ class Grid:
         return found | {"diverged": "diverged", "failed": "failed"}
 
 
-def changed(
+def record_difference(
     old: Mapping,
     new: Mapping,
     *,

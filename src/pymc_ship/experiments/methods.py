@@ -45,7 +45,9 @@ def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -
         For an import path that leads to no function, a name that the package has already, and what cannot be called or
         handed to another process.
     """
-    found = {name: imported(name, f"{study}: methods") for name in names if import_path(name) and name not in given}
+    found = {
+        name: import_function(name, f"{study}: methods") for name in names if import_path(name) and name not in given
+    }
     for name, method in {**given, **found}.items():
         if not isinstance(name, str) or not name or name in METHODS:
             raise StudyError(
@@ -57,11 +59,11 @@ def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -
                 f"{study}: the method {name!r} must be a function of a noisy record and a vessel, found "
                 f"{shown(method)}; give the function."
             )
-        check_handed_on(method, f"{study}: the method {name!r}")
+        check_picklable(method, f"{study}: the method {name!r}")
     return {**given, **found}
 
 
-def recorded(name: str, own: Method | None) -> str:
+def method_record(name: str, own: Method | None) -> str:
     """What a folder of results keeps of a method: its name and, of one of the user's own, a digest of its source."""
     if own is None:
         return name
@@ -77,7 +79,7 @@ def digest(own: Callable) -> str:
     return hashlib.sha256(source.encode()).hexdigest()[:12]
 
 
-def imported(name: str, place: str) -> Callable:
+def import_function(name: str, place: str) -> Callable:
     """Function of an import path, found from the working folder, too, as ``python -m`` finds it."""
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)
@@ -91,7 +93,7 @@ def imported(name: str, place: str) -> Callable:
     raise StudyError(f"{place} cannot have {name!r}: {reason}; {remedy}.")
 
 
-def check_handed_on(function: Callable, what: str) -> None:
+def check_picklable(function: Callable, what: str) -> None:
     """Raise unless a function can be sent to another process."""
     from joblib.externals.loky.backend.reduction import dumps
 

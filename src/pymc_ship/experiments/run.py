@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from pymc_ship.experiments.grid import grid_of
-from pymc_ship.experiments.methods import import_path, imported
-from pymc_ship.experiments.store import Store, opened
+from pymc_ship.experiments.methods import import_function, import_path
+from pymc_ship.experiments.store import Store, locked_store
 from pymc_ship.experiments.study import Study, StudyKind
 from pymc_ship.experiments.task import Method
 from pymc_ship.machine.arguments import shown
@@ -91,7 +91,7 @@ def reported_montecarlo(
     found = read_study(study, methods)
     error = StudyError
     executor = Cluster(scheduler, error=error) if scheduler else LocalCores(workers, error=error)
-    with opened(out, found) as store:
+    with locked_store(out, found) as store:
         if store.missing():
             with executor:
                 _run(store, executor, work or found.work, progress)
@@ -118,7 +118,7 @@ def _kind(entry: Entry) -> type[StudyKind]:
     """Kind of study that an import path names, or which is given."""
     kind = entry.value
     if isinstance(kind, str) and import_path(kind):
-        kind = imported(kind, f"{entry.file}: {entry.key}")
+        kind = import_function(kind, f"{entry.file}: {entry.key}")
     if not isinstance(kind, type) or not hasattr(kind, "read"):
         entry.fail(f"must be the import path module:class of a kind of study, found {shown(kind)}; correct it.")
     return kind

@@ -188,7 +188,7 @@ class Store:
 
 
 @contextmanager
-def opened(out: str | Path, study: Study) -> Iterator[Store]:
+def locked_store(out: str | Path, study: Study) -> Iterator[Store]:
     """Store of a study in a folder that no other run uses meanwhile.
 
     Raises

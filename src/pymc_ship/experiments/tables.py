@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from pymc_ship.experiments.task import STATUSES, Cell
-from pymc_ship.replication.scores import with_error
+from pymc_ship.replication.scores import statistic_and_error
 
 STATISTIC = {"median_error": "median", "coverage": "mean", "tactical_diameter_error": "median"}
 """What is made of a score over the seeds."""
@@ -51,7 +51,7 @@ def cell_row(cell: Cell, rows: Mapping[str, np.ndarray]) -> dict:
 
 def _with_error(values: np.ndarray, statistic: str) -> tuple[float, float]:
     """Statistic and its standard error: none of a single seed or of what is infinite."""
-    value, se = with_error(values, statistic)
+    value, se = statistic_and_error(values, statistic)
     return value, se if len(values) > 1 and math.isfinite(value) else float("nan")
 
 

@@ -130,7 +130,7 @@ class _NoCoefficientsError(ValueError):
     """A record that no ship can be fitted to."""
 
 
-def measure(task: Task) -> dict:
+def measure_task(task: Task) -> dict:
     """Simulate, pollute, fit and score; a method that fails is a result like any other.
 
     Errors of the machine, :data:`pymc_ship.machine.workers.MACHINE`, are not, nor is a method that returns no
@@ -160,24 +160,24 @@ def measure(task: Task) -> dict:
     return identity | scores | parts | {"cpu": process_time() - began}
 
 
-def nothing(task: Task) -> dict:
-    """A result as :func:`measure` returns it, made without any work; it shows what the keeping of results costs."""
+def empty_result(task: Task) -> dict:
+    """Result of a task without any work, from which the cost of keeping results is measured."""
     empty = dict.fromkeys(SCORES, float("nan")) | dict.fromkeys((*PARTS, "cpu"), 0.0)
     return {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""} | empty
 
 
 def _measured(task: Task, parts: dict[str, float], scores: dict[str, float]) -> tuple[str, str]:
     """Fill in seconds and scores; return status and sentence."""
-    with timed(parts, "simulate"):
+    with stopwatch(parts, "simulate"):
         clean = simulate(task.vessel, task.manoeuvre, duration=task.duration)
         if clean["diverged"]:
             raise _NoCoefficientsError(f"the record diverged at t = {float(clean['diverged_at']):g} s")
-    with timed(parts, "pollute"):
+    with stopwatch(parts, "pollute"):
         noisy = noisy_trial(clean, task.level, task.noise, task.rng())
-    with timed(parts, "fit"):
+    with stopwatch(parts, "fit"):
         estimate = (task.own or METHODS[task.method])(noisy, task.vessel)
     _check_estimate(task, estimate)
-    with timed(parts, "score"):
+    with stopwatch(parts, "score"):
         found = estimate.scores(task.vessel)
         if not np.isfinite(estimate.coefficients).all():
             raise _NoCoefficientsError("the coefficients are not finite")
@@ -214,7 +214,7 @@ def turn_error(vessel: Vessel, coefficients: np.ndarray) -> tuple[float, float]:
 
 
 @contextmanager
-def timed(parts: dict[str, float], name: str) -> Iterator[None]:
+def stopwatch(parts: dict[str, float], name: str) -> Iterator[None]:
     """Add the seconds of what is done inside to those of a part."""
     start = perf_counter()
     try:

@@ -171,7 +171,7 @@ STATISTICS: dict[str, Callable[[np.ndarray], float]] = {
 """What is made of the values over seeds."""
 
 
-def with_error(values: np.ndarray, statistic: str) -> tuple[float, float]:
+def statistic_and_error(values: np.ndarray, statistic: str) -> tuple[float, float]:
     """Statistic over seeds and its standard error by the bootstrap."""
     rng, function = np.random.default_rng(len(values)), STATISTICS[statistic]
     with np.errstate(invalid="ignore"):

@@ -14,7 +14,7 @@ from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
-from pymc_ship.replication.scores import with_error
+from pymc_ship.replication.scores import statistic_and_error
 from studies.frontier import measure as frontier
 from studies.frontier import page as frontier_report
 from studies.frontier.data_sets import Cell, DataSet
@@ -55,7 +55,7 @@ def many(nine):
 
 
 def score(found, estimator, column, statistic="mean"):
-    return with_error(over_seeds(found, "white", LEVEL, (estimator,), column), statistic)
+    return statistic_and_error(over_seeds(found, "white", LEVEL, (estimator,), column), statistic)
 
 
 def test_honest_intervals_cover_90_percent(many):

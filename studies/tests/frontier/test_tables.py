@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pymc_ship.replication.scores import with_error
+from pymc_ship.replication.scores import statistic_and_error
 from studies.frontier import measure as frontier
 from studies.frontier import tables
 from studies.frontier.tables import DIFFERENCES, Aim, aim_rows, best_differencing, over_seeds
@@ -31,7 +31,7 @@ def test_an_aim_is_met_within_its_limits_alone(monkeypatch, value, verdict):
 
 def test_the_ratio_is_that_of_the_medians():
     found = made_up("a", [10.0, 20.0, 90.0]) + made_up("b", [4.0, 1.0, 5.0])
-    assert with_error(over_seeds(found, "white", 0.01, ("a", "b"), "x"), "ratio")[0] == 5.0
+    assert statistic_and_error(over_seeds(found, "white", 0.01, ("a", "b"), "x"), "ratio")[0] == 5.0
 
 
 def test_the_best_differencing_has_the_smallest_median():
