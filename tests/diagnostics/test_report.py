@@ -19,7 +19,7 @@ pytestmark = pytest.mark.filterwarnings("error")
 def quick(monkeypatch):
     """Leave the figures out, which have their own tests above."""
     bare = replace(REGRESSION, parts=lambda *args: [])
-    monkeypatch.setattr(page_module, "subject_of", lambda tree: bare)
+    monkeypatch.setattr(page_module, "posterior_kind", lambda tree: bare)
 
 
 @pytest.mark.usefixtures("quick")

@@ -159,7 +159,7 @@ def test_the_coefficients_stand_beside_reference_and_published_values():
     tree = short_posterior()
     found = part("_coefficients", tree, hull())
     surge, caption = found.tables[0]
-    of_vessel, evidence_words = ["reference", "publ. conj.", "publ. semiconj."], ["contraction", "judged"]
+    of_vessel, evidence_words = ["reference", "publ. conj.", "publ. semiconj."], ["contraction", "evidence"]
     assert surge.heads == ["coefficient", *of_vessel, "prior sd", "mean", "sd", "2.5 %", "97.5 %", *evidence_words]
     assert surge.cells[0][:2] == ["Xu", "−226.2"]
     assert caption == "Surge, prime values times 1e5; equal-tailed (eti) intervals of 95 %."
@@ -250,7 +250,7 @@ def test_regressions_and_trajectories_share_a_page(tmp_path):
 @pytest.mark.parametrize("khat", [0.3, 0.85])
 def test_a_failing_gate_is_status_3_and_the_page_is_written(monkeypatch, tmp_path, capsys, khat):
     bare = replace(TRAJECTORIES, parts=lambda *args: [])
-    monkeypatch.setattr(page_module, "subject_of", lambda tree: bare)
+    monkeypatch.setattr(page_module, "posterior_kind", lambda tree: bare)
     tree = with_attrs(short_posterior(), pareto_khat=khat)
     path = write_posterior(tree, tmp_path / "trials.nc")
     assert main(["report", str(path), "--quiet", "--out", str(tmp_path / "out")]) == (0 if khat < 0.7 else 3)

@@ -27,7 +27,7 @@ def result(container):
 def folder(result, tmp_path_factory):
     out = tmp_path_factory.mktemp("study")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(diagnostic_report, "subject_of", parts_of("surge, conjugate"))
+        patch.setattr(diagnostic_report, "posterior_kind", parts_of("surge, conjugate"))
         assert report.write_study(result, out) == out / "index.html"
     return out
 
