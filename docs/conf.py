@@ -16,6 +16,7 @@ logging.getLogger("pytensor").setLevel(logging.WARNING)  # a colour scheme of th
 project = "pymc_ship"
 release = ps.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+myst_enable_extensions = ["dollarmath"]
 exclude_patterns = ["_build"]
 myst_heading_anchors = 3
 suppress_warnings = ["ref.python"]  # dims of an attribute, such as run, are no references
