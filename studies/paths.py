@@ -29,7 +29,7 @@ from pymc_ship.inference.trajectory.windows import Window, fit_windows, prepared
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError, VesselError
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.pages.page import write_rows
-from pymc_ship.physics.manoeuvre.indices import of_roll
+from pymc_ship.physics.manoeuvre.indices import needs_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.term_sets import takes_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -203,7 +203,7 @@ def _row(name: str, fits: Sequence[Estimated], runs: _Runs) -> dict:
         if manoeuvre is not None:
             found = scored_indices(trial, manoeuvre, runs.vessel.particulars.rudder_delay)
             rolls, table = "roll" in runs.vessel.dofs, manoeuvre.traits.indices
-            known = [value for index, value in found.items() if rolls or not of_roll(table[index])]
+            known = [value for index, value in found.items() if rolls or not needs_roll(table[index])]
             measured += int(np.isfinite(known).sum())
             estimate = np.tile(fit.coefficients, (2, 1))
             lines += forecast_rows(run, trial, manoeuvre, [(runs.vessel, estimate)], np.ones(1))

@@ -84,7 +84,7 @@ TESTED_BY = {
     "records.checks.verdicts": "records/checks/test_trial_checks.py: verdicts of all checks",
     "records.denoising.shrinkage": "records/denoising/test_draws.py: draws of the coefficients",
     "records.denoising.spike_and_slab": "records/denoising/test_ebayes.py: against published values",
-    "records.files.judgement": "records/checks/test_trial_checks.py: what a judged record carries",
+    "records.files.quality_flags": "records/checks/test_trial_checks.py: flags of a validated record",
     "replication.tables": "replication/test_study.py: tables of the study",
     "ships.design.outlook": "ships/design/test_next_run.py: expected widths",
     "ships.ensemble.index_table": "ships/identification/test_score_page.py: the table on its page",

@@ -65,8 +65,8 @@ from pymc_ship.physics.vessel.term_sets import term_sets as term_sets
 from pymc_ship.physics.vessel.term_sets import with_terms as with_terms
 from pymc_ship.physics.vessel.vessel import Vessel as Vessel
 from pymc_ship.records.checks.trial_checks import corrected_trial as corrected_trial
-from pymc_ship.records.checks.trial_checks import judged_trial as judged_trial
 from pymc_ship.records.checks.trial_checks import trial_checks as trial_checks
+from pymc_ship.records.checks.trial_checks import validated_trial as validated_trial
 from pymc_ship.records.denoising.denoise import denoise as denoise
 from pymc_ship.records.denoising.denoise import denoise_signal as denoise_signal
 from pymc_ship.records.denoising.draws import denoise_draws as denoise_draws

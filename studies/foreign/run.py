@@ -79,7 +79,7 @@ def judged(case: Case, *, seed: int, draws: int) -> Result:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "vessel.toml"
             path.write_text(case.vessel_file(), encoding="utf-8")
-            trials = [ps.judged_trial(record, path) for record in case.records(seed)]
+            trials = [ps.validated_trial(record, path) for record in case.records(seed)]
             ship = ps.identify_ship(trials, path, rng=seed, draws=draws).ship
         scores = tuple(score for trial in sailing.JUDGED for score in scored(case, ship, trial, seed))
     except ValueError as error:

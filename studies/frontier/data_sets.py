@@ -9,7 +9,7 @@ import xarray as xr
 
 from pymc_ship.inference.identifiability.bound import cramer_rao_bound
 from pymc_ship.machine.seeds import generator
-from pymc_ship.physics.manoeuvre.standard import Manoeuvre, held_angles, zigzag
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, stepped_rudder_programme, zigzag
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.files.noise import RECORD_STEP, noisy_trial
@@ -127,7 +127,7 @@ def _manoeuvres(vessel: Vessel, n_designed: int, duration: float, rng: np.random
     while sum(dwells) < duration:
         dwells.append(float(rng.integers(8, 31)))
         angles.append(rng.integers(-35, 36))
-    steps = held_angles(angles, dwells, approach_speed=SLOW_SPEED)
+    steps = stepped_rudder_programme(angles, dwells, approach_speed=SLOW_SPEED)
     return [zigzag(20, 20), steps, zigzag(35, 35)][: 1 + n_designed]
 
 

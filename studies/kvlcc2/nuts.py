@@ -36,7 +36,7 @@ INDICES = ("advance", "transfer", "tactical_diameter", "first_overshoot_angle", 
 
 def main(paths: Sequence[str]) -> None:
     """Fit, sample and compare."""
-    trials = [ps.judged_trial(ps.read_trial(path, format=FORMAT), "kvlcc2") for path in paths]
+    trials = [ps.validated_trial(ps.read_trial(path, format=FORMAT), "kvlcc2") for path in paths]
     vessel = as_recorded(with_terms("kvlcc2", SET), trials)
     runs = [thinned(trial, vessel) for trial in trials]
     windows = [window for k, run in enumerate(runs) for window in prepared_windows(run, vessel, k)]

@@ -15,7 +15,7 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import norm, t
 
-from pymc_ship.physics.manoeuvre.kinds import ERRING
+from pymc_ship.physics.manoeuvre.kinds import SCORED_QUANTITIES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.ships.ensemble import motion_error
 from pymc_ship.ships.ensemble.index_error import BEYOND, TOGETHER, TYPICAL
@@ -161,7 +161,7 @@ def growth_rows(indices: Columns, instants: Columns) -> list[dict]:
 
 def _grows(columns: Columns) -> np.ndarray:
     """Whether the error of an index grows by :data:`pymc_ship.ships.ensemble.index_error.BEYOND`."""
-    return np.isin(_quantities(columns), ERRING)
+    return np.isin(_quantities(columns), SCORED_QUANTITIES)
 
 
 def law_rows(indices: Columns, held: Columns, instants: Columns) -> list[dict]:

@@ -27,7 +27,7 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET, takes_part_sets, with_terms
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.checks.trial_checks import judged_trial
+from pymc_ship.records.checks.trial_checks import validated_trial
 from pymc_ship.records.steering.stopping_tests import INDICES
 from pymc_ship.ships.ensemble.draws import robust_sd
 from pymc_ship.ships.ensemble.index_error import index_scale, scaled
@@ -211,7 +211,7 @@ def _judged(task: ShipTask, drawn: DrawnShip, records: list[xr.Dataset], parts: 
     """Rows of indices and instants; the seconds are filled in."""
     with stopwatch(parts, "identify"):
         vessel = as_vessel(drawn.vessel)
-        trials = [judged_trial(record, vessel) for record in records]
+        trials = [validated_trial(record, vessel) for record in records]
         identified = identify_ship(trials, vessel, rng=task.rng("identification"))
     ship = identified.ship
     found: dict[str, list] = {"indices": [], "instants": [], "held": held_rows(identified)}

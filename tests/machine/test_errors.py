@@ -24,6 +24,6 @@ def test_what_an_error_carries_comes_back_from_a_worker(error):
 def test_a_refused_trial_carries_the_bad_checks_that_are_not_overruled():
     trial = ps.simulate("kvlcc2", ps.zigzag(20, 20), duration=600, step=0.5)
     with pytest.raises(ps.TrialError) as refused:
-        ps.judged_trial(trial.assign(delta=-trial["delta"]), "kvlcc2")
+        ps.validated_trial(trial.assign(delta=-trial["delta"]), "kvlcc2")
     assert [check.name for check in refused.value.checks] == ["rudder sign"]
-    assert ps.judged_trial(trial, "kvlcc2", overrule=["rudder sign"]).attrs["record_verdict"] == "good"
+    assert ps.validated_trial(trial, "kvlcc2", overrule=["rudder sign"]).attrs["record_verdict"] == "good"

@@ -113,12 +113,12 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _told_of(trial: xr.Dataset, vessel: Vessel) -> list[str]:
     """What manoeuvre a checked trial is recognised as, or why as none, and what of it the vessel does not model."""
-    from pymc_ship.records.steering.recognition import STEERED, recognise, unrecognised
+    from pymc_ship.records.steering.recognition import STEERED, recognise, unrecognised_text
 
     told = [_unrolled(trial, vessel)]
     if set(STEERED) <= set(trial):
         (manoeuvre,), _ = recognise([trial], vessel)
-        told.append(unrecognised(trial) if manoeuvre is None else f"It is recognised as a {manoeuvre.label}.")
+        told.append(unrecognised_text(trial) if manoeuvre is None else f"It is recognised as a {manoeuvre.label}.")
     return ["", *filter(None, told)]
 
 

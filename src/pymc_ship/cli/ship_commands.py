@@ -41,7 +41,7 @@ from pymc_ship.physics.vessel.term_sets import holds_any_speed, takes_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.format import load_format
-from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised
+from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.ships.ensemble.files import FOLDER, load_ship, save_ship
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
@@ -85,10 +85,10 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
     made |= {"outlook": ahead, "captive": captive_comparison(found, rng)}
     with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
-        save_ship(found.ship, folder, made_by=made_by(args), runs=found.names, judgement=found.judgement)
+        save_ship(found.ship, folder, made_by=made_by(args), runs=found.names, quality_flags=found.quality_flags)
         write_ship_report(found, trials, checks, folder, **made)
     text = [term_set_text(found), held_out_text(found), "\n".join(ahead), "\n".join(found.ship.remarks)]
-    return "\n\n".join(filter(None, [*text, found.judgement["record_remarks"]])), out / PAGE.file
+    return "\n\n".join(filter(None, [*text, found.quality_flags["record_remarks"]])), out / PAGE.file
 
 
 def _names(paths: Sequence[str]) -> list[str]:
@@ -313,7 +313,7 @@ def _measured(args: argparse.Namespace, ship: Ship, progress: Progress) -> dict[
     manoeuvres, _ = recognise_by_facility(list(trials.values()), ship.vessel)
     for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True):
         if manoeuvre is None:
-            raise SimulationError(f"{name} cannot stand beside a forecast. {unrecognised(trial)} Leave it out.")
+            raise SimulationError(f"{name} cannot stand beside a forecast. {unrecognised_text(trial)} Leave it out.")
         label = manoeuvre.label if manoeuvre.label not in found else f"{manoeuvre.label} {name}"
         found[label] = manoeuvre, trial
     return found

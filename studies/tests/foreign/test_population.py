@@ -66,7 +66,7 @@ def test_her_records_are_noisy_and_judged_sound(ships, hull):
     for run, manoeuvre in enumerate([ps.zigzag(20, 20), ps.turning_circle(35), ps.pull_out(15, 90)]):
         record = one.record(manoeuvre, run)
         assert np.abs(np.diff(record["u"], 2)).max() > 0.0
-        assert ps.judged_trial(record, one.vessel).sizes["time"] > 100
+        assert ps.validated_trial(record, one.vessel).sizes["time"] > 100
 
 
 @pytest.mark.consistency

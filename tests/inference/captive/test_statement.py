@@ -9,7 +9,7 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.inference.captive.statement import CaptiveFit, fit_captive, held_motion, known_tests, shared_with_trials
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
-from pymc_ship.physics.motion.held import held_forces, held_slopes
+from pymc_ship.physics.motion.captive import captive_test_derivatives, captive_test_forces
 from pymc_ship.physics.vessel.parts import HELD
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 
@@ -25,7 +25,7 @@ def program(vessel, rng, at):
     U = vessel.particulars.nominal_speed
     motion = {"u": U * np.cos(np.deg2rad(beta)), "v": -U * np.sin(np.deg2rad(beta))}
     motion |= {"r": r * U / vessel.particulars.L, "delta": np.deg2rad(delta)}
-    forces = held_forces(vessel, motion, at[None])[0]
+    forces = captive_test_forces(vessel, motion, at[None])[0]
     measured = {name: forces[k] + NOISE[name] * rng.standard_normal(beta.size) for k, name in enumerate("XYN")}
     return xr.Dataset({name: ("test", values) for name, values in (motion | measured).items()})
 
@@ -103,7 +103,7 @@ class TestSharedWithTrials:
 def test_slopes_and_statement_are_of_the_same_coefficients(tanker):
     vessel, prior = tanker
     tests = program(vessel, np.random.default_rng(2), prior.mean)
-    _, slopes = held_slopes(vessel, held_motion(tests, vessel), prior.mean)
+    _, slopes = captive_test_derivatives(vessel, held_motion(tests, vessel), prior.mean)
     blind = np.all(slopes == 0.0, axis=(0, 1))
     fit = fit_captive(tests, vessel, prior)
     np.testing.assert_allclose(fit.statement.rows[:, blind], 0.0, atol=1e-12)

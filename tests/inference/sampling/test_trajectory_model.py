@@ -24,7 +24,7 @@ from pymc_ship.inference.trajectory.posterior import (
 )
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.runs import trajectory_run
-from pymc_ship.records.files.judgement import judgement
+from pymc_ship.records.files.quality_flags import quality_flags
 from tests.ships.ensemble.cases import posterior_forecast
 
 CASES = {
@@ -59,7 +59,7 @@ def mode(case="white"):
         prior = close_prior(trials, vessel)
         runs = [trajectory_run(trials[0], vessel), trajectory_run(trials[1], vessel, channels=("u", "r", "p", "psi"))]
         return TrajectoryMode(
-            fit_with_noise(runs, vessel, prior, prior.mean, **CASES["correlated"]), 1, 1, judgement(trials)
+            fit_with_noise(runs, vessel, prior, prior.mean, **CASES["correlated"]), 1, 1, quality_flags(trials)
         )
     return trajectory_mode(trial(1), vessel, close_prior([trial(1)], vessel), method="euler", **CASES[case])
 

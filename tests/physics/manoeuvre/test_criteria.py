@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.physics.manoeuvre.criteria import imo_criteria, imo_limits, shown_probability
+from pymc_ship.physics.manoeuvre.criteria import imo_criteria, imo_limits, probability_text
 from pymc_ship.ships.ensemble.scores import quantile_bands
 
 LENGTH = 230.66
@@ -62,7 +62,7 @@ def test_a_probability_is_bounded_by_what_is_known_of_statements_like_it(contain
     tree.attrs["surest"] = 0.98
     first, second, _ = ps.imo_probabilities(tree, container)
     assert (first["probability"], second["probability"]) == (0.6, 0.98)
-    assert (second["judgement"], "with probability 0.98." in second["verdict"]) == ("passes", True)
+    assert (second["conformity"], "with probability 0.98." in second["verdict"]) == ("passes", True)
 
 
 def test_the_verdict_says_value_interval_limit_and_probability(container):
@@ -76,12 +76,12 @@ def test_the_verdict_says_value_interval_limit_and_probability(container):
 
 
 @pytest.mark.parametrize(
-    ("passing", "judgement"), [(20, "passes"), (19, "passes"), (18, "open"), (2, "open"), (1, "fails"), (0, "fails")]
+    ("passing", "conformity"), [(20, "passes"), (19, "passes"), (18, "open"), (2, "open"), (1, "fails"), (0, "fails")]
 )
-def test_a_verdict_is_open_between_5_and_95_percent(container, passing, judgement):
+def test_a_verdict_is_open_between_5_and_95_percent(container, passing, conformity):
     values = np.where(np.arange(20) < passing, 10.0, 20.0)
     first, *_ = ps.imo_probabilities(zigzag(values), container)
-    assert first["judgement"] == judgement
+    assert first["conformity"] == conformity
     assert first["probability"] == passing / 20
 
 
@@ -97,7 +97,7 @@ def test_distances_are_compared_in_ship_lengths(container):
 def test_an_event_that_no_ship_reaches_is_said(container):
     nowhere = np.full(3, np.nan)
     advance, _ = ps.imo_probabilities(forecast_of(CIRCLE, advance=nowhere, tactical_diameter=nowhere), container)
-    assert (advance["probability"], advance["not_reached"], advance["judgement"]) == (0.0, 1.0, "fails")
+    assert (advance["probability"], advance["not_reached"], advance["conformity"]) == (0.0, 1.0, "fails")
     assert advance["verdict"] == "advance: no ship of the forecast reaches it, which does not count as passing."
 
 
@@ -125,7 +125,7 @@ def test_manoeuvres_without_a_criterion_have_no_verdict(container):
     [(1.0, "1.00"), (0.999, "above 0.99"), (0.99, "0.99"), (0.5, "0.50"), (0.001, "below 0.01"), (0.0, "0.00")],
 )
 def test_only_certainty_is_shown_as_certain(probability, words):
-    assert shown_probability(probability) == words
+    assert probability_text(probability) == words
 
 
 CONTAINER_LENGTH = 230.66

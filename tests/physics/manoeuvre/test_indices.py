@@ -162,7 +162,7 @@ class TestZigzag:
         """Then the initial turn ends where the ship passes the heading; it is open where he reverses before."""
         first = np.arcsin(np.deg2rad(ordered) / AMPLITUDE) / OMEGA
         by_hand = [first + 0.5 * k * PERIOD for k in range(3)]
-        found = ps.indices(sine(0.5).assign_attrs(reversals=by_hand))
+        found = ps.indices(sine(0.5).assign_attrs(reversal_times=by_hand))
         expected = SWITCH if reached else np.nan
         assert float(found["initial_turning_time"]) == pytest.approx(expected, abs=1e-4, nan_ok=True)
         assert float(found["first_overshoot_angle"]) == pytest.approx(28.0 - ordered, abs=1e-4)

@@ -74,7 +74,10 @@ test_manoeuvre_errors = wording(
             ({"circles": True}, "The figures of a crash stop show its advance; add this index"),
             ({"option": "crash"}, "The option --crash needs angles, an example and a title; give all of them"),
             ({"recognise": lambda helm: None}, "is recognised is compared by its indices, found none; add one"),
-            ({"reversal": 0.0}, "The rudder of a crash stop is moved at a heading; add heading_deg to its angles"),
+            (
+                {"second_execute_factor": 0.0},
+                "The rudder of a crash stop is moved at a heading; add heading_deg to its angles",
+            ),
         ]
     ),
     *(

@@ -55,7 +55,7 @@ def test_a_lag_is_told_by_kind_and_not_taken_for_a_lever_arm(runs, container, ki
 @pytest.mark.parametrize("kind", LATE)
 def test_all_channels_that_are_late_are_set_right(runs, container, kind):
     late = LATE[kind](runs[0])
-    mended = ps.judged_trial(late, container)
+    mended = ps.validated_trial(late, container)
     true = runs[0].sel(time=mended["time"])
     for name in ("u", "v"):
         before = np.abs(late[name].sel(time=mended["time"]) - true[name]).max()

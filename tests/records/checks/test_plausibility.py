@@ -125,7 +125,7 @@ def test_a_record_from_rest_is_cut_to_the_piece_that_models_hold(container):
     trial = from_rest(trackless(simulated(container, ps.zigzag(20.0, 20.0))), 60.0)
     check = found(trial, container)["motion ahead"]
     assert (check.verdict, check.mendable) == ("doubtful", True)
-    piece = ps.judged_trial(trial, container)
+    piece = ps.validated_trial(trial, container)
     U = np.hypot(piece["u"], piece["v"])
     assert float(piece["time"][0]) == pytest.approx(60.0 * SLOW, abs=5.0)
     assert float(piece["time"][-1]) == float(trial["time"][-1])

@@ -94,7 +94,7 @@ def test_another_wind_that_is_declared_true_is_bad(tanker, circle, reading):
     check = found(trial, tanker)["wind"]
     assert check.verdict == "bad"
     with refused(ps.TrialError, "wind"):
-        ps.judged_trial(trial, tanker)
+        ps.validated_trial(trial, tanker)
 
 
 def test_on_one_course_the_wind_is_not_checked(tanker):

@@ -26,7 +26,7 @@ def swaying(zigzag, container):
 def judged_with_wind(reading):
     tanker = ps.load_vessel("kvlcc2")
     circle = ps.simulate(tanker, ps.turning_circle(20), duration=900, step=0.5)
-    ps.judged_trial(blown(circle, reading, np.random.default_rng(1)), tanker)
+    ps.validated_trial(blown(circle, reading, np.random.default_rng(1)), tanker)
 
 
 def with_a_flipped_yaw_rate(zigzag):
@@ -54,7 +54,7 @@ test_trial_refused_errors = wording(
     ps.TrialError,
     (
         "sails ahead",
-        lambda container: ps.judged_trial(
+        lambda container: ps.validated_trial(
             scaled(trackless(simulated(container, ps.zigzag(20.0, 20.0))), u=-0.3, v=0.3), container
         ),
     ),

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.records.steering.measured import aligned, measured_indices
+from pymc_ship.records.steering.measured import align_to_first_execute, measured_indices
 from tests.physics.manoeuvre.cases import measured as noisy_record
 from tests.physics.manoeuvre.cases import scaled, simulated, steered_by_hand
 from tests.ships.forecasting.cases import MANOEUVRES, case, trial
@@ -18,7 +18,7 @@ class TestAligned:
     def test_a_trial_begins_where_its_forecast_does(self, kind):
         """Another clock, course and place, a heading that jumps by 360 deg, and a minute of approach are undone."""
         _, _, run, measured = case(kind)
-        found = aligned(measured)
+        found = align_to_first_execute(measured)
         assert found["time"].values[0] == 0.0
         assert all(float(found[name][0]) == 0.0 for name in ("x", "y"))
         assert abs(float(found["psi"][0])) < 2e-3
@@ -32,25 +32,25 @@ class TestAligned:
         delta = np.deg2rad(np.clip(2.3 * (time - 20.0), 0.0, 10.0)) + 0.002 * rng.standard_normal(time.size)
         helm = np.where(time < 15.0, np.deg2rad(1.5) * np.sin(time), 0.0)
         record = xr.Dataset({"delta": ("time", delta + helm)}, {"time": time})
-        assert time[-1] - float(aligned(record)["time"][-1]) == pytest.approx(20.0, abs=0.3)
+        assert time[-1] - float(align_to_first_execute(record)["time"][-1]) == pytest.approx(20.0, abs=0.3)
 
     @pytest.mark.parametrize("delta", [np.full(5, -0.6), np.zeros(5)])
     def test_a_rudder_that_never_leaves_its_angle_keeps_the_record_whole(self, delta):
         record = xr.Dataset({"delta": ("time", delta), "psi": ("time", np.arange(5.0))}, {"time": np.arange(3.0, 8.0)})
-        found = aligned(record)
+        found = align_to_first_execute(record)
         np.testing.assert_allclose(found["time"], np.arange(5.0))
         np.testing.assert_allclose(found["psi"], np.arange(5.0))
 
     def test_missing_channels_stay_missing_and_a_track_needs_a_heading(self):
         measured = case("zigzag")[3]
-        assert set(aligned(measured[["r", "delta"]]).data_vars) == {"r", "delta"}
-        assert "x" not in aligned(measured.drop_vars("psi"))
-        assert aligned(measured.drop_vars("delta"))["time"].size == measured["time"].size
+        assert set(align_to_first_execute(measured[["r", "delta"]]).data_vars) == {"r", "delta"}
+        assert "x" not in align_to_first_execute(measured.drop_vars("psi"))
+        assert align_to_first_execute(measured.drop_vars("delta"))["time"].size == measured["time"].size
 
     def test_gaps_stay_gaps(self):
         measured = case("zigzag")[3].copy(deep=True)
         measured["psi"][200:210] = np.nan
-        assert int(np.isnan(aligned(measured)["psi"]).sum()) == 10
+        assert int(np.isnan(align_to_first_execute(measured)["psi"]).sum()) == 10
 
 
 class TestMeasuredIndices:

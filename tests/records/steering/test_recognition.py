@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.physics.manoeuvre.helm import Swings, approach_speed, execution, rudder_reversals
-from pymc_ship.records.steering.measured import aligned
+from pymc_ship.physics.manoeuvre.steering_record import Swings, approach_speed, first_execute, rudder_reversals
+from pymc_ship.records.steering.measured import align_to_first_execute
 from pymc_ship.records.steering.recognition import Steering, recognise, with_steering
 from pymc_ship.ships.identification.held_out import scored_indices
 from pymc_ship.trial.record import check_trial
@@ -200,8 +200,8 @@ class TestOthers:
 
 class TestExecution:
     def test_it_is_where_the_rudder_leaves_its_first_angle(self, records):
-        assert execution(records[0.0][0]) == 0.0
-        assert execution(moved(records[0.0][0])) == pytest.approx(500.0 + STRAIGHT, abs=1e-9)
+        assert first_execute(records[0.0][0]) == 0.0
+        assert first_execute(moved(records[0.0][0])) == pytest.approx(500.0 + STRAIGHT, abs=1e-9)
         assert approach_speed(moved(records[0.0][2])) == pytest.approx(7.0, rel=1e-12)
 
     @pytest.mark.parametrize(
@@ -219,7 +219,7 @@ class TestExecution:
         assert not np.isclose(float(uncut[first]), found[first], rtol=0.01)
 
     def test_time_course_and_place_count_from_it(self, records):
-        cut, original = aligned(moved(records[0.0][1])), records[0.0][1]
+        cut, original = align_to_first_execute(moved(records[0.0][1])), records[0.0][1]
         assert cut["time"].values[0] == cut["x"].values[0] == cut["y"].values[0] == 0.0
         assert cut.sizes["time"] == original.sizes["time"]
         base = np.rad2deg(cut["psi"].values[0])
@@ -234,7 +234,7 @@ class TestExecution:
         run = records[0.0][0]
         for offset_deg, moves in ((1.0, True), (2.5, False)):
             late = run.assign(psi=run["psi"] + np.deg2rad(offset_deg) * (run["time"] > 20.0))
-            base = aligned(late)["psi"].values[0]
+            base = align_to_first_execute(late)["psi"].values[0]
             assert (abs(base) > np.deg2rad(0.5)) == moves
 
     def test_a_record_without_a_track_has_no_distances(self, records):

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from pymc_ship.physics.manoeuvre.kinds import ERRING
+from pymc_ship.physics.manoeuvre.kinds import SCORED_QUANTITIES
 from pymc_ship.physics.manoeuvre.turning_circles import TURNING_CIRCLE
 from pymc_ship.physics.manoeuvre.zigzags import ZIGZAG
 from pymc_ship.ships.ensemble.draws import robust_sd
@@ -113,7 +113,7 @@ class TestModelError:
     def test_a_ship_has_one_size_in_all_kinds(self):
         """Overshoots that err by ten times what is typical say as much of distances."""
         found = model_error(errors_of(10.0 * TYPICAL["angle"], 400, RNG(3), parameter_sd=0.0, model_sd=0.0))
-        for kind in ERRING:
+        for kind in SCORED_QUANTITIES:
             assert found[kind] / TYPICAL[kind] == pytest.approx(found["angle"] / TYPICAL["angle"], rel=1e-12)
         assert np.median(found["distance"]) == pytest.approx(10.0 * TYPICAL["distance"], rel=0.5)
 
@@ -204,7 +204,7 @@ class TestWithModelError:
     def test_without_errors_nothing_changes(self):
         before = ships(ZIGZAG, heading_deg=20.0)
         assert with_model_error(before, {}, tanker(), RNG(2)).identical(before)
-        none = with_model_error(before, dict.fromkeys(ERRING, 0.0), tanker(), RNG(2))
+        none = with_model_error(before, dict.fromkeys(SCORED_QUANTITIES, 0.0), tanker(), RNG(2))
         assert none.identical(before)
 
     @pytest.mark.parametrize("errors", [{}, ERRORS])

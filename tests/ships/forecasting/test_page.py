@@ -102,7 +102,7 @@ def test_the_verdict_of_every_manoeuvre_heads_the_page(page):
         assert values["median"] == f"{row['median']:.{decimals}f} {row['units']}"
         assert values["interval"] == f"{row['lower']:.{decimals}f} to {row['upper']:.{decimals}f}"
         assert float(values["probability of passing"].split()[0]) == pytest.approx(row["probability"], abs=0.0051)
-        assert values["verdict"] == row["judgement"]
+        assert values["verdict"] == row["conformity"]
         assert (row["verdict"][0].upper() + row["verdict"][1:]) in unescape(text)
 
 

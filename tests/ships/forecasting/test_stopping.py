@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 import pymc_ship as ps
 from pymc_ship.inference.trajectory.prior import coefficient_prior
-from pymc_ship.physics.motion.held import held_forces
+from pymc_ship.physics.motion.captive import captive_test_forces
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.steering.stopping_tests import INDICES
 from pymc_ship.ships.forecasting.stopping import stopping, stopping_rows, stopping_sentence, stopping_tracks
@@ -44,7 +44,7 @@ def test_a_ship_on_a_straight_line_stops_as_thrust_and_resistance_say(tanker):
         motion = {
             name: np.array([value]) for name, value in (("u", u), ("v", 0.0), ("r", 0.0), ("delta", 0.0), ("n", n))
         }
-        X = held_forces(tanker, motion, at[None])[0, 0, 0]
+        X = captive_test_forces(tanker, motion, at[None])[0, 0, 0]
         return [state[1], X * u * u / s.L / m]
 
     def still(t, state):

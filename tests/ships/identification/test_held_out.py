@@ -10,7 +10,7 @@ import pymc_ship as ps
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, prepared_windows, restarted
-from pymc_ship.physics.manoeuvre.helm import execution
+from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.identification.held_out import (
@@ -174,7 +174,7 @@ def test_a_held_out_manoeuvre_is_forecast_in_the_wind_and_at_the_revolutions_of_
     vessel = by_parts((*AHEAD, "wind"))
     run = ps.simulate(vessel, ps.zigzag(20, 20), duration=400, step=0.5, record_interval=1.0)
     size = run.sizes["time"]
-    n = np.where(run["time"].values < execution(run), 0.1, 1.3)
+    n = np.where(run["time"].values < first_execute(run), 0.1, 1.3)
     around = {"n": n, "wind_speed": np.full(size, 8.0), "wind_direction": np.full(size, np.deg2rad(100.0))}
     turned = run.assign({name: ("time", values) for name, values in around.items()}).assign(psi=run["psi"] + 0.5)
     found = sailed_in(turned, vessel)

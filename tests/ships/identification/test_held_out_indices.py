@@ -9,7 +9,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.forces.surroundings import ADRIFT
-from pymc_ship.physics.manoeuvre.helm import approach_speed
+from pymc_ship.physics.manoeuvre.steering_record import approach_speed
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.ships.identification.held_out import forecast_rows, left_out, readings_sd, scored_indices
 from pymc_ship.trial.record import OVER_GROUND

@@ -12,7 +12,7 @@ from pymc_ship.inference.captive.statement import held_motion, known_tests
 from pymc_ship.inference.captive.table import FORCES
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import fixed
-from pymc_ship.physics.motion.held import held_forces
+from pymc_ship.physics.motion.captive import captive_test_forces
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 
 BANDS = ("lower", "median", "upper")
@@ -46,7 +46,7 @@ def compared(
     tests = known_tests(tests, vessel)
     s = vessel.particulars
     found = tests.assign_coords(drawn=list(draws), band=list(BANDS)).assign_attrs(U_nom=s.nominal_speed, L=s.L)
-    forces = [held_forces(vessel, held_motion(tests, vessel, revolutions), rows) for rows in draws.values()]
+    forces = [captive_test_forces(vessel, held_motion(tests, vessel, revolutions), rows) for rows in draws.values()]
     for name in (name for name in FORCES if name in tests):
         row = DOFS.index(_DOF[name])
         bands = [np.quantile(one[:, row], _TAILS, axis=0) for one in forces]

@@ -25,7 +25,7 @@ from pymc_ship.inference.trajectory.statements import loosened
 from pymc_ship.machine.errors import InferenceError, TrialError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
-from pymc_ship.physics.motion.held import held_slopes
+from pymc_ship.physics.motion.captive import captive_test_derivatives
 from pymc_ship.physics.vessel.parts import ship_of
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel, coefficient_names
@@ -71,7 +71,7 @@ class CaptiveFit:
 
 
 def held_motion(tests: xr.Dataset, vessel: Vessel, revolutions: float = 1.0) -> dict[str, np.ndarray]:
-    """Motion of captive tests as :func:`pymc_ship.physics.motion.held.held_forces` takes it.
+    """Motion of captive tests as :func:`pymc_ship.physics.motion.captive.captive_test_forces` takes it.
 
     ``revolutions`` are the nominal ones on the carriage over those of the vessel.
     """
@@ -211,7 +211,7 @@ def _rows(tests: xr.Dataset, vessel: Vessel) -> Rows:
     measured = np.array([tests[name].values if name in tests else missing for name in FORCES]) * weight
 
     def rows(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        forces, slopes = held_slopes(vessel, motion, coefficients)
+        forces, slopes = captive_test_derivatives(vessel, motion, coefficients)
         return measured - forces[_ROWS] * weight, slopes[_ROWS] * weight[:, None]
 
     return rows

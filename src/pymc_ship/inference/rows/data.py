@@ -53,7 +53,7 @@ class RegressionData:
     run : ndarray of str, shape (n_rows,)
         Run that each row is of; all are of run 1 where one trial was given.
     dof, vessel, derivative, record_verdict, record_remarks : str
-        What the rows were made from, and what :func:`pymc_ship.judged_trial` said of the trial.
+        What the rows were made from, and what :func:`pymc_ship.validated_trial` said of the trial.
     formula : Formula or None
         What made the columns, for :meth:`from_formula`.
     """

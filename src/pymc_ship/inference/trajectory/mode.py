@@ -18,7 +18,7 @@ from pymc_ship.machine.errors import FitError, InferenceError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.replay import replay
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
-from pymc_ship.records.files.judgement import judgement
+from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.trial.record import trial_list
 
 _SAME_MODE = 0.5  # posterior standard deviations
@@ -34,14 +34,14 @@ class TrajectoryMode:
         Fit, noise model and tests.
     n_starts, n_agreeing : int
         Starts that ran, and those that ended at this mode.
-    judgement : dict of str to str
-        What the checks said of the records, see :func:`pymc_ship.records.files.judgement.judgement`.
+    quality_flags : dict of str to str
+        What the checks said of the records, see :func:`pymc_ship.records.files.quality_flags.quality_flags`.
     """
 
     choice: NoiseChoice
     n_starts: int
     n_agreeing: int
-    judgement: dict[str, str]
+    quality_flags: dict[str, str]
 
 
 def trajectory_mode(
@@ -69,7 +69,7 @@ def trajectory_mode(
     trials = trial_list(trials)
     if not trials:
         raise FitError("A trajectory fit needs at least one trial, found none; give one.")
-    said = judgement(trials)
+    said = quality_flags(trials)
     runs = [trajectory_run(trial, vessel, channels=channels, noise_sd=noise_sd, method=method) for trial in trials]
     trials = [_completed(trial, run, vessel) for trial, run in zip(trials, runs, strict=True)]
     if isinstance(prior, str):

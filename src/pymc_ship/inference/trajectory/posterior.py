@@ -312,7 +312,7 @@ def _attrs(mode: TrajectoryMode, method: str) -> dict[str, object]:
         "noise_sentence": choice.sentence,
         "chi2": choice.fit.chi2,
         "log_evidence": choice.fit.log_evidence,
-        **mode.judgement,
+        **mode.quality_flags,
         "starts": mode.n_starts,
         "starts_agreeing": mode.n_agreeing,
         **provenance(CITATIONS[method]),

@@ -1,12 +1,12 @@
-"""What is steered, its indices and the IMO criteria on them.
+"""Manoeuvres, their indices and the IMO criteria.
 
-- `kinds`: what the manoeuvres of one kind have in common, as one value.
-- `zigzags`: the zigzag test as such a value, with its indices, limits and recognition.
-- `turning_circles`: the turning circle and the pull-out likewise.
-- `registry`: the known kinds by name, where a new one is registered.
-- `standard`: zigzag, turning circle and free rudder programme as values.
+- `kinds`: what the manoeuvres of one kind have in common.
+- `zigzags`: the zigzag test: indices, limits, recognition in a record.
+- `turning_circles`: the turning circle and the pull-out, likewise.
+- `registry`: the known kinds by name; new ones are registered here.
+- `standard`: one manoeuvre, as zigzag, turning circle, spiral or rudder programme.
 - `events`: headings reached, peaks, distances and the steady turn of one run.
-- `indices`: overshoots, advance, transfer and the like of a record.
-- `criteria`: IMO MSC.137(76): limits and verdicts, with probabilities for draws.
-- `helm`: execution, held angles and reversals of a rudder.
+- `indices`: overshoots, advance, transfer and other indices of a record.
+- `criteria`: limits of IMO MSC.137(76) and the probability of conformity.
+- `steering_record`: first execute, fixed rudder angles and rudder reversals of a record.
 """

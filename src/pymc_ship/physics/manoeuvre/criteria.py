@@ -12,7 +12,7 @@ from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 
-SURE = 0.95
+CONFORMANCE_PROBABILITY = 0.95
 """Probability from which a forecast says that a ship passes, and below 1 minus which that she fails."""
 
 
@@ -75,13 +75,17 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
             "probability": probability,
             "standard_error": float(np.sqrt(probability * (1.0 - probability) / values.size)),
             "not_reached": float(np.mean(~reached)),
-            "judgement": "passes" if probability >= SURE else "fails" if probability <= 1.0 - SURE else "open",
+            "conformity": "passes"
+            if probability >= CONFORMANCE_PROBABILITY
+            else "fails"
+            if probability <= 1.0 - CONFORMANCE_PROBABILITY
+            else "open",
         }
         rows.append(row | {"verdict": _sentence(row)})
     return rows
 
 
-def shown_probability(probability: float) -> str:
+def probability_text(probability: float) -> str:
     """Probability with two decimals, which 0 and 1 have only where no draw or every draw passes."""
     if 0.0 < probability < 0.005:
         return "below 0.01"
@@ -98,7 +102,7 @@ def _sentence(row: dict[str, Any]) -> str:
     lacking = f" ({share} of the ships diverge or do not reach it, which does not count as passing)"
     return (
         f"{row['criterion']} {median} {row['units']} ({lower} to {upper}): passes the limit of {limit} {row['units']} "
-        f"with probability {shown_probability(row['probability'])}{lacking if row['not_reached'] else ''}."
+        f"with probability {probability_text(row['probability'])}{lacking if row['not_reached'] else ''}."
     )
 
 

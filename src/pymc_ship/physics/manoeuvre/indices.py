@@ -82,10 +82,10 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
 
 def _modelled(index: Index, attrs: Mapping[str, Any]) -> bool:
     """Whether the model that a record was simulated with has what an index needs; true of a measured record."""
-    return "roll" in attrs.get("dofs", "roll").split() or not of_roll(index)
+    return "roll" in attrs.get("dofs", "roll").split() or not needs_roll(index)
 
 
-def of_roll(index: Index) -> bool:
+def needs_roll(index: Index) -> bool:
     """Whether an index is of the roll."""
     return any(CHANNELS[name].rolling for name in index.needs)
 

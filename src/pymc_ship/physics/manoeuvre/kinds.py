@@ -14,7 +14,7 @@ from pymc_ship.machine.fields import field_text
 
 if TYPE_CHECKING:
     from pymc_ship.physics.manoeuvre.events import Record
-    from pymc_ship.physics.manoeuvre.helm import Helm
+    from pymc_ship.physics.manoeuvre.steering_record import SteeringRecord
 
 SIDES = {"starboard": 1.0, "port": -1.0}
 """Sign of the heading change towards each side."""
@@ -31,10 +31,10 @@ UNITS = {
 }
 """Unit of each quantity that an index can be; `angle` is a change of heading, `diameter` that of a steady turn."""
 
-TRACKED = ("angle", "time", "distance", "diameter")
+TRACK_QUANTITIES = ("angle", "time", "distance", "diameter")
 """Quantities of heading and track, of which every manoeuvre has some."""
 
-ERRING = ("angle", "time", "distance", "roll")
+SCORED_QUANTITIES = ("angle", "time", "distance", "roll")
 """Quantities of which a model error is measured on held-out manoeuvres."""
 
 OVERSHOOTS = ("first_overshoot_angle", "second_overshoot_angle", "third_overshoot_angle")
@@ -61,7 +61,7 @@ class Index:
     needs : tuple of str
         Channels without which a measured record does not have the index.
     scored : bool
-        Whether the index is compared on held-out runs; one of :data:`ERRING` only.
+        Whether the index is compared on held-out runs; one of :data:`SCORED_QUANTITIES` only.
     signed : bool
         Whether the index can be negative.
     """
@@ -72,7 +72,7 @@ class Index:
     signed: bool = False
 
     def __post_init__(self) -> None:
-        known = ERRING if self.scored else tuple(UNITS)
+        known = SCORED_QUANTITIES if self.scored else tuple(UNITS)
         if self.quantity not in known:
             what = "A scored index" if self.scored else "An index"
             raise SimulationError(f"{what} is of {', '.join(known)}; found {self.quantity!r}; choose one of them.")
@@ -108,7 +108,7 @@ class ManoeuvreKind:
         Option of the command line, ``turn`` for ``--turn``; empty for none.
     title : str
         Name in the help of ``pymc-ship simulate``; needed with an option.
-    reversal : float or None
+    second_execute_factor : float or None
         Factor on the rudder angle when the heading has changed by ``heading_deg`` towards the side turned to: -1 puts
         the rudder over to the other side, 0 amidships. None: the heading does not matter.
     indices : mapping of str to Index
@@ -118,8 +118,9 @@ class ManoeuvreKind:
     limits : callable
         Limits of IMO MSC.137(76) that apply, from the attrs and L over the approach speed [s].
     recognise : callable or None
-        Angles and side of a manoeuvre of this kind from the :class:`pymc_ship.physics.manoeuvre.helm.Helm` of a record,
-        or None for another manoeuvre. A kind without this function is not recognised in records.
+        Angles and side of a manoeuvre of this kind, from a
+        :class:`pymc_ship.physics.manoeuvre.steering_record.SteeringRecord`, or None for another manoeuvre.
+        A kind without this function is not recognised in records.
     reach : float
         How long a forecast simulates the manoeuvre by default [L/U].
     swings : bool
@@ -133,11 +134,11 @@ class ManoeuvreKind:
     example: str = ""
     option: str = ""
     title: str = ""
-    reversal: float | None = None
+    second_execute_factor: float | None = None
     indices: Mapping[str, Index] = field(default_factory=dict)
     measure: Callable[[Record, Mapping[str, Any]], dict[str, float]] = _nothing_measured
     limits: Callable[[Mapping[str, Any], float], Sequence[Limit]] = _no_limits
-    recognise: Callable[[Helm], tuple[tuple[float, ...], str] | None] | None = None
+    recognise: Callable[[SteeringRecord], tuple[tuple[float, ...], str] | None] | None = None
     reach: float = 40.0
     swings: bool = False
     circles: bool = False
@@ -150,7 +151,7 @@ class ManoeuvreKind:
             raise SimulationError(f"The option --{self.option} needs angles, an example and a title; give all of them.")
         if self.recognise and not self.indices:
             raise SimulationError(f"A {self.words} that is recognised is compared by its indices, found none; add one.")
-        if self.reversal is not None and "heading_deg" not in self.angles:
+        if self.second_execute_factor is not None and "heading_deg" not in self.angles:
             raise SimulationError(f"The rudder of a {self.words} is moved at a heading; add heading_deg to its angles.")
 
     def _drawn(self) -> tuple[str, ...]:

@@ -82,7 +82,7 @@ class Manoeuvre:
     @property
     def switch(self) -> tuple[float, float]:
         """Change of heading [rad] at which the rudder angle is multiplied, infinite for never, and the factor."""
-        factor = self.traits.reversal
+        factor = self.traits.second_execute_factor
         return (np.inf, 1.0) if factor is None else (np.deg2rad(self.heading_deg), float(factor))
 
     def command(self, time: np.ndarray) -> np.ndarray:
@@ -132,7 +132,7 @@ def standard_manoeuvre(kind: str, *angles: float, side: str = "port", approach_s
         wanted = " and ".join(names) or "its own constructor"
         raise SimulationError(f"A {kind} is made with {wanted}, found {len(angles)} angles; correct it.")
     given = dict(zip(names, angles, strict=True))
-    _check(side, approach_speed, widest=_TWO_ROUNDS if traits.reversal == 0.0 else 90.0, **given)
+    _check(side, approach_speed, widest=_TWO_ROUNDS if traits.second_execute_factor == 0.0 else 90.0, **given)
     rudder_deg, heading_deg = (float(given.get(name, 0.0)) for name in ("rudder_deg", "heading_deg"))
     return Manoeuvre(kind, rudder_deg, heading_deg, side=side, approach_speed=approach_speed)
 
@@ -254,10 +254,12 @@ def direct_spiral(
         )
     there = np.linspace(rudder_deg, -rudder_deg, 2 * steps + 1)
     angles = np.append(there, there[-2::-1])
-    return held_angles(angles, np.full(angles.size, hold), approach_speed=approach_speed)
+    return stepped_rudder_programme(angles, np.full(angles.size, hold), approach_speed=approach_speed)
 
 
-def held_angles(angles_deg: np.ndarray, holds: np.ndarray, *, approach_speed: float | None = None) -> Manoeuvre:
+def stepped_rudder_programme(
+    angles_deg: np.ndarray, holds: np.ndarray, *, approach_speed: float | None = None
+) -> Manoeuvre:
     """Rudder programme of angles [deg], each held for its time [s], shape (n,) both."""
     ends = np.cumsum(holds, dtype=float)
     begins = np.append(0.0, ends[:-1] + _STEP)

@@ -10,7 +10,7 @@ from pymc_ship.physics.manoeuvre.kinds import SIDES, TRACK, Index, Limit, Manoeu
 
 if TYPE_CHECKING:
     from pymc_ship.physics.manoeuvre.events import Record
-    from pymc_ship.physics.manoeuvre.helm import Helm
+    from pymc_ship.physics.manoeuvre.steering_record import SteeringRecord
 
 _FULL_TURN = 120.0  # deg of heading that a turning circle changes at least
 _LEAST_RUDDER = 3.0  # deg
@@ -48,7 +48,7 @@ def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
     return ("advance", 4.5, "L"), ("tactical_diameter", 5.0, "L")
 
 
-def _recognise(helm: Helm) -> tuple[tuple[float, ...], str] | None:
+def _recognise(helm: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
     """Rudder angle and side of a record that turns far with a rudder that is held."""
     if abs(helm.held_angle) <= _LEAST_RUDDER or abs(helm.turned) <= _FULL_TURN:
         return None
@@ -102,19 +102,19 @@ def _pull_out_indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, flo
     return found
 
 
-def _recognise_pull_out(helm: Helm) -> tuple[tuple[float, ...], str] | None:
+def _recognise_pull_out(helm: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
     """Rudder angle, heading and side of a turn that ends with the rudder amidships before it is a turning circle."""
     import numpy as np
 
-    from pymc_ship.physics.manoeuvre.helm import execution, steered
+    from pymc_ship.physics.manoeuvre.steering_record import first_execute, is_manoeuvre
 
     angle, turned = helm.held_angle, helm.turned
     if abs(angle) <= _LEAST_RUDDER or not 0.5 * _FULL_TURN <= abs(turned) <= _FULL_TURN:
         return None
     time, delta = helm.trial["time"].values, np.rad2deg(helm.trial["delta"].values)
-    end = time[steered(helm.trial)][-1]
-    after = delta[time > end + _AMIDSHIPS * (end - execution(helm.trial))]
-    lasts = time[-1] - end >= _AFTER * (end - execution(helm.trial))
+    end = time[is_manoeuvre(helm.trial)][-1]
+    after = delta[time > end + _AMIDSHIPS * (end - first_execute(helm.trial))]
+    lasts = time[-1] - end >= _AFTER * (end - first_execute(helm.trial))
     if not lasts or not after.size or np.quantile(np.abs(after), 0.9) > _AMIDSHIPS * abs(angle):
         return None
     return (helm.ordered(abs(angle)), 5 * max(round(abs(turned) / 5.0), 1)), "starboard" if turned > 0.0 else "port"
@@ -126,7 +126,7 @@ PULL_OUT = ManoeuvreKind(
     example="20/90",
     option="pull-out",
     title="pull-out, rudder amidships after a change of heading",
-    reversal=0.0,
+    second_execute_factor=0.0,
     indices={
         "rate_before": Index("rate", ("psi", "r"), signed=True),
         "time_to_half_rate": Index("time", ("psi", "r"), scored=True),

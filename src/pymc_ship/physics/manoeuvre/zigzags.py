@@ -10,7 +10,7 @@ from pymc_ship.physics.manoeuvre.kinds import SIDES, TRACK, Index, Limit, Manoeu
 
 if TYPE_CHECKING:
     from pymc_ship.physics.manoeuvre.events import Record
-    from pymc_ship.physics.manoeuvre.helm import Helm
+    from pymc_ship.physics.manoeuvre.steering_record import SteeringRecord
 
 BY_HAND = math.radians(1.0)
 """Heading beside the mean of a zigzag's reversals from which one counts as steered by hand, not by an autopilot."""
@@ -22,7 +22,7 @@ def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
     This is the switching heading or, in a record that was steered by hand, where ``attrs["reversals"]`` [s] say.
     """
     heading, side = math.radians(attrs["heading_deg"]), SIDES[attrs["side"]]
-    by_hand: Sequence[float] = attrs.get("reversals", ())
+    by_hand: Sequence[float] = attrs.get("reversal_times", ())
     found: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
     switch = record.crossing(heading, side)
     if not by_hand or side * record.at("psi", by_hand[0]) > heading - BY_HAND:
@@ -59,7 +59,7 @@ def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
     return (("first_overshoot_angle", 25.0, "deg"),) if angles == (20.0, 20.0) else ()
 
 
-def _recognise(helm: Helm) -> tuple[tuple[float, ...], str] | None:
+def _recognise(helm: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
     """Rudder angle, switching heading and first side of a record whose rudder is reversed at one heading."""
     if not helm.reversals:
         return None
@@ -73,7 +73,7 @@ ZIGZAG = ManoeuvreKind(
     example="20/20",
     option="zigzag",
     title="zigzag test",
-    reversal=-1.0,
+    second_execute_factor=-1.0,
     indices={
         "first_overshoot_angle": Index("angle", scored=True),
         "second_overshoot_angle": Index("angle", scored=True),

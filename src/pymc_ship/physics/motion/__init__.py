@@ -2,7 +2,7 @@
 
 - `equations`: accelerations from state and rudder, many ships side by side.
 - `inputs`: rudder, revolutions and wind as the forces take them.
-- `held`: forces on a ship that is held at a motion.
+- `captive`: forces on a ship in prescribed motion, as in captive tests.
 - `linearisation`: derivatives of the rates by states, coefficients and parameters.
 - `prime_record`: the motion of a record in prime quantities.
 - `stepping`: the steps of the integrators, and the range of motions in which the model is valid.

@@ -53,7 +53,7 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     if measured and (takes_revolutions(vessel) or _finds_revolutions(vessel)):
         found[1] = trial["n"].values / ship_of(vessel).n
     else:
-        found[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else begin_speed(trial) / U
+        found[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else initial_speed(trial) / U
         if measured and trial["n"].values[0] > 0.0:
             found[1] *= trial["n"].values / trial["n"].values[0]
     if WIND.name in vessel.parts and "wind_speed" in trial and "wind_direction" in trial:
@@ -77,7 +77,7 @@ def takes_revolutions(vessel: Vessel) -> bool:
     return vessel.modular and vessel.propeller is not None
 
 
-def begin_speed(trial: xr.Dataset) -> float:
+def initial_speed(trial: xr.Dataset) -> float:
     """Speed with which a record begins [m/s]."""
     return float(np.median(np.hypot(trial["u"].values[:10], trial["v"].values[:10] if "v" in trial else 0.0)))
 

@@ -14,9 +14,9 @@ from pymc_ship.records.checks.verdicts import (
     Blocks,
     Check,
     ShipScale,
+    least_squares,
     needed,
     not_checked,
-    regressed,
     straight_approach,
 )
 from pymc_ship.trial.record import sampling_interval
@@ -72,7 +72,7 @@ def _speed_trend(trial: xr.Dataset, n: int, scale: ShipScale) -> tuple[list[tupl
     u, time = trial["u"].values[:n], trial["time"].values[:n]
     if time[-1] - time[0] <= 0.5 * scale.time:
         return [], []
-    (trend, _), (error, _), _ = regressed([time - time.mean(), np.ones(n)], u)
+    (trend, _), (error, _), _ = least_squares([time - time.mean(), np.ones(n)], u)
     change = float(trend * scale.time / scale.U)
     wrong = abs(change) > STEADY and abs(trend) > SIGNIFICANT * error
     return [("change of speed in L/U", change, "")], [f"the speed changes by {change:+.1%} in L/U"] if wrong else []

@@ -18,10 +18,10 @@ from pymc_ship.records.checks.verdicts import (
     Check,
     ShipScale,
     integral,
+    least_squares,
     longest_piece,
     needed,
     not_checked,
-    regressed,
     ship_blocks,
 )
 from pymc_ship.trial.record import sampling_interval
@@ -107,9 +107,9 @@ def _slope(predicted: np.ndarray, time: np.ndarray, found: np.ndarray) -> tuple[
     In a steady turn an offset cannot be told from the slope; it is then left out and changes the slope by its share.
     """
     size = np.sqrt(np.mean(found**2))
-    (slope, _), (error, _), residuals = regressed([predicted, time], found)
+    (slope, _), (error, _), residuals = least_squares([predicted, time], found)
     if error > 0.01:
-        (slope,), (error,), residuals = regressed([predicted], found)
+        (slope,), (error,), residuals = least_squares([predicted], found)
     return float(slope), float(error), float(np.sqrt(np.mean(residuals**2))), float(size)
 
 
@@ -169,7 +169,7 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     course, psi = np.unwrap(course[piece]), blocks.middles(trial["psi"].values)[piece]
     if psi.size < 10 or psi.std() < np.deg2rad(2.0):
         return not_checked("heading", "the heading hardly changes while the ship is under way")
-    (slope, _), *_ = regressed([psi - psi.mean(), np.ones(psi.size)], course)
+    (slope, _), *_ = least_squares([psi - psi.mean(), np.ones(psi.size)], course)
     numbers = (("course over heading", float(slope), ""),)
     if 0.3 < slope < 3.0:
         text = f"The course over ground changes with the heading ({slope:.3g} rad per rad)."

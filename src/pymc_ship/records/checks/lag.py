@@ -23,7 +23,7 @@ from pymc_ship.records.checks.track import (
     track_blocks,
     turned_to_earth,
 )
-from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, ShipScale, needed, not_checked, regressed
+from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, ShipScale, least_squares, needed, not_checked
 from pymc_ship.trial.record import sampling_interval
 
 LAG = 0.01
@@ -106,7 +106,9 @@ def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: 
     seconds = 0.0
     for _ in range(_STEPS):
         predicted, slope = _sailed(trial, track, kind, seconds)
-        (step, *_), (error, *_), residuals = regressed([slope.ravel(), *track.offsets], (measured - predicted).ravel())
+        (step, *_), (error, *_), residuals = least_squares(
+            [slope.ravel(), *track.offsets], (measured - predicted).ravel()
+        )
         seconds = float(np.clip(seconds + step, -longest, longest))
         if abs(step) < _CONVERGED:
             break

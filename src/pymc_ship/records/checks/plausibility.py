@@ -20,11 +20,11 @@ from pymc_ship.records.checks.verdicts import (
     SLOW,
     Check,
     ShipScale,
+    least_squares,
     longest_piece,
     needed,
     not_checked,
     pieces,
-    regressed,
     ship_blocks,
 )
 from pymc_ship.trial.record import sampling_interval
@@ -128,12 +128,12 @@ def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
         found["rL/U"] = (float(np.quantile(np.abs(judged.r) / judged.U, 0.99)) * motion.L, 0.0)
         found["Froude number"] = (motion.fast / np.sqrt(GRAVITY * motion.L), 0.0)
         found["speed"] = (motion.fast / motion.nominal, 0.0)
-        (slope, *_), (error, *_), _ = regressed([judged.r, lag, constant], judged.v)
+        (slope, *_), (error, *_), _ = least_squares([judged.r, lag, constant], judged.v)
         found["pivot point"] = (-float(slope) / motion.L, float(error) / motion.L)
     if motion.phi is not None:
         thrown = motion.r * motion.u / GRAVITY
         columns = [thrown[ahead], np.gradient(thrown, motion.interval)[ahead], constant]
-        (slope, *_), (error, *_), _ = regressed(columns, motion.phi[ahead])
+        (slope, *_), (error, *_), _ = least_squares(columns, motion.phi[ahead])
         found["heel"] = float(slope), float(error)
     return found
 

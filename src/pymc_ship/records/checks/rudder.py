@@ -11,9 +11,9 @@ from pymc_ship.records.checks.verdicts import (
     Check,
     Numbers,
     ShipScale,
+    least_squares,
     needed,
     not_checked,
-    regressed,
     ship_blocks,
     straight_approach,
 )
@@ -61,7 +61,7 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     blocks = ship_blocks(trial, scale, _BLOCK)
     time = blocks.increments(trial["time"].values)
     delta, r = (blocks.middles(trial[name].values) for name in ("delta", "r"))
-    coefficients, errors, _ = regressed([delta, r, r * np.abs(r)], blocks.increments(trial["r"].values) / time)
+    coefficients, errors, _ = least_squares([delta, r, r * np.abs(r)], blocks.increments(trial["r"].values) / time)
     gain, error = (float(values[0]) * scale.time**2 for values in (coefficients, errors))
     correlation = _lagged_correlation(delta, r, round(1.0 / _BLOCK))
     numbers = (

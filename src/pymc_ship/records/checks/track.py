@@ -18,9 +18,9 @@ from pymc_ship.records.checks.verdicts import (
     Check,
     ShipScale,
     integral,
+    least_squares,
     needed,
     not_checked,
-    regressed,
     ship_blocks,
 )
 from pymc_ship.trial.record import sampling_interval
@@ -155,7 +155,7 @@ def _misfit(
 def lever_fit(trial: xr.Dataset, track: TrackBlocks, missing: np.ndarray) -> tuple[float, float, np.ndarray]:
     """Lever arm [m], its standard error and the residuals, beside constant offsets of both velocities."""
     columns = [_lever_column(trial, track).ravel(), *track.offsets]
-    coefficients, errors, residuals = regressed(columns, missing.ravel())
+    coefficients, errors, residuals = least_squares(columns, missing.ravel())
     return float(coefficients[0]), float(errors[0]), residuals
 
 
@@ -185,7 +185,7 @@ def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     track, measured = track_blocks(trial, scale)
     predicted = track.sailed(*earth_velocity(trial))
     missing, sailed = track.earth(measured - predicted), float(np.hypot(*measured).sum())
-    fit, _, residuals = regressed([*track.offsets, track.earth(predicted).ravel()], missing.ravel())
+    fit, _, residuals = least_squares([*track.offsets, track.earth(predicted).ravel()], missing.ravel())
     drift, left = (float(np.hypot(*np.cumsum(rows, axis=1)).max()) for rows in (missing, residuals.reshape(2, -1)))
     numbers = (("drift", drift, "m"), ("drift over L", drift / scale.L, ""), ("unexplained", left, "m"))
     good, bad = (max(a * scale.L, b * sailed) for a, b in (DRIFT_GOOD, DRIFT_BAD))

@@ -42,7 +42,7 @@ from pymc_ship.records.checks.rudder import (
 from pymc_ship.records.checks.surroundings import revolutions_check, wind_check
 from pymc_ship.records.checks.track import axes_checks, body_velocity, drift_check, lever_check
 from pymc_ship.records.checks.verdicts import Check, not_checked, ship_scale
-from pymc_ship.records.files.judgement import judged, worst
+from pymc_ship.records.files.quality_flags import with_quality_flags, worst
 from pymc_ship.trial.channels import SIMULATED
 from pymc_ship.trial.record import check_trial, one_trial
 
@@ -229,7 +229,7 @@ def _said(check: Check) -> str:
     return f"{check.name}: {check.sentence}"
 
 
-def judged_trial(
+def validated_trial(
     trial: xr.Dataset,
     vessel: VesselLike,
     overrule: Collection[str] = (),
@@ -268,9 +268,9 @@ def judged_trial(
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
-    >>> ps.judged_trial(trial, vessel).attrs["record_verdict"]
+    >>> ps.validated_trial(trial, vessel).attrs["record_verdict"]
     'good'
-    >>> ps.judged_trial(trial.assign(delta=-trial["delta"]), vessel)
+    >>> ps.validated_trial(trial.assign(delta=-trial["delta"]), vessel)
     Traceback (most recent call last):
         ...
     pymc_ship.machine.errors.TrialError: The trial cannot be fitted: rudder sign: A positive delta turns \
@@ -300,7 +300,7 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     -------
     Dataset, dims (time,)
         Copy; ``attrs["corrections"]`` is a list with one sentence for each correction, ``record_verdict`` and
-        ``record_remarks`` are as for :func:`judged_trial`.
+        ``record_remarks`` are as for :func:`validated_trial`.
 
     Raises
     ------
@@ -326,7 +326,7 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     if sentence := failed_checks(checks, overrule):
         raise TrialError(sentence, checks=[one for one in checks if one.verdict == "bad" and one.name not in overrule])
     made = [check.verdict for check in checks if check.verdict != "not checked"]
-    mended = judged(_mended(trial, checks), worst(made), _remarks(checks))
+    mended = with_quality_flags(_mended(trial, checks), worst(made), _remarks(checks))
     told = [*trial.attrs.get("corrections", []), *(_TOLD[check.name](check) for check in checks if check.mendable)]
     return mended.assign_attrs(corrections=told)
 

@@ -167,7 +167,7 @@ def straight_approach(trial: xr.Dataset) -> int:
     return int(np.argmax(moved)) if moved.any() else delta.size
 
 
-def regressed(columns: list[np.ndarray], response: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def least_squares(columns: list[np.ndarray], response: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Least squares: coefficients, their standard errors and the residuals.
 
     The standard errors are the larger of the ordinary ones and those that hold where the residuals differ in size

@@ -6,5 +6,5 @@
 - `time_base`: time stamps, sorted out.
 - `noise`: noise of given kinds put on a clean record.
 - `instruments`: sensors with resolution, gaps and jitter.
-- `judgement`: what the checks found of the records of an identification.
+- `quality_flags`: what the checks found of the records of an identification.
 """

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.physics.manoeuvre.helm import base_course, execution, rudder_reversals, steered
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.registry import kind_named
+from pymc_ship.physics.manoeuvre.steering_record import base_course, first_execute, is_manoeuvre, rudder_reversals
 from pymc_ship.physics.manoeuvre.zigzags import BY_HAND
 from pymc_ship.records.denoising.denoise import MIN_LENGTH, denoise
 from pymc_ship.records.denoising.draws import denoise_draws
@@ -20,7 +20,7 @@ from pymc_ship.trial.record import is_uniform
 _MOTION = channel_names(lambda channel: channel.part == "motion")
 
 
-def aligned(measured: xr.Dataset) -> xr.Dataset:
+def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
     """Measured trial from the rudder's execution on, as a forecast begins: time 0, base course 0, position 0.
 
     Parameters
@@ -31,22 +31,22 @@ def aligned(measured: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     Dataset, dims (time,)
-        The channels it has, those at time 0 interpolated, from :func:`pymc_ship.physics.manoeuvre.helm.execution` on,
-        or from the first instant of a record without a rudder. A track without a heading is left out.
+        The channels it has, those at time 0 interpolated, from the first execute on, or from
+        the first instant of a record without a rudder. A track without a heading is left out.
     """
     time = measured["time"].values.astype(float)
     channels = {name: measured[name].values.astype(float) for name in SIMULATED if name in measured}
     known = {name: np.isfinite(values) for name, values in channels.items() if np.isfinite(values).any()}
     if "psi" in known:
         channels["psi"][known["psi"]] = np.unwrap(channels["psi"][known["psi"]])
-    start = execution(measured) if "delta" in known else time[0]
+    start = first_execute(measured) if "delta" in known else time[0]
     found = {
         name: np.append(np.interp(start, time[good], channels[name][good]), channels[name][time > start])
         for name, good in known.items()
     }
     if "psi" in found:
-        steered = {"psi", "r", "delta"} <= channels.keys()
-        whole = steered and all(known[name].all() for name in ("psi", "r", "delta") if name in known)
+        has_rudder = {"psi", "r", "delta"} <= channels.keys()
+        whole = has_rudder and all(known[name].all() for name in ("psi", "r", "delta") if name in known)
         course = base_course(measured) if whole else found["psi"][0]
         found["psi"] = found["psi"] - course
     if {"psi", "x", "y"} <= found.keys():
@@ -66,7 +66,7 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str
     Parameters
     ----------
     measured : Dataset, dims (time,)
-        See :func:`aligned`.
+        See :func:`align_to_first_execute`.
     attrs : mapping
         ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``side`` of the forecast; ``rudder_delay`` [s] of the
         steering gear, 0 by default.
@@ -80,13 +80,13 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str
         those of the track. Overshoots of a zigzag that was steered by hand count from its own reversals, indices of a
         rudder that is held end where it is put back.
     """
-    return smooth_indices(smoothed(measured), attrs)
+    return indices_of_denoised(denoise_motion(measured), attrs)
 
 
-def smooth_indices(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
+def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
     """Indices of a measured trial whose motion is smooth already; all else as :func:`measured_indices`."""
     kind = kind_named(attrs["manoeuvre"])
-    trial = aligned(smooth).dropna("time")
+    trial = align_to_first_execute(smooth).dropna("time")
     if "psi" not in trial or trial.sizes["time"] < 3:
         return {}
     has = set(trial.data_vars)
@@ -94,7 +94,7 @@ def smooth_indices(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, fl
     if "delta" in has and kind.swings:
         told |= _reversed_by_hand(trial, attrs)
     elif "delta" in has and kind.circles:
-        trial = trial.isel(time=slice(0, int(np.flatnonzero(steered(trial))[-1]) + 1))
+        trial = trial.isel(time=slice(0, int(np.flatnonzero(is_manoeuvre(trial))[-1]) + 1))
     time, psi = trial["time"].values, trial["psi"].values
     channels = {name: trial[name].values for name in trial.data_vars}
     x, y = (channels.setdefault(name, np.zeros(time.size)) for name in ("x", "y"))
@@ -119,29 +119,29 @@ def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, 
         return {}
     ordered = [reversal.time - attrs.get("rudder_delay", 0.0) for reversal in reversals]
     headings = np.abs(np.interp(ordered, trial["time"].values, trial["psi"].values))
-    return {"reversals": tuple(ordered)} if np.abs(headings - headings.mean()).max() > BY_HAND else {}
+    return {"reversal_times": tuple(ordered)} if np.abs(headings - headings.mean()).max() > BY_HAND else {}
 
 
-def denoisable(measured: xr.Dataset) -> list[str]:
+def denoisable_channels(measured: xr.Dataset) -> list[str]:
     """Channels of the motion that can be denoised: in a record that is uniform and long enough, those without gaps."""
     names = [name for name in _MOTION if name in measured and np.isfinite(measured[name].values).all()]
     whole = measured.sizes["time"] >= MIN_LENGTH and is_uniform(measured["time"].values)
     return names if whole else []
 
 
-def through(measured: xr.Dataset) -> xr.Dataset:
+def unwrap_heading(measured: xr.Dataset) -> xr.Dataset:
     """Trial whose heading runs through, where it has no gaps."""
     known = "psi" in measured and np.isfinite(measured["psi"].values).all()
     return measured.assign(psi=("time", np.unwrap(measured["psi"].values))) if known else measured
 
 
-def smoothed(measured: xr.Dataset) -> xr.Dataset:
-    """Trial whose heading runs through and whose motion is denoised where it can be, see :func:`denoisable`."""
-    names = denoisable(measured)
-    return denoise(through(measured), channels=names) if names else measured
+def denoise_motion(measured: xr.Dataset) -> xr.Dataset:
+    """Trial with an unwrapped heading and, in its :func:`denoisable_channels`, denoised motion."""
+    names = denoisable_channels(measured)
+    return denoise(unwrap_heading(measured), channels=names) if names else measured
 
 
-def drawn_indices(
+def index_draws(
     measured: xr.Dataset,
     attrs: Mapping[str, Any],
     *,
@@ -165,11 +165,11 @@ def drawn_indices(
     dict of str to ndarray
         By name those of the draws that reach the event; empty for a record that cannot be denoised.
     """
-    names = denoisable(measured)
+    names = denoisable_channels(measured)
     if not names:
         return {}
-    drawn = denoise_draws(through(measured), draws=draws, rng=rng, channels=names)
-    return finite_indices(smooth_indices(corrected(drawn.isel(draw=k)), attrs) for k in range(draws))
+    drawn = denoise_draws(unwrap_heading(measured), draws=draws, rng=rng, channels=names)
+    return finite_indices(indices_of_denoised(corrected(drawn.isel(draw=k)), attrs) for k in range(draws))
 
 
 def finite_indices(found: Iterable[Mapping[str, float]]) -> dict[str, np.ndarray]:

@@ -12,17 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.physics.manoeuvre.helm import (
-    Helm,
+from pymc_ship.physics.manoeuvre.registry import KINDS, either
+from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre
+from pymc_ship.physics.manoeuvre.steering_record import (
+    SteeringRecord,
     Swings,
     approach_speed,
     rudder_reversals,
+    steering_text,
     swings,
-    unsteered,
     whole_heading,
 )
-from pymc_ship.physics.manoeuvre.registry import KINDS, either
-from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import check_trial, facility_of, trial_list
@@ -96,7 +96,7 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     swung = [swings(trial, reversals) for trial, reversals in zip(trials, found, strict=True) if reversals]
     delay = _common_delay(swung, _LONGEST_DELAY * unit) if every else np.nan
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
-    helms = [Helm(trial, reversals, delay) for trial, reversals in zip(trials, found, strict=True)]
+    helms = [SteeringRecord(trial, reversals, delay) for trial, reversals in zip(trials, found, strict=True)]
     manoeuvres = [_manoeuvre(helm) for helm in helms]
     return manoeuvres, Steering(rate, delay, len(every), _common_speed(manoeuvres))
 
@@ -125,10 +125,10 @@ def recognise_by_facility(
     return manoeuvres, facilities
 
 
-def unrecognised(trial: xr.Dataset) -> str:
+def unrecognised_text(trial: xr.Dataset) -> str:
     """Sentence on a record in which :func:`recognise` finds no manoeuvre, with the reason."""
     known = [kind.words for kind in KINDS.values() if kind.recognise]
-    return f"It is not recognised as {either(known)}: {unsteered(trial)}."
+    return f"It is not recognised as {either(known)}: {steering_text(trial)}."
 
 
 def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
@@ -161,7 +161,7 @@ def _common_delay(runs: Sequence[Swings], longest: float) -> float:
     return float(delays[np.argmin(cost)])
 
 
-def _manoeuvre(helm: Helm) -> Manoeuvre | None:
+def _manoeuvre(helm: SteeringRecord) -> Manoeuvre | None:
     for kind in KINDS.values():
         found = kind.recognise(helm) if kind.recognise else None
         if found is not None:

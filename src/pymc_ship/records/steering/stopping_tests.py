@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.physics.manoeuvre.events import Record
-from pymc_ship.records.steering.measured import smoothed
+from pymc_ship.records.steering.measured import denoise_motion
 
 LABEL = "stopping test"
 """What a run is called in which a ship is stopped."""
@@ -62,7 +62,7 @@ def measured_stopping(trial: xr.Dataset) -> dict[str, float]:
     begin = stopping_order(trial)
     if not np.isfinite(begin):
         return {}
-    smooth = smoothed(trial).sel(time=slice(begin, None))
+    smooth = denoise_motion(trial).sel(time=slice(begin, None))
     time = smooth["time"].values
     motion = {name: smooth[name].values for name in _CHANNELS[:-1]} | {"phi": np.zeros(time.size)}
     still = np.flatnonzero(motion["u"] <= 0.0)

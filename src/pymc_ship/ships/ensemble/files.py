@@ -44,7 +44,7 @@ def save_ship(
     *,
     made_by: str = "",
     runs: Sequence[str] = (),
-    judgement: Mapping[str, str] | None = None,
+    quality_flags: Mapping[str, str] | None = None,
 ) -> Path:
     """Write a ship to the folder ``model`` of a report, moved into place when complete.
 
@@ -57,8 +57,8 @@ def save_ship(
         What made it.
     runs : sequence of str, optional
         Names of the runs it was identified from.
-    judgement : mapping of str to str, optional
-        Of their records, see :func:`pymc_ship.records.files.judgement.judgement`.
+    quality_flags : mapping of str to str, optional
+        Of their records, see :func:`pymc_ship.records.files.quality_flags.quality_flags`.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def save_ship(
             "held_out_indices": list(index_rows(ship.held_out_indices)),
             "uses_captive_tests": ship.uses_captive_tests,
             "remarks": list(ship.remarks),
-            **(judgement or {}),
+            **(quality_flags or {}),
             "made_by": made_by,
         }
         index[_SUM] = _checksum(folder, index)

@@ -25,7 +25,7 @@ import xarray as xr
 from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri
 
-from pymc_ship.physics.manoeuvre.kinds import ERRING
+from pymc_ship.physics.manoeuvre.kinds import SCORED_QUANTITIES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.calibration import calibrated, calibrated_by
@@ -46,7 +46,7 @@ HELD, MADE = int(calibrated("statements_held")), int(calibrated("statements_made
 and how many there were, on ships by which no other constant was chosen."""
 
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
-_GROWN = dict.fromkeys(ERRING, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
+_GROWN = dict.fromkeys(SCORED_QUANTITIES, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
 _SHARE_OF = {"angle": "swing of heading", "time": "L/U", "distance": "L", "roll": "angle of roll"}
 _COVERED = 0.95
 
@@ -77,7 +77,7 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
     error, known = np.reshape([scaled(row) for row in rows], (-1, 2)).T
     typical = np.array([TYPICAL[row["kind"]] for row in rows])
     found = equal_sizes(*size_law(error, known, typical, TOGETHER))
-    return {kind: TYPICAL[kind] * found for kind in ERRING}
+    return {kind: TYPICAL[kind] * found for kind in SCORED_QUANTITIES}
 
 
 def scaled(row: Mapping) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from pymc_ship.pages.tables import percent
 from pymc_ship.physics.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.steering.measured import aligned
+from pymc_ship.records.steering.measured import align_to_first_execute
 from pymc_ship.ships.forecasting.track import median_ship, track
 from pymc_ship.trial.channels import CHANNELS, sensors
 
@@ -42,7 +42,7 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
     tree : DataTree
         From :func:`pymc_ship.forecast`.
     measured : Dataset, dims (time,), optional
-        Trial, see :func:`pymc_ship.records.steering.measured.aligned`; any of its channels may be missing.
+        Trial, any of whose channels may be missing; it is aligned to its first execute.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
         measured peak.
     """
     swings = kind_named(tree.attrs["manoeuvre"]).swings
-    trial = None if measured is None else aligned(measured)
+    trial = None if measured is None else align_to_first_execute(measured)
     fig, axes = subplots(8.0, 4.2 if swings else 4.6, 1 if swings else 2, 1, sharex=True)
     upper, lower = axes[0, 0], axes[-1, 0]
     if swings:
@@ -135,7 +135,7 @@ def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
     """
     bands = tree["bands"].to_dataset()
     names = [*(name for name in sensors() if name in bands), "delta"]
-    trial = None if measured is None else aligned(measured)
+    trial = None if measured is None else align_to_first_execute(measured)
     rows = len(names) // 2
     fig, axes = subplots(8.0, 1.9 * rows + 0.6, rows, 2, sharex=True)
     for ax, name in zip(axes.flat, names, strict=True):

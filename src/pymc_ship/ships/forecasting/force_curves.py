@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.forces.terms import SYMBOLS
-from pymc_ship.physics.motion.held import held_forces
+from pymc_ship.physics.motion.captive import captive_test_forces
 from pymc_ship.physics.vessel.vessel import DOFS, LETTER, Vessel
 from pymc_ship.trial.channels import CHANNELS
 
@@ -110,4 +110,4 @@ def force_draws(vessel: Vessel, draws: np.ndarray, dof: str, symbol: str, values
     motion = {"v": speed * prime["v"], "phi": prime["phi"], "delta": prime["delta"]}
     motion |= {name: speed / s.L * prime[name] for name in ("r", "p")}
     motion["u"] = np.sqrt(np.maximum(speed**2 - motion["v"] ** 2, 0.0))
-    return held_forces(vessel, motion, draws)[:, row]
+    return captive_test_forces(vessel, motion, draws)[:, row]

@@ -12,7 +12,7 @@ import xarray as xr
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.physics.manoeuvre.indices import indices, of_roll
+from pymc_ship.physics.manoeuvre.indices import indices, needs_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
@@ -234,7 +234,7 @@ def pooled_forecast(
     beyond = float(np.nanmax(left["distance"])) if left is not None else 0.0
     if manoeuvre.traits.indices:
         found = indices(simulated)
-        angles = [str(name) for name in found if of_roll(manoeuvre.traits.indices[str(name)])]
+        angles = [str(name) for name in found if needs_roll(manoeuvre.traits.indices[str(name)])]
         found = _of_those_that_roll(found, angles, rolling)
         groups["indices"] = found if errors is None else with_model_error(found, errors, vessel, rng, beyond=beyond)
         groups["index_bands"] = quantile_bands(groups["indices"], ci_prob)

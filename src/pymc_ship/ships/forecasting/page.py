@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Columns, Table, fixed, number, percent, table
-from pymc_ship.physics.manoeuvre.criteria import SURE, imo_probabilities, shown_probability
+from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY, imo_probabilities, probability_text
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -84,7 +84,7 @@ def write_forecast_page(
         Whose name and particulars head the page; that of the ship by default.
     measured : mapping of str to Dataset, optional
         Measured trials by the name of the forecast they belong to; see
-        :func:`pymc_ship.records.steering.measured.aligned`.
+        :func:`pymc_ship.records.steering.measured.align_to_first_execute`.
     turns : Dataset, dims (draw, rate), optional
         From :func:`pymc_ship.steady_turns`: adds a section on steady turns and course stability.
     stop : Dataset, dims (draw, time), optional
@@ -191,8 +191,8 @@ def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:
         "vessel_title": vessel.title or vessel.name,
         "particulars": vessel.particulars,
         "bands": " and ".join(dict.fromkeys(percent(tree.attrs["ci_prob"]) for tree in forecasts.values())),
-        "sure": f"{SURE:g}",
-        "unsure": f"{1.0 - SURE:.2g}",
+        "sure": f"{CONFORMANCE_PROBABILITY:g}",
+        "unsure": f"{1.0 - CONFORMANCE_PROBABILITY:.2g}",
     }
 
 
@@ -337,11 +337,11 @@ def verdict_table(rows: Sequence[Mapping]) -> Table:
         n, se = fixed(1 if row["units"] == "deg" else 2), row["standard_error"]
         known = [key for key in ("limit", "median", "measured") if np.isfinite(row[key])]
         shown = {"median": "–", "measured": "–"} | {key: f"{n(row[key])} {row['units']}" for key in known}
-        probability = shown_probability(row["probability"]) + (f" ± {fixed(2)(se)}" if se >= 0.005 else "")
+        probability = probability_text(row["probability"]) + (f" ± {fixed(2)(se)}" if se >= 0.005 else "")
         lines.append(dict(row) | shown | {"interval": _interval(row, n), "probability": probability})
     columns: Columns = {"manoeuvre": ("manoeuvre", str), "criterion": ("criterion", str), "limit": ("limit", str)}
     columns |= {"median": ("median", str), "interval": ("interval", str)}
-    columns |= {"probability": ("probability of passing", str), "judgement": ("verdict", str)}
+    columns |= {"probability": ("probability of passing", str), "conformity": ("verdict", str)}
     if any(np.isfinite(row["measured"]) for row in rows):
         columns["measured"] = ("measured", str)
     return table(lines, columns)

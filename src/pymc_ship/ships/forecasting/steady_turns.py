@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymc_ship.pages.drawing import BLUE, REFERENCE, styled, subplots
-from pymc_ship.physics.manoeuvre.criteria import shown_probability
+from pymc_ship.physics.manoeuvre.criteria import probability_text
 from pymc_ship.physics.motion.equations import STATE, scheme, set_parts, state_derivative, workspace
 from pymc_ship.physics.motion.inputs import steady_inputs
 from pymc_ship.physics.vessel.vessel import Vessel
@@ -106,12 +106,12 @@ def spiral_sentence(turns: xr.Dataset) -> str:
         return "No drawn ship is in balance on a straight course: nothing is said of her stability."
     stable, limit = float(np.mean(known == 0.0)), largest_loop(turns.attrs["ship_time"])
     lower, median, upper = np.quantile(known, [0.025, 0.5, 0.975])
-    found = f"Course-stable with probability {shown_probability(stable)} by these draws"
+    found = f"Course-stable with probability {probability_text(stable)} by these draws"
     if stable == 1.0:
         return f"{found}: no loop in the spiral."
     return (
         f"{found}; loop of the spiral {median:.1f} deg of rudder ({lower:.1f} to {upper:.1f}), within the "
-        f"{limit:.1f} deg of IMO MSC/Circ.1053 with probability {shown_probability(float(np.mean(known <= limit)))}."
+        f"{limit:.1f} deg of IMO MSC/Circ.1053 with probability {probability_text(float(np.mean(known <= limit)))}."
     )
 
 

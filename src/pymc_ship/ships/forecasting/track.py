@@ -16,7 +16,7 @@ from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.kinds import SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.steering.measured import aligned, measured_indices
+from pymc_ship.records.steering.measured import align_to_first_execute, measured_indices
 
 BEAM = np.array([(-0.5, 0.36), (-0.42, 0.5), (0.22, 0.5), (0.38, 0.34), (0.46, 0.14)])
 """Half an outline of a ship seen from above: forward in ship lengths, abeam in beams; it closes in a pointed bow."""
@@ -126,7 +126,7 @@ def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None)
     vessel : Vessel
         Gives L and B.
     measured : Dataset, dims (time,), optional
-        Trial, see :func:`pymc_ship.records.steering.measured.aligned`; left out where it lacks x, y or psi.
+        Trial, aligned to its first execute; left out where it lacks x, y or psi.
 
     Returns
     -------
@@ -191,7 +191,7 @@ def _measured(tree: xr.DataTree, measured: xr.Dataset | None, most: float) -> xr
     """Aligned trial as long as the forecast, up to a heading change [deg]; None where it has no track."""
     if measured is None:
         return None
-    trial = aligned(measured)
+    trial = align_to_first_execute(measured)
     if not {"x", "y", "psi"} <= set(trial.data_vars):
         return None
     shown = trial.sel(time=trial["time"] <= float(tree["trajectories"].dataset["time"][-1]))

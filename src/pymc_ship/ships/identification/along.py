@@ -14,7 +14,7 @@ from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import sampling_interval, second_difference_sd
 
 
-def sailed_along(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, place: slice) -> np.ndarray:
+def simulate_open_loop(vessel: Vessel, coefficients: np.ndarray, trial: xr.Dataset, place: slice) -> np.ndarray:
     """States of ships along a piece of a record.
 
     Parameters

@@ -20,15 +20,15 @@ import xarray as xr
 from pymc_ship.inference.trajectory.carried import carried_draws
 from pymc_ship.inference.trajectory.windows import Window, WindowFit, restarted, with_constants
 from pymc_ship.physics.forces.surroundings import ADRIFT, CURRENT, WIND
-from pymc_ship.physics.manoeuvre.helm import base_course, execution
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.manoeuvre.steering_record import base_course, first_execute
 from pymc_ship.physics.motion.inputs import revolutions_measured, takes_revolutions
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
-from pymc_ship.records.steering.measured import drawn_indices, measured_indices
-from pymc_ship.records.steering.recognition import unrecognised
+from pymc_ship.records.steering.measured import index_draws, measured_indices
+from pymc_ship.records.steering.recognition import unrecognised_text
 from pymc_ship.ships.ensemble.draws import robust_sd
 from pymc_ship.ships.ensemble.index_error import index_scale
 from pymc_ship.trial.channels import sensors, without_roll
@@ -131,7 +131,7 @@ def sailed_in(trial: xr.Dataset, vessel: Vessel) -> dict[str, Any]:
     As settings of a simulation: those that were measured and that the forces of the vessel know.
     """
     found: dict[str, Any] = {}
-    after = trial["time"].values >= execution(trial)
+    after = trial["time"].values >= first_execute(trial)
     if takes_revolutions(vessel) and revolutions_measured(trial):
         found["n"] = float(np.median(trial["n"].values[after]))
     if WIND.name in vessel.parts and {"wind_speed", "wind_direction"} <= set(trial.data_vars):
@@ -187,14 +187,14 @@ def readings_sd(trial: xr.Dataset, manoeuvre: Manoeuvre, delay: float, rng: np.r
     Indices that no draw reaches have none, nor has a record that cannot be denoised; ``delay`` [s] is that of the
     steering gear.
     """
-    drawn = drawn_indices(trial, manoeuvre.attrs | {"rudder_delay": delay}, draws=_READINGS, rng=rng)
+    drawn = index_draws(trial, manoeuvre.attrs | {"rudder_delay": delay}, draws=_READINGS, rng=rng)
     return {name: float(np.std(values)) for name, values in drawn.items()}
 
 
 def left_out(trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | None], vessel: Vessel) -> list[str]:
     """Sentences on runs without held-out indices, as no manoeuvre is recognised, and on channels not modelled."""
     found = [
-        f"Run {name}: {unrecognised(trial)} It is fitted, but no index of it is held out."
+        f"Run {name}: {unrecognised_text(trial)} It is fitted, but no index of it is held out."
         for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True)
         if manoeuvre is None
     ]

@@ -26,14 +26,14 @@ from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, fullest
-from pymc_ship.records.files.judgement import judgement
+from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
 from pymc_ship.ships.ensemble.index_error import index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import LEADS, Replayed, motion_error
 from pymc_ship.ships.ensemble.ship import Ship
-from pymc_ship.ships.identification.along import measured_states, reading_noise, sailed_along
+from pymc_ship.ships.identification.along import measured_states, reading_noise, simulate_open_loop
 from pymc_ship.ships.identification.candidates import (
     Candidate,
     Refusal,
@@ -76,8 +76,8 @@ class ShipIdentification:
     held_out_indices : Dataset, dims (run, index)
         Indices of held-out manoeuvres of these runs, see :func:`pymc_ship.ships.ensemble.index_table.index_table`, with
         the ``sd`` of each error, model error and all.
-    judgement : dict of str to str
-        Of the records, see :func:`pymc_ship.records.files.judgement.judgement`.
+    quality_flags : dict of str to str
+        Of the records, see :func:`pymc_ship.records.files.quality_flags.quality_flags`.
     captive : Dataset or None
         The captive tests that were given.
     """
@@ -89,7 +89,7 @@ class ShipIdentification:
     candidates: tuple[Candidate, ...]
     refusals: tuple[Refusal, ...]
     held_out_indices: xr.Dataset
-    judgement: dict[str, str]
+    quality_flags: dict[str, str]
     captive: xr.Dataset | None = None
 
     def __repr__(self) -> str:
@@ -213,7 +213,7 @@ def identify_ship(
         candidates=tuple(found),
         refusals=tuple(refusals),
         held_out_indices=index_table([row | {"sd": index_sd(row, errors)} for row in rows]),
-        judgement=judgement(trials, names),
+        quality_flags=quality_flags(trials, names),
         captive=captive,
     )
 
@@ -321,7 +321,7 @@ def _held_out_motion(found: Sequence[Candidate], training: Training, rng: np.ran
         for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
             place = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
             if place.stop - place.start > 1:
-                states = [sailed_along(vessel, draws, trial, place) for vessel, draws in drawn if len(draws)]
+                states = [simulate_open_loop(vessel, draws, trial, place) for vessel, draws in drawn if len(draws)]
                 since, seen = time[place] - time[begin], measured_states(trial, place)
                 yield Replayed(since, np.concatenate(states, axis=1), seen, noise)
 

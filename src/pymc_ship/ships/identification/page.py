@@ -15,8 +15,8 @@ from pymc_ship.inference.trajectory.windows import LENGTH, thinned
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Columns, Table, fixed, number, table
-from pymc_ship.physics.manoeuvre.helm import approach_speed
 from pymc_ship.physics.manoeuvre.kinds import UNITS
+from pymc_ship.physics.manoeuvre.steering_record import approach_speed
 from pymc_ship.physics.vessel.parts import HELD
 from pymc_ship.physics.vessel.term_sets import PART_SETS, TERM_SETS
 from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, fullest

@@ -20,7 +20,7 @@ from pymc_ship.ships.ensemble.motion_error import with_motion_error
 from pymc_ship.ships.ensemble.scores import BANDS, crps, quantile_bands
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
-from pymc_ship.ships.identification.along import reading_noise, sailed_along
+from pymc_ship.ships.identification.along import reading_noise, simulate_open_loop
 from pymc_ship.ships.identification.held_out import forecast_rows, readings_sd
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
@@ -89,7 +89,7 @@ def replay(
     ship, trial = as_ship(ship), one_trial(trial)
     place = _place(trial, start, duration)
     piece, models = trial.isel(time=place), thinned_draws(ship.models, draws)
-    states = np.concatenate([sailed_along(vessel, rows, trial, place) for vessel, rows in models], axis=1)
+    states = np.concatenate([simulate_open_loop(vessel, rows, trial, place) for vessel, rows in models], axis=1)
     coords = {"draw": np.arange(states.shape[1]), "time": piece["time"].values}
     units = {name: {"units": CHANNELS[name].unit.name} for name in STATE}
 

@@ -15,14 +15,14 @@ import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.physics.manoeuvre.criteria import imo_limits
-from pymc_ship.physics.manoeuvre.helm import base_course
 from pymc_ship.physics.manoeuvre.indices import indices
-from pymc_ship.physics.manoeuvre.kinds import TRACKED
+from pymc_ship.physics.manoeuvre.kinds import TRACK_QUANTITIES
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
+from pymc_ship.physics.manoeuvre.steering_record import base_course
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.steering.measured import drawn_indices, finite_indices, smooth_indices, smoothed
+from pymc_ship.records.steering.measured import denoise_motion, finite_indices, index_draws, indices_of_denoised
 from pymc_ship.ships.ensemble.draws import thinned_draws
 from pymc_ship.ships.sea_trials.conditions import Conditions
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
@@ -102,9 +102,9 @@ def corrected_indices(
         When the model cannot sail the manoeuvre.
     """
     attrs = manoeuvre.attrs | {"rudder_delay": rudder_delay, "approach_speed": manoeuvre.approach_speed}
-    smooth, flow = smoothed(trial), np.zeros(2) if current is None else current.velocity
-    measured = smooth_indices(smooth, attrs)
-    still = smooth_indices(without_current(smooth, flow), attrs)
+    smooth, flow = denoise_motion(trial), np.zeros(2) if current is None else current.velocity
+    measured = indices_of_denoised(smooth, attrs)
+    still = indices_of_denoised(without_current(smooth, flow), attrs)
     by_record = _by_record(trial, flow, attrs, rng)
     by_current = _by_current(smooth, current, attrs, rng)
     by_model = _ratios(manoeuvre, trial, wind, model)
@@ -112,7 +112,7 @@ def corrected_indices(
     unknown = np.full(1, np.nan)
     rows = []
     for name, index in manoeuvre.traits.indices.items():
-        if index.quantity not in TRACKED or not np.isfinite(still.get(name, np.nan)):
+        if index.quantity not in TRACK_QUANTITIES or not np.isfinite(still.get(name, np.nan)):
             continue
         distance = index.units == "m"
         unit = vessel.particulars.L if distance else 1.0
@@ -186,7 +186,7 @@ def _from_bow(wind: tuple[float, float], course: float) -> tuple[float, float]:
 def _by_record(trial: xr.Dataset, flow: np.ndarray, attrs: Mapping, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Deviation of each index over draws of the denoised record; empty for one that cannot be denoised."""
     return _deviations(
-        drawn_indices(trial, attrs, draws=DRAWS, rng=rng, corrected=lambda smooth: without_current(smooth, flow))
+        index_draws(trial, attrs, draws=DRAWS, rng=rng, corrected=lambda smooth: without_current(smooth, flow))
     )
 
 
@@ -197,7 +197,9 @@ def _by_current(
     if current is None:
         return {}
     drawn = current.velocity + current.sd * rng.standard_normal((DRAWS, 2))
-    return _deviations(finite_indices(smooth_indices(without_current(smooth, velocity), attrs) for velocity in drawn))
+    return _deviations(
+        finite_indices(indices_of_denoised(without_current(smooth, velocity), attrs) for velocity in drawn)
+    )
 
 
 def _deviations(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

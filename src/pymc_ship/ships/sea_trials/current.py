@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.physics.manoeuvre.helm import heading_change, steered
-from pymc_ship.records.steering.measured import smoothed
+from pymc_ship.physics.manoeuvre.steering_record import heading_change, is_manoeuvre
+from pymc_ship.records.steering.measured import denoise_motion
 from pymc_ship.trial.record import check_trial
 
 _STEADY = np.pi  # rad of heading from the execution, from which on the circular has the turn steady
@@ -89,8 +89,8 @@ def drift_current(trial: xr.Dataset) -> DriftCurrent:
     0.50 m/s to 90 deg
     """
     check_trial(trial, ("psi", "delta", "x", "y"))
-    smooth = smoothed(trial)
-    inside = steered(trial)
+    smooth = denoise_motion(trial)
+    inside = is_manoeuvre(trial)
     psi, time, x, y = heading_change(smooth)[inside], *(smooth[name].values[inside] for name in ("time", "x", "y"))
     turned = np.abs(psi[-1] - psi[0])
     if turned < _LEAST:

@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, styled, subplots
-from pymc_ship.records.steering.measured import aligned, smoothed
+from pymc_ship.records.steering.measured import align_to_first_execute, denoise_motion
 from pymc_ship.ships.forecasting.steady_turns import draw_curve
 from pymc_ship.ships.sea_trials.corrections import without_current
 from pymc_ship.ships.sea_trials.current import DriftCurrent
@@ -23,11 +23,11 @@ def circles(trials: Mapping[str, xr.Dataset], currents: Mapping[str, DriftCurren
     """Tracks of turning circles from the execution on [L], as measured and without the current."""
     fig, axes = _grid(len(trials), 3.0)
     for ax, (name, trial) in zip(axes, trials.items(), strict=False):
-        smooth = smoothed(trial)
-        track = aligned(smooth)
+        smooth = denoise_motion(trial)
+        track = align_to_first_execute(smooth)
         if name in currents:
             ax.plot(track["y"] / L, track["x"] / L, color=NOISE, label="as measured")
-            track = aligned(without_current(smooth, currents[name].velocity))
+            track = align_to_first_execute(without_current(smooth, currents[name].velocity))
         ax.plot(
             track["y"] / L,
             track["x"] / L,
@@ -48,7 +48,7 @@ def swings(trials: Mapping[str, xr.Dataset], switching: Mapping[str, float]) -> 
     """Heading and rudder angle of zigzags against time from the execution, with the switching headings."""
     fig, axes = _grid(len(trials), 2.4)
     for ax, (name, trial) in zip(axes, trials.items(), strict=False):
-        run = aligned(smoothed(trial))
+        run = align_to_first_execute(denoise_motion(trial))
         for level in (-switching[name], switching[name]):
             ax.axhline(level, color=REFERENCE, ls="--", lw=0.8, label="switching heading" if level > 0.0 else None)
         ax.plot(run["time"], np.rad2deg(run["psi"]), color=BLUE, label="heading")

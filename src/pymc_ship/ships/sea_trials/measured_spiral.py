@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
-from pymc_ship.records.steering.measured import smoothed
+from pymc_ship.records.steering.measured import denoise_motion
 from pymc_ship.ships.sea_trials.uncertainty import PARTS
 
 LABEL = "spiral test"
@@ -49,7 +49,7 @@ def measured_spiral(trial: xr.Dataset, ship_time: float) -> xr.Dataset | None:
     """
     if any(name not in trial or not np.isfinite(trial[name].values).all() for name in _CHANNELS):
         return None
-    smooth = smoothed(trial)
+    smooth = denoise_motion(trial)
     time, r, delta = smooth["time"].values, np.rad2deg(smooth["r"].values), np.rad2deg(trial["delta"].values)
     straight, held = _STEADY * float(np.abs(r).max()), _rudder_held(time, delta, ship_time)
     if straight == 0.0:

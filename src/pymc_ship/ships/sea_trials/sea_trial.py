@@ -17,7 +17,7 @@ from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised
+from pymc_ship.records.steering.recognition import recognise_by_facility, unrecognised_text
 from pymc_ship.records.steering.stopping_tests import INDICES as STOPPING
 from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_stopping
 from pymc_ship.ships.ensemble.ship import Ship
@@ -150,9 +150,9 @@ def sea_trial(
     others = [name for name in named if name not in manoeuvres and name not in stops]
     spirals = {name: turns for name in others if (turns := measured_spiral(named[name], unit)) is not None}
     if not manoeuvres and not stops and not spirals:
-        raise TrialError(f"No run is of a standard manoeuvre. {unrecognised(next(iter(named.values())))}")
+        raise TrialError(f"No run is of a standard manoeuvre. {unrecognised_text(next(iter(named.values())))}")
     lost = [name for name in others if name not in spirals]
-    remarks = [f"{name} is left out. {unrecognised(named[name])}" for name in lost]
+    remarks = [f"{name} is left out. {unrecognised_text(named[name])}" for name in lost]
     winds = {name: wind for name in named if (wind := mean_wind(named[name], noted)) is not None}
     model, said = _model(ship, vessel, loaded, blowing=bool(winds))
     corrected = winds if model.models and model.wind else {}

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pymc_ship.physics.manoeuvre.criteria import SURE
+from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY
 
 PARTS = ("u_record", "u_current", "u_model")
 """Parts of the standard uncertainty that are deviations by draws."""
@@ -69,4 +69,4 @@ def judgement(value: float, drawn: np.ndarray, limit: float) -> str:
     if not np.isfinite(drawn).all():
         return f"{'met' if value <= limit else 'not met'} as measured"
     kept = float(np.mean(drawn <= limit))
-    return "met" if kept >= SURE else "not met" if kept <= 1.0 - SURE else "open"
+    return "met" if kept >= CONFORMANCE_PROBABILITY else "not met" if kept <= 1.0 - CONFORMANCE_PROBABILITY else "open"

@@ -15,18 +15,18 @@ def worst(verdicts: Iterable[str]) -> str:
     return max(verdicts, key=VERDICTS.index, default="good")
 
 
-def judged(trial: xr.Dataset, verdict: str, remarks: Sequence[str]) -> xr.Dataset:
+def with_quality_flags(trial: xr.Dataset, verdict: str, remarks: Sequence[str]) -> xr.Dataset:
     """Trial whose attrs keep the verdict on the record and a sentence for each doubt and each overruled check."""
     return trial.assign_attrs(record_verdict=verdict, record_remarks="\n".join(remarks))
 
 
-def judgement(trials: Sequence[xr.Dataset], names: Sequence[str] = ()) -> dict[str, str]:
+def quality_flags(trials: Sequence[xr.Dataset], names: Sequence[str] = ()) -> dict[str, str]:
     """Attrs of a posterior: the worst verdict on its trials and what was said of each.
 
     Parameters
     ----------
     trials : sequence of Dataset
-        Those that :func:`pymc_ship.judged_trial` did not judge count as "not checked".
+        Those that :func:`pymc_ship.validated_trial` did not judge count as "not checked".
     names : sequence of str, optional
         Of the trials, to stand before each remark.
 

@@ -74,7 +74,7 @@ class Swings:
 
 
 @dataclass(frozen=True)
-class Helm:
+class SteeringRecord:
     """What the helmsman did in a record, for the functions that recognise manoeuvres.
 
     Attributes
@@ -94,18 +94,18 @@ class Helm:
     @cached_property
     def turned(self) -> float:
         """Change of heading from the execution to the end of the last angle held [deg], positive to starboard."""
-        return float(np.rad2deg(heading_change(self.trial)[steered(self.trial)][-1]))
+        return float(np.rad2deg(heading_change(self.trial)[is_manoeuvre(self.trial)][-1]))
 
     @cached_property
     def held_angle(self) -> float:
         """Rudder angle [deg] that is held for more than 70 % of the time from the execution on; 0 where none is."""
-        angle, share = held(self.trial)
+        angle, share = fixed_rudder(self.trial)
         return angle if share > _ONE_HELD else 0.0
 
     @cached_property
     def reversed_angle(self) -> int:
         """Rudder angle [deg] that was ordered to both sides."""
-        return self.ordered(np.rad2deg(angle_to_both_sides(self.trial["delta"].values[steered(self.trial)])))
+        return self.ordered(np.rad2deg(zigzag_rudder_angle(self.trial["delta"].values[is_manoeuvre(self.trial)])))
 
     @cached_property
     def switching_heading(self) -> int:
@@ -144,7 +144,7 @@ def held_angle(delta: np.ndarray) -> float:
     return float(np.median(size[begin : end[begin]]))
 
 
-def holds(delta: np.ndarray) -> list[tuple[int, int]]:
+def fixed_rudder_intervals(delta: np.ndarray) -> list[tuple[int, int]]:
     """First sample and end of each time for which a rudder is held at :func:`held_angle` to either side.
 
     Helm on the approach passes this angle, too: what is not flat or lasts less than a tenth of the longest does not
@@ -164,7 +164,7 @@ def holds(delta: np.ndarray) -> list[tuple[int, int]]:
     return [(k, end) for k, end in found if end - k >= _LASTS * longest and is_held(k, end)]
 
 
-def execution(trial: xr.Dataset) -> float:
+def first_execute(trial: xr.Dataset) -> float:
     """Time [s] at which the rudder is first put over.
 
     Parameters
@@ -181,7 +181,7 @@ def execution(trial: xr.Dataset) -> float:
     """
     known = np.isfinite(trial["delta"].values)
     delta, time = trial["delta"].values[known].astype(float), trial["time"].values[known]
-    found = holds(delta)
+    found = fixed_rudder_intervals(delta)
     if not found or found[0][0] == 0:
         return float(time[0])
     first, end = found[0]
@@ -207,37 +207,37 @@ def _line_begin(time: np.ndarray, rising: np.ndarray, levels: tuple[float, float
     return when[1] - (low - start) * (when[0] - when[1]) / (high - low)
 
 
-def steered(trial: xr.Dataset) -> np.ndarray:
+def is_manoeuvre(trial: xr.Dataset) -> np.ndarray:
     """Whether a sample is between the execution and the end of the last angle held; of all where none is."""
     delta, time = trial["delta"].values, trial["time"].values
-    found = holds(delta)
+    found = fixed_rudder_intervals(delta)
     until = time[found[-1][1] - 1] if found else time[-1]
-    return (time >= execution(trial)) & (time <= until)
+    return (time >= first_execute(trial)) & (time <= until)
 
 
-def held(trial: xr.Dataset) -> tuple[float, float]:
+def fixed_rudder(trial: xr.Dataset) -> tuple[float, float]:
     """Median rudder angle [deg] while it is put over, and the share of that time for which it is held."""
-    delta = np.rad2deg(trial["delta"].values[steered(trial)])
+    delta = np.rad2deg(trial["delta"].values[is_manoeuvre(trial)])
     angle = float(np.median(delta))
     return angle, float(np.mean(np.abs(delta - angle) < max(0.05 * abs(angle), 0.5)))
 
 
-def before_execution(trial: xr.Dataset) -> np.ndarray:
+def is_approach(trial: xr.Dataset) -> np.ndarray:
     """Whether a sample is of the last part of the approach, in which speed and course are those of the manoeuvre."""
-    time, begin = trial["time"].values, execution(trial)
+    time, begin = trial["time"].values, first_execute(trial)
     last = time[max(int(np.searchsorted(time, begin, side="right")) - 1, 0)]
     return (time <= last) & (time >= last - _SETTLED * (time[-1] - last))
 
 
 def approach_speed(trial: xr.Dataset) -> float:
     """Speed [m/s] at the begin of a manoeuvre: mean u just before the execution."""
-    return float(trial["u"].values[before_execution(trial)].mean())
+    return float(trial["u"].values[is_approach(trial)].mean())
 
 
 def heading_change(trial: xr.Dataset) -> np.ndarray:
     """Change of heading [rad] since the execution, shape (n_time,)."""
     psi = np.unwrap(trial["psi"].values)
-    return psi - psi[before_execution(trial)].mean()
+    return psi - psi[is_approach(trial)].mean()
 
 
 def base_course(trial: xr.Dataset) -> float:
@@ -246,7 +246,7 @@ def base_course(trial: xr.Dataset) -> float:
     The course about which a zigzag swings equally to both sides; for other records the course before the rudder is put
     over.
     """
-    initial = float(np.unwrap(trial["psi"].values)[before_execution(trial)].mean())
+    initial = float(np.unwrap(trial["psi"].values)[is_approach(trial)].mean())
     headings = [reversal.heading for reversal in rudder_reversals(trial)[1:]]
     sides = [[heading for heading in headings if sign * heading > 0.0] for sign in (1.0, -1.0)]
     if not all(sides):
@@ -262,23 +262,23 @@ def swings(trial: xr.Dataset, reversals: Sequence[Reversal]) -> Swings:
 
 def rudder_reversals(trial: xr.Dataset) -> list[Reversal]:
     """Reversals of a rudder that goes from one held angle to its opposite; none for another record than a zigzag."""
-    found = reversals_of(trial)
-    return found if found and not unlike(found) else []
+    found = reversals_at_any_heading(trial)
+    return found if found and not zigzag_fault(found) else []
 
 
-def reversals_of(trial: xr.Dataset) -> list[Reversal]:
+def reversals_at_any_heading(trial: xr.Dataset) -> list[Reversal]:
     """Reversals of a rudder between two opposite angles, at whatever headings."""
     delta, time = trial["delta"].values, trial["time"].values
-    angle = angle_to_both_sides(delta[steered(trial)])
+    angle = zigzag_rudder_angle(delta[is_manoeuvre(trial)])
     if not angle:
         return []
     psi = heading_change(trial)
     side = np.where(delta > 0.8 * angle, 1, np.where(delta < -0.8 * angle, -1, 0))
-    held = np.flatnonzero(side * (time >= execution(trial)))
+    at_angle = np.flatnonzero(side * (time >= first_execute(trial)))
     found = []
-    for k in np.flatnonzero(np.diff(side[held]) != 0):
-        path = slice(held[k], held[k + 1] + 1)
-        away = side[held[k]] * delta[path]
+    for k in np.flatnonzero(np.diff(side[at_angle]) != 0):
+        path = slice(at_angle[k], at_angle[k + 1] + 1)
+        away = side[at_angle[k]] * delta[path]
         when = [_passage(time[path], away, level) for level in (_INNER * angle, -_INNER * angle)]
         rate = 2.0 * _INNER * angle / (when[1] - when[0])
         begin = when[0] - (1.0 - _INNER) * angle / rate
@@ -295,16 +295,16 @@ def _passage(time: np.ndarray, falling: np.ndarray, level: float) -> float:
     )
 
 
-def angle_to_both_sides(delta: np.ndarray) -> float:
+def zigzag_rudder_angle(delta: np.ndarray) -> float:
     """Angle [rad] that a rudder holds to both sides for most of a manoeuvre; 0 for a rudder that holds none."""
     low, high = np.quantile(delta, [0.05, 0.95])
     angle = 0.5 * (high - low)
-    held = np.minimum(np.abs(delta - high), np.abs(delta - low)) < 0.1 * angle
+    near = np.minimum(np.abs(delta - high), np.abs(delta - low)) < 0.1 * angle
     alike = low < 0.0 < high and abs(high + low) < _NEAR * angle
-    return float(angle) if alike and held.mean() > _SIDES_HELD and angle > np.deg2rad(1.0) else 0.0
+    return float(angle) if alike and near.mean() > _SIDES_HELD and angle > np.deg2rad(1.0) else 0.0
 
 
-def unlike(reversals: Sequence[Reversal]) -> str:
+def zigzag_fault(reversals: Sequence[Reversal]) -> str:
     """Why reversals are not those of a zigzag, at one heading to both sides; empty where they are."""
     side = np.sign(reversals[0].heading) * (-1.0) ** np.arange(len(reversals))
     heading = np.rad2deg([reversal.heading for reversal in reversals]) * side
@@ -315,17 +315,17 @@ def unlike(reversals: Sequence[Reversal]) -> str:
     return f"the rudder is reversed at heading changes of {changes} deg, not at one to both sides up to {_WIDEST:g} deg"
 
 
-def unsteered(trial: xr.Dataset) -> str:
+def steering_text(trial: xr.Dataset) -> str:
     """What the rudder of a record does that is neither a zigzag nor a turning circle."""
-    if not holds(trial["delta"].values):
+    if not fixed_rudder_intervals(trial["delta"].values):
         return "the rudder is never put over to an angle that it holds"
-    if reversals := reversals_of(trial):
-        return unlike(reversals)
-    angle, share = held(trial)
+    if reversals := reversals_at_any_heading(trial):
+        return zigzag_fault(reversals)
+    angle, share = fixed_rudder(trial)
     if share <= _ONE_HELD:
         first = np.rad2deg(held_angle(trial["delta"].values))
         return (
             f"the rudder is put over to {first:.3g} deg, but is then held neither at one angle nor at two opposite ones"
         )
-    turned = Helm(trial, (), np.nan).turned
+    turned = SteeringRecord(trial, (), np.nan).turned
     return f"the rudder is held at {angle:.3g} deg while the heading changes by {turned:.0f} deg"

@@ -28,7 +28,7 @@ class _Held(NamedTuple):
     scale: np.ndarray
 
 
-def held_forces(vessel: Vessel, motion: Mapping[str, np.ndarray], draws: np.ndarray) -> np.ndarray:
+def captive_test_forces(vessel: Vessel, motion: Mapping[str, np.ndarray], draws: np.ndarray) -> np.ndarray:
     """Forces on each of several ships.
 
     Parameters
@@ -54,15 +54,15 @@ def held_forces(vessel: Vessel, motion: Mapping[str, np.ndarray], draws: np.ndar
     return found
 
 
-def held_slopes(
+def captive_test_derivatives(
     vessel: Vessel, motion: Mapping[str, np.ndarray], coefficients: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Forces of one ship (4, n_points), and their derivatives by the coefficients (4, n_points, n_coefficients).
 
-    Parameters as :func:`held_forces`, with ``coefficients`` of shape (n_coefficients,).
+    Parameters as :func:`captive_test_forces`, with ``coefficients`` of shape (n_coefficients,).
     """
     held = _held(vessel, motion)
-    forces = held_forces(vessel, motion, coefficients[None])[0]
+    forces = captive_test_forces(vessel, motion, coefficients[None])[0]
     slopes = np.zeros((*forces.shape, coefficients.size))
     for dof, (rows, own) in held.terms.items():
         slopes[DOFS.index(dof)][:, own] = rows

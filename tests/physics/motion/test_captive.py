@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.physics.motion.held import held_forces, held_slopes
+from pymc_ship.physics.motion.captive import captive_test_derivatives, captive_test_forces
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 
 VESSELS = {"terms": "own terms", "parts": "modular", "cross flow": "modular at any speed"}
@@ -24,10 +24,10 @@ def motion(**changes):
 def test_slopes_are_differences_of_forces(kind):
     vessel = vessel_of(kind)
     at = reference_coefficients(vessel)
-    forces, slopes = held_slopes(vessel, motion(), at)
+    forces, slopes = captive_test_derivatives(vessel, motion(), at)
     steps = 1e-6 * np.maximum(np.abs(at), 1e-4)
-    up, down = (held_forces(vessel, motion(), at + sign * np.diag(steps)) for sign in (1.0, -1.0))
-    np.testing.assert_allclose(held_forces(vessel, motion(), at[None])[0], forces, rtol=1e-12)
+    up, down = (captive_test_forces(vessel, motion(), at + sign * np.diag(steps)) for sign in (1.0, -1.0))
+    np.testing.assert_allclose(captive_test_forces(vessel, motion(), at[None])[0], forces, rtol=1e-12)
     differences = np.moveaxis((up - down) / (2.0 * steps[:, None, None]), 0, -1)
     np.testing.assert_allclose(slopes, differences, rtol=2e-5, atol=1e-6 * np.abs(slopes).max())
 
@@ -39,7 +39,7 @@ def test_a_ship_on_a_straight_course_is_slowed_by_the_force_on_the_held_one(kind
     still = {"u": np.array([U]), "v": np.zeros(1), "r": np.zeros(1), "delta": np.zeros(1)}
     if vessel.modular:  # revolutions of the simulation hold the approach speed
         still["n"] = np.array([U / s.nominal_speed])
-    X = held_forces(vessel, still, at[None])[0, 0, 0]
+    X = captive_test_forces(vessel, still, at[None])[0, 0, 0]
     ahead = ps.rudder_programme([0.0], [0.0], approach_speed=U)
     first = ps.simulate(vessel, ahead, duration=0.2, step=0.01)
     slowed = (first["u"].values[1] - first["u"].values[0]) / 0.01
@@ -51,5 +51,5 @@ def test_a_ship_on_a_straight_course_is_slowed_by_the_force_on_the_held_one(kind
 def test_more_revolutions_push_more():
     vessel = vessel_of("parts")
     at = reference_coefficients(vessel)[None]
-    slow, fast = (held_forces(vessel, motion(n=[n, n]), at)[0, 0] for n in (1.0, 1.2))
+    slow, fast = (captive_test_forces(vessel, motion(n=[n, n]), at)[0, 0] for n in (1.0, 1.2))
     assert (fast > slow + 1e-4).all()

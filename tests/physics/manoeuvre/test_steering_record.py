@@ -7,14 +7,14 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.physics.manoeuvre.helm import (
+from pymc_ship.physics.manoeuvre.steering_record import (
     approach_speed,
-    execution,
+    first_execute,
+    fixed_rudder_intervals,
     held_angle,
-    holds,
     rudder_reversals,
+    steering_text,
     swings,
-    unsteered,
     whole_heading,
 )
 from pymc_ship.records.steering.recognition import recognise
@@ -36,19 +36,19 @@ class TestExecution:
     @pytest.mark.parametrize("manoeuvre", [ps.zigzag(10, 10), ps.turning_circle(35, side="starboard")], ids=str)
     def test_it_is_found_after_any_approach_and_below_noise_and_helm(self, approach, manoeuvre):
         record = measured(simulated(SHIP, manoeuvre), approach, seed=1, helm=np.deg2rad(2.0))
-        assert execution(record) == pytest.approx(approach, abs=1.0)
+        assert first_execute(record) == pytest.approx(approach, abs=1.0)
         assert approach_speed(record) == pytest.approx(8.0, abs=0.05)
 
     def test_helm_beyond_the_ordered_angle_does_not_count_where_it_is_not_held(self):
         """As in free-running tests, in which a man steers until the order."""
         time, helm = [0, 8, 12, 40, 60, 100, 110, 112], [0, 24, 20, -5, 12, 0, 0, -20]
-        assert execution(rudder(time, helm)) == pytest.approx(110.0, abs=0.1)
+        assert first_execute(rudder(time, helm)) == pytest.approx(110.0, abs=0.1)
         assert np.rad2deg(held_angle(rudder(time, helm)["delta"].values)) == pytest.approx(20.0)
 
     def test_a_helm_that_keeps_her_straight_for_longer_than_the_turn_lasts_is_not_the_order(self):
         record = rudder([0, 140, 149], [4, 4, 20])
         assert np.rad2deg(held_angle(record["delta"].values)) == pytest.approx(20.0)
-        assert execution(record) == pytest.approx(140.0, abs=0.6)
+        assert first_execute(record) == pytest.approx(140.0, abs=0.6)
 
     def test_a_speed_that_still_rises_is_that_at_the_execution(self):
         record = measured(simulated(SHIP, ps.turning_circle(35)), 200.0)
@@ -56,12 +56,12 @@ class TestExecution:
         assert approach_speed(rising) == pytest.approx(8.0, rel=0.03)
 
     def test_a_rudder_that_is_never_put_over_or_over_from_the_start_begins_with_the_record(self):
-        assert execution(rudder([0, 200], [0, 0])) == 0.0
-        assert execution(rudder([0, 200], [-35, -35])) == 0.0
+        assert first_execute(rudder([0, 200], [0, 0])) == 0.0
+        assert first_execute(rudder([0, 200], [-35, -35])) == 0.0
 
     def test_a_hold_is_flat_and_lasts(self):
         found = rudder([0, 20, 22, 100, 104, 170, 171, 174, 175, 177, 178], [0, 0, 10, 10, -10, -10, 0, 0, 10, 10, 0])
-        (first, second) = holds(found["delta"].values)
+        (first, second) = fixed_rudder_intervals(found["delta"].values)
         assert [TIME[first[0]], TIME[second[0]]] == pytest.approx([21.5, 103.5], abs=0.6)
 
 
@@ -74,7 +74,7 @@ class TestByHand:
             (found,), _ = recognise([record], vessel)
             assert found.label == "zigzag 20/20 starboard"
             reversals = rudder_reversals(record)
-            begin = np.array([reversal.time for reversal in reversals]) - execution(record)
+            begin = np.array([reversal.time for reversal in reversals]) - first_execute(record)
             np.testing.assert_allclose(begin - delay, orders, atol=0.6)
             headings, middle = swings(record, reversals).switching_headings(np.array([delay]))
             about = np.array([1.0, -1.0, 1.0, -1.0, 1.0]) * middle[0]
@@ -83,7 +83,7 @@ class TestByHand:
     def test_reversals_at_no_one_heading_are_none_and_say_where_they_were(self):
         run, _ = steered_by_hand(SHIP, ps.zigzag(20, 20), (3.0, 40.0), ship_times=12.0)
         assert rudder_reversals(run) == []
-        assert "reversed at heading changes of -3." in unsteered(run)
+        assert "reversed at heading changes of -3." in steering_text(run)
 
     @pytest.mark.parametrize(
         ("headings", "expected"),
@@ -107,4 +107,4 @@ class TestReasons:
     def test_each_says_what_the_rudder_did(self, time, delta_deg, reason):
         programme = ps.rudder_programme(np.array(time, dtype=float), np.deg2rad(delta_deg))
         run = ps.simulate(ps.load_vessel("kvlcc2"), programme, duration=600.0, step=0.5)
-        assert reason in unsteered(run)
+        assert reason in steering_text(run)
