@@ -45,7 +45,7 @@ _PUBLIC = {
     "records.denoising.denoise": ("denoise", "denoise_signal"),
     "records.denoising.draws": ("denoise_draws", "denoise_signal_draws"),
     "records.steering.recognition": ("recognise",),
-    "records.checks.trial_checks": ("corrected_trial", "validated_trial", "trial_checks"),
+    "records.checks.trial_checks": ("corrected_trial", "trial_checks", "validated_trial"),
     "inference.rows.data": ("RegressionData",),
     "inference.rows.from_trials": ("regression_data",),
     "inference.regression.calibration": ("simulation_based_calibration",),
