@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.inference.captive.comparison import compared, comparison_rows
+from pymc_ship.inference.captive.comparison import captive_bands, comparison_rows
 from pymc_ship.physics.vessel.parts import HELD
 
 FORMAT = {"scale": {"froude": 46.4}}
@@ -21,7 +21,7 @@ for vessel, draws in ship.models:
     prior = ps.coefficient_prior([], vessel, damping=1.0)
     fit = ps.fit_captive(tests, vessel, prior)
     alone = rng.multivariate_normal(fit.coefficients, fit.covariance, 400)
-    found = compared(tests, vessel, {"captive tests alone": alone}, revolutions=fit.revolutions)
+    found = captive_bands(tests, vessel, {"captive tests alone": alone}, revolutions=fit.revolutions)
     print(
         vessel.title.split(";")[-1].strip(), *(f"{row['force']} R2 {row['R2']:.3f}" for row in comparison_rows(found))
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.regression.calibration import judged, quantities, simulated_from_prior, with_response
+from pymc_ship.inference.regression.calibration import quantities, simulated_from_prior, with_response, with_z_limit
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
 
@@ -64,7 +64,7 @@ def geweke(
     values = {"difference": difference, "error": error, "z": difference / error}
     first = [*data.coefficients, "log_noise_variance"]
     names = [*first, *(f"{name}^2" for name in first), "log_likelihood"]
-    return judged(xr.Dataset({key: ("moment", value) for key, value in values.items()}, {"moment": names}))
+    return with_z_limit(xr.Dataset({key: ("moment", value) for key, value in values.items()}, {"moment": names}))
 
 
 def _moments(data: RegressionData, prior: Prior, truth: np.ndarray) -> np.ndarray:

@@ -109,7 +109,7 @@ def test_tune_prints_and_writes_what_the_search_found(made, small, tuned, tmp_pa
     scores = {line.rsplit(maxsplit=4)[0]: line.split()[-1] for line in text.splitlines()[1:5]}
     assert scores == {
         "chosen": f"{tuned.score:.4f}",
-        "best seen": f"{tuned.seen_score:.4f}",
+        "best evaluated": f"{tuned.evaluated_score:.4f}",
         "best of the Gaussian process": f"{tuned.surrogate_score:.4f}",
         "evidence maximum": f"{tuned.evidence_score:.4f}",
     }

@@ -227,7 +227,7 @@ def tuned(zigzag_trial, container):
     chosen = {
         family: {
             dof: SimpleNamespace(
-                seen_prior=prior(kappa=5.0, shape=4.0, scale=0.5),
+                evaluated_prior=prior(kappa=5.0, shape=4.0, scale=0.5),
                 surrogate_prior=prior(kappa=50.0, shape=2.0, scale=0.1),
                 evidence_prior=ps.maximise_evidence(rows, family)[0],
             )

@@ -78,7 +78,7 @@ def tuning_text(tuned: TunedPrior) -> str:
     """Chosen prior and its rivals with their scores, and what the optimisation gained over the evidence."""
     rivals = {
         "chosen": (tuned.prior, tuned.score),
-        "best seen": (tuned.seen_prior, tuned.seen_score),
+        "best evaluated": (tuned.evaluated_prior, tuned.evaluated_score),
         "best of the Gaussian process": (tuned.surrogate_prior, tuned.surrogate_score),
         "evidence maximum": (tuned.evidence_prior, tuned.evidence_score),
     }

@@ -77,7 +77,7 @@ def prior_rows(vessel: Vessel, found: Identification) -> list[dict]:
     for family, by_dof in found.tuned.items():
         for dof, tuned in by_dof.items():
             choices = {
-                "best point evaluated": tuned.seen_prior,
+                "best point evaluated": tuned.evaluated_prior,
                 "optimum of the surrogate": tuned.surrogate_prior,
                 "evidence maximum": tuned.evidence_prior,
             }

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.inference.captive.comparison import captive_forces, compared, comparison_rows, shown_comparison
+from pymc_ship.inference.captive.comparison import captive_bands, captive_figure, comparison_page_table, comparison_rows
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from tests.inference.captive.test_statement import PARTS, program
 
@@ -15,7 +15,7 @@ def found():
     prior, rng = coefficient_prior([], vessel, "order_damped", damping=1.0), np.random.default_rng(3)
     tests = program(vessel, rng, prior.mean).drop_vars("X")
     exact = np.tile(prior.mean, (3, 1))
-    return compared(tests, vessel, {"prior alone": prior.draw(200, rng), "identified": exact})
+    return captive_bands(tests, vessel, {"prior alone": prior.draw(200, rng), "identified": exact})
 
 
 def test_bands_of_the_prior_hold_what_a_typical_ship_measures_and_those_of_one_ship_do_not(found):
@@ -29,14 +29,14 @@ def test_bands_of_the_prior_hold_what_a_typical_ship_measures_and_those_of_one_s
 
 
 def test_a_page_shows_shares_of_the_force(found):
-    shown, columns = shown_comparison(comparison_rows(found))
+    shown, columns = comparison_page_table(comparison_rows(found))
     assert set(columns) <= set(shown[0])
     assert 0.0 < shown[-1]["rms"] < 10.0
     assert shown[0]["inside"] > 90.0
 
 
 def test_the_figure_has_a_column_for_each_quantity_that_was_varied_alone(found):
-    fig = captive_forces(found)
+    fig = captive_figure(found)
     labels = [ax.get_xlabel() for ax in fig.axes if ax.get_xlabel()]
     assert labels == ["drift angle β [deg]", "yaw rate r'", "rudder δ [deg]"]
     points = [line for line in fig.axes[0].lines if line.get_marker() == "o"]

@@ -50,14 +50,14 @@ class TestResult:
         np.testing.assert_allclose(result.scores, again, atol=1e-9)
         score = validation.score(result.prior)
         assert (result.score, result.score_se) == pytest.approx((score.mean, score.se), abs=1e-12)
-        assert result.seen_score == pytest.approx(result.scores.max(), abs=1e-9)
+        assert result.evaluated_score == pytest.approx(result.scores.max(), abs=1e-9)
         assert result.surrogate_score == validation.score(result.surrogate_prior).mean
         assert result.evidence_score == validation.score(result.evidence_prior).mean
 
     def test_the_chosen_prior_is_the_better_of_seen_and_surrogate(self, found):
         _, result = found
-        assert result.score == max(result.seen_score, result.surrogate_score)
-        assert result.prior in (result.seen_prior, result.surrogate_prior)
+        assert result.score == max(result.evaluated_score, result.surrogate_score)
+        assert result.prior in (result.evaluated_prior, result.surrogate_prior)
 
     def test_every_point_lies_in_the_box(self, found):
         family, result = found

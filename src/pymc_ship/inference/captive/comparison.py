@@ -23,7 +23,7 @@ _FEWEST = 3  # tests of a series that is drawn
 _AT_SPEED = 0.1  # share by which the speed of a drawn test is off the most usual one
 
 
-def compared(
+def captive_bands(
     tests: xr.Dataset, vessel: Vessel, draws: Mapping[str, np.ndarray], *, revolutions: float = 1.0
 ) -> xr.Dataset:
     """Measured forces of captive tests beside the bands of 95 % of ships, drawn in one way or more.
@@ -81,7 +81,7 @@ def comparison_rows(found: xr.Dataset) -> list[dict]:
     return rows
 
 
-def shown_comparison(rows: Sequence[Mapping]) -> tuple[list[dict], dict]:
+def comparison_page_table(rows: Sequence[Mapping]) -> tuple[list[dict], dict]:
     """Rows of :func:`comparison_rows` in % of the force, and the columns in which a page shows them."""
     shown = []
     for row in rows:
@@ -93,7 +93,7 @@ def shown_comparison(rows: Sequence[Mapping]) -> tuple[list[dict], dict]:
 
 
 @styled
-def captive_forces(found: xr.Dataset) -> Figure:
+def captive_figure(found: xr.Dataset) -> Figure:
     """Measured forces and the bands of ships against drift, yaw and rudder, the others zero, at the usual speed."""
     motion, drawn = _shown(found), _series(found)
     forces = [name for name in FORCES if f"{name}_band" in found]

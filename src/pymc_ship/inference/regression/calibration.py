@@ -79,7 +79,7 @@ def simulation_based_calibration(
     p = np.array([rank_p_value(column, draws) for column in ranks.T])
     names = [*data.coefficients, "noise_variance", "log_likelihood"]
     values = {"rank": (("simulation", "quantity"), ranks), "p_value": ("quantity", p), "z": ("quantity", _z(p))}
-    return judged(xr.Dataset(values, {"quantity": names}))
+    return with_z_limit(xr.Dataset(values, {"quantity": names}))
 
 
 def coverage(
@@ -121,7 +121,7 @@ def coverage(
         inside += (low < truth[:-1]) & (truth[:-1] < high)
     p = [[stats.binomtest(int(k), simulations, at).pvalue for k in row] for row, at in zip(inside, level, strict=True)]
     values = {"share": (("interval", "quantity"), inside / simulations), "z": (("interval", "quantity"), _z(p))}
-    return judged(xr.Dataset(values, {"interval": level, "quantity": [*data.coefficients, "noise_variance"]}))
+    return with_z_limit(xr.Dataset(values, {"interval": level, "quantity": [*data.coefficients, "noise_variance"]}))
 
 
 def rank_p_value(ranks: np.ndarray, draws: int) -> float:
@@ -186,7 +186,7 @@ def _z(p_value: ArrayLike) -> np.ndarray:
     return np.abs(special.ndtri(0.5 * np.asarray(p_value)))
 
 
-def judged(table: xr.Dataset) -> xr.Dataset:
+def with_z_limit(table: xr.Dataset) -> xr.Dataset:
     """Table of z-scores with their number, the largest, the limit and whether it holds."""
     size, largest = table["z"].size, float(np.abs(table["z"].to_numpy()).max())
     limit = float(_z(LEVEL / size))

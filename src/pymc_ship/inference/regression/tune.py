@@ -30,8 +30,7 @@ class TunedPrior:
     Attributes
     ----------
     prior : Prior
-        The better of ``seen_prior`` and ``surrogate_prior`` by score: the score of a prior is exact given the folds, so
-        nothing is gained by trusting the surrogate over it.
+        The better of ``evaluated_prior`` and ``surrogate_prior`` by score.
     score, score_se : float
         Score of ``prior`` and its standard error over the folds.
     seen_prior, seen_score
@@ -54,8 +53,8 @@ class TunedPrior:
     prior: Prior
     score: float
     score_se: float
-    seen_prior: Prior
-    seen_score: float
+    evaluated_prior: Prior
+    evaluated_score: float
     surrogate_prior: Prior
     surrogate_score: float
     points: np.ndarray
@@ -68,7 +67,7 @@ class TunedPrior:
     def __repr__(self) -> str:
         """The prior with its score, and what the search and the evidence maximum found beside it."""
         found = {
-            "best point": (self.seen_prior, self.seen_score),
+            "best point": (self.evaluated_prior, self.evaluated_score),
             "surrogate": (self.surrogate_prior, self.surrogate_score),
             "evidence": (self.evidence_prior, self.evidence_score),
         }
@@ -145,15 +144,17 @@ def tune_prior(
 
     points, losses, surrogate_point = _search(loss, bounds, evaluations, rng)
     seen, surrogate = (_prior(prior_type, point) for point in (points[np.argmin(losses)], surrogate_point))
-    seen_score, surrogate_score = validation.score(seen), validation.score(surrogate)
-    best, score = (seen, seen_score) if seen_score.mean >= surrogate_score.mean else (surrogate, surrogate_score)
+    evaluated_score, surrogate_score = validation.score(seen), validation.score(surrogate)
+    best, score = (
+        (seen, evaluated_score) if evaluated_score.mean >= surrogate_score.mean else (surrogate, surrogate_score)
+    )
     priors = [_prior(prior_type, point) for point in points]
     return TunedPrior(
         prior=best,
         score=score.mean,
         score_se=score.se,
-        seen_prior=seen,
-        seen_score=seen_score.mean,
+        evaluated_prior=seen,
+        evaluated_score=evaluated_score.mean,
         surrogate_prior=surrogate,
         surrogate_score=surrogate_score.mean,
         points=np.array([[prior.shape, prior.scale, prior.kappa] for prior in priors]),

@@ -14,7 +14,7 @@ from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.records.denoising.ebayes import RULES
 from pymc_ship.records.denoising.shrinkage import shrinkage
-from pymc_ship.records.denoising.smoothers import SMOOTHERS, smoothed
+from pymc_ship.records.denoising.smoothers import SMOOTHERS, smooth_signal
 from pymc_ship.trial.channels import channel_names
 from pymc_ship.trial.record import check_trial, one_trial
 
@@ -181,7 +181,7 @@ def _denoised(y: ArrayLike, what: str, method: str, settings: dict[str, Any]) ->
     """Smooth signal and what its record says of it; ``what`` names the signal in errors."""
     signal = finite_signal(y, what)
     if method in SMOOTHERS:
-        found = smoothed(signal, method)
+        found = smooth_signal(signal, method)
         return found.estimate, {"noise_sdev": found.sdev, f"denoise_{SMOOTHERS[method].parameter}": found.parameter}
     rule = settings.get("rule", "median")
     check_choice("The rule", rule, RULES)

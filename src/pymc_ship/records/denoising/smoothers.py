@@ -118,7 +118,7 @@ SMOOTHERS = {
 """Smoothers by name."""
 
 
-def smoothed(signal: np.ndarray, method: str) -> Smooth:
+def smooth_signal(signal: np.ndarray, method: str) -> Smooth:
     """Signal smoothed by one of :data:`SMOOTHERS`; as it is where its second differences vanish."""
     if np.abs(np.diff(signal, 2)).max() <= wavelets.ACCURACY * np.abs(signal).max():
         return Smooth(signal.copy(), 0.0, np.nan)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.captive.comparison import compared
+from pymc_ship.inference.captive.comparison import captive_bands
 from pymc_ship.inference.trajectory.carried import carried_draws
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.inference.trajectory.windows import LENGTH, thinned
@@ -238,14 +238,14 @@ def _beside_captive(tests: xr.Dataset, best: Candidate) -> list[str]:
 def captive_comparison(found: ShipIdentification, rng: Seed) -> xr.Dataset | None:
     """Captive tests beside the forces of the candidate that weighs most, before and after it was fitted.
 
-    See :func:`pymc_ship.inference.captive.comparison.compared`; drawn by "prior alone" and as "identified". None
+    See :func:`pymc_ship.inference.captive.comparison.captive_bands`; drawn by "prior alone" and as "identified". None
     without captive tests.
     """
     best = found.candidates[0]
     if found.captive is None or best.captive is None:
         return None
     draws = {"prior alone": best.prior.draw(_PRIOR_DRAWS, random_generator(rng)), "identified": best.draws}
-    return compared(found.captive, best.vessel, draws, revolutions=best.captive.revolutions)
+    return captive_bands(found.captive, best.vessel, draws, revolutions=best.captive.revolutions)
 
 
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, prior: str) -> Training:

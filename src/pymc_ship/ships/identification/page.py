@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.inference.captive.comparison import captive_forces, comparison_rows, shown_comparison
+from pymc_ship.inference.captive.comparison import captive_figure, comparison_page_table, comparison_rows
 from pymc_ship.inference.trajectory.windows import LENGTH, thinned
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
@@ -331,7 +331,7 @@ def _figures(
     drawn["force_curves"] = force_curves(result.ship.models, result.ship.motion)
     drawn |= _runaways(result.refusals)
     if captive is not None:
-        drawn["captive_forces"] = captive_forces(captive)
+        drawn["captive_forces"] = captive_figure(captive)
     return drawn
 
 
@@ -468,7 +468,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
         "held_out_indices": ([_named(row) for row in rows["held_out_indices"]], held),
         "model_error": (rows["model_error"], {"kind": ("kind", str)} | sizes | {"unit": ("of", str)}),
         "correlations": (rows["correlations"], pairs),
-        "captive": shown_comparison(rows["captive"]),
+        "captive": comparison_page_table(rows["captive"]),
     }
     if result.candidates[0].vessel.modular:
         four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}
