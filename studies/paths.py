@@ -31,7 +31,7 @@ from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.pages.page import write_rows
 from pymc_ship.physics.manoeuvre.indices import needs_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.vessel.term_sets import takes_part_sets
+from pymc_ship.physics.vessel.term_sets import supports_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.identification.candidates import chosen_prior, held_piece, informed, stated_prior
@@ -226,7 +226,7 @@ def paths(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Compare the paths on the terms that weigh most; the text has the error of the overshoots of each."""
     vessel, out = vessel_argument(args.vessel, progress), writable_folder(args.out)
     files = [(path, args.format) for path in args.trials]
-    any_speed = takes_part_sets(vessel)
+    any_speed = supports_part_sets(vessel)
     trials, _ = checked_trials(files, vessel, args, progress, any_speed=any_speed)
     runs, names = list(trials.values()), list(trials)
     found = identify_ship(runs, vessel, names=names, rng=np.random.default_rng(args.seed), progress=progress)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from tests.inference.trajectory.cases import record, without_roll
+from tests.inference.trajectory.cases import record, unmodelled_roll_text
 from tests.physics.vessel.cases import small_vessel
 
 
@@ -36,7 +36,7 @@ def small(container):
 @pytest.fixture(scope="session")
 def ship(container):
     """The container ship's hull without roll, for fits of whole trajectories."""
-    return without_roll(container)
+    return unmodelled_roll_text(container)
 
 
 @pytest.fixture(scope="session")

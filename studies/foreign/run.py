@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.machine.files import staged_path, writable_folder
 from studies.foreign import sailing
 from studies.foreign.cases import SHIPS, Case, named_cases
 
@@ -182,7 +182,7 @@ def main(words: Sequence[str] | None = None) -> int:
         print(results[-1].refusal or table(_HEADER, rows_of(results[-1])), flush=True)
     print(summary(results))
     if not arguments.case:
-        with staged(writable_folder(arguments.out) / "foreign.md") as path:
+        with staged_path(writable_folder(arguments.out) / "foreign.md") as path:
             path.write_text(page(results, arguments.seed), encoding="utf-8")
     return 0
 

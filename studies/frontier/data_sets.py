@@ -13,7 +13,7 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre, stepped_rudder_progr
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.files.noise import RECORD_STEP, noisy_trial
-from pymc_ship.trial.channels import sensors
+from pymc_ship.trial.channels import default_channels
 
 LEVELS = (0.001, 0.01, 0.05)
 """Noise levels, as :func:`pymc_ship.pollute` takes them."""
@@ -133,5 +133,5 @@ def _manoeuvres(vessel: Vessel, n_designed: int, duration: float, rng: np.random
 
 def _bound(data: DataSet) -> np.ndarray:
     """Cramer-Rao bound at the truth: white noise of the true size, unknown initial states."""
-    noise = [{name: trial.attrs[f"noise_sd_{name}"] for name in sensors()} for trial in data.trials]
+    noise = [{name: trial.attrs[f"noise_sd_{name}"] for name in default_channels()} for trial in data.trials]
     return cramer_rao_bound(data.clean, data.vessel, noise, method=data.cell.method).values

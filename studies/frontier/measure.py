@@ -18,7 +18,7 @@ from pymc_ship.inference.trajectory.noise import fit_with_noise
 from pymc_ship.inference.trajectory.posterior import laplace_posterior
 from pymc_ship.machine.errors import FitError
 from pymc_ship.machine.threads import one_thread
-from pymc_ship.machine.workers import LocalCores, WorkersLostError, bar, completed
+from pymc_ship.machine.workers import LocalCores, WorkersLostError, progress_bar, run_tasks
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import turning_circle, zigzag
 from pymc_ship.physics.motion.simulation import simulate
@@ -271,9 +271,9 @@ def frontier(
 
     try:
         with LocalCores(workers, error=ValueError) as executor:
-            for key, measurements in completed(executor, _measured, remaining):
+            for key, measurements in run_tasks(executor, _measured, remaining):
                 found[key] = measurements
-                progress(f"{bar(len(found), len(tasks))} {len(found)} of {len(tasks)} data sets")
+                progress(f"{progress_bar(len(found), len(tasks))} {len(found)} of {len(tasks)} data sets")
     except WorkersLostError as error:
         raise ValueError(
             f"Workers died {error.times} times without a result in between, of {error.reason}; make room and run again."

@@ -9,7 +9,7 @@ import numpy as np
 
 import pymc_ship as ps
 from pymc_ship.inference.captive.comparison import captive_bands, comparison_rows
-from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.parts import FIXED_SD
 
 FORMAT = {"scale": {"froude": 46.4}}
 ship = ps.load_ship(sys.argv[2])
@@ -26,6 +26,6 @@ for vessel, draws in ship.models:
         vessel.title.split(";")[-1].strip(), *(f"{row['force']} R2 {row['R2']:.3f}" for row in comparison_rows(found))
     )
     apart = (draws.mean(axis=0) - fit.coefficients) / prior.scale
-    known = (draws.std(axis=0) < 0.9 * prior.scale) & (prior.scale > HELD)
+    known = (draws.std(axis=0) < 0.9 * prior.scale) & (prior.scale > FIXED_SD)
     names = [parameter.name for parameter in vessel.parameters]
     print({name: f"{z:+.1f}" for name, z, sure in zip(names, apart, known, strict=True) if sure and abs(z) > 1.0})

@@ -21,7 +21,7 @@ from pathlib import Path
 from pymc_ship.cli.files import Outcome, Progress
 from pymc_ship.cli.main import run_command
 from pymc_ship.machine.errors import StudyError
-from pymc_ship.machine.files import staged
+from pymc_ship.machine.files import staged_path
 from pymc_ship.ships.ensemble.calibration import FILE, Constant, constants
 from studies.command_line import study_parser
 
@@ -78,7 +78,7 @@ def calibration(args: argparse.Namespace, progress: Progress) -> Outcome:
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True)
     provenance = {"study": args.study, "seeds": (study["root_seed"],), "commit": commit.stdout.strip()}
     new = with_statements(constants(), (held, made), date=datetime.date.today(), **provenance)
-    with staged(FILE) as partial:
+    with staged_path(FILE) as partial:
         partial.write_text(text(new), encoding="utf-8")
     return f"Of {made} statements of 99 % {COUNTED[0]}, {held} held.", FILE
 

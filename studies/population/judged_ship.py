@@ -21,11 +21,11 @@ from pymc_ship.experiments.task import stopwatch
 from pymc_ship.machine.errors import FitError, StudyError
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
-from pymc_ship.machine.workers import MACHINE, told
+from pymc_ship.machine.workers import MACHINE, error_text
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET, takes_part_sets, with_terms
+from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET, supports_part_sets, with_terms
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.trial_checks import validated_trial
 from pymc_ship.records.steering.stopping_tests import INDICES
@@ -171,7 +171,7 @@ def judge(task: ShipTask) -> dict:
         except ValueError as error:
             status, sentence = "refused", str(error)
         except Exception as error:  # whatever goes wrong is what the study is to find out
-            status, sentence = "failed", told(error)
+            status, sentence = "failed", error_text(error)
     identity = {"block": task.block, "seed": task.seed, "status": status, "sentence": sentence}
     return identity | found | parts | {"cpu": process_time() - began}
 
@@ -202,8 +202,8 @@ def _of_the_user(task: ShipTask) -> Iterator[None]:
         raise
     except Exception as error:  # whatever the user's function does
         raise StudyError(
-            f"Ship {task.seed} of the trials {task.trials!r} cannot be drawn or sailed: {told(error)}; what was judged "
-            "is kept: mend the function that draws ships."
+            f"Ship {task.seed} of the trials {task.trials!r} cannot be drawn or sailed: {error_text(error)}; what was "
+            "judged is kept: mend the function that draws ships."
         ) from error
 
 
@@ -234,7 +234,7 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
     There is none where the study asks for no test, the ship cannot be stopped or her papers state no draught or no
     propeller. Numbers are NaN where these parts are not identified.
     """
-    if not task.astern or drawn.stop is None or vessel.propeller is None or not takes_part_sets(vessel):
+    if not task.astern or drawn.stop is None or vessel.propeller is None or not supports_part_sets(vessel):
         return []
     full = StoppingTest(task.astern * vessel.propeller.n).on(with_terms(vessel, ANY_SPEED_SET))
     with _of_the_user(task):

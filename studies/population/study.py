@@ -13,7 +13,7 @@ from pymc_ship import __version__
 from pymc_ship.experiments.grid import manoeuvres_of, record_difference, seed_parts
 from pymc_ship.experiments.methods import check_picklable, digest, import_function, import_path
 from pymc_ship.experiments.store import Store
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.toml import Entry
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.ships.forecasting.stopping import MOST_ASTERN
@@ -171,7 +171,9 @@ def _drawing(entry: Entry) -> tuple[Draw, str]:
     else:
         draw, name = entry.value, getattr(entry.value, "__qualname__", "")
     if not callable(draw):
-        entry.fail(f"must be the import path module:function of what draws a ship, found {shown(draw)}; correct it.")
+        entry.fail(
+            f"must be the import path module:function of what draws a ship, found {short_repr(draw)}; correct it."
+        )
     check_picklable(draw, f"{entry.file}: {entry.key}")
     return draw, name
 

@@ -10,12 +10,12 @@ import xarray as xr
 import pymc_ship as ps
 from pymc_ship.inference.trajectory.posterior import TrajectoryMode, laplace_posterior, trajectory_mode
 from pymc_ship.physics.vessel.vessel import Vessel
-from tests.inference.trajectory.cases import record, rough, without_roll
+from tests.inference.trajectory.cases import record, rough, unmodelled_roll_text
 
 
 @cache
 def hull() -> Vessel:
-    return without_roll(ps.load_vessel("container"))
+    return unmodelled_roll_text(ps.load_vessel("container"))
 
 
 @cache

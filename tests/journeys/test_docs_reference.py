@@ -16,7 +16,7 @@ from pymc_ship.physics.forces.propeller import Propeller
 from pymc_ship.physics.vessel.ranges import INERTIA, PARTICULARS, PROPELLER, ROLL_COUPLINGS
 from pymc_ship.physics.vessel.vessel import ADDED_MASS, Particulars
 from pymc_ship.records.files.format import load_format
-from pymc_ship.trial.channels import readable
+from pymc_ship.trial.channels import file_columns
 from tests.journeys.markdown import ROOT, Page
 from tests.test_structure import DISTRICTS
 
@@ -108,7 +108,7 @@ def test_the_page_of_the_format_file_has_every_key():
     headings = set(re.findall(r"^## (\w+)$", page.text, flags=re.MULTILINE))
     assert known <= keys | headings
     assert {"velocities", "reference", "heading", "rudder_positive", "froude", "column", "unit"} <= keys
-    assert set(readable()) <= set(code(page.text))
+    assert set(file_columns()) <= set(code(page.text))
 
 
 # checks ---------------------------------------------------------------------------------------------------------------

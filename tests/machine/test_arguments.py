@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.machine.arguments import check_choice, finite_number, shown
+from pymc_ship.machine.arguments import check_choice, finite_number, short_repr
 
 
 class OddError(ValueError):
@@ -33,12 +33,12 @@ def test_a_number_comes_back_as_a_float(value):
 def test_what_is_no_finite_number(value):
     with pytest.raises(OddError) as error:
         finite_number("The size", value, OddError)
-    assert str(error.value) == f"The size must be a finite number, found {shown(value)}; correct it."
+    assert str(error.value) == f"The size must be a finite number, found {short_repr(value)}; correct it."
 
 
 @pytest.mark.parametrize("value", ["hull", 12.7, [12.7], True, {"a": 1}, None, (1, 2)])
 def test_a_short_value_is_shown_as_it_is(value):
-    assert shown(value) == repr(value)
+    assert short_repr(value) == repr(value)
 
 
 @pytest.mark.parametrize(
@@ -47,6 +47,6 @@ def test_a_short_value_is_shown_as_it_is(value):
     ids=lambda value: type(value).__name__,
 )
 def test_a_long_value_is_cut(value):
-    assert len(shown(value)) <= 100
-    assert len(shown([[[[[value]]]]])) <= 100
-    assert len(shown([{str(k): {"x" * k: [k] * k for k in range(9)} for k in range(9)}])) <= 100
+    assert len(short_repr(value)) <= 100
+    assert len(short_repr([[[[[value]]]]])) <= 100
+    assert len(short_repr([{str(k): {"x" * k: [k] * k for k in range(9)} for k in range(9)}])) <= 100

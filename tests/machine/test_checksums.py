@@ -1,15 +1,15 @@
 import pytest
 
-from pymc_ship.machine.checksums import append_checksum, fits_its_checksum, folder_checksum
+from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_valid_checksum
 
 
 @pytest.mark.parametrize("content", [b"", b"a", b"ab" * (1 << 20) + b"c"])
 def test_a_file_with_its_checksum_is_whole_until_a_bit_of_it_changes(tmp_path, content):
     path = tmp_path / "data"
     path.write_bytes(content)
-    assert fits_its_checksum(path)  # it carries none
+    assert has_valid_checksum(path)  # it carries none
     append_checksum(path)
-    assert fits_its_checksum(path)
+    assert has_valid_checksum(path)
     whole = path.read_bytes()
     assert whole.startswith(content)
     assert len(whole) == len(content) + 81
@@ -17,9 +17,9 @@ def test_a_file_with_its_checksum_is_whole_until_a_bit_of_it_changes(tmp_path, c
         damaged = bytearray(whole)
         damaged[place] ^= 1
         path.write_bytes(damaged)
-        assert not fits_its_checksum(path)
+        assert not has_valid_checksum(path)
     path.write_bytes(b"more" + whole)
-    assert not fits_its_checksum(path)
+    assert not has_valid_checksum(path)
 
 
 def test_the_checksum_of_a_folder_is_that_of_names_contents_and_index(tmp_path):

@@ -3,7 +3,7 @@ import os
 import pytest
 
 from pymc_ship.machine.errors import OutputError
-from pymc_ship.machine.files import staged, staged_files, writable_folder
+from pymc_ship.machine.files import staged_files, staged_path, writable_folder
 from tests.sentences import refused
 
 
@@ -18,7 +18,7 @@ def write_half(partial, stop):
 
 def test_a_file_appears_only_when_the_block_ends(tmp_path):
     path = tmp_path / "table.csv"
-    with staged(path) as partial:
+    with staged_path(path) as partial:
         partial.write_text("new")
         assert not path.exists()
         assert partial.parents[2] == tmp_path
@@ -31,7 +31,7 @@ def test_a_file_appears_only_when_the_block_ends(tmp_path):
 def test_an_interrupted_block_keeps_the_earlier_file_and_leaves_nothing_else(tmp_path, stop):
     path = tmp_path / "table.csv"
     path.write_text("earlier")
-    with pytest.raises(stop), staged(path) as partial:
+    with pytest.raises(stop), staged_path(path) as partial:
         write_half(partial, stop)
     assert path.read_text() == "earlier"
     assert names(tmp_path) == ["table.csv"]
@@ -40,7 +40,7 @@ def test_an_interrupted_block_keeps_the_earlier_file_and_leaves_nothing_else(tmp
 def test_a_folder_replaces_the_earlier_one_as_a_whole(tmp_path):
     path = tmp_path / "tables"
     for number in (1, 2):
-        with staged(path) as partial:
+        with staged_path(path) as partial:
             partial.mkdir()
             (partial / f"{number}.csv").write_text(str(number))
             assert names(tmp_path)[1:] == ["tables"][: number - 1]
@@ -63,7 +63,7 @@ def test_a_folder_that_cannot_be_moved_leaves_the_earlier_one(tmp_path, monkeypa
         replace(source, target)
 
     monkeypatch.setattr(os, "replace", replace_until)
-    with pytest.raises(OutputError if stop is OSError else stop), staged(path) as partial:
+    with pytest.raises(OutputError if stop is OSError else stop), staged_path(path) as partial:
         partial.mkdir()
     assert names(path) == ["earlier.csv"]
     assert names(tmp_path) == ["tables"]
@@ -73,7 +73,7 @@ def test_a_file_never_takes_the_place_of_a_folder(tmp_path):
     path = tmp_path / "results"
     path.mkdir()
     (path / "precious.csv").write_text("precious")
-    with refused(OutputError, "results"), staged(path) as partial:
+    with refused(OutputError, "results"), staged_path(path) as partial:
         partial.write_text("file")
     assert (path / "precious.csv").read_text() == "precious"
     assert names(tmp_path) == ["results"]
@@ -122,7 +122,7 @@ def test_staged_files_never_take_the_place_of_a_folder(tmp_path):
 @pytest.mark.parametrize("place", ["file.txt/table.csv", "missing/table.csv"])
 def test_staged_says_where_nothing_can_be_written(tmp_path, place):
     (tmp_path / "file.txt").write_text("kept")
-    with refused(OutputError, "table.csv"), staged(tmp_path / place) as partial:
+    with refused(OutputError, "table.csv"), staged_path(tmp_path / place) as partial:
         partial.write_text("x")
     assert (tmp_path / "file.txt").read_text() == "kept"
     assert names(tmp_path) == ["file.txt"]

@@ -12,7 +12,7 @@ import pytest
 
 from pymc_ship.machine import files
 from pymc_ship.machine.errors import OutputError
-from pymc_ship.machine.files import OLD, place_of, settle, staged, staged_files, writable_folder
+from pymc_ship.machine.files import OLD, final_path, settle, staged_files, staged_path, writable_folder
 from tests.machine.writers import PARTS, read, started, write
 from tests.sentences import refused
 
@@ -110,7 +110,7 @@ def test_a_run_whose_empty_folder_was_taken_for_left_behind_makes_another(tmp_pa
 
 
 def test_a_run_that_lives_keeps_its_partial_results(tmp_path):
-    with staged(tmp_path / "a.csv") as mine, staged_files(tmp_path) as others:
+    with staged_path(tmp_path / "a.csv") as mine, staged_files(tmp_path) as others:
         mine.write_text("mine")
         (others / "b.csv").write_text("others")
         write("file", tmp_path, "between")
@@ -212,8 +212,8 @@ def test_a_device_or_a_pipe_is_refused_and_stays(tmp_path, place, kind):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to("/dev/null")
     with refused(OutputError, kind):
-        place_of(tmp_path / place)
-    with refused(OutputError, kind), staged(tmp_path / place):
+        final_path(tmp_path / place)
+    with refused(OutputError, kind), staged_path(tmp_path / place):
         pass
     assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "pipe"]
     assert not os.path.isfile("/dev/null")
@@ -221,5 +221,5 @@ def test_a_device_or_a_pipe_is_refused_and_stays(tmp_path, place, kind):
 
 def test_a_link_in_a_circle_is_refused(tmp_path):
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    with refused(OutputError, "loop"), staged(tmp_path / "loop"):
+    with refused(OutputError, "loop"), staged_path(tmp_path / "loop"):
         pass

@@ -7,7 +7,7 @@ from functools import partial
 
 from pymc_ship.machine.arguments import check_choice, finite_number
 from pymc_ship.machine.errors import OutputError
-from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.machine.files import staged_path, writable_folder
 from tests.sentences import wording
 
 
@@ -21,7 +21,7 @@ def written_to(tmp_path, place):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to("/dev/null")
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    with staged(tmp_path / place) as part:
+    with staged_path(tmp_path / place) as part:
         part.write_text("x")
 
 

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pymc_ship.machine.files import staged, staged_files
+from pymc_ship.machine.files import staged_files, staged_path
 
 ROOT = Path(__file__).parents[2]
 PATH = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
@@ -18,12 +18,12 @@ PARTS = 40
 def write(how, out, mark):
     """Write a result of some parts, each with a mark: a file, a folder or files of a folder that has others."""
     if how == "file":
-        with staged(out / "result") as partial, partial.open("w") as file:
+        with staged_path(out / "result") as partial, partial.open("w") as file:
             for _ in range(PARTS):
                 file.write(f"{mark}\n")
                 file.flush()
         return
-    with staged(out / "result") if how == "folder" else staged_files(out / "result", own=["part*"]) as partial:
+    with staged_path(out / "result") if how == "folder" else staged_files(out / "result", own=["part*"]) as partial:
         partial.mkdir(exist_ok=True)
         for k in range(PARTS):
             (partial / f"part{k}").write_text(f"{mark}\n")

@@ -35,7 +35,7 @@ def test_published_errors_are_counted_against_the_bound_at_the_literal_level(con
         rows = published_bound_rows(container, bound_of(container, percent / LITERAL_LEVEL), tuple(FAMILIES))
         assert [row["family"] for row in rows] == list(FAMILIES)
         for row in rows:
-            published = np.concatenate([container.published(dof, row["family"]) for dof in DOFS])
+            published = np.concatenate([container.published_estimates(dof, row["family"]) for dof in DOFS])
             errors = relative_error(published, reference)
             assert row["errors"] == np.isfinite(errors).sum() == 93
             assert row["below"] == (errors < percent).sum()

@@ -121,7 +121,7 @@ def test_coverage_is_the_share_of_references_inside_the_interval(container):
 
 def test_published_rows_are_the_summary_of_the_printed_estimates(container):
     rows = published_rows(container, ("conjugate",))
-    printed = {dof: posterior(container.published(dof, "conjugate")) for dof in container.dofs}
+    printed = {dof: posterior(container.published_estimates(dof, "conjugate")) for dof in container.dofs}
     expected = summary_rows(container, {"conjugate": printed}, level="published")
     assert rows == [pytest.approx(row | {"coverage": np.nan}, nan_ok=True) for row in expected]
     assert rows[-1]["dof"] == "all"

@@ -27,7 +27,7 @@ NEW = (
 
 
 @pytest.fixture
-def sensors():
+def default_channels():
     """The channels of the package and three more; the new ones are gone after the test."""
     before = dict(CHANNELS)
     for channel in NEW:
@@ -38,7 +38,7 @@ def sensors():
 
 
 @pytest.fixture
-def trial(sensors, container):
+def trial(default_channels, container):
     """20/20 zigzag whose record has the new channels, too."""
     run = ps.simulate(container, ps.zigzag(20.0, 20.0), duration=60.0, step=0.1, method="rk4")
     time = run["time"].values
@@ -64,7 +64,7 @@ def file(tmp_path, text):
         ("gamma_a", "gamma_a", 1.0),
     ],
 )
-def test_its_column_is_read_by_heading_and_unit(sensors, tmp_path, heading, channel, factor):
+def test_its_column_is_read_by_heading_and_unit(default_channels, tmp_path, heading, channel, factor):
     trial = ps.read_trial(file(tmp_path, f"time,u,{heading}\n0,5,1\n1,5,2\n2,5,4\n"))
     np.testing.assert_array_equal(trial[channel], factor * np.array([1.0, 2.0, 4.0]))
     assert trial[channel].attrs["units"] == CHANNELS[channel].unit.name
@@ -76,12 +76,12 @@ def test_without_its_entry_it_is_left_out(tmp_path):
     assert trial.attrs["reading"] == "Columns left out: a_y [g]."
 
 
-def test_a_word_of_it_must_state_its_unit(sensors, tmp_path):
+def test_a_word_of_it_must_state_its_unit(default_channels, tmp_path):
     with refused(ps.TrialError, "vane", "[deg]"):
         ps.read_trial(file(tmp_path, "time,u,Wind vane\n0,5,1\n1,5,2\n"))
 
 
-def test_a_format_names_its_column_and_its_unit(sensors, tmp_path):
+def test_a_format_names_its_column_and_its_unit(default_channels, tmp_path):
     path = file(tmp_path, "time,u,MRU 3\n0,5,1\n1,5,2\n")
     chosen = {"column": "MRU 3", "unit": "g", "sign": -1, "offset": 0.5}
     trial = ps.read_trial(path, format={"columns": {"a_y": chosen}})
@@ -90,7 +90,7 @@ def test_a_format_names_its_column_and_its_unit(sensors, tmp_path):
         ps.read_trial(path, format={"columns": {"a_y": chosen | {"unit": "kn"}}})
 
 
-def test_it_is_scaled_to_the_ship(sensors, tmp_path):
+def test_it_is_scaled_to_the_ship(default_channels, tmp_path):
     path = file(tmp_path, "time,u,a_y,gamma_a,head\n0,5,1,0.1,2\n1,5,2,0.2,3\n")
     model, ship = ps.read_trial(path), ps.read_trial(path, format={"scale": {"froude": 4.0}})
     for name, factor in {"u": 2.0, "a_y": 1.0, "gamma_a": 1.0, "head": 16.0}.items():
@@ -133,10 +133,10 @@ def test_it_is_denoised_and_shown(trial, tmp_path, capsys):
     np.testing.assert_array_equal(smooth["gamma_a"], noisy["gamma_a"])
 
 
-def test_it_has_a_label(sensors):
+def test_it_has_a_label(default_channels):
     assert CHANNELS["a_y"].axis == "lateral acceleration a_y [m/s2]"
     assert CHANNELS["gamma_a"].short_axis == "wind vane γ [deg]"
-    assert CHANNELS["gamma_a"].unit.shown_factor == np.rad2deg(1.0)
+    assert CHANNELS["gamma_a"].unit.display_factor == np.rad2deg(1.0)
 
 
 def test_it_does_not_disturb_checks_and_fits(trial, container):

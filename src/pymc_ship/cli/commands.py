@@ -47,13 +47,13 @@ from pymc_ship.cli.texts import (
 from pymc_ship.inference.regression.tree import read_posterior, write_posterior
 from pymc_ship.inference.regression.tune import tune_prior
 from pymc_ship.machine.errors import SimulationError, TrialError
-from pymc_ship.machine.files import staged, staged_files, writable_folder
+from pymc_ship.machine.files import staged_files, staged_path, writable_folder
 from pymc_ship.machine.text import utf8
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.trial.channels import CHANNELS, without_roll
-from pymc_ship.trial.record import moving
+from pymc_ship.trial.channels import CHANNELS, unmodelled_roll_text
+from pymc_ship.trial.record import nonzero_channels
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 OFFSETS = {"auto": None, "yes": True, "no": False}
@@ -134,7 +134,7 @@ def _to_fit(paths: Sequence[str], args: argparse.Namespace, progress: Progress) 
 
 def _unrolled(trial: xr.Dataset, vessel: Vessel) -> str:
     """Sentence on a roll that is recorded and not modelled; empty where there is none."""
-    return "" if "roll" in vessel.dofs else without_roll(moving(trial))
+    return "" if "roll" in vessel.dofs else unmodelled_roll_text(nonzero_channels(trial))
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -209,7 +209,7 @@ def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
     if out:
         scores = {name: getattr(tuned, name) for name in ("score", "score_se", "evidence_score", "log_evidence")}
         table = {**tuned.prior.hyperparameters(), **scores, "dof": args.dof, "made_by": made_by(args)}
-        with staged(out) as partial:
+        with staged_path(out) as partial:
             partial.write_text(json.dumps(table, indent=2) + "\n", encoding="utf-8")
     return tuning_text(tuned), out
 

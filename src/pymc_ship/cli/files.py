@@ -15,7 +15,7 @@ import xarray as xr
 
 import pymc_ship as ps
 from pymc_ship.machine.errors import OutputError, TrialError
-from pymc_ship.machine.files import place_of, staged, writable_folder
+from pymc_ship.machine.files import final_path, staged_path, writable_folder
 from pymc_ship.physics.manoeuvre.registry import KINDS
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, standard_manoeuvre
 from pymc_ship.physics.vessel.plausibility import remarks
@@ -109,7 +109,7 @@ def output_file(path: str) -> Path:
     """Path of a file, after a check that it can be written; a missing folder is created."""
     if Path(path).is_dir():
         raise OutputError(f"{path} is a folder; give the name of a file in it.")
-    writable_folder(place_of(path).parent)
+    writable_folder(final_path(path).parent)
     return Path(path)
 
 
@@ -124,7 +124,7 @@ def made_by(args: argparse.Namespace) -> str:
 
 def write_trial_file(trial: xr.Dataset, path: Path, args: argparse.Namespace) -> None:
     """Write a trial under remarks on what made it and what was corrected."""
-    with staged(path) as partial:
+    with staged_path(path) as partial:
         text = ps.write_trial(trial, partial).read_text(encoding="utf-8")
         remarks = [f"# {remark}\n" for remark in (made_by(args), *trial.attrs.get("corrections", ()))]
         partial.write_text("".join(remarks) + text, encoding="utf-8")

@@ -13,7 +13,7 @@ from pymc_ship.cli import examples
 from pymc_ship.cli.sentences import sentence
 from pymc_ship.cli.words import INSTRUMENTS, angles, draws, flow, interval, names, noise, seed
 from pymc_ship.physics.manoeuvre.registry import KINDS
-from pymc_ship.trial.channels import sensors
+from pymc_ship.trial.channels import default_channels
 
 FAMILIES = ("conjugate", "semiconjugate")
 """Prior families; like the choices below a copy of the API's, so that ``--help`` need not import it."""
@@ -260,7 +260,7 @@ def _add_fit(commands: Commands) -> None:
         "--channels",
         type=names,
         metavar="NAME,...",
-        help=f"channels to fit (those of {', '.join(sensors())} there are)",
+        help=f"channels to fit (those of {', '.join(default_channels())} there are)",
     )
     command.add_argument(
         "--noise-model", choices=NOISE_MODELS, default="auto", help="auto tests the residuals (%(default)s)"

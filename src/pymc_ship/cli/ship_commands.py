@@ -37,7 +37,7 @@ from pymc_ship.inference.regression.tree import FILES, read_posterior
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.machine.files import staged_files, writable_folder
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
-from pymc_ship.physics.vessel.term_sets import holds_any_speed, takes_part_sets
+from pymc_ship.physics.vessel.term_sets import supports_part_sets, valid_at_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.records.files.format import load_format
@@ -59,7 +59,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     from pymc_ship.ships.identification.page import PAGE, write_refusals, write_ship_report
 
     vessel = vessel_argument(args.vessel, progress)
-    any_speed = takes_part_sets(vessel) and not args.terms
+    any_speed = supports_part_sets(vessel) and not args.terms
     files = [(path, args.format) for path in args.trials]
     files += [(path, layout) for layout, *paths in args.facility for path in paths]
     _check_facilities(args)
@@ -272,7 +272,7 @@ def score(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Score a ship on records in which she is restarted; the text has every channel of every run."""
     stored = holds_ship(args.ship)
     ship = load_ship(args.ship) if stored else Ship.from_vessel(vessel_argument(args.ship, progress))
-    any_speed = any(holds_any_speed(vessel) for vessel, _ in ship.models)
+    any_speed = any(valid_at_any_speed(vessel) for vessel, _ in ship.models)
     files = [(path, args.format) for path in args.trials]
     trials, _ = checked_trials(files, ship.vessel, args, progress, any_speed=any_speed)
     out = writable_folder(args.out) if args.out else None

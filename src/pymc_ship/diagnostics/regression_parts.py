@@ -149,7 +149,7 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     dof, found = tree.attrs["dof"], numbers.summary(tree)
     narrowing = None if numbers.missing(tree, *regression.needed(tree)) else regression.contraction(tree)
     reference = ship.coefficients(dof).values if ship else None
-    published = {family: ship.published(dof, family) for family in FAMILIES} if ship else {}
+    published = {family: ship.published_estimates(dof, family) for family in FAMILIES} if ship else {}
     published = {family: values for family, values in published.items() if np.isfinite(values).any()}
     marks = {} if reference is None else {"reference": reference}
     marks |= {f"publ. {family}": values for family, values in published.items()}

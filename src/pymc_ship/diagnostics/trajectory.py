@@ -153,12 +153,12 @@ def channel_rows(tree: xr.DataTree) -> list[dict]:
             continue
         name, white, size = str(mine["channel"].item()), mine["white"].values, np.abs(mine["residual"].values)
         unit = CHANNELS[name].unit
-        factor = unit.shown_factor
+        factor = unit.display_factor
         by_run = {key: float(constant[key].isel(run_index=k, channel=c)) for key in ("block_sd", "correlation")}
         shift = np.nan if offset is None else float(offset.isel(run=k).sel(channel=name).mean())
         test = numbers.whiteness(white)
         rows.append(
-            {"run": k + 1, "channel": name, "unit": unit.shown, "blocks": white.size, "offset": factor * shift}
+            {"run": k + 1, "channel": name, "unit": unit.display, "blocks": white.size, "offset": factor * shift}
             | {"block_sd": factor * by_run["block_sd"], "correlation": by_run["correlation"]}
             | {"chi2": float(np.mean(white**2)), "inside": float(np.mean(np.abs(white) <= SD_LIMIT))}
             | {key: test[key] for key in ("r1", "p_value", "lags")}

@@ -36,7 +36,7 @@ def motion(tree: xr.DataTree, run: int) -> Figure:
     with matplotlib.rc_context(STYLE):
         fig, pairs, rudder = _motion_panels(len(names))
         for (ax, below), name in zip(pairs, names, strict=True):
-            factor = CHANNELS[name].unit.shown_factor
+            factor = CHANNELS[name].unit.display_factor
             measured, residual = (
                 tree["observed_data"].dataset["response"].sel(channel=name)[rows],
                 one.sel(channel=name),

@@ -227,7 +227,7 @@ def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.
     reference = np.array([known[name] for name in names])
     if dof not in ship.forces:
         return {"reference": reference}
-    published = {f"publ. {family.removesuffix('ugate')}.": ship.published(dof, family) for family in FAMILIES}
+    published = {f"publ. {family.removesuffix('ugate')}.": ship.published_estimates(dof, family) for family in FAMILIES}
     return {"reference": reference} | {name: values for name, values in published.items() if np.isfinite(values).any()}
 
 

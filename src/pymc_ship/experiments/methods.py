@@ -11,9 +11,9 @@ from importlib import import_module
 from pathlib import Path
 
 from pymc_ship.experiments.task import METHODS, Method
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import StudyError
-from pymc_ship.machine.workers import told
+from pymc_ship.machine.workers import error_text
 
 _IMPORT_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
@@ -51,13 +51,13 @@ def own_methods(names: Sequence[str], given: Mapping[str, Method], study: str) -
     for name, method in {**given, **found}.items():
         if not isinstance(name, str) or not name or name in METHODS:
             raise StudyError(
-                f"{study}: a method of your own has a name that the package does not have, found {shown(name)}; rename "
-                "it."
+                f"{study}: a method of your own has a name that the package does not have, found {short_repr(name)}; "
+                "rename it."
             )
         if not callable(method):
             raise StudyError(
                 f"{study}: the method {name!r} must be a function of a noisy record and a vessel, found "
-                f"{shown(method)}; give the function."
+                f"{short_repr(method)}; give the function."
             )
         check_picklable(method, f"{study}: the method {name!r}")
     return {**given, **found}
@@ -89,7 +89,7 @@ def import_function(name: str, place: str) -> Callable:
     except AttributeError:
         reason, remedy = f"{module} has no {function}", "correct the name"
     except Exception as error:  # whatever the user's module raises
-        reason, remedy = told(error), "run in the folder it is found from, put that on PYTHONPATH or mend it"
+        reason, remedy = error_text(error), "run in the folder it is found from, put that on PYTHONPATH or mend it"
     raise StudyError(f"{place} cannot have {name!r}: {reason}; {remedy}.")
 
 
@@ -101,5 +101,5 @@ def check_picklable(function: Callable, what: str) -> None:
         dumps(function)
     except Exception as error:  # whatever the function holds
         raise StudyError(
-            f"{what} cannot be handed to the workers: {told(error)}; give a function that holds nothing but data."
+            f"{what} cannot be handed to the workers: {error_text(error)}; give a function that holds nothing but data."
         ) from None

@@ -14,10 +14,10 @@ from pymc_ship.experiments.methods import import_function, import_path
 from pymc_ship.experiments.store import Store, locked_store
 from pymc_ship.experiments.study import Study, StudyKind
 from pymc_ship.experiments.task import Method
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.toml import Entry, toml_file
-from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, bar, completed
+from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, progress_bar, run_tasks
 
 REHEARSED = 200
 """Number of empty tasks with which a run begins, to measure what the keeping of a result costs."""
@@ -120,7 +120,7 @@ def _kind(entry: Entry) -> type[StudyKind]:
     if isinstance(kind, str) and import_path(kind):
         kind = import_function(kind, f"{entry.file}: {entry.key}")
     if not isinstance(kind, type) or not hasattr(kind, "read"):
-        entry.fail(f"must be the import path module:class of a kind of study, found {shown(kind)}; correct it.")
+        entry.fail(f"must be the import path module:class of a kind of study, found {short_repr(kind)}; correct it.")
     return kind
 
 
@@ -138,7 +138,7 @@ def _run(
 
     try:
         session["parent"] = _rehearsed(store, executor)
-        for result in completed(executor, work, remaining):
+        for result in run_tasks(executor, work, remaining):
             clock = {"wall": time.perf_counter() - start, "workers": executor.workers}
             store.add(result | session | clock)
             shown.one_more()
@@ -162,7 +162,7 @@ def _rehearsed(store: Store, executor: LocalCores | Cluster) -> float:
         return _tasks(stage, missing) if missing else None
 
     try:
-        for result in completed(executor, store.study.empty, remaining):
+        for result in run_tasks(executor, store.study.empty, remaining):
             stage.add(result | none)
             kept.append(time.perf_counter())
     finally:
@@ -188,7 +188,7 @@ class _Progress:
     def begin(self, done: int) -> None:
         """Say what is there already."""
         self.done = done
-        self.tell(f"{bar(done, self.total)} {done} of {self.total} tasks")
+        self.tell(f"{progress_bar(done, self.total)} {done} of {self.total} tasks")
 
     def one_more(self) -> None:
         """Count a task."""
@@ -197,7 +197,9 @@ class _Progress:
             return
         self.told, rate = now, self.fresh / (now - self.start)
         left = _duration((self.total - self.done) / rate)
-        self.tell(f"{bar(self.done, self.total)} {self.done} of {self.total} tasks, {rate:.3g} a second, {left} left")
+        self.tell(
+            f"{progress_bar(self.done, self.total)} {self.done} of {self.total} tasks, {rate:.3g} a second, {left} left"
+        )
 
 
 def _duration(seconds: float) -> str:

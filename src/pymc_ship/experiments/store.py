@@ -24,7 +24,7 @@ from filelock import lock_descriptor
 
 from pymc_ship.experiments.study import Study
 from pymc_ship.machine.errors import OutputError, StudyError
-from pymc_ship.machine.files import staged, writable_folder
+from pymc_ship.machine.files import staged_path, writable_folder
 
 _BEGIN, _TIMED = ("seed", "status", "sentence"), ("cpu", "session", "executor", "workers", "wall", "parent")
 _TYPES = {"status": pa.string(), "sentence": pa.string(), "executor": pa.string()}
@@ -127,7 +127,7 @@ class Store:
         for row in before + self._lines(journal):
             rows.setdefault(row["seed"], row)
         table = pa.Table.from_pylist([rows[seed] for seed in sorted(rows)], self._schema)
-        with staged(path) as partial:
+        with staged_path(path) as partial:
             pq.write_table(table.replace_schema_metadata({_SUM: _checksum(table, part)}), partial)
         journal.unlink()
 
@@ -162,7 +162,7 @@ class Store:
         first, *_ = self.study.parts()
         keys = [pa.field(one.name, _OF_CELL[str(one.type)]) for one in fields(first[0])]
         schema, pending = pa.schema([*keys, *(self._schema.field(name) for name in columns)]), []
-        with staged(path) as partial, pq.ParquetWriter(partial, schema, write_page_checksum=True) as writer:
+        with staged_path(path) as partial, pq.ParquetWriter(partial, schema, write_page_checksum=True) as writer:
 
             def add(cell: Any, rows: pa.Table) -> None:
                 values = asdict(cell).values()
@@ -217,7 +217,7 @@ def _remember(path: Path, study: Study) -> None:
             raise StudyError(
                 f"{path.parent} holds another study, which can only be extended: {changed}; choose another folder."
             )
-    with staged(path) as partial:
+    with staged_path(path) as partial:
         partial.write_text(json.dumps(study.record(), indent=1) + "\n", encoding="utf-8")
 
 

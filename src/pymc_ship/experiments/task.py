@@ -20,7 +20,7 @@ from pymc_ship.inference.trajectory.mode import trajectory_mode
 from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.seeds import generator
 from pymc_ship.machine.threads import one_thread
-from pymc_ship.machine.workers import MACHINE, told
+from pymc_ship.machine.workers import MACHINE, error_text
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, turning_circle
 from pymc_ship.physics.motion.simulation import simulate
@@ -155,7 +155,7 @@ def measure_task(task: Task) -> dict:
             raise
         except Exception as error:  # whatever goes wrong in a method is what the study is to find out
             scores, status = dict.fromkeys(SCORES, float("nan")), "failed"
-            sentence = told(error)
+            sentence = error_text(error)
     identity = {"block": task.block, "seed": task.seed, "status": status, "sentence": sentence}
     return identity | scores | parts | {"cpu": process_time() - began}
 

@@ -12,7 +12,7 @@ _SHORT = Repr(maxlevel=3, maxstring=60, maxlong=60, maxother=60)
 _LONGEST = 100
 
 
-def shown(value: object) -> str:
+def short_repr(value: object) -> str:
     """Representation of a value, cut to a length that an error can hold."""
     try:
         text = _SHORT.repr(value)
@@ -41,7 +41,7 @@ def check_choice(what: str, value: object, choices: Iterable[str], error: type[V
     known = tuple(choices)
     if value not in known:
         names = ", ".join(choice if choice[:1].isalnum() else repr(choice) for choice in known)
-        raise error(f"{what} is one of {names}; found {shown(value)}; choose one of them.")
+        raise error(f"{what} is one of {names}; found {short_repr(value)}; choose one of them.")
 
 
 def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *, least: float = -math.inf) -> float:
@@ -70,5 +70,5 @@ def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *
             number = float(value)
     if not (math.isfinite(number) and number >= least):
         rule = "a finite number" if least == -math.inf else f"a number from {least:g} up"
-        raise error(f"{what} must be {rule}, found {shown(value)}; correct it.")
+        raise error(f"{what} must be {rule}, found {short_repr(value)}; correct it.")
     return number

@@ -25,7 +25,7 @@ def append_checksum(path: str | Path) -> None:
         file.write(_MARK + found.encode())
 
 
-def fits_its_checksum(path: str | Path) -> bool:
+def has_valid_checksum(path: str | Path) -> bool:
     """Whether a file that ends with a checksum is what it was; a file that carries none passes.
 
     Raises

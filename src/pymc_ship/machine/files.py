@@ -47,7 +47,7 @@ _POLL = 0.01  # seconds between two looks at a lock that another run has
 
 
 @contextmanager
-def staged(path: str | Path) -> Iterator[Path]:
+def staged_path(path: str | Path) -> Iterator[Path]:
     """Temporary name for a file or folder that is moved to its own name when the block ends without an exception.
 
     Parameters
@@ -65,7 +65,7 @@ def staged(path: str | Path) -> Iterator[Path]:
     OutputError
         When the folder cannot be written, or the name is that of a device or a pipe.
     """
-    path = place_of(path)
+    path = final_path(path)
     with _told(path), _box(path.parent) as box:
         yield box / _NEW / path.name
         made = box / _NEW / path.name
@@ -122,7 +122,7 @@ def staged_files(folder: str | Path, *, last: str = "", own: Iterable[str] = ())
                 raise
 
 
-def place_of(path: str | Path) -> Path:
+def final_path(path: str | Path) -> Path:
     """Final name of a result, behind all links.
 
     Raises

@@ -6,7 +6,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 
 Seed = int | np.random.SeedSequence | np.random.Generator
 """What public functions take as ``rng``: an integer from 0 up, a SeedSequence, or a generator that goes on."""
@@ -32,6 +32,6 @@ def random_generator(rng: Seed) -> np.random.Generator:
     if not number and not isinstance(rng, np.random.SeedSequence):
         raise ValueError(
             f"Random draws need a seed: rng is a whole number from 0 up, a SeedSequence or a Generator of numpy, found "
-            f"{shown(rng)}; give one such as rng=1."
+            f"{short_repr(rng)}; give one such as rng=1."
         )
     return np.random.default_rng(rng)

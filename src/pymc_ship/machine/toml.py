@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
-from pymc_ship.machine.arguments import check_choice, finite_number, shown
+from pymc_ship.machine.arguments import check_choice, finite_number, short_repr
 from pymc_ship.machine.text import EncodingError, utf8
 
 _LONGEST_KEY = 60
@@ -51,7 +51,7 @@ class Entry:
     def check_table(self) -> None:
         """Raise unless the value is a table."""
         if not isinstance(self.value, Mapping):
-            self.fail(f"must be a table, found {shown(self.value)}; correct it.")
+            self.fail(f"must be a table, found {short_repr(self.value)}; correct it.")
 
     def check_keys(self, known: Collection[str], required: Collection[str] = ()) -> None:
         """Raise unless the value is a table with known keys, and with those that are required."""
@@ -70,13 +70,13 @@ class Entry:
     def whole(self, *, least: int) -> int:
         """Whole number from ``least`` up."""
         if isinstance(self.value, bool) or not isinstance(self.value, int) or self.value < least:
-            self.fail(f"must be a whole number from {least} up, found {shown(self.value)}; correct it.")
+            self.fail(f"must be a whole number from {least} up, found {short_repr(self.value)}; correct it.")
         return self.value
 
     def text(self) -> str:
         """Text."""
         if not isinstance(self.value, str):
-            self.fail(f"must be a text, found {shown(self.value)}; put it in quotes.")
+            self.fail(f"must be a text, found {short_repr(self.value)}; put it in quotes.")
         return self.value
 
     def choice(self, choices: Collection[str]) -> str:
@@ -89,7 +89,7 @@ class Entry:
         return f"{self.file}: {self.key}"
 
     def _below(self, key: str) -> str:
-        key = key if key.isprintable() and 0 < len(key) <= _LONGEST_KEY else shown(key)
+        key = key if key.isprintable() and 0 < len(key) <= _LONGEST_KEY else short_repr(key)
         return f"{self.key}.{key}" if self.key else key
 
 

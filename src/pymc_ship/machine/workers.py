@@ -46,7 +46,7 @@ class WorkersLostError(Exception):
         self.reason, self.times = reason, times
 
 
-def completed[Task, Result](
+def run_tasks[Task, Result](
     executor: LocalCores | Cluster, work: Callable[[Task], Result], remaining: Callable[[], Iterable[Task] | None]
 ) -> Iterator[Result]:
     """Yield the result of every task; tasks of workers that died are handed out again.
@@ -135,7 +135,7 @@ class LocalCores:
             raise WorkersLostError from None
         for failure in failures:
             if isinstance(failure.error, MACHINE):
-                raise WorkersLostError(told(failure.error))
+                raise WorkersLostError(error_text(failure.error))
             raise failure.error
 
     def __enter__(self) -> LocalCores:
@@ -252,19 +252,19 @@ class Cluster:
             except (KilledWorker, CancelledError):
                 raise WorkersLostError from None
             except MACHINE as error:
-                raise WorkersLostError(told(error)) from None
+                raise WorkersLostError(error_text(error)) from None
             except Exception as error:
-                text = told(error)
+                text = error_text(error)
                 raise self.error(f"The workers of {self.address} cannot do a task: {text}; see to them.") from None
             yield result
 
 
-def told(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """Kind and text of an error in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def bar(done: int, total: int, width: int = 30) -> str:
+def progress_bar(done: int, total: int, width: int = 30) -> str:
     """Draw how many tasks are done as a bar."""
     filled = width * done // total
     return f"{'█' * filled}{'░' * (width - filled)}"

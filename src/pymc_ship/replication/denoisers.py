@@ -12,7 +12,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.denoising.denoise import METHODS, denoise
 from pymc_ship.replication.estimates import regression_estimate
 from pymc_ship.replication.scores import error_summary, relative_error
-from pymc_ship.trial.channels import sensors
+from pymc_ship.trial.channels import default_channels
 
 N_DRAWS = 20
 """Draws of the denoised record that are carried into the regression: Rubin's rule then adds 1/20 for their number."""
@@ -42,7 +42,7 @@ def denoiser_rows(trial: xr.Dataset, noisy: xr.Dataset, vessel: Vessel, *, inter
     return [
         {
             "method": method,
-            **{f"snr_{name}": signal_to_noise(trial[name].values, record[name].values) for name in sensors()},
+            **{f"snr_{name}": signal_to_noise(trial[name].values, record[name].values) for name in default_channels()},
             **regression_estimate(record, vessel, interval=interval).scores(vessel),
         }
         for method, record in records.items()
@@ -61,7 +61,7 @@ def signal_to_noise(clean: np.ndarray, record: np.ndarray) -> float:
 def channel_rows(trial: xr.Dataset, drawn: xr.Dataset) -> list[dict]:
     """Pointwise intervals of draws: ``coverage`` [%] of the clean channel, mean ``sd`` and ``rmse`` of the mean."""
     rows = []
-    for name in sensors():
+    for name in default_channels():
         clean, values = trial[name].values, drawn[name].transpose("draw", "time").values
         lower, upper = np.quantile(values, [0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], axis=0)
         rows.append(

@@ -17,17 +17,17 @@ from pymc_ship.pages.drawing import DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENC
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.ships.forecasting.forecast import stated_shares
-from pymc_ship.trial.channels import CHANNELS, sensors
+from pymc_ship.trial.channels import CHANNELS, default_channels
 
 
 def _shown(name: str, values: np.ndarray) -> np.ndarray:
-    return CHANNELS[name].unit.shown_factor * values
+    return CHANNELS[name].unit.display_factor * values
 
 
 @styled
 def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tuple[float, float]) -> Figure:
     """Fig. 2: clean, polluted and denoised channels, the whole record and a part enlarged."""
-    names = [name for name in sensors() if name in smooth]
+    names = [name for name in default_channels() if name in smooth]
     fig, axes = subplots(8.0, 1.55 * len(names), len(names), 2, width_ratios=(1.7, 1.0), sharex="col")
     views: tuple[slice | np.ndarray, ...] = (
         slice(None, None, 10),

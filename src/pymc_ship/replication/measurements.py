@@ -52,7 +52,7 @@ BOUND = "Cramer-Rao bound"
 
 def published_prior(vessel: Vessel, family: str, dof: str) -> Prior | None:
     """Prior of the paper's Table 4; None for a vessel without published estimates of the DOF."""
-    if not np.isfinite(vessel.published(dof, family)).any():
+    if not np.isfinite(vessel.published_estimates(dof, family)).any():
         return None
     shape, reciprocal, kappa = PUBLISHED_PRIORS[family][dof]
     return prior_family(family)(kappa=kappa, shape=shape, scale=1.0 / reciprocal)
@@ -261,7 +261,7 @@ def published_bound_rows(vessel: Vessel, unit_bound: np.ndarray, families: Seque
     relative, reference = relative_bound(vessel, unit_bound), reference_coefficients(vessel)
     rows = []
     for family in families:
-        published = np.concatenate([vessel.published(dof, family) for dof in vessel.dofs])
+        published = np.concatenate([vessel.published_estimates(dof, family) for dof in vessel.dofs])
         errors = relative_error(published, reference)
         known = np.isfinite(errors)
         if not known.any():
@@ -289,8 +289,8 @@ def printed_error_rows(vessel: Vessel, families: Sequence[str]) -> list[dict]:
     rows = []
     for dof in vessel.dofs:
         reference = vessel.coefficients(dof).values
-        recomputed = [relative_error(vessel.published(dof, family), reference) for family in families]
-        printed = [vessel.published_error(dof, family) for family in families]
+        recomputed = [relative_error(vessel.published_estimates(dof, family), reference) for family in families]
+        printed = [vessel.published_errors(dof, family) for family in families]
         own = sum(_fits(p, r) for p, r in zip(printed, recomputed, strict=True))
         other = sum(_fits(p, r) for p, r in zip(printed, recomputed[::-1], strict=True))
         compared = sum(int(np.isfinite(p + r).sum()) for p, r in zip(printed, recomputed, strict=True))

@@ -44,7 +44,7 @@ def coefficient_rows(vessel: Vessel, dof: str, exact: Mapping[str, ExactPosterio
         )
     ]
     for family, posterior in exact.items():
-        published = vessel.published(dof, family)
+        published = vessel.published_estimates(dof, family)
         columns = {
             f"published_{family}": 1e5 * published,
             f"published_error_{family}": relative_error(published, reference.values),
@@ -95,7 +95,8 @@ def published_rows(vessel: Vessel, families: Iterable[str]) -> list[dict]:
     rows = []
     for family in families:
         errors = {
-            dof: relative_error(vessel.published(dof, family), vessel.coefficients(dof).values) for dof in vessel.dofs
+            dof: relative_error(vessel.published_estimates(dof, family), vessel.coefficients(dof).values)
+            for dof in vessel.dofs
         }
         errors["all"] = np.concatenate(list(errors.values()))
         rows += [

@@ -33,7 +33,7 @@ from pymc_ship.replication.prior_ships import prior_ship_rows
 from pymc_ship.replication.scores import forecast_row, published_rows, summary_rows
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED, forecast
-from pymc_ship.trial.channels import sensors
+from pymc_ship.trial.channels import default_channels
 
 LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
 """Noise levels of the study; the last is the paper's literal one."""
@@ -101,7 +101,7 @@ def run_study(
     level = noise_sd(level)
     progress("reference trial")
     trial = simulate(vessel, zigzag(20, 20), duration=DURATION, step=STEP)
-    unit_sd = {name: noise_factors()[name] * float(np.abs(trial[name]).max()) for name in sensors()}
+    unit_sd = {name: noise_factors()[name] * float(np.abs(trial[name]).max()) for name in default_channels()}
     result = StudyResult(vessel, trial, level, seed, cramer_rao_bound(trial, vessel, unit_sd, method="euler"))
     for name, manoeuvre in MANOEUVRES.items():
         result.references[name] = simulate(vessel, manoeuvre, duration=DURATION, step=STEP, record_interval=0.5)

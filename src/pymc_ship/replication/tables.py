@@ -15,7 +15,7 @@ from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication.measurements import PAPER_FAMILIES
 from pymc_ship.replication.scores import coefficient_rows, relative_error
 from pymc_ship.replication.study import MANOEUVRES, StudyResult
-from pymc_ship.trial.channels import sensors
+from pymc_ship.trial.channels import default_channels
 
 
 def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
@@ -85,7 +85,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
             result.tables["denoisers"],
             {
                 "method": ("method", str),
-                **{f"snr_{name}": (f"{name} [dB]", p) for name in sensors()},
+                **{f"snr_{name}": (f"{name} [dB]", p) for name in default_channels()},
                 **{key: error_columns[key] for key in ("median", *shares, "coverage")},
             },
         ),

@@ -63,7 +63,7 @@ class Channel:
     label: str
     short: str = ""
     headings: tuple[str, ...] = ()
-    part: str = "beside"
+    part: str = "auxiliary"
     rolling: bool = False
     fitted: bool = False
     noise_factor: float | None = None
@@ -82,12 +82,12 @@ class Channel:
     @property
     def axis(self) -> str:
         """Label of an axis, with the unit in which values are shown."""
-        return f"{self.label} [{self.unit.shown}]"
+        return f"{self.label} [{self.unit.display}]"
 
     @property
     def short_axis(self) -> str:
         """Label of a small axis, with the unit in which values are shown."""
-        return f"{self.short_label} [{self.unit.shown}]"
+        return f"{self.short_label} [{self.unit.display}]"
 
 
 TIME = Channel("time", SECOND, "time", headings=("t", "elapsed time", "timestamp", "time stamp"))
@@ -235,9 +235,10 @@ def register_channel(channel: Channel) -> None:
     TrialError
         When another channel has its name.
     """
-    if channel.name in readable():
+    if channel.name in file_columns():
         raise TrialError(
-            f"Each channel has its own name, found another {channel.name!r} beside {', '.join(readable())}; rename it."
+            f"Each channel has its own name, found another {channel.name!r} beside {', '.join(file_columns())}; "
+            "rename it."
         )
     CHANNELS[channel.name] = channel
 
@@ -247,12 +248,12 @@ def channel_names(condition: Callable[[Channel], object]) -> tuple[str, ...]:
     return tuple(name for name, channel in CHANNELS.items() if condition(channel))
 
 
-def sensors(*, rolling: bool = True) -> tuple[str, ...]:
+def default_channels(*, rolling: bool = True) -> tuple[str, ...]:
     """Channels that a trajectory is fitted to where none are named; those of the roll where the ship rolls."""
     return channel_names(lambda channel: channel.fitted and (rolling or not channel.rolling))
 
 
-def without_roll(recorded: Iterable[str]) -> str:
+def unmodelled_roll_text(recorded: Iterable[str]) -> str:
     """Sentence on the recorded channels that a model without roll leaves out; empty where there are none."""
     left = [CHANNELS[name].label for name in recorded if name in CHANNELS and CHANNELS[name].rolling]
     if not left:
@@ -263,10 +264,10 @@ def without_roll(recorded: Iterable[str]) -> str:
     )
 
 
-def readable() -> dict[str, Channel]:
+def file_columns() -> dict[str, Channel]:
     """What a column of a file may be: time and every channel, by name."""
     return {TIME.name: TIME} | CHANNELS
 
 
-SIMULATED = channel_names(lambda channel: channel.part != "beside")
+SIMULATED = channel_names(lambda channel: channel.part != "auxiliary")
 """Channels of a simulated record: the motion of the ship and her rudder."""

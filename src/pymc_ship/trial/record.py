@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.machine.files import staged
+from pymc_ship.machine.files import staged_path
 from pymc_ship.trial.channels import CHANNELS
 
 OVER_GROUND = "over ground"
@@ -20,11 +20,11 @@ _SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
 """Median magnitude of the second difference of white noise of sd 1: the normal quartile times the root of 6."""
 
 
-def one_trial(trial: object) -> xr.Dataset:
+def as_trial(trial: object) -> xr.Dataset:
     """Trial as it is; TrialError for a list of trials, or anything else that is no Dataset."""
     if isinstance(trial, xr.Dataset):
         return trial
-    found = f"{len(trial)} in a list" if isinstance(trial, list | tuple) else shown(type(trial))
+    found = f"{len(trial)} in a list" if isinstance(trial, list | tuple) else short_repr(type(trial))
     raise TrialError(f"One trial is meant, a Dataset of xarray over time, found {found}; give one trial at a time.")
 
 
@@ -33,16 +33,16 @@ def trial_list(trials: object) -> list[xr.Dataset]:
     if isinstance(trials, xr.Dataset):
         return [trials]
     if not isinstance(trials, Iterable) or isinstance(trials, str | Mapping):
-        raise TrialError(f"A list of trials is meant, found {shown(type(trials))}; give Datasets in a list.")
-    return [one_trial(trial) for trial in trials]
+        raise TrialError(f"A list of trials is meant, found {short_repr(type(trials))}; give Datasets in a list.")
+    return [as_trial(trial) for trial in trials]
 
 
 def named_trials(trials: object) -> dict[str, xr.Dataset]:
     """Trials by name; TrialError for anything that is no mapping of trials."""
     if isinstance(trials, xr.Dataset) or not isinstance(trials, Mapping):
-        found = f"{len(trials)} in a list" if isinstance(trials, list | tuple) else shown(type(trials))
+        found = f"{len(trials)} in a list" if isinstance(trials, list | tuple) else short_repr(type(trials))
         raise TrialError(f"Trials by name are meant, Datasets of xarray in a dict, found {found}; give each its name.")
-    return {str(name): one_trial(trial) for name, trial in trials.items()}
+    return {str(name): as_trial(trial) for name, trial in trials.items()}
 
 
 def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = True) -> xr.Dataset:
@@ -79,7 +79,7 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
         ...
     pymc_ship.machine.errors.TrialError: The trial needs the channels u, psi; psi missing; add them.
     """
-    if "time" not in one_trial(trial).coords:
+    if "time" not in as_trial(trial).coords:
         raise TrialError("A trial is a Dataset over the coordinate time [s], found none; add it.")
     missing = [name for name in channels if name not in trial]
     if missing:
@@ -121,7 +121,7 @@ def facility_of(trial: xr.Dataset) -> str:
     return str(trial.attrs.get("facility", ""))
 
 
-def moving(trial: xr.Dataset) -> list[str]:
+def nonzero_channels(trial: xr.Dataset) -> list[str]:
     """Names of the channels of a trial that are not 0 throughout."""
     return [str(name) for name, values in trial.data_vars.items() if np.any(values.values)]
 
@@ -161,10 +161,10 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
     >>> ps.read_trial(path)["psi"].equals(trial["psi"])
     True
     """
-    path, trial = Path(path), one_trial(trial)
+    path, trial = Path(path), as_trial(trial)
     names = [name for name in CHANNELS if name in trial]
     table = np.column_stack([trial["time"].values, *(trial[name].values for name in names)])
-    with staged(path) as partial, partial.open("w", encoding="utf-8") as file:
+    with staged_path(path) as partial, partial.open("w", encoding="utf-8") as file:
         file.write(",".join(["time", *names]) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
     return path

@@ -32,12 +32,12 @@ class Unit:
         return self.spellings.get(spelling(stated))
 
     @property
-    def shown(self) -> str:
+    def display(self) -> str:
         """Unit in which people are shown values: degrees in the place of radians."""
         return self.name.replace("rad", "deg")
 
     @property
-    def shown_factor(self) -> float:
+    def display_factor(self) -> float:
         """Factor from this unit to the one that is shown."""
         return math.degrees(1.0) if "rad" in self.name else 1.0
 

@@ -10,7 +10,7 @@ import pymc_ship as ps
 from pymc_ship.inference.captive.statement import CaptiveFit, fit_captive, held_motion, known_tests, shared_with_trials
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
 from pymc_ship.physics.motion.captive import captive_test_derivatives, captive_test_forces
-from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 
 NOISE = {"X": 2e-5, "Y": 1e-4, "N": 4e-5}
@@ -114,7 +114,7 @@ def test_revolutions_of_the_carriage_are_its_own(tanker):
     """Tests at revolutions that are off by 6 %: the ship's own nominal ones stay, and so does her resistance."""
     vessel, prior = tanker
     column = coefficient_names(vessel).index("n_0")
-    held = replace(prior, scale=np.where(np.arange(prior.scale.size) == column, HELD, prior.scale))
+    held = replace(prior, scale=np.where(np.arange(prior.scale.size) == column, FIXED_SD, prior.scale))
     tests = program(vessel, np.random.default_rng(5), prior.mean)
     n = vessel.propeller.n * np.ones(tests.sizes["test"])
     right, off = (fit_captive(tests.assign(n=("test", n * share)), vessel, held) for share in (1.0, 1.06))

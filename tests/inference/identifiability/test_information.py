@@ -15,7 +15,7 @@ from pymc_ship.inference.trajectory.runs import trajectory_run
 from pymc_ship.physics.motion.sensitivities import sensitivities
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.records.files.noise import noise_factors
-from pymc_ship.trial.channels import sensors
+from pymc_ship.trial.channels import default_channels
 from tests.inference.identifiability.information import fisher_information, fitted_identifiability
 
 STEP = 0.5
@@ -27,7 +27,10 @@ def coarse(vessel, manoeuvre, duration=100.0):
 
 def level_sd(trial, level, channels=None):
     """Noise of a level by channel."""
-    return {name: level * noise_factors()[name] * float(np.abs(trial[name]).max()) for name in channels or sensors()}
+    return {
+        name: level * noise_factors()[name] * float(np.abs(trial[name]).max())
+        for name in channels or default_channels()
+    }
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ def with_a_gap(container, zigzag_trial, name):
     ps.regression_data(trial, container, "sway", interval=1.0)
 
 
-def without_roll(container):
+def unmodelled_roll_text(container):
     run = ps.simulate(container, ps.zigzag(20.0, 20.0), duration=100.0)
     ps.regression_data(run.assign(p=0.0 * run["p"], phi=0.0 * run["phi"]), container, "sway", interval=1.0)
 
@@ -85,7 +85,7 @@ test_errors_of_rows = wording(
         "The yaw of 'container' has 28 terms and needs as many rows, found 27",
         lambda container, zigzag_trial: ps.regression_data(zigzag_trial.isel(time=slice(0, 28)), container, "yaw"),
     ),
-    (r"Yp, Yppp, Ypu, Ypu\|pu\|, Yphi, Yvphi, Yvphiphi, Yphivv did not", without_roll),
+    (r"Yp, Yppp, Ypu, Ypu\|pu\|, Yphi, Yvphi, Yvphiphi, Yphivv did not", unmodelled_roll_text),
     *(
         (message, partial(arrays, change=change))
         for change, message in [

@@ -18,7 +18,7 @@ SD = {"u": 0.04, "v": 0.015, "r": 3e-5, "p": 4e-5, "phi": 5e-4, "psi": 1e-3, "x"
 """Noise of single samples."""
 
 
-def without_roll(vessel):
+def unmodelled_roll_text(vessel):
     """The same hull, moving in the horizontal plane: 3 DOFs, a third of the coefficients."""
     forces = {dof: tuple(c for c in vessel.forces[dof] if "p" not in c.term) for dof in ("surge", "sway", "yaw")}
     return replace(vessel, name="flat_bottomed", forces=forces)

@@ -11,7 +11,7 @@ import pymc_ship as ps
 from pymc_ship.inference.trajectory.posterior import log_likelihood_rows
 from pymc_ship.inference.trajectory.prior import coefficient_prior
 from pymc_ship.inference.trajectory.windows import HEADING, fit_windows, prepared_windows, thinned, with_constants
-from pymc_ship.physics.vessel.parts import HELD, with_parts
+from pymc_ship.physics.vessel.parts import FIXED_SD, with_parts
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.trial.record import OVER_GROUND
 from tests.physics.forces.test_parts import AHEAD, tanker
@@ -26,7 +26,7 @@ def drifting():
     plain = tanker(AHEAD)
     vessel = with_parts(plain, (*AHEAD, "current"), {c.name: c for c in plain.parameters})
     known = [name for name in coefficient_names(vessel) if name not in FREE]
-    return with_parts(vessel, vessel.parts, {c.name: c for c in vessel.parameters}, held=known)
+    return with_parts(vessel, vessel.parts, {c.name: c for c in vessel.parameters}, fixed=known)
 
 
 def over_ground(current, seed):
@@ -84,7 +84,7 @@ def test_without_the_current_the_coefficients_are_wrong(drifting, fitted):
     runs = [window for k, trial in enumerate(trials) for window in prepared_windows(trial, plain, k)]
     blind = fit_windows(runs, plain, coefficient_prior(trials, plain), reference_coefficients(plain))
     assert blind.channel_sd["v"] > 5.0 * fit.channel_sd["v"]
-    assert HELD < 1e-6
+    assert FIXED_SD < 1e-6
     assert replace(fit).n_windows == blind.n_windows == sum(map(len, windows))
 
 
@@ -93,7 +93,7 @@ def test_the_heading_of_a_ship_in_wind_is_the_measured_one():
     calm = tanker((*AHEAD, "wind"))
     free = ("C_X", "C_Y", "Nr")
     known = [name for name in coefficient_names(calm) if name not in free]
-    vessel = with_parts(calm, calm.parts, {c.name: c for c in calm.parameters}, held=known)
+    vessel = with_parts(calm, calm.parts, {c.name: c for c in calm.parameters}, fixed=known)
     run = ps.simulate(vessel, ps.zigzag(20, 20), duration=500, step=0.5, method="rk4", wind=(12.0, 40.0))
     fits = []
     for turned in (0.0, 9.0):

@@ -7,7 +7,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.inference.trajectory.runs import trajectory_run
-from tests.inference.trajectory.cases import SD, record, rough, without_roll
+from tests.inference.trajectory.cases import SD, record, rough, unmodelled_roll_text
 from tests.sentences import refused
 
 
@@ -46,7 +46,7 @@ class TestRun:
     def test_channels_are_those_there_are(self, container, noisy):
         assert trajectory_run(noisy, container).channels == ("u", "v", "r", "p", "phi")
         assert trajectory_run(noisy.drop_vars(["v", "p"]), container).channels == ("u", "r", "phi")
-        assert trajectory_run(noisy, without_roll(container)).channels == ("u", "v", "r")
+        assert trajectory_run(noisy, unmodelled_roll_text(container)).channels == ("u", "v", "r")
 
     @pytest.mark.parametrize(
         ("channels", "n_states"), [(("r", "u"), 5), (("u", "psi"), 6), (("x",), 8), (("y", "psi", "u"), 8)]
@@ -85,7 +85,7 @@ class TestInitialState:
 
     def test_a_ship_without_roll_stays_upright(self, container, noisy):
         """A heel that drifts off at an unknown rate would turn the ship over."""
-        guess, sd = trajectory_run(noisy, without_roll(container)).initial_state
+        guess, sd = trajectory_run(noisy, unmodelled_roll_text(container)).initial_state
         assert (guess[3:5] == 0.0).all()
         assert sd[3:5].max() < 1e-6
 

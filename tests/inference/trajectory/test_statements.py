@@ -49,7 +49,7 @@ def test_an_inflated_fit_says_less():
 
 def test_constants_of_a_run_are_not_carried_on():
     vessel = ps.with_terms(ps.load_vessel("kvlcc2"), "modular")
-    parameters = tuple(replace(c, of_run=k == 3) for k, c in enumerate(vessel.parameters))
+    parameters = tuple(replace(c, per_run=k == 3) for k, c in enumerate(vessel.parameters))
     n = len(parameters)
     scale = np.full(n, 0.1)
     prior = CoefficientPrior(np.zeros(n), scale, scale, np.zeros(n, dtype=bool), "stated")

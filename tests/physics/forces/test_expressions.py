@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pymc_ship.physics.forces.expressions import Tape, arctan2, cos, exp, ramp, root, sin, step
-from pymc_ship.physics.forces.programs import ADD, DIVIDE, MULTIPLY, MULTIPLY_ADD, run, set_parameters, sweep
+from pymc_ship.physics.forces.expressions import Trace, arctan2, cos, exp, ramp, root, sin, step
+from pymc_ship.physics.forces.programs import ADD, DIVIDE, MULTIPLY, MULTIPLY_ADD, execute, set_parameters, sweep
 
 INPUTS, PARAMETERS, LANES = ("u", "v"), ("a", "b"), (1, 7)
 
@@ -44,7 +44,7 @@ def evaluated(program, values):
     work = np.zeros((program.n_rows, values.shape[1]))
     set_parameters(program, values[2:], work)
     work[:2] = values[:2]
-    run(program, work)
+    execute(program, work)
     return work
 
 
@@ -52,16 +52,16 @@ def evaluated(program, values):
 @pytest.mark.parametrize("name", FORMULAE)
 def test_a_program_has_the_value_of_its_formula(name, lanes):
     formula, numpy = FORMULAE[name]
-    tape, values = Tape(INPUTS, PARAMETERS), at(lanes=lanes)
-    program = tape.program([formula(*tape.inputs.values(), *tape.parameters.values())])
+    trace, values = Trace(INPUTS, PARAMETERS), at(lanes=lanes)
+    program = trace.program([formula(*trace.inputs.values(), *trace.parameters.values())])
     work = evaluated(program, values)
     np.testing.assert_allclose(work[program.results[0]], numpy(*values), rtol=1e-14, atol=1e-15)
 
 
 def of_lanes(formula, u, v):
     """Values of a formula of two inputs, one lane for each pair."""
-    tape = Tape(INPUTS, PARAMETERS)
-    program = tape.program([formula(*tape.inputs.values())])
+    trace = Trace(INPUTS, PARAMETERS)
+    program = trace.program([formula(*trace.inputs.values())])
     return evaluated(program, np.array([u, v, np.zeros(len(u)), np.zeros(len(u))]))[program.results[0]]
 
 
@@ -86,8 +86,8 @@ def test_the_angle_of_a_direction_is_good_to_three_ulp_in_every_quadrant():
 @pytest.mark.parametrize("name", FORMULAE)
 def test_one_sweep_gives_the_derivatives_by_everything(name):
     formula, numpy = FORMULAE[name]
-    tape, values, change = Tape(INPUTS, PARAMETERS), at(1), 1e-6
-    program = tape.program([formula(*tape.inputs.values(), *tape.parameters.values())])
+    trace, values, change = Trace(INPUTS, PARAMETERS), at(1), 1e-6
+    program = trace.program([formula(*trace.inputs.values(), *trace.parameters.values())])
     work = evaluated(program, values)
     slope = np.empty_like(work)
     sweep(program, work, 0, slope)
@@ -99,10 +99,10 @@ def test_one_sweep_gives_the_derivatives_by_everything(name):
 
 
 def test_every_result_has_its_own_derivatives():
-    tape = Tape(INPUTS, PARAMETERS)
-    u, v = tape.inputs.values()
-    a, _ = tape.parameters.values()
-    program = tape.program([a * u, v * v, 3.0])
+    trace = Trace(INPUTS, PARAMETERS)
+    u, v = trace.inputs.values()
+    a, _ = trace.parameters.values()
+    program = trace.program([a * u, v * v, 3.0])
     work = evaluated(program, at(2))
     slope = np.empty_like(work)
     sweep(program, work, 1, slope)
@@ -112,26 +112,26 @@ def test_every_result_has_its_own_derivatives():
 
 
 def test_what_is_asked_twice_is_formed_once_and_what_nobody_needs_never():
-    tape = Tape(INPUTS, PARAMETERS)
-    u, v = tape.inputs.values()
+    trace = Trace(INPUTS, PARAMETERS)
+    u, v = trace.inputs.values()
     _ = sin(u)
-    program = tape.program([u * v + v * u, (u * v) * 1.0 + 0.0])
+    program = trace.program([u * v + v * u, (u * v) * 1.0 + 0.0])
     assert program.operation.size == 2
 
 
 def test_numbers_and_parameters_are_worked_out_before_the_motion():
-    tape = Tape(INPUTS, PARAMETERS)
-    u, _ = tape.inputs.values()
-    a, b = tape.parameters.values()
-    program = tape.program([u * ((1.0 - a) / (2.0 * 3.0 * b))])
+    trace = Trace(INPUTS, PARAMETERS)
+    u, _ = trace.inputs.values()
+    a, b = trace.parameters.values()
+    program = trace.program([u * ((1.0 - a) / (2.0 * 3.0 * b))])
     assert program.n_static == program.operation.size - 1 == 3
     assert 6.0 in program.constants
 
 
 def test_operations_of_one_kind_stand_together_and_operands_come_first():
-    tape = Tape(INPUTS, PARAMETERS)
-    u, v = tape.inputs.values()
-    program = tape.program([(u + 1.0) * (v + 2.0) + (u + 3.0) * (v + 4.0) + u / v])
+    trace = Trace(INPUTS, PARAMETERS)
+    u, v = trace.inputs.values()
+    program = trace.program([(u + 1.0) * (v + 2.0) + (u + 3.0) * (v + 4.0) + u / v])
     first = program.n_rows - program.operation.size
     for k, operands in enumerate(zip(program.left, program.right, program.added, strict=True)):
         assert max(operands) < first + k
@@ -147,19 +147,19 @@ def moving(program):
 
 
 def test_a_product_that_one_sum_needs_is_formed_with_it():
-    tape = Tape(INPUTS, PARAMETERS)
-    u, v = tape.inputs.values()
-    a, b = tape.parameters.values()
-    assert moving(tape.program([u * v + a])) == [MULTIPLY_ADD]
-    assert moving(tape.program([u + a * b])) == [ADD]  # that product is formed once, before the motion
-    assert moving(tape.program([v - a * u])) == [MULTIPLY_ADD]
+    trace = Trace(INPUTS, PARAMETERS)
+    u, v = trace.inputs.values()
+    a, b = trace.parameters.values()
+    assert moving(trace.program([u * v + a])) == [MULTIPLY_ADD]
+    assert moving(trace.program([u + a * b])) == [ADD]  # that product is formed once, before the motion
+    assert moving(trace.program([v - a * u])) == [MULTIPLY_ADD]
     product = u * v
-    assert sorted(moving(tape.program([product + a, product]))) == [ADD, MULTIPLY]
+    assert sorted(moving(trace.program([product + a, product]))) == [ADD, MULTIPLY]
 
 
 def test_what_a_parameter_divides_is_multiplied_by_its_reciprocal():
-    tape = Tape(INPUTS, PARAMETERS)
-    u, v = tape.inputs.values()
-    a, b = tape.parameters.values()
-    assert moving(tape.program([u / a, v / a, u / (a + b)])) == [MULTIPLY] * 3
-    assert DIVIDE in moving(tape.program([u / v]))
+    trace = Trace(INPUTS, PARAMETERS)
+    u, v = trace.inputs.values()
+    a, b = trace.parameters.values()
+    assert moving(trace.program([u / a, v / a, u / (a + b)])) == [MULTIPLY] * 3
+    assert DIVIDE in moving(trace.program([u / v]))

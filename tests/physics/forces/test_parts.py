@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.physics.forces.expressions import Tape
-from pymc_ship.physics.forces.modular import PARTS, parameters_of
+from pymc_ship.physics.forces.expressions import Trace
+from pymc_ship.physics.forces.modular import PARTS, part_parameters
 from pymc_ship.physics.forces.part import INPUTS, STATES, Force, Motion, Parameter, Part
-from pymc_ship.physics.forces.programs import run, set_parameters
+from pymc_ship.physics.forces.programs import execute, set_parameters
 from pymc_ship.physics.motion.sensitivities import sensitivities
-from pymc_ship.physics.vessel.parts import force_program, part_program, ship_of, with_parts
+from pymc_ship.physics.vessel.parts import force_program, part_program, ship_dimensions, with_parts
 from pymc_ship.physics.vessel.vessel import Windage, coefficient_names, reference_coefficients
 
 AHEAD = ("added mass", "hull", "propeller", "rudder")
@@ -39,7 +39,7 @@ def forces(vessel, motion, parameters=None):
     given = {"n": np.ones(n)} | motion
     for row, name in enumerate((*STATES, *INPUTS)):
         work[row] = given.get(name, 0.0)
-    run(program, work)
+    execute(program, work)
     return work[program.results]
 
 
@@ -171,7 +171,7 @@ def test_forces_and_masses_of_one_height_do_not_heel(deeper):
     set_parameters(program, np.repeat(np.array(values)[:, None], 50, axis=1), work)
     for row, name in enumerate((*STATES, *INPUTS)):
         work[row] = motion.get(name, 0.0)
-    run(program, work)
+    execute(program, work)
     _, sway, _, roll = np.abs(work[program.results])
     assert (roll.max() < 1e-9 * sway.max()) == (deeper == 0.0)
 
@@ -179,7 +179,7 @@ def test_forces_and_masses_of_one_height_do_not_heel(deeper):
 def test_a_coupling_of_sway_and_roll_that_is_stated_places_the_added_mass():
     vessel = tanker(ROLLING)
     stated = replace(vessel, added_mass=vessel.added_mass | {"Ypdot": -0.03 * vessel.added_mass["Yvdot"]})
-    depth = {parameter.name: parameter.value for parameter in parameters_of(ship_of(stated), ROLLING)}["z_Y"]
+    depth = {parameter.name: parameter.value for parameter in part_parameters(ship_dimensions(stated), ROLLING)}["z_Y"]
     assert depth == pytest.approx(0.03)
 
 
@@ -220,11 +220,14 @@ def test_a_part_that_is_written_anew_takes_effect_at_once(monkeypatch):
 def test_names_of_parameters_are_different():
     vessel = tanker(ANY_SPEED)
     names = [
-        p.name for part in PARTS if part != "hull" for p in parameters_of(ship_of(vessel)._replace(rolls=True), [part])
+        p.name
+        for part in PARTS
+        if part != "hull"
+        for p in part_parameters(ship_dimensions(vessel)._replace(rolls=True), [part])
     ]
     assert len(set(names)) == len(names)
 
 
 def test_a_tape_has_every_parameter_once():
-    tape = Tape(("u",), ("a", "b"))
-    assert list(tape.parameters) == ["a", "b"]
+    trace = Trace(("u",), ("a", "b"))
+    assert list(trace.parameters) == ["a", "b"]

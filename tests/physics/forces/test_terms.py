@@ -11,7 +11,7 @@ from pymc_ship.physics.forces.terms import (
     factors,
     fill_product_tangents,
     fill_products,
-    loaded,
+    needs_propeller,
     order,
     plan,
 )
@@ -68,7 +68,7 @@ def test_a_name_is_split_into_its_factors(term, spelt):
     ],
 )
 def test_the_order_counts_motions_and_a_propeller_is_needed_for_its_loading(term, motions, propelled):
-    assert (order(term), loaded(term)) == (motions, propelled)
+    assert (order(term), needs_propeller(term)) == (motions, propelled)
 
 
 @pytest.mark.parametrize("term", TERMS)

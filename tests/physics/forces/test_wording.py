@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pymc_ship as ps
-from pymc_ship.physics.forces.modular import PARTS, UnknownPart, ordered
+from pymc_ship.physics.forces.modular import PARTS, UnknownPart, order_parts
 from pymc_ship.physics.forces.prime_system import (
     scale,
 )
@@ -13,7 +13,7 @@ from tests.sentences import wording
 test_unknown_part = wording(
     UnknownPart,
     *(
-        (message, lambda names=names: ordered(names, polynomial=False))
+        (message, lambda names=names: order_parts(names, polynomial=False))
         for names, message in [
             (["hull", "sail"], "found sail"),
             (["hull", "hull"], "each once"),
@@ -21,7 +21,7 @@ test_unknown_part = wording(
             ([*AHEAD, "low-speed hull"], "one only for hull"),
         ]
     ),
-    ("wind and constant force alone, found hull", lambda: ordered(["hull", "wind"], polynomial=True)),
+    ("wind and constant force alone, found hull", lambda: order_parts(["hull", "wind"], polynomial=True)),
 )
 
 test_value_errors = wording(

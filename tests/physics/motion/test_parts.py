@@ -149,7 +149,7 @@ def test_a_correction_of_the_nominal_revolutions_is_other_nominal_revolutions():
 def test_revolutions_of_an_unstated_propeller_are_those_of_the_begin_unless_the_nominal_ones_are_free():
     stated = tanker(AHEAD)
     vessel = with_parts(replace(stated, propeller=None, parts=(), parameters=()), AHEAD)
-    known = with_parts(vessel, AHEAD, {c.name: c for c in vessel.parameters}, held=("n_0",))
+    known = with_parts(vessel, AHEAD, {c.name: c for c in vessel.parameters}, fixed=("n_0",))
     trial = ps.simulate(stated, ps.zigzag(10, 10), duration=100, step=0.5)
     n = np.linspace(1.2, 1.5, trial.sizes["time"])
     trial = trial.assign(n=("time", n))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import kvlcc2
-from pymc_ship.physics.forces.hull_database import SOURCE, STRIPS, TYPICAL_RUDDER, squares
+from pymc_ship.physics.forces.hull_database import SOURCE, STRIPS, TYPICAL_RUDDER, cross_flow_terms
 from pymc_ship.physics.vessel.hull_database import hull_coefficients, with_hull_database, with_typical_rudder
 from pymc_ship.physics.vessel.term_sets import TERM_SETS, with_terms
 from pymc_ship.physics.vessel.vessel import LETTER, Coefficient
@@ -94,7 +94,7 @@ class TestInformedVessel:
             drag = -0.8 * d / L * (v + x * r) * np.abs(v + x * r)
             return {"Y": drag.mean(), "N": (x * drag).mean()}
 
-        h, found = 1e-4, squares(L, d)
+        h, found = 1e-4, cross_flow_terms(L, d)
         for letter in "YN":
             assert found[f"{letter}v|v|"][0] == pytest.approx(forces(1.0, 0.0)[letter], abs=1e-9)
             assert found[f"{letter}r|r|"][0] == pytest.approx(forces(0.0, 1.0)[letter], abs=1e-9)

@@ -6,7 +6,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.vessel.inertia import displaced_mass, motora_added_mass, yaw_inertia
-from tests.physics.vessel.test_ranges import SHIPS, papers
+from tests.physics.vessel.test_ranges import SHIPS, particulars_toml
 from tests.sentences import refused
 
 PUBLISHED = {"Xudot": -0.022, "Yvdot": -0.223, "Nrdot": -0.011}
@@ -30,7 +30,7 @@ def test_added_masses_are_those_of_the_tanker(name):
 
 def test_a_file_of_particulars_is_a_vessel_that_says_what_was_derived(tmp_path):
     path = tmp_path / "ship.toml"
-    path.write_text(papers(*SHIPS["KVLCC2 tanker"]))
+    path.write_text(particulars_toml(*SHIPS["KVLCC2 tanker"]))
     vessel, added = ps.load_vessel(path), ("Xudot", "Yvdot", "Nrdot")
     assert list(vessel.derived) == ["inertia.m", "inertia.I_zz", *(f"added_mass.{name}" for name in added)]
     assert vessel.derived["inertia.m"] == "0.019081 (2 volume/L^3)"
@@ -42,7 +42,7 @@ def test_a_file_of_particulars_is_a_vessel_that_says_what_was_derived(tmp_path):
 
 def test_what_is_stated_stays_and_the_rest_is_derived_from_it(tmp_path):
     path = tmp_path / "ship.toml"
-    path.write_text(papers(*SHIPS["KVLCC2 tanker"]) + "[inertia]\nm = 0.0195\n[added_mass]\nYvdot = -0.015\n")
+    path.write_text(particulars_toml(*SHIPS["KVLCC2 tanker"]) + "[inertia]\nm = 0.0195\n[added_mass]\nYvdot = -0.015\n")
     vessel = ps.load_vessel(path)
     assert (vessel.m, vessel.added_mass["Yvdot"], vessel.I_zz) == (0.0195, -0.015, 0.0625 * 0.0195)
     assert list(vessel.derived) == ["inertia.I_zz", "added_mass.Xudot", "added_mass.Nrdot"]
@@ -54,8 +54,8 @@ def test_what_is_stated_stays_and_the_rest_is_derived_from_it(tmp_path):
 )
 def test_added_masses_that_cannot_be_derived_are_asked_for(tmp_path, ship, carried):
     path = tmp_path / "ship.toml"
-    path.write_text(papers(*ship))
+    path.write_text(particulars_toml(*ship))
     with refused(ps.VesselError, str(path), *carried):
         ps.load_vessel(path)
-    path.write_text(papers(*ship) + "[added_mass]\nXudot = -0.0001\nYvdot = -0.01\nNrdot = -0.0006\n")
+    path.write_text(particulars_toml(*ship) + "[added_mass]\nXudot = -0.0001\nYvdot = -0.01\nNrdot = -0.0006\n")
     assert ps.load_vessel(path).added_mass["Yvdot"] == -0.01

@@ -7,7 +7,7 @@ import math
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.physics.vessel.parts import HELD, ship_of
+from pymc_ship.physics.vessel.parts import FIXED_SD, ship_dimensions
 from pymc_ship.physics.vessel.term_sets import ANY_SPEED_SET, OWN, PART_SETS, term_sets, with_terms
 from pymc_ship.physics.vessel.vessel import coefficient_names
 
@@ -59,7 +59,7 @@ def test_a_stated_parameter_goes_before_what_is_typical(tmp_path):
 
 
 def test_without_a_propeller_a_typical_one_holds_the_resistance_in_balance(tmp_path):
-    ship = ship_of(vessel(tmp_path, tail=""))
+    ship = ship_dimensions(vessel(tmp_path, tail=""))
     J = (1.0 - ship.wake) * ship.nominal_speed / (ship.n * ship.D)
     K_T = ship.k_0 + ship.k_1 * J + ship.k_2 * J * J
     thrust = 2.0 * ship.n**2 * ship.D**4 * K_T / (ship.L * ship.nominal_speed) ** 2
@@ -82,7 +82,7 @@ def test_an_unknown_rudder_is_known_less_well(tmp_path):
 def test_a_set_of_parts_leaves_open_what_the_records_cannot_tell(tmp_path, name):
     """One run does not tell a wake by side from a flow straightening by side: both are open, as far as priors go."""
     ship = with_terms(vessel(tmp_path, head=""), name)
-    assert min(ship.parameters, key=lambda c: c.sd).sd > HELD
+    assert min(ship.parameters, key=lambda c: c.sd).sd > FIXED_SD
     assert {"dC2", "dgamma_R"} < {c.name for c in ship.parameters}
     assert ("low-speed hull" in ship.parts) == (name == ANY_SPEED_SET)
 

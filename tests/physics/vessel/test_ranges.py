@@ -38,7 +38,7 @@ SHIPS = {
 """L, B, d [m], volume [m3] and speed [m/s]."""
 
 
-def papers(L, B, d, volume, speed, scale=1.0):
+def particulars_toml(L, B, d, volume, speed, scale=1.0):
     """Vessel file of the particulars of a ship, or of her model at the same Froude number."""
     return (
         'name = "ship"\n[particulars]\nx_G = 0\n'
@@ -51,7 +51,7 @@ def papers(L, B, d, volume, speed, scale=1.0):
 @pytest.mark.parametrize("ship", SHIPS)
 def test_a_ship_that_exists_is_not_doubted(tmp_path, ship, scale):
     path = tmp_path / "ship.toml"
-    path.write_text(papers(*SHIPS[ship], scale=scale))
+    path.write_text(particulars_toml(*SHIPS[ship], scale=scale))
     assert findings(ps.load_vessel(path)) == []
 
 

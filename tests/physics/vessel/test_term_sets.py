@@ -10,7 +10,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.machine.errors import VesselError
-from pymc_ship.physics.forces.terms import factors, loaded
+from pymc_ship.physics.forces.terms import factors, needs_propeller
 from pymc_ship.physics.vessel.term_sets import AHEAD_SET, OWN, TERM_SETS, term_sets, with_terms
 from pymc_ship.physics.vessel.vessel import Coefficient, coefficient_names, reference_coefficients
 from tests.sentences import refused
@@ -26,8 +26,8 @@ def test_every_term_can_be_read_and_is_there_once(name):
     for row in (chosen.surge, chosen.lateral):
         products = [tuple(sorted(factors(term))) for term in row]
         assert len(set(products)) == len(products)
-    assert any(map(loaded, chosen.surge + chosen.lateral)) == chosen.propeller
-    assert chosen.about
+    assert any(map(needs_propeller, chosen.surge + chosen.lateral)) == chosen.propeller
+    assert chosen.description
 
 
 def test_a_vessel_has_the_sets_by_the_loading_where_it_has_a_propeller_and_the_plain_ones_else(container):

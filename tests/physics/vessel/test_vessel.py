@@ -56,9 +56,9 @@ class TestContainer:
     @pytest.mark.parametrize(("family", "column"), [("conjugate", "con"), ("semiconjugate", "semi")])
     def test_published_estimates_carry_the_sign_of_their_reference(self, container, dof, family, column):
         expected = [signed(row, f"published_{column}_1e5") for row in FORCES[dof]]
-        np.testing.assert_allclose(container.published(dof, family), expected, rtol=1e-15)
+        np.testing.assert_allclose(container.published_estimates(dof, family), expected, rtol=1e-15)
         errors = [float(row[f"published_{column}_are_percent"] or np.nan) for row in FORCES[dof]]
-        np.testing.assert_array_equal(container.published_error(dof, family), errors)
+        np.testing.assert_array_equal(container.published_errors(dof, family), errors)
 
     def test_particulars_and_inertia_are_those_of_the_print(self, container):
         s = container.particulars

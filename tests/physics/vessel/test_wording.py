@@ -15,7 +15,7 @@ from pymc_ship.physics.vessel.term_sets import (
     with_terms,
 )
 from tests.physics.vessel.test_parts import PARTICULARS, PARTS, PROPELLER, vessel
-from tests.physics.vessel.test_ranges import SHIPS, papers
+from tests.physics.vessel.test_ranges import SHIPS, particulars_toml
 from tests.physics.vessel.test_term_sets import LOADED
 from tests.sentences import wording
 from tests.ships.identification.cases import tanker
@@ -34,7 +34,7 @@ test_vessel_errors = wording(
         lambda: with_hull_database(replace(tanker(), particulars=replace(tanker().particulars, d=0.0))),
     ),
     *(
-        (said, partial(loaded, text=papers(*ship)))
+        (said, partial(loaded, text=particulars_toml(*ship)))
         for ship, said in [
             ((320.0, 58.0, 0.0, 312622.0, 7.97), "lacks Xudot, Yvdot, Nrdot. .* need the draught; add d to"),
             ((40.0, 4.0, 1.8, 130.0, 6.0), "no hull with L/B = 10, B/d = 2.22 and a block coefficient of 0.451"),
@@ -43,7 +43,7 @@ test_vessel_errors = wording(
     *(
         (
             r"particulars\.L = .*, which must lie from 0\.1 to 1000",
-            partial(loaded, text=papers(length, *SHIPS["KVLCC2 tanker"][1:])),
+            partial(loaded, text=particulars_toml(length, *SHIPS["KVLCC2 tanker"][1:])),
         )
         for length in [0.0, 1e-200, 1e308]
     ),

@@ -5,7 +5,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.records.files.columns import matched_columns
-from pymc_ship.trial.channels import readable
+from pymc_ship.trial.channels import file_columns
 from pymc_ship.trial.units import METRE
 from tests.sentences import refused
 
@@ -108,7 +108,7 @@ def test_two_columns_of_a_channel():
 
 
 def test_the_own_name_of_a_unit_is_among_its_spellings():
-    assert all(channel.unit.factor(channel.unit.name) == 1.0 for channel in readable().values())
+    assert all(channel.unit.factor(channel.unit.name) == 1.0 for channel in file_columns().values())
     assert METRE.factor("deg") is None
 
 

@@ -11,7 +11,7 @@ import pymc_ship as ps
 from pymc_ship.pages import drawing
 from pymc_ship.ships.forecasting.figures import heading_and_rudder, motion, overshoot_peaks
 from pymc_ship.ships.forecasting.track import track
-from tests.inference.trajectory.cases import without_roll
+from tests.inference.trajectory.cases import unmodelled_roll_text
 from tests.ships.forecasting.cases import MANOEUVRES, case, drawn, forecast, labelled, legend
 
 
@@ -101,7 +101,7 @@ class TestMotion:
         assert len(v.get_lines()) == 2
 
     def test_a_ship_without_roll_has_no_panels_of_it(self, container):
-        vessel = without_roll(container)
+        vessel = unmodelled_roll_text(container)
         fig = motion(forecast(vessel, MANOEUVRES["zigzag"][0], 60.0))
         assert [ax.get_ylabel().split(" [")[0][-1] for ax in fig.axes] == ["u", "v", "r", "δ"]
 

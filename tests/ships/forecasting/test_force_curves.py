@@ -11,7 +11,7 @@ import xarray as xr
 from pymc_ship.physics.forces.propeller import Propeller
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.ships.forecasting.force_curves import force_curves, force_draws
-from tests.inference.trajectory.cases import without_roll
+from tests.inference.trajectory.cases import unmodelled_roll_text
 from tests.ships.forecasting.cases import legend, scattered
 
 
@@ -29,7 +29,7 @@ class TestForceCurves:
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 
     def test_bands_hold_the_share_and_structures_are_pooled(self, container):
-        flat = without_roll(container)
+        flat = unmodelled_roll_text(container)
         models = [(container, scattered(container, 30)), (flat, 1.5 * scattered(flat, 10))]
         ax = force_curves(models, ci_prob=0.5).axes[4]
         v = ax.get_lines()[0].get_xdata()

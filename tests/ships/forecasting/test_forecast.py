@@ -9,7 +9,7 @@ from pymc_ship.ships.ensemble.scores import BANDS, quantiles
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
 from pymc_ship.ships.forecasting.forecast import pooled_forecast, rolls, stated_shares
 from pymc_ship.trial.channels import SIMULATED
-from tests.inference.trajectory.cases import without_roll
+from tests.inference.trajectory.cases import unmodelled_roll_text
 from tests.ships.ensemble.cases import posterior_forecast
 from tests.ships.forecasting.posteriors import joint, posterior, scattered
 
@@ -250,7 +250,7 @@ class TestShipsThatRollAndShipsThatDoNot:
     @pytest.fixture(scope="class")
     @classmethod
     def pooled(cls, container):
-        flat, rng = without_roll(container), np.random.default_rng(14)
+        flat, rng = unmodelled_roll_text(container), np.random.default_rng(14)
         noise = {"v": 0.01, "phi": 0.001}
 
         def of(rolling, ci_prob):

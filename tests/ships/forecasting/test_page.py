@@ -18,7 +18,7 @@ from pymc_ship.machine.errors import OutputError
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.ships.forecasting import page as forecast_report
 from pymc_ship.ships.forecasting.page import index_rows, index_table, verdict_rows, verdict_table, write_forecast_page
-from tests.inference.trajectory.cases import without_roll
+from tests.inference.trajectory.cases import unmodelled_roll_text
 from tests.sentences import refused
 from tests.ships.ensemble.cases import ship_of
 from tests.ships.forecasting.cases import MANOEUVRES, forecast, scattered, trial
@@ -214,7 +214,7 @@ def test_what_was_not_measured_has_a_dash():
 
 
 def test_a_ship_without_roll_has_no_roll_angle():
-    flat = without_roll(vessel())
+    flat = unmodelled_roll_text(vessel())
     rows = index_rows(forecast(flat, ps.zigzag(10.0, 10.0), 60.0), flat)
     assert "maximum roll angle" not in [row["index"] for row in rows]
     assert "maximum roll angle" in [row["index"] for row in index_rows(forecasts()["zigzag 10/10 port"], vessel())]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.physics.forces.surroundings import ADRIFT
+from pymc_ship.physics.forces.surroundings import CURRENT_COMPONENTS
 from pymc_ship.physics.manoeuvre.steering_record import approach_speed
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.ships.identification.held_out import forecast_rows, left_out, readings_sd, scored_indices
@@ -74,7 +74,10 @@ class TestForecastRows:
         Broken twin: without the current she approaches at the speed over ground.
         """
         vessel = parts((*AHEAD, "current"))
-        values, places = reference_coefficients(vessel), [coefficient_names(vessel).index(name) for name in ADRIFT]
+        values, places = (
+            reference_coefficients(vessel),
+            [coefficient_names(vessel).index(name) for name in CURRENT_COMPONENTS],
+        )
         run = ps.simulate(vessel, manoeuvre, duration=700, step=0.25, method="rk4", current=(0.9, 50.0))
         record = over_ground(run, 0.9 * np.exp(1j * np.deg2rad(50.0)), course)
         approached = replace(manoeuvre, approach_speed=approach_speed(record))

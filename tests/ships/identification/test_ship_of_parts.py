@@ -10,7 +10,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.inference.trajectory.windows import prepared_windows
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
-from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.physics.vessel.term_sets import AHEAD_SET, ANY_SPEED_SET, with_terms
 from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.records.steering.recognition import Steering
@@ -135,10 +135,10 @@ def test_nominal_revolutions_are_held_where_those_of_the_records_do_not_vary(tru
     def freedom(records):
         return {c.name: c.sd for c in as_recorded(vessel, records).parameters}[NOMINAL_REVOLUTIONS]
 
-    assert freedom(trials) == HELD
+    assert freedom(trials) == FIXED_SD
     n = truth.propeller.n
     assert freedom([with_n(trials[0], 0.8 * n), with_n(trials[1], n)]) == 0.1
-    assert freedom([with_n(trials[0], 0.96 * n), with_n(trials[1], n)]) == HELD
+    assert freedom([with_n(trials[0], 0.96 * n), with_n(trials[1], n)]) == FIXED_SD
     with refused(ps.TrialError, 2):
         freedom([with_n(trials[0], truth.propeller.n), trials[1]])
 

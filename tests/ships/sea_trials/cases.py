@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.physics.vessel.vessel import Windage, reference_coefficients
 from tests.ships.ensemble.cases import ship_of
 
@@ -26,7 +26,7 @@ def tanker():
 def draws(n=60, seed=3):
     """Draws about the true coefficients, as of a ship that is identified well: by a tenth of the prior sd."""
     vessel = tanker()
-    sd = np.array([c.sd if c.sd > HELD else 0.0 for c in vessel.parameters])
+    sd = np.array([c.sd if c.sd > FIXED_SD else 0.0 for c in vessel.parameters])
     rng = np.random.default_rng(seed)
     return reference_coefficients(vessel) + 0.1 * sd * rng.standard_normal((n, sd.size))
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import pymc_ship as ps
-from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.ships.sea_trials.loading import at_loading
 from tests.ships.sea_trials.cases import tanker
 
@@ -19,7 +19,7 @@ def lighter():
 def test_a_ship_stays_as_far_from_her_formulae_in_their_sd():
     light, full = lighter(), tanker()
     value, sd = np.array([[c.value, c.sd] for c in light.parameters]).T
-    z = np.random.default_rng(3).standard_normal((5, value.size)) * (sd > HELD)
+    z = np.random.default_rng(3).standard_normal((5, value.size)) * (sd > FIXED_SD)
     vessel, moved = at_loading(light, value + z * sd, light, full)
     other, other_sd = np.array([[c.value, c.sd] for c in full.parameters]).T
     np.testing.assert_allclose(moved, other + z * other_sd, rtol=1e-9)

@@ -26,7 +26,7 @@ from pymc_ship.machine.errors import InferenceError, TrialError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.motion.captive import captive_test_derivatives
-from pymc_ship.physics.vessel.parts import ship_of
+from pymc_ship.physics.vessel.parts import ship_dimensions
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel, coefficient_names
 
@@ -77,7 +77,7 @@ def held_motion(tests: xr.Dataset, vessel: Vessel, revolutions: float = 1.0) -> 
     """
     motion = {name: tests[name].values for name in ("u", "v", "r", "delta")}
     if vessel.modular and "n" in tests:
-        motion["n"] = tests["n"].values / ship_of(vessel).n / revolutions
+        motion["n"] = tests["n"].values / ship_dimensions(vessel).n / revolutions
     return motion
 
 

@@ -17,7 +17,7 @@ from pymc_ship.inference.rows.from_trials import regression_data
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.trial.record import one_trial
+from pymc_ship.trial.record import as_trial
 
 SELECTIONS = ("evidence", "bayesian_optimisation")
 """Ways to choose the hyperparameters."""
@@ -127,7 +127,7 @@ def identify(
     Ngsincos|delta| = -0.00148, sd 0.00032
     """
     rng = None if rng is None else random_generator(rng)
-    vessel, trial = as_vessel(vessel), one_trial(trial)
+    vessel, trial = as_vessel(vessel), as_trial(trial)
     if selection not in SELECTIONS or (selection == "bayesian_optimisation" and rng is None):
         raise ValueError(
             f"Hyperparameters are selected by {' or '.join(SELECTIONS)} (which needs rng), found {selection!r}."

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.rows.frames import Formula, new_design
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -331,8 +331,8 @@ def check_prior(prior: object, *, own: str = "") -> None:
     """Raise a InferenceError unless a prior of a regression is given; ``own`` are words on what else is taken."""
     if not isinstance(prior, Prior):
         raise InferenceError(
-            f"The prior of a regression is a Prior such as ConjugatePrior(kappa=100.0){own}, found {shown(prior)}; "
-            "make one, or choose one by maximise_evidence."
+            f"The prior of a regression is a Prior such as ConjugatePrior(kappa=100.0){own}, found "
+            f"{short_repr(prior)}; make one, or choose one by maximise_evidence."
         )
 
 

@@ -12,8 +12,8 @@ import xarray as xr
 
 from pymc_ship.inference.regression.priors import Prior, check_prior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.machine.checksums import append_checksum, fits_its_checksum, folder_checksum
-from pymc_ship.machine.files import settle, staged
+from pymc_ship.machine.checksums import append_checksum, folder_checksum, has_valid_checksum
+from pymc_ship.machine.files import settle, staged_path
 from pymc_ship.machine.seeds import Seed, random_generator
 
 CITATIONS = {
@@ -254,7 +254,7 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
     path = Path(path)
     if path.suffix not in FILES:
         raise ValueError(f"A posterior is written to a path ending in .nc or .zarr, found {path.name!r}; rename it.")
-    with staged(path) as partial:
+    with staged_path(path) as partial:
         if path.suffix == ".nc":
             _to_netcdf(tree, partial)
             append_checksum(partial)
@@ -282,7 +282,7 @@ def read_posterior(path: str | Path) -> xr.DataTree:
         raise ValueError(f"A posterior is read from a .nc or .zarr path, found nothing at {path}; check the path.")
     zarr = path.suffix == ".zarr"
     try:
-        if not (_zarr_is_whole(path) if zarr else fits_its_checksum(path)):
+        if not (_zarr_is_whole(path) if zarr else has_valid_checksum(path)):
             raise ValueError("its checksum does not fit; copy or make it again")
         opened = (
             xr.open_datatree(path, engine="zarr", consolidated=False)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import InferenceError
 
 _FRAMES = 2
@@ -114,7 +114,7 @@ def _floats(values: Any) -> np.ndarray:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise InferenceError(
-            f"New rows are numbers, an array or a DataFrame, found {shown(values)}; convert them."
+            f"New rows are numbers, an array or a DataFrame, found {short_repr(values)}; convert them."
         ) from None
 
 
@@ -164,7 +164,7 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
             "Formulas need the package formulae, which is not installed; install pymc-ship[formula]."
         ) from None
     if not is_frame(frame):
-        raise InferenceError(f"A formula needs a table, found {shown(type(frame))}; give a DataFrame.")
+        raise InferenceError(f"A formula needs a table, found {short_repr(type(frame))}; give a DataFrame.")
     try:
         read = design_matrices(formula, frame, na_action="error", env=_FRAMES)
     except Exception as error:  # a formula may call anything
@@ -179,7 +179,7 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
         found = " and ".join(fault for fault, there in faults.items() if there)
         raise InferenceError(
             f"A formula has a response and terms that are the same for all rows, such as 'Y ~ v + r', found {found} in "
-            f"{shown(formula)}; change it."
+            f"{short_repr(formula)}; change it."
         )
     named = read.common.as_dataframe()
     used = set().union(*(term.var_names for term in read.common.terms.values()))
@@ -190,4 +190,4 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
 
 def _sentence(formula: str, what: str, error: Exception) -> str:
     reason = f"no variable {error}" if isinstance(error, KeyError) else f"{error}".rstrip(".")
-    return f"The formula {shown(formula)} must hold for {what}, found: {reason}; correct one of them."
+    return f"The formula {short_repr(formula)} must hold for {what}, found: {reason}; correct one of them."

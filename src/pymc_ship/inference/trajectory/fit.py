@@ -15,7 +15,7 @@ from pymc_ship.inference.trajectory.prior import CoefficientPrior, coefficient_d
 from pymc_ship.inference.trajectory.runs import Run, whiten
 from pymc_ship.machine.errors import FitError
 from pymc_ship.physics.motion.sensitivities import sensitivities
-from pymc_ship.physics.vessel.vessel import Vessel, places_of_run
+from pymc_ship.physics.vessel.vessel import Vessel, per_run_indices
 
 CHANGE = 1e-4
 """The fit has converged when the next step promises to lower the negative log posterior by less."""
@@ -63,19 +63,19 @@ class Problem:
     sailed: tuple[int, ...] = ()
 
     @property
-    def of_run(self) -> np.ndarray:
+    def per_run(self) -> np.ndarray:
         """Places among the coefficients of those that every trial has its own of."""
-        return np.array(places_of_run(self.vessel) if self.sailed else [], dtype=int)
+        return np.array(per_run_indices(self.vessel) if self.sailed else [], dtype=int)
 
     @property
     def n_shared(self) -> int:
         """Coefficients and the constants of all trials: the unknowns that runs share."""
-        return self.n_coefficients + self.of_run.size * len(set(self.sailed))
+        return self.n_coefficients + self.per_run.size * len(set(self.sailed))
 
     @property
     def columns(self) -> list[np.ndarray]:
         """Places of the coefficients of each run among the unknowns, (n_coefficients,)."""
-        own, found = self.of_run, []
+        own, found = self.per_run, []
         for trial in self.sailed or [0] * len(self.runs):
             found.append(np.arange(self.n_coefficients))
             found[-1][own] = self.n_coefficients + own.size * trial + np.arange(own.size)
@@ -99,7 +99,7 @@ class Problem:
     @property
     def center(self) -> np.ndarray:
         """Prior mean of every unknown, physical units."""
-        parts = [self.prior.mean, np.tile(self.prior.mean[self.of_run], len(set(self.sailed)))]
+        parts = [self.prior.mean, np.tile(self.prior.mean[self.per_run], len(set(self.sailed)))]
         for run, noise in zip(self.runs, self.noise, strict=True):
             parts += [run.initial_state[0], np.zeros(len(run.channels) if noise.offsets else 0)]
         return np.concatenate(parts)
@@ -107,7 +107,7 @@ class Problem:
     @property
     def unit(self) -> np.ndarray:
         """Unit in which every unknown is measured, physical units."""
-        parts = [self.prior.unit, np.tile(self.prior.unit[self.of_run], len(set(self.sailed)))]
+        parts = [self.prior.unit, np.tile(self.prior.unit[self.per_run], len(set(self.sailed)))]
         for run, noise in zip(self.runs, self.noise, strict=True):
             parts += [run.initial_state[1], 0.1 * np.ptp(run.means, axis=1) if noise.offsets else np.empty(0)]
         return np.concatenate(parts)
@@ -118,7 +118,7 @@ class Problem:
         tau = np.where(self.prior.tuned, self.tau[coefficient_dofs(self.vessel)], 1.0)
         precision = np.ones(self.unit.size)
         precision[: self.n_coefficients] = (self.prior.unit / (tau * self.prior.scale)) ** 2
-        own = (self.prior.unit[self.of_run] / self.prior.scale[self.of_run]) ** 2
+        own = (self.prior.unit[self.per_run] / self.prior.scale[self.per_run]) ** 2
         precision[self.n_coefficients : self.n_shared] = np.tile(own, len(set(self.sailed)))
         return precision
 

@@ -13,7 +13,7 @@ from pymc_ship.inference.trajectory.fit import fit_trajectory
 from pymc_ship.inference.trajectory.noise import NoiseChoice, fit_with_noise
 from pymc_ship.inference.trajectory.prior import KINDS, CoefficientPrior, coefficient_prior
 from pymc_ship.inference.trajectory.runs import Run, trajectory_run
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import FitError, InferenceError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.replay import replay
@@ -77,7 +77,7 @@ def trajectory_mode(
     if not isinstance(prior, CoefficientPrior):
         raise InferenceError(
             f"The prior of a trajectory fit is a CoefficientPrior or one of {', '.join(KINDS)}, found "
-            f"{shown(type(prior))}; make one by coefficient_prior."
+            f"{short_repr(type(prior))}; make one by coefficient_prior."
         )
     damped = prior if np.isfinite(prior.scale).all() else coefficient_prior(trials, vessel)
     scales = damped.scale, coefficient_prior(trials, vessel, damping=1.0).scale

@@ -19,8 +19,8 @@ from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import recorded_inputs
 from pymc_ship.physics.motion.stepping import METHODS
 from pymc_ship.physics.vessel.vessel import Vessel
-from pymc_ship.trial.channels import CHANNELS, channel_names, sensors
-from pymc_ship.trial.record import check_trial, one_trial, sampling_interval, second_difference_sd
+from pymc_ship.trial.channels import CHANNELS, channel_names, default_channels
+from pymc_ship.trial.record import as_trial, check_trial, sampling_interval, second_difference_sd
 
 BLOCK = 0.2
 """Samples closer than this interval [s] are averaged over it."""
@@ -166,8 +166,8 @@ def trajectory_run(
         For a channel that is missing, named twice or no state, values that are not finite, fewer than 20 blocks, a
         channel without noise and none given, a noise sd that is not positive or of no channel, an unknown method.
     """
-    trial = one_trial(trial)
-    wanted = tuple(channels) if channels is not None else tuple(name for name in sensors() if name in trial)
+    trial = as_trial(trial)
+    wanted = tuple(channels) if channels is not None else tuple(name for name in default_channels() if name in trial)
     if "roll" not in vessel.dofs:
         rolling = channel_names(lambda channel: channel.rolling)
         wanted = tuple(name for name in wanted if name not in rolling)

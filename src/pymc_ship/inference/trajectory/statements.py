@@ -15,7 +15,7 @@ import numpy as np
 from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement
 from pymc_ship.inference.trajectory.windows import WindowFit
 from pymc_ship.machine.errors import InferenceError
-from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, places_of_run
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_run_indices
 
 _SHARES = {1: 101, 2: 31}  # of the prior sd that are tried, by the number of groups
 _TOLD = 1e-9  # of the largest eigenvalue, from which windows tell of a direction
@@ -102,7 +102,7 @@ def said_by_windows(fit: WindowFit, prior: CoefficientPrior, inflation: float = 
     known = np.diag(scale**-2.0) + stated.rows.T @ stated.rows
     pull = (fit.coefficients - prior.mean) / scale**2 - stated.rows.T @ stated.misfit(fit.coefficients)
     free = np.ones(scale.size)
-    free[places_of_run(fit.vessel)] = 0.0
+    free[per_run_indices(fit.vessel)] = 0.0
     unit = scale * free
     windows = unit[:, None] * (fit.information - known) * unit
     values, vectors = np.linalg.eigh(0.5 * (windows + windows.T))

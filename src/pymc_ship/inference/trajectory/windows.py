@@ -29,9 +29,9 @@ from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import recorded_inputs
 from pymc_ship.physics.motion.replay import replay
-from pymc_ship.physics.vessel.parts import HELD
-from pymc_ship.physics.vessel.vessel import Vessel, places_of_run
-from pymc_ship.trial.channels import CHANNELS, sensors
+from pymc_ship.physics.vessel.parts import FIXED_SD
+from pymc_ship.physics.vessel.vessel import Vessel, per_run_indices
+from pymc_ship.trial.channels import CHANNELS, default_channels
 from pymc_ship.trial.record import sampling_interval
 
 LENGTH = 5.0
@@ -150,7 +150,7 @@ def window_records(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
 def prepared_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list[Window]:
     """Windows of a thinned record, the trial of this number, for the fit and the score of a vessel's model."""
     unit, step = vessel.particulars.ship_time, sampling_interval(trial)
-    channels = sensors(rolling="roll" in vessel.dofs)
+    channels = default_channels(rolling="roll" in vessel.dofs)
     size = {"m/s": vessel.particulars.nominal_speed, "rad/s": 1.0 / unit, "rad": 1.0}
     units = {name: CHANNELS[name].unit.name for name in channels}
     sd = {name: _FIRST_SD[of] * size[of] for name, of in units.items()}
@@ -318,7 +318,7 @@ def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
     C, n = _shared_covariance(fit), fit.problem.n_coefficients
     parts = ((C @ middle @ C)[:n, :n] for middle in (_squared_gradients(fit), _prior_precision(fit)))
     from_windows, from_prior = (0.5 * (part + part.T) for part in parts)
-    own = fit.problem.of_run
+    own = fit.problem.per_run
     from_prior[own], from_prior[:, own] = 0.0, 0.0
     return from_windows, from_prior
 
@@ -359,11 +359,11 @@ def with_constants(windows: Sequence[Window], fit: WindowFit) -> np.ndarray:
     ndarray, shape (n_coefficients,)
         Those of the fit where the vessel has no such constants, or none are found.
     """
-    own = places_of_run(fit.vessel)
+    own = per_run_indices(fit.vessel)
     if not own:
         return fit.coefficients
-    scale = np.full(fit.coefficients.size, HELD)
-    scale[own] = [parameter.sd for parameter in fit.vessel.parameters if parameter.of_run]
+    scale = np.full(fit.coefficients.size, FIXED_SD)
+    scale[own] = [parameter.sd for parameter in fit.vessel.parameters if parameter.per_run]
     held = CoefficientPrior(fit.coefficients, scale, scale, np.zeros(scale.size, dtype=bool), "held")
     problem = initial_problem([window.run for window in windows], fit.vessel, held)
     spread = np.array(list(fit.spread.values()))

@@ -29,7 +29,7 @@ from pymc_ship.physics.forces.programs import (
     STEP,
     SUBTRACT,
     Program,
-    stretch_of,
+    segment_kind,
 )
 
 _VALUES = {
@@ -52,33 +52,33 @@ _COMMUTE = (ADD, MULTIPLY)
 class Expression:
     """A quantity of a formula: what arithmetic and the functions of this module do to it is noted on its tape."""
 
-    __slots__ = ("node", "tape")
+    __slots__ = ("node", "trace")
 
-    def __init__(self, tape: Tape, node: int) -> None:
-        self.tape, self.node = tape, node
+    def __init__(self, trace: Trace, node: int) -> None:
+        self.trace, self.node = trace, node
 
     def __add__(self, other: Expression | float) -> Expression:
-        return self.tape.noted(ADD, self, other)
+        return self.trace.record(ADD, self, other)
 
     def __sub__(self, other: Expression | float) -> Expression:
-        return self.tape.noted(SUBTRACT, self, other)
+        return self.trace.record(SUBTRACT, self, other)
 
     def __mul__(self, other: Expression | float) -> Expression:
-        return self.tape.noted(MULTIPLY, self, other)
+        return self.trace.record(MULTIPLY, self, other)
 
     def __truediv__(self, other: Expression | float) -> Expression:
-        return self.tape.noted(DIVIDE, self, other)
+        return self.trace.record(DIVIDE, self, other)
 
     def __rsub__(self, other: Expression | float) -> Expression:
-        return self.tape.noted(SUBTRACT, other, self)
+        return self.trace.record(SUBTRACT, other, self)
 
     def __rtruediv__(self, other: Expression | float) -> Expression:
-        return self.tape.noted(DIVIDE, other, self)
+        return self.trace.record(DIVIDE, other, self)
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __neg__(self) -> Expression:
-        return self.tape.noted(SUBTRACT, 0.0, self)
+        return self.trace.record(SUBTRACT, 0.0, self)
 
     def __pow__(self, exponent: int) -> Expression:
         product = self
@@ -87,45 +87,45 @@ class Expression:
         return product
 
     def __abs__(self) -> Expression:
-        return self.tape.noted(ABSOLUTE, self)
+        return self.trace.record(ABSOLUTE, self)
 
 
 def root(x: Expression) -> Expression:
     """Square root; its argument must stay positive."""
-    return x.tape.noted(ROOT, x)
+    return x.trace.record(ROOT, x)
 
 
 def exp(x: Expression) -> Expression:
     """Exponential."""
-    return x.tape.noted(EXPONENTIAL, x)
+    return x.trace.record(EXPONENTIAL, x)
 
 
 def sin(x: Expression) -> Expression:
     """Sine of an angle [rad]."""
-    return x.tape.noted(SINE, x)
+    return x.trace.record(SINE, x)
 
 
 def cos(x: Expression) -> Expression:
     """Cosine of an angle [rad]."""
-    return x.tape.noted(COSINE, x)
+    return x.trace.record(COSINE, x)
 
 
 def arctan2(y: Expression, x: Expression) -> Expression:
     """Angle of the direction (x, y) [rad]."""
-    return y.tape.noted(ARC_TANGENT, y, x)
+    return y.trace.record(ARC_TANGENT, y, x)
 
 
 def ramp(x: Expression) -> Expression:
     """The larger of x and 0."""
-    return x.tape.noted(RAMP, x)
+    return x.trace.record(RAMP, x)
 
 
 def step(x: Expression) -> Expression:
     """1 where x > 0, 0 elsewhere; its derivative is 0."""
-    return x.tape.noted(STEP, x)
+    return x.trace.record(STEP, x)
 
 
-class Tape:
+class Trace:
     """Operations noted while formulae are evaluated on symbols.
 
     Parameters
@@ -143,7 +143,7 @@ class Tape:
         self.inputs = {name: Expression(self, self._node(("input", name))) for name in inputs}
         self.parameters = {name: Expression(self, self._node(("parameter", name))) for name in parameters}
 
-    def noted(self, operation: int, left: Expression | float, right: Expression | float = 0.0) -> Expression:
+    def record(self, operation: int, left: Expression | float, right: Expression | float = 0.0) -> Expression:
         """Result of an operation, noted once however often it is asked for."""
         a, b = (self._operand(side) for side in (left, right))
         values = [self._nodes[node][1] if self._nodes[node][0] == "constant" else None for node in (a, b)]
@@ -158,7 +158,7 @@ class Tape:
         if values[1] is not None and values[1] == neutral.get(operation):
             return Expression(self, a)
         if operation == DIVIDE and self._moves[a] and not self._moves[b]:
-            return self.noted(MULTIPLY, Expression(self, a), self.noted(DIVIDE, 1.0, Expression(self, b)))
+            return self.record(MULTIPLY, Expression(self, a), self.record(DIVIDE, 1.0, Expression(self, b)))
         if operation == SUBTRACT and self._nodes[b][0] == MULTIPLY:
             still, moving = sorted(self._nodes[b][1:], key=self._moves.__getitem__)
             if not self._moves[still]:
@@ -259,9 +259,9 @@ def _grouped(operations: Mapping[int, tuple[int, int, int, int]]) -> list[int]:
         return all(operand in done or operand not in operations for operand in operations[node][1:])
 
     while waiting:
-        kinds = [stretch_of(operations[node][0]) for node in waiting if ready(node)]
+        kinds = [segment_kind(operations[node][0]) for node in waiting if ready(node)]
         kind = max(dict.fromkeys(kinds), key=kinds.count)
-        taken = [node for node in waiting if stretch_of(operations[node][0]) == kind and ready(node)]
+        taken = [node for node in waiting if segment_kind(operations[node][0]) == kind and ready(node)]
         found += taken
         done.update(taken)
         waiting = [node for node in waiting if node not in done]
@@ -270,7 +270,7 @@ def _grouped(operations: Mapping[int, tuple[int, int, int, int]]) -> list[int]:
 
 def _segments(operations: np.ndarray, n_static: int) -> np.ndarray:
     """Kind, begin and end of stretches of one kind; the static operations end one."""
-    kinds = [stretch_of(operation) for operation in operations.tolist()]
+    kinds = [segment_kind(operation) for operation in operations.tolist()]
     cuts = [0, *(k for k in range(1, len(kinds)) if kinds[k] != kinds[k - 1] or k == n_static)]
     ends = [*cuts[1:], len(kinds)]
     rows = [(kinds[begin], begin, end) for begin, end in zip(cuts, ends, strict=True) if end > begin]

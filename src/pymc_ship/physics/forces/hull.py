@@ -23,7 +23,7 @@ _FRICTION = 3.5e-3  # resistance over rho/2 U^2 times wetted surface, of merchan
 _PLACES, _WEIGHTS = leggauss(10)  # of the cross flow, over half the length
 
 
-def balance(ship: Ship) -> tuple[float, float, str]:
+def nominal_resistance(ship: Ship) -> tuple[float, float, str]:
     """Resistance at the nominal speed, which the thrust (1 - t) T holds in balance: value, sd and source.
 
     From the open-water curve where the propeller is known, else from the wetted surface of Denny and Mumford.
@@ -46,7 +46,7 @@ def thrust_deduction(ship: Ship) -> float:
 def _ahead(ship: Ship) -> tuple[Parameter, ...]:
     known = bare_hull(ship.L, ship.B, ship.d, ship.volume)
     slender = ship.d / ship.L
-    rows = [Parameter("R0", *balance(ship))]
+    rows = [Parameter("R0", *nominal_resistance(ship))]
     rows += [Parameter(name, *known[name], SOURCE) for name in ("Xvv", "Xvr", "Xrr")]
     rows += [Parameter("Xvvvv", 0.12 * slender, 0.6 * slender, f"{MMG}, of several tankers")]
     return tuple(rows + [Parameter(name, *row, SOURCE) for name, row in known.items() if name[0] in "YN"])
@@ -71,7 +71,7 @@ def _hull_ahead(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared:
 
 def _any_speed(ship: Ship) -> tuple[Parameter, ...]:
     known = bare_hull(ship.L, ship.B, ship.d, ship.volume)
-    R0, R0_sd, source = balance(ship)
+    R0, R0_sd, source = nominal_resistance(ship)
     linear = [Parameter(name, *known[name], SOURCE) for name in ("Xvr", "Xrr", "Yv", "Yr", "Nv", "Nr")]
     cross = "cross-flow drag of ship sections, Faltinsen (1990), Sea Loads on Ships, chapter 6"
     return (

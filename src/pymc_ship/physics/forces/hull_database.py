@@ -113,7 +113,7 @@ def bare_hull(L: float, B: float, d: float, volume: float) -> dict[str, tuple[fl
     return {name: (value * by_draught, _SD[name] * by_draught) for name, value in mean.items()}
 
 
-def squares(L: float, d: float) -> dict[str, tuple[float, float]]:
+def cross_flow_terms(L: float, d: float) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of the terms in squares of v and r by name, prime values, for L and draught d [m]."""
     return {name: (value * d / L, sd * d / L) for name, (value, sd) in _SQUARES.items()}
 

@@ -10,13 +10,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 
 from pymc_ship.machine.errors import VesselError
-from pymc_ship.physics.forces.expressions import Expression, Tape, cos, sin
+from pymc_ship.physics.forces.expressions import Expression, Trace, cos, sin
 from pymc_ship.physics.forces.hull import LOW_SPEED, MANOEUVRING, ROLL, SWAY_CENTRE
 from pymc_ship.physics.forces.part import INPUTS, STATES, Force, Motion, Parameter, Part, Ship
 from pymc_ship.physics.forces.programs import Program
 from pymc_ship.physics.forces.rudder import RUDDER
 from pymc_ship.physics.forces.screw import PROPELLER
-from pymc_ship.physics.forces.surroundings import ADRIFT, CONSTANT, CURRENT, WIND
+from pymc_ship.physics.forces.surroundings import CONSTANT, CURRENT, CURRENT_COMPONENTS, WIND
 
 _SOURCE = "vessel file or Motora's charts"
 _SPREAD = {"m_x": 0.3, "m_y": 0.15, "J_zz": 0.25}  # of added masses, over their values
@@ -76,7 +76,7 @@ class UnknownPart(ValueError):
     """A list of parts that makes no ship."""
 
 
-def ordered(names: Sequence[str], *, polynomial: bool) -> tuple[str, ...]:
+def order_parts(names: Sequence[str], *, polynomial: bool) -> tuple[str, ...]:
     """Names of parts in the order in which their forces are formed.
 
     Raises
@@ -90,11 +90,11 @@ def ordered(names: Sequence[str], *, polynomial: bool) -> tuple[str, ...]:
         raise UnknownPart(
             f"The parts of a ship are some of {', '.join(PARTS)}, each once, found {found}; correct them."
         )
-    places = [PARTS[name].place for name in names]
-    twice = sorted({place for place in places if places.count(place) > 1})
-    lacking = [place for place in ("hull", *MODULAR) if place not in places]
+    roles = [PARTS[name].role for name in names]
+    twice = sorted({role for role in roles if roles.count(role) > 1})
+    lacking = [role for role in ("hull", *MODULAR) if role not in roles]
     if polynomial:
-        of_waters = [name for name in names if PARTS[name].place in ("hull", *MODULAR, "roll", "current")]
+        of_waters = [name for name in names if PARTS[name].role in ("hull", *MODULAR, "roll", "current")]
         if of_waters:
             raise UnknownPart(
                 f"Beside coefficients of terms stand wind and constant force alone, found {', '.join(of_waters)}; "
@@ -108,13 +108,13 @@ def ordered(names: Sequence[str], *, polynomial: bool) -> tuple[str, ...]:
     return tuple(name for name in PARTS if name in names)
 
 
-def parameters_of(ship: Ship, names: Sequence[str]) -> tuple[Parameter, ...]:
+def part_parameters(ship: Ship, names: Sequence[str]) -> tuple[Parameter, ...]:
     """Parameters of parts, part after part, with what is typical of such a ship."""
     return tuple(parameter for name in names for parameter in PARTS[name].parameters(ship))
 
 
 @lru_cache(maxsize=64)
-def program_of(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = None) -> Program:
+def acceleration_program(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = None) -> Program:
     """Accelerations of a ship as a program.
 
     Parameters
@@ -131,15 +131,17 @@ def program_of(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = N
     Program
         Rates of u, v, r and p over U_nom^2 / L (u, v) and U_nom^2 / L^2 (r, p).
     """
-    tape = Tape((*STATES, *INPUTS), [parameter.name for part in parts for parameter in part.parameters(ship)])
-    at, p = tape.inputs, tape.parameters
+    trace = Trace((*STATES, *INPUTS), [parameter.name for part in parts for parameter in part.parameters(ship)])
+    at, p = trace.inputs, trace.parameters
     cosine, sine = cos(at["psi"]), sin(at["psi"])
 
     def to_ship(north: Expression | float, east: Expression | float) -> tuple[Expression, Expression]:
         return north * cosine + east * sine, east * cosine - north * sine
 
     drift = p.get("k_drift", 0.0)
-    current = [p.get(name, 0.0) + drift * at[wind] for name, wind in zip(ADRIFT, ("wind_x", "wind_y"), strict=True)]
+    current = [
+        p.get(name, 0.0) + drift * at[wind] for name, wind in zip(CURRENT_COMPONENTS, ("wind_x", "wind_y"), strict=True)
+    ]
     u_c, v_c = to_ship(*current)
     u_w, v_w = to_ship(at["wind_x"], at["wind_y"])
     water = {"u": at["u"] - u_c, "v": at["v"] - v_c}
@@ -147,15 +149,15 @@ def program_of(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = N
     motion = Motion(**water, **others, u_air=at["u"] - u_w, v_air=at["v"] - v_w)
     shared: dict[str, Expression] = {}
     forces = [part.force(ship, motion, p, shared) for part in parts]
-    total = [_sum(tape, (force[k] for force in forces)) for k in range(4)]
+    total = [_sum(trace, (force[k] for force in forces)) for k in range(4)]
     if J_inverse is not None:
-        return tape.program([_sum(tape, (J_inverse[k][j] * total[j] for j in range(4))) for k in range(4)])
+        return trace.program([_sum(trace, (J_inverse[k][j] * total[j] for j in range(4))) for k in range(4)])
     surge, sway, *rest = _accelerations(ship, motion, p, total)
-    return tape.program([surge + at["r"] * v_c, sway - at["r"] * u_c, *rest])
+    return trace.program([surge + at["r"] * v_c, sway - at["r"] * u_c, *rest])
 
 
-def _sum(tape: Tape, values: Iterable[Expression | float]) -> Expression:
-    total = tape.constant(0.0)
+def _sum(trace: Trace, values: Iterable[Expression | float]) -> Expression:
+    total = trace.constant(0.0)
     for value in values:
         total = total + value
     return total

@@ -91,8 +91,8 @@ class Ship(NamedTuple):
 class Parameter:
     """A parameter of a part: what is known of it before a trial.
 
-    ``unit`` is "prime" or what the number stands for; ``of_run`` says that every run has its own, ``of_facility`` that
-    it may be another one where the same ship is tried elsewhere: revolutions, wake, asymmetry of propeller and rudder.
+    ``unit`` is "prime" or the unit of the number. ``per_run``: every run has its own value; ``per_facility``: it may
+    differ between facilities that test the same ship (revolutions, wake, asymmetry of propeller and rudder).
     """
 
     name: str
@@ -100,8 +100,8 @@ class Parameter:
     sd: float
     source: str
     unit: str = "prime"
-    of_run: bool = False
-    of_facility: bool = False
+    per_run: bool = False
+    per_facility: bool = False
 
 
 class Motion(NamedTuple):
@@ -138,21 +138,21 @@ class Part:
     Attributes
     ----------
     name : str
-    about : str
+    description : str
         What it is, in words.
     parameters : callable
         ``parameters(ship)`` gives the parameters with what is typical of such a ship.
     force : callable
         A :data:`Formula`.
-    place : str
+    role : str
         What it stands for; a ship has at most one part of each place.
     """
 
     name: str
-    about: str
+    description: str
     parameters: Callable[[Ship], tuple[Parameter, ...]]
     force: Formula
-    place: str
+    role: str
 
 
 def speed(u: Expression, v: Expression) -> Expression:

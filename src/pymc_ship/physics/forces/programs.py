@@ -1,8 +1,8 @@
 """Programs: elementary operations on rows of a workspace, carried out and differentiated by two kernels.
 
-:func:`run` carries a program out, one lane for each instant or ship; :func:`sweep` goes through it backwards and gives
-the derivatives of one result by every state, input and parameter at once (reverse mode of automatic differentiation,
-Griewank & Walther 2008, doi:10.1137/1.9780898717761).
+:func:`execute` evaluates a program, one lane for each instant or draw. :func:`sweep` runs it backwards and gives the
+derivatives of one result by every state, input and parameter (reverse mode of automatic differentiation, Griewank &
+Walther 2008, doi:10.1137/1.9780898717761).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MULTIPLY_ADD = 12
 _ARITHMETIC = (ADD, SUBTRACT, MULTIPLY, MULTIPLY_ADD)
 
 
-def stretch_of(operation: int) -> int:
+def segment_kind(operation: int) -> int:
     """Kind of the stretches that an operation stands in: sums and products are all one, left * right + added."""
     return MULTIPLY_ADD if operation in _ARITHMETIC else operation
 
@@ -46,7 +46,7 @@ class Program(NamedTuple):
     a - b is b * -1 + a, and a product adds 0. The first ``n_static`` depend on parameters and constants alone.
     ``results`` (n_results,) are the rows asked for and ``needed`` (n_results, n_operations) whether each of them
     depends on an operation. ``segments`` (n_segments, 3) are kind, begin and end of operations of one kind, see
-    :func:`stretch_of`, one after the other, so that a processor foresees what comes next.
+    :func:`segment_kind`, one after the other, so that a processor foresees what comes next.
     """
 
     operation: np.ndarray
@@ -133,17 +133,17 @@ def set_parameters(program: Program, parameters: np.ndarray, work: np.ndarray) -
     for k in range(program.constants.size):
         for lane in range(n_lanes):
             work[first + k, lane] = program.constants[k]
-    _carry_out(program, work, 0, program.n_static)
+    _execute_range(program, work, 0, program.n_static)
 
 
 @njit(**_SETTINGS, forceinline=True)
-def run(program: Program, work: np.ndarray) -> None:
+def execute(program: Program, work: np.ndarray) -> None:
     """Carry out a program on a workspace whose inputs are set, after :func:`set_parameters`."""
-    _carry_out(program, work, program.n_static, program.operation.size)
+    _execute_range(program, work, program.n_static, program.operation.size)
 
 
 @njit(**_SETTINGS, forceinline=True)
-def _carry_out(program: Program, work: np.ndarray, begin: int, end: int) -> None:  # noqa: C901, one branch for each operation
+def _execute_range(program: Program, work: np.ndarray, begin: int, end: int) -> None:  # noqa: C901, one branch for each operation
     segments, left, right, added = program.segments, program.left, program.right, program.added
     n_lanes, first = work.shape[1], work.shape[0] - program.operation.size
     for segment in range(segments.shape[0]):
@@ -207,7 +207,7 @@ def _carry_out(program: Program, work: np.ndarray, begin: int, end: int) -> None
 
 @njit(**_SETTINGS)
 def sweep(program: Program, work: np.ndarray, result: int, slope: np.ndarray) -> None:  # noqa: C901, one branch for each operation
-    """Derivatives of one result by every row, after :func:`run`, written to ``slope`` (n_rows, n_lanes)."""
+    """Derivatives of one result by every row, after :func:`execute`, written to ``slope`` (n_rows, n_lanes)."""
     operation, left, right, added = program.operation, program.left, program.right, program.added
     n_lanes, first = work.shape[1], work.shape[0] - operation.size
     for row in range(slope.shape[0]):

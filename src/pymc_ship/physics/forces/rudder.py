@@ -35,7 +35,7 @@ def _parameters(ship: Ship) -> tuple[Parameter, ...]:
         Parameter("kappa", ship.kappa, 0.08 if ship.propeller_known else 0.12, MMG, "growth of the race"),
         Parameter("gamma_R", 0.44, 0.13, f"{MMG}, 0.40 and 0.64", "flow straightening"),
         Parameter(
-            "dgamma_R", 0.0, 0.1, "half the difference between the sides", "flow straightening", of_facility=True
+            "dgamma_R", 0.0, 0.1, "half the difference between the sides", "flow straightening", per_facility=True
         ),
         Parameter("l_R", -0.9, 0.2, f"{MMG}, -0.71; twice the place of the rudder, {kijima}", "L"),
         Parameter("t_R", 0.45 - 0.28 * ship.block, 0.12, kijima, "steering resistance"),

@@ -16,7 +16,7 @@ from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, 
 AIR_OVER_WATER = 1.225 / 1025.0
 """Density of air over that of sea water."""
 
-ADRIFT = ("c_north", "c_east")
+CURRENT_COMPONENTS = ("c_north", "c_east")
 """Constants of a run that are the components of its current, over the nominal speed."""
 
 _FOSSEN = "Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, section 8.1"
@@ -42,15 +42,15 @@ def _wind(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: dict[
 def _of_current(ship: Ship) -> tuple[Parameter, ...]:
     usual = "currents of half a knot or so, by judgement"
     sd = 0.5 / ship.nominal_speed
-    ways = zip(ADRIFT, ("north", "east"), strict=True)
-    return tuple(Parameter(name, 0.0, sd, usual, f"U_nom, current to the {way}", of_run=True) for name, way in ways)
+    ways = zip(CURRENT_COMPONENTS, ("north", "east"), strict=True)
+    return tuple(Parameter(name, 0.0, sd, usual, f"U_nom, current to the {way}", per_run=True) for name, way in ways)
 
 
 def _of_rest(ship: Ship) -> tuple[Parameter, ...]:
     size = "a degree of rudder or so, by judgement"
     return (
-        Parameter("Y_run", 0.0, 2e-5, size, of_run=True),
-        Parameter("N_run", 0.0, 1e-5, size, of_run=True),
+        Parameter("Y_run", 0.0, 2e-5, size, per_run=True),
+        Parameter("N_run", 0.0, 1e-5, size, per_run=True),
     )
 
 

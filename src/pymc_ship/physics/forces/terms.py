@@ -95,7 +95,7 @@ def order(term: str) -> int:
     return max(moving, 1) if rows else 0
 
 
-def loaded(term: str) -> bool:
+def needs_propeller(term: str) -> bool:
     """Whether a term needs the vessel's propeller."""
     return any(row >= ROW_LOADING for row in factors(term))
 

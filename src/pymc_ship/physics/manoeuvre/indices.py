@@ -13,7 +13,7 @@ from pymc_ship.physics.manoeuvre.events import Record
 from pymc_ship.physics.manoeuvre.kinds import SIDES, Index
 from pymc_ship.physics.manoeuvre.registry import KINDS, either
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import check_trial, one_trial
+from pymc_ship.trial.record import as_trial, check_trial
 
 
 def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
@@ -52,7 +52,7 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     >>> print(f"{overshoot:.1f} {overshoot.attrs['units']}")
     10.2 deg
     """
-    name = manoeuvre or one_trial(trial).attrs.get("manoeuvre", "")
+    name = manoeuvre or as_trial(trial).attrs.get("manoeuvre", "")
     known = [kind.name for kind in KINDS.values() if kind.indices]
     if name not in known:
         raise TrialError(f"Indices exist for {either(known)}, found {name!r}; name the manoeuvre.")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymc_ship.machine.arguments import check_choice, shown
+from pymc_ship.machine.arguments import check_choice, short_repr
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.kinds import SIDES, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, kind_named
@@ -96,8 +96,8 @@ def one_manoeuvre(manoeuvre: object) -> Manoeuvre:
     """Manoeuvre as it is; SimulationError for a list of manoeuvres, a text, or anything else."""
     if not isinstance(manoeuvre, Manoeuvre):
         raise SimulationError(
-            f"One manoeuvre is meant, made by zigzag, turning_circle or rudder_programme, found {shown(manoeuvre)}; "
-            "give one of these."
+            f"One manoeuvre is meant, made by zigzag, turning_circle or rudder_programme, found "
+            f"{short_repr(manoeuvre)}; give one of these."
         )
     return manoeuvre
 

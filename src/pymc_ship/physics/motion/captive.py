@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pymc_ship.physics.forces.part import INPUTS, STATES
-from pymc_ship.physics.forces.programs import Program, run, set_parameters, sweep
+from pymc_ship.physics.forces.programs import Program, execute, set_parameters, sweep
 from pymc_ship.physics.forces.terms import evaluate
 from pymc_ship.physics.motion.prime_record import prime_record
 from pymc_ship.physics.vessel.parts import force_program
@@ -98,5 +98,5 @@ def _by_parts(held: _Held, coefficients: np.ndarray) -> np.ndarray:
     """Forces of the parts (4, n_points), which the workspace then holds."""
     parameters = coefficients[coefficients.size - held.program.n_parameters :]
     set_parameters(held.program, np.tile(parameters[:, None], held.scale.size), held.work)
-    run(held.program, held.work)
+    execute(held.program, held.work)
     return held.work[held.program.results] * held.scale

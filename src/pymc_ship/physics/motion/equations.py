@@ -22,7 +22,7 @@ from pymc_ship.physics.forces.prime_system import (
     righting_arm,
     righting_moment,
 )
-from pymc_ship.physics.forces.programs import Program, run, set_parameters, sin_cos
+from pymc_ship.physics.forces.programs import Program, execute, set_parameters, sin_cos
 from pymc_ship.physics.forces.propeller import PropellerConstants, loading
 from pymc_ship.physics.forces.terms import ROW_LOADING, ROW_SYMBOL, fill_products, plan
 from pymc_ship.physics.vessel.parts import part_program
@@ -99,7 +99,7 @@ class Work(NamedTuple):
 
     ``terms`` (n_rows, n_lanes) is the workspace of :func:`pymc_ship.physics.forces.terms.fill_products`, ``speed``
     (n_lanes,) is U [m/s], ``force`` (4, n_lanes) are the prime forces and moments of surge, sway, yaw and roll,
-    ``parts`` (n_part_rows, n_lanes) is the workspace of :func:`pymc_ship.physics.forces.programs.run`.
+    ``parts`` (n_part_rows, n_lanes) is the workspace of :func:`pymc_ship.physics.forces.programs.execute`.
     """
 
     terms: np.ndarray
@@ -210,7 +210,7 @@ def run_parts(state: np.ndarray, inputs: np.ndarray, scheme: Scheme, work: Work)
     for row in range(inputs.shape[0]):
         for lane in range(state.shape[1]):
             work.parts[6 + row, lane] = inputs[row, lane]
-    run(scheme.program, work.parts)
+    execute(scheme.program, work.parts)
 
 
 @njit(**INLINED)

@@ -9,7 +9,7 @@ from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.forces.part import INPUTS
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
 from pymc_ship.physics.forces.surroundings import WIND
-from pymc_ship.physics.vessel.parts import HELD, ship_of
+from pymc_ship.physics.vessel.parts import FIXED_SD, ship_dimensions
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import OVER_GROUND
 
@@ -51,7 +51,7 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     U = vessel.particulars.nominal_speed
     measured = revolutions_measured(trial)
     if measured and (takes_revolutions(vessel) or _finds_revolutions(vessel)):
-        found[1] = trial["n"].values / ship_of(vessel).n
+        found[1] = trial["n"].values / ship_dimensions(vessel).n
     else:
         found[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else initial_speed(trial) / U
         if measured and trial["n"].values[0] > 0.0:
@@ -69,7 +69,7 @@ def revolutions_measured(trial: xr.Dataset) -> bool:
 
 def _finds_revolutions(vessel: Vessel) -> bool:
     """Whether the nominal revolutions of a vessel of parts are a free parameter."""
-    return vessel.modular and any(c.name == NOMINAL_REVOLUTIONS and c.sd > HELD for c in vessel.parameters)
+    return vessel.modular and any(c.name == NOMINAL_REVOLUTIONS and c.sd > FIXED_SD for c in vessel.parameters)
 
 
 def takes_revolutions(vessel: Vessel) -> bool:

@@ -9,7 +9,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pymc_ship.machine.errors import VesselError
-from pymc_ship.physics.forces.hull_database import SOURCE, STRIPS, TYPICAL_RUDDER, bare_hull, squares, typical_rudder
+from pymc_ship.physics.forces.hull_database import (
+    SOURCE,
+    STRIPS,
+    TYPICAL_RUDDER,
+    bare_hull,
+    cross_flow_terms,
+    typical_rudder,
+)
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Coefficient, Vessel
 
@@ -69,7 +76,7 @@ def with_hull_database(vessel: Vessel) -> Vessel:
     names = {c.name for force in vessel.forces.values() for c in force}
     shared = {f"{letter}{term}" for letter in "YN" for term in "vr" if f"{letter}g{term}" not in names}
     hull = {name: law for name, law in hull_coefficients(vessel).items() if name not in shared}
-    strips = squares(vessel.particulars.L, vessel.particulars.d)
+    strips = cross_flow_terms(vessel.particulars.L, vessel.particulars.d)
     return with_typical_rudder(_informed(_informed(vessel, hull, SOURCE), _loaded(strips), STRIPS))
 
 

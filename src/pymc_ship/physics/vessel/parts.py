@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 
 from pymc_ship.machine.errors import VesselError
-from pymc_ship.physics.forces.expressions import Tape
-from pymc_ship.physics.forces.hull import ROLL, balance, thrust_deduction
-from pymc_ship.physics.forces.modular import PARTS, UnknownPart, ordered, parameters_of, program_of
+from pymc_ship.physics.forces.expressions import Trace
+from pymc_ship.physics.forces.hull import ROLL, nominal_resistance, thrust_deduction
+from pymc_ship.physics.forces.modular import PARTS, UnknownPart, acceleration_program, order_parts, part_parameters
 from pymc_ship.physics.forces.part import AddedMass, Part, Ship
 from pymc_ship.physics.forces.programs import Program
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.vessel.inertia import with_stability
 from pymc_ship.physics.vessel.vessel import Coefficient, Particulars, Vessel
 
-HELD = 1e-9
+FIXED_SD = 1e-9
 """Standard deviation of a parameter that is held at its value."""
 
 _DIAMETER = 0.65  # of a propeller, over the draught
@@ -28,7 +28,7 @@ _GROWTH = 0.55  # kappa
 _ASPECT = 1.6  # of a rudder
 
 
-def ship_of(vessel: Vessel) -> Ship:
+def ship_dimensions(vessel: Vessel) -> Ship:
     """Dimensions of a vessel for her parts; what her file leaves out is that of a usual ship.
 
     Raises
@@ -82,7 +82,7 @@ def _check_draught(vessel: Vessel) -> None:
 
 
 def with_parts(
-    vessel: Vessel, names: Sequence[str], stated: Mapping[str, Coefficient] | None = None, held: Sequence[str] = ()
+    vessel: Vessel, names: Sequence[str], stated: Mapping[str, Coefficient] | None = None, fixed: Sequence[str] = ()
 ) -> Vessel:
     """Vessel whose forces parts make.
 
@@ -93,7 +93,7 @@ def with_parts(
         Of :data:`pymc_ship.physics.forces.modular.PARTS`.
     stated : mapping of str to Coefficient, optional
         Parameters that are known; the others are typical of such a ship.
-    held : sequence of str, optional
+    fixed : sequence of str, optional
         Parameters that stay at their values, those of them that the parts have.
 
     Returns
@@ -104,11 +104,11 @@ def with_parts(
     Raises
     ------
     VesselError
-        For parts that make no ship, wind without areas above the water, unknown parameters, and as :func:`ship_of`.
+        For parts that make no ship, wind without areas above the water, unknown parameters, or no draught.
     """
     polynomial = any(vessel.forces.values())
     try:
-        names = ordered(names, polynomial=polynomial)
+        names = order_parts(names, polynomial=polynomial)
     except UnknownPart as error:
         raise VesselError(f"{vessel.name!r}: {error}") from None
     if not polynomial:
@@ -124,9 +124,9 @@ def with_parts(
         )
     typical = {
         p.name: Coefficient(
-            p.name, p.value, source=p.source, sd=p.sd, unit=p.unit, of_run=p.of_run, of_facility=p.of_facility
+            p.name, p.value, source=p.source, sd=p.sd, unit=p.unit, per_run=p.per_run, per_facility=p.per_facility
         )
-        for p in parameters_of(ship_of(vessel), names)
+        for p in part_parameters(ship_dimensions(vessel), names)
     }
     stated = dict(stated or {})
     unknown = [name for name in stated if name not in typical]
@@ -137,17 +137,17 @@ def with_parts(
     for name, c in stated.items():
         sd = c.sd if c.sd > 0.0 else typical[name].sd
         typical[name] = replace(typical[name], value=c.value, sd=sd, source=c.source or "vessel file", note=c.note)
-    for name in set(held) & set(typical):
-        typical[name] = replace(typical[name], sd=HELD)
+    for name in set(fixed) & set(typical):
+        typical[name] = replace(typical[name], sd=FIXED_SD)
     return replace(vessel, parts=names, parameters=tuple(typical.values()))
 
 
 def part_program(vessel: Vessel) -> Program:
     """Accelerations by the parts of a vessel as a program; one without results where she has none."""
     if not vessel.parts:
-        return Tape((), ()).program(())
+        return Trace((), ()).program(())
     J_inverse = None if vessel.modular else tuple(map(tuple, np.linalg.inv(vessel.inertia_matrix).tolist()))
-    return program_of(ship_of(vessel), _parts(vessel), J_inverse)
+    return acceleration_program(ship_dimensions(vessel), _parts(vessel), J_inverse)
 
 
 def _parts(vessel: Vessel) -> tuple[Part, ...]:
@@ -158,8 +158,8 @@ def _parts(vessel: Vessel) -> tuple[Part, ...]:
 def force_program(vessel: Vessel) -> Program:
     """Forces X, Y, N, K of the parts of a vessel, primes at the nominal speed; one without results without parts."""
     if not vessel.parts:
-        return Tape((), ()).program(())
-    return program_of(ship_of(vessel), _parts(vessel), tuple(map(tuple, np.eye(4).tolist())))
+        return Trace((), ()).program(())
+    return acceleration_program(ship_dimensions(vessel), _parts(vessel), tuple(map(tuple, np.eye(4).tolist())))
 
 
 def _rudder_area(s: Particulars) -> float:
@@ -169,7 +169,7 @@ def _rudder_area(s: Particulars) -> float:
 
 def _revolutions(ship: Ship) -> float:
     """Revolutions [1/s] at which a typical propeller holds the resistance in balance at the nominal speed."""
-    resistance, _, _ = balance(ship)
+    resistance, _, _ = nominal_resistance(ship)
     thrust = 0.5 * resistance * (ship.L * ship.nominal_speed) ** 2 / (1.0 - thrust_deduction(ship))
     inflow = (1.0 - ship.wake) * ship.nominal_speed
     a, b = ship.k_0 * ship.D**4, ship.k_1 * inflow * ship.D**3

@@ -10,11 +10,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.toml import Entry, toml_file
 from pymc_ship.physics.forces.propeller import Propeller
-from pymc_ship.physics.forces.terms import UnknownTerm, factors, loaded
+from pymc_ship.physics.forces.terms import UnknownTerm, factors, needs_propeller
 from pymc_ship.physics.vessel.inertia import DIAGONAL, K_ZZ, displaced_mass, motora_added_mass, yaw_inertia
 from pymc_ship.physics.vessel.parts import with_parts
 from pymc_ship.physics.vessel.plausibility import Finding, findings, particulars_findings
@@ -97,7 +97,7 @@ def as_vessel(vessel: object) -> Vessel:
     if not isinstance(vessel, str | Path):
         raise VesselError(
             f"A vessel is a Vessel, the name of a shipped one ({', '.join(shipped_vessels())}) or the path of a .toml "
-            f"file, found {shown(vessel)}; give one of these."
+            f"file, found {short_repr(vessel)}; give one of these."
         )
     return load_vessel(vessel)
 
@@ -134,7 +134,11 @@ def _vessel(file: Entry) -> Vessel:
             vessel = with_parts(vessel, parts, _parameters(file.at("parameters", {})))
         except VesselError as error:
             raise VesselError(f"{file.file}: {error}") from None
-    idle = [c.name for force in vessel.forces.values() for c in force if loaded(c.term)] if not vessel.propeller else []
+    idle = (
+        [c.name for force in vessel.forces.values() for c in force if needs_propeller(c.term)]
+        if not vessel.propeller
+        else []
+    )
     if idle:
         raise VesselError(f"{file.file}: {', '.join(idle)} need the propeller's loading; add the table [propeller].")
     _refuse(findings(vessel), file)
@@ -150,7 +154,7 @@ def _refuse(found: Iterable[Finding], file: Entry) -> None:
 def _name(entry: Entry) -> str:
     name = entry.text()
     if not 0 < len(name) <= _LONGEST or not name.isprintable():
-        entry.fail(f"must be a line of 1 to {_LONGEST} signs, found {shown(name)}; correct it.")
+        entry.fail(f"must be a line of 1 to {_LONGEST} signs, found {short_repr(name)}; correct it.")
     return name
 
 
@@ -176,7 +180,7 @@ def _derived(s: Particulars, inertia: dict[str, float], added_mass: dict[str, fl
 
 def _texts_of(entry: Entry) -> tuple[str, ...]:
     if not isinstance(entry.value, list) or not all(isinstance(text, str) for text in entry.value):
-        entry.fail(f"must be a list of texts, found {shown(entry.value)}; correct it.")
+        entry.fail(f"must be a list of texts, found {short_repr(entry.value)}; correct it.")
     return tuple(entry.value)
 
 

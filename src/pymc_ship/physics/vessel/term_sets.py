@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.physics.forces.hull import LOW_SPEED, MANOEUVRING, ROLL
-from pymc_ship.physics.forces.modular import ADDED_MASS, PARTS, parameters_of
+from pymc_ship.physics.forces.modular import ADDED_MASS, PARTS, part_parameters
 from pymc_ship.physics.forces.rudder import RUDDER
 from pymc_ship.physics.forces.screw import PROPELLER
 from pymc_ship.physics.forces.surroundings import WIND
-from pymc_ship.physics.vessel.parts import ship_of, with_parts
+from pymc_ship.physics.vessel.parts import ship_dimensions, with_parts
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import LETTER, Coefficient, Vessel
 
@@ -34,7 +34,7 @@ class PartSet:
     """Parts that make all forces, and a sentence on what they stand for."""
 
     parts: tuple[str, ...]
-    about: str
+    description: str
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class TermSet:
     surge: tuple[str, ...]
     lateral: tuple[str, ...]
     propeller: bool
-    about: str
+    description: str
 
     @property
     def coefficients(self) -> dict[str, list[str]]:
@@ -53,8 +53,10 @@ class TermSet:
         return {dof: [f"{LETTER[dof]}{term}" for term in row] for dof, row in rows.items()}
 
 
-def _loaded(hull: tuple[str, ...], about: str) -> TermSet:
-    return TermSet(("T", "vv", "vr", "rr", "gsinsin"), ("0", *hull, "g|r|", "gsincos", "gsincos|delta|"), True, about)
+def _loaded(hull: tuple[str, ...], description: str) -> TermSet:
+    return TermSet(
+        ("T", "vv", "vr", "rr", "gsinsin"), ("0", *hull, "g|r|", "gsincos", "gsincos|delta|"), True, description
+    )
 
 
 def _by_g(terms: tuple[str, ...]) -> tuple[str, ...]:
@@ -105,12 +107,12 @@ PART_SETS = {
 """Sets of parts by name."""
 
 
-def holds_any_speed(vessel: Vessel) -> bool:
+def valid_at_any_speed(vessel: Vessel) -> bool:
     """Whether the forces of a vessel mean something at rest and astern, too."""
     return LOW_SPEED.name in vessel.parts
 
 
-def takes_part_sets(vessel: Vessel) -> bool:
+def supports_part_sets(vessel: Vessel) -> bool:
     """Whether sets of parts stand for a vessel: her draught is stated and she has no terms of roll."""
     return vessel.particulars.d > 0.0 and "roll" not in vessel.forces
 
@@ -135,7 +137,7 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     """
     vessel = as_vessel(vessel)
     wanted = vessel.propeller is not None
-    modular = (AHEAD_SET,) if takes_part_sets(vessel) else ()
+    modular = (AHEAD_SET,) if supports_part_sets(vessel) else ()
     names = (*modular, *(name for name, terms in TERM_SETS.items() if terms.propeller == wanted))
     own = {c.name for force in vessel.forces.values() for c in force}
     if vessel.modular:
@@ -196,10 +198,10 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
 
 def _with_part_set(vessel: Vessel, chosen: PartSet) -> Vessel:
     """Vessel whose forces a set's parts make, with her own parts of other places and wind where she states areas."""
-    places = {PARTS[name].place for name in chosen.parts}
-    around = [name for name in vessel.parts if PARTS[name].place not in places]
+    roles = {PARTS[name].role for name in chosen.parts}
+    around = [name for name in vessel.parts if PARTS[name].role not in roles]
     around += [WIND.name] if vessel.windage is not None and WIND.name not in around else []
     parts = (*chosen.parts, *around)
     bare = replace(vessel, forces=dict.fromkeys(vessel.forces, ()), parts=(), parameters=())
-    known = {p.name for p in parameters_of(ship_of(bare), parts)}
+    known = {p.name for p in part_parameters(ship_dimensions(bare), parts)}
     return with_parts(bare, parts, {c.name: c for c in vessel.parameters if c.name in known})

@@ -28,7 +28,7 @@ class Coefficient:
     """One hydrodynamic coefficient: name (``Yv|v|``), prime value and where both number and sign come from.
 
     ``sd`` is the standard deviation of what is known of the value beforehand, NaN where nothing is. A parameter of a
-    part is one, too: ``unit`` says what its number stands for, ``of_run`` that every run has its own, ``of_facility``
+    part is one, too: ``unit`` says what its number stands for, ``per_run`` that every run has its own, ``per_facility``
     that every facility may.
     """
 
@@ -41,8 +41,8 @@ class Coefficient:
     published_error: dict[str, float] = field(default_factory=dict)
     sd: float = math.nan
     unit: str = "prime"
-    of_run: bool = False
-    of_facility: bool = False
+    per_run: bool = False
+    per_facility: bool = False
 
     @property
     def term(self) -> str:
@@ -176,11 +176,11 @@ class Vessel:
             attrs={"vessel": self.name, "dof": dof, "units": "prime"},
         )
 
-    def published(self, dof: str, which: str) -> np.ndarray:
+    def published_estimates(self, dof: str, which: str) -> np.ndarray:
         """Published estimates of a DOF, shape (n_terms,); NaN where none is printed."""
         return np.array([coefficient.published.get(which, np.nan) for coefficient in self._force(dof)])
 
-    def published_error(self, dof: str, which: str) -> np.ndarray:
+    def published_errors(self, dof: str, which: str) -> np.ndarray:
         """Errors [%] printed beside the published estimates, shape (n_terms,); NaN where none is printed."""
         return np.array([coefficient.published_error.get(which, np.nan) for coefficient in self._force(dof)])
 
@@ -238,14 +238,14 @@ def reference_coefficients(vessel: Vessel) -> np.ndarray:
     return np.concatenate([*rows, [parameter.value for parameter in vessel.parameters]])
 
 
-def places_of_run(vessel: Vessel) -> list[int]:
+def per_run_indices(vessel: Vessel) -> list[int]:
     """Places among the coefficients of the parameters that every run has its own of."""
-    return _places(vessel, [parameter.of_run for parameter in vessel.parameters])
+    return _places(vessel, [parameter.per_run for parameter in vessel.parameters])
 
 
-def places_of_facility(vessel: Vessel) -> list[int]:
+def per_facility_indices(vessel: Vessel) -> list[int]:
     """Places among the coefficients of the parameters that a facility may have its own of."""
-    return _places(vessel, [parameter.of_facility for parameter in vessel.parameters])
+    return _places(vessel, [parameter.per_facility for parameter in vessel.parameters])
 
 
 def _places(vessel: Vessel, chosen: Iterable[bool]) -> list[int]:
@@ -254,7 +254,7 @@ def _places(vessel: Vessel, chosen: Iterable[bool]) -> list[int]:
     return [first + k for k, one in enumerate(chosen) if one]
 
 
-def fullest(vessels: Iterable[Vessel]) -> Vessel:
+def most_dofs(vessels: Iterable[Vessel]) -> Vessel:
     """Vessel with the most degrees of freedom, the first of several."""
     return max(vessels, key=lambda vessel: len(vessel.dofs))
 

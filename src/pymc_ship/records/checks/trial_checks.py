@@ -44,7 +44,7 @@ from pymc_ship.records.checks.track import axes_checks, body_velocity, drift_che
 from pymc_ship.records.checks.verdicts import Check, not_checked, ship_scale
 from pymc_ship.records.files.quality_flags import with_quality_flags, worst
 from pymc_ship.trial.channels import SIMULATED
-from pymc_ship.trial.record import check_trial, one_trial
+from pymc_ship.trial.record import as_trial, check_trial
 
 _LARGEST = 1e12
 
@@ -97,7 +97,7 @@ def trial_checks(
     gyro offset: r has an offset of +0.0573 deg/s against psi, 16 deg in 5 L/U; subtract it.
     """
     vessel = None if vessel is None else as_vessel(vessel)
-    _check_record(one_trial(trial))
+    _check_record(as_trial(trial))
     trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in present(trial)])
     found = [spike_check(trial), wrap_check(trial)]
     trial = _mended(trial, found)
@@ -320,7 +320,7 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     >>> print(f"{(measured['r'] - corrected['r']).mean():.5f} rad/s")
     0.00100 rad/s
     """
-    trial, checks = one_trial(trial), list(checks)
+    trial, checks = as_trial(trial), list(checks)
     for name in overrule:
         check_choice("A check to overrule", name, [check.name for check in checks], TrialError)
     if sentence := failed_checks(checks, overrule):

@@ -16,7 +16,7 @@ from pymc_ship.records.denoising.ebayes import RULES
 from pymc_ship.records.denoising.shrinkage import shrinkage
 from pymc_ship.records.denoising.smoothers import SMOOTHERS, smooth_signal
 from pymc_ship.trial.channels import channel_names
-from pymc_ship.trial.record import check_trial, one_trial
+from pymc_ship.trial.record import as_trial, check_trial
 
 METHODS = ("wavelet", *SMOOTHERS)
 """Methods of :func:`denoise`."""
@@ -75,7 +75,7 @@ def denoise(
     14 mm/s
     3 mm/s
     """
-    trial = one_trial(trial)
+    trial = as_trial(trial)
     choice = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant}
     _check_method(method, denoise, choice | options)
     chosen = denoised_channels(trial, channels)

@@ -13,7 +13,7 @@ from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.machine.threads import thread_pool
 from pymc_ship.records.denoising.denoise import denoised_channels, finite_signal
 from pymc_ship.records.denoising.shrinkage import shrinkage
-from pymc_ship.trial.record import one_trial
+from pymc_ship.trial.record import as_trial
 
 
 def denoise_draws(
@@ -62,7 +62,7 @@ def denoise_draws(
     >>> print(f"{1e3 * sd:.1f} mm/s, {1e3 * error:.1f} mm/s")
     4.4 mm/s, 3.1 mm/s
     """
-    rng, trial = random_generator(rng), one_trial(trial)
+    rng, trial = random_generator(rng), as_trial(trial)
     chosen = denoised_channels(trial, channels)
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
 

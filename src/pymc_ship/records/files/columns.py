@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.trial.channels import CHANNELS, TIME, Channel, readable
+from pymc_ship.trial.channels import CHANNELS, TIME, Channel, file_columns
 from pymc_ship.trial.units import RADIAN, spelling
 
 _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/s2", "deg/s2", "rad/s2", "g", "volt"))
@@ -37,13 +37,13 @@ class Column:
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit, in brackets or not, of any quantity."""
-    known = any(one.unit.factor(text) for one in readable().values())
+    known = any(one.unit.factor(text) for one in file_columns().values())
     return known or spelling(text) in _OTHER_UNITS
 
 
 def _named(heading: str) -> list[Channel]:
     """Channels that a heading in small letters and without its unit may name."""
-    return [one for one in readable().values() if heading == _plain(one.name) or heading in one.headings]
+    return [one for one in file_columns().values() if heading == _plain(one.name) or heading in one.headings]
 
 
 def _name_and_unit(heading: str) -> tuple[str, str | None]:
@@ -98,7 +98,7 @@ def matched_columns(
     """
     found = {}
     for channel, choice in chosen.items():
-        found[channel] = _chosen_column(readable()[channel], choice, headings, units, unstated.get(channel), where)
+        found[channel] = _chosen_column(file_columns()[channel], choice, headings, units, unstated.get(channel), where)
     left_out, offers = _offers(headings, units, found, where, unstated)
     for channel, columns in offers.items():
         found[channel] = _one_of(channel, columns, where)
@@ -109,7 +109,7 @@ def matched_columns(
             f"{where}: columns are time and any of {', '.join(CHANNELS)}, found {', '.join(headings)!r} without "
             f"{lacking}; rename one or name it in a format file."
         )
-    ordered = {name: found[name] for name in readable() if name in found}
+    ordered = {name: found[name] for name in file_columns() if name in found}
     return ordered, _interpreted(ordered, left_out)
 
 
@@ -146,7 +146,7 @@ def _interpreted(columns: Mapping[str, Column], left_out: list[str]) -> list[str
     read = [
         f"{c.channel} from {c.heading!r} in {c.unit}"
         for c in columns.values()
-        if (c.heading, c.unit) != (c.channel, readable()[c.channel].unit.name)
+        if (c.heading, c.unit) != (c.channel, file_columns()[c.channel].unit.name)
     ]
     notes = [f"Columns read: {', '.join(read)}."] if read else []
     return [*notes, f"Columns left out: {', '.join(left_out)}."] if left_out else notes

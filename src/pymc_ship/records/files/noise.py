@@ -10,8 +10,8 @@ import xarray as xr
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.records.files.instruments import Noise, measured
-from pymc_ship.trial.channels import CHANNELS, SIMULATED, sensors
-from pymc_ship.trial.record import check_trial, one_trial
+from pymc_ship.trial.channels import CHANNELS, SIMULATED, default_channels
+from pymc_ship.trial.record import as_trial, check_trial
 
 LITERAL_LEVEL = 0.2**0.5
 """The paper's literal level: xi has variance 0.2, that is a standard deviation of 0.447."""
@@ -126,7 +126,7 @@ def pollute(
     >>> print(f"{noise.std():.4f} rad; {noisy.attrs['noise_sd_psi']:.4f} rad")
     0.0019 rad; 0.0019 rad
     """
-    rng, trial = random_generator(rng), one_trial(trial)
+    rng, trial = random_generator(rng), as_trial(trial)
     if noise is not None and level is None and factors is None:
         return measured(trial, noise, rng)
     if noise is not None or level is None:
@@ -150,7 +150,7 @@ def pollute(
 def noisy_trial(clean: xr.Dataset, level: float, noise: str, rng: np.random.Generator) -> xr.Dataset:
     """Trial with noise of a kind of :data:`NOISES` on its sensors, of the size that :func:`pymc_ship.pollute` gives."""
     trial, factors = clean.copy(), noise_factors()
-    for name in sensors():
+    for name in default_channels():
         peak = level * np.abs(clean[name].values).max()
         _add_noise(trial, name, noise, factors[name] * peak, peak, rng)
     return trial

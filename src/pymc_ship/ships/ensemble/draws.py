@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import SimulationError, VesselError
 from pymc_ship.physics.forces.surroundings import WIND
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names
@@ -47,8 +47,8 @@ def coefficient_draws(
     """
     if not isinstance(posteriors, Mapping) or not all(isinstance(tree, xr.DataTree) for tree in _trees(posteriors)):
         raise VesselError(
-            f"A forecast takes one joint posterior or posteriors by degree of freedom, found {shown(posteriors)}; give "
-            "a DataTree, or DataTrees under the names of the DOFs."
+            f"A forecast takes one joint posterior or posteriors by degree of freedom, found {short_repr(posteriors)}; "
+            "give a DataTree, or DataTrees under the names of the DOFs."
         )
     if isinstance(posteriors, xr.DataTree):
         return _rows(

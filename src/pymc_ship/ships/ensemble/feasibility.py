@@ -11,7 +11,7 @@ import xarray as xr
 
 from pymc_ship.physics.manoeuvre.standard import STANDARD, Manoeuvre
 from pymc_ship.physics.motion.simulation import simulate
-from pymc_ship.physics.vessel.term_sets import holds_any_speed
+from pymc_ship.physics.vessel.term_sets import valid_at_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel
 
 FASTEST = 1.15
@@ -72,7 +72,7 @@ def _faults(vessel: Vessel, manoeuvre: Manoeuvre, ships: xr.Dataset) -> tuple[np
     L, U = vessel.particulars.L, vessel.particulars.nominal_speed
     speed = np.hypot(ships["u"].values, ships["v"].values)
     with np.errstate(invalid="ignore"):
-        tight = (np.abs(ships["r"].values) * L * TIGHTEST > speed) & (not holds_any_speed(vessel))
+        tight = (np.abs(ships["r"].values) * L * TIGHTEST > speed) & (not valid_at_any_speed(vessel))
         fast = speed > FASTEST * max(manoeuvre.approach_speed or U, U)
     return fast, tight
 

@@ -15,7 +15,7 @@ from pymc_ship.inference.trajectory.prior import Statement
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.errors import VesselError
-from pymc_ship.machine.files import settle, staged
+from pymc_ship.machine.files import settle, staged_path
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
@@ -80,7 +80,7 @@ def save_ship(
             f"A ship is saved with the likelihood of its runs, found none of {ship.vessel.name!r}; save that of "
             "identify_ship, or write the posterior and keep the vessel file."
         )
-    with staged(Path(out) / FOLDER) as folder:
+    with staged_path(Path(out) / FOLDER) as folder:
         folder.mkdir()
         for member, likelihood in known:
             path = folder / _stem(member.name)

@@ -16,7 +16,7 @@ from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import Vessel, fullest, reference_coefficients
+from pymc_ship.physics.vessel.vessel import Vessel, most_dofs, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.draws import coefficient_draws, fitted_motion, sensor_noise
 from pymc_ship.ships.ensemble.index_table import index_table
@@ -178,7 +178,7 @@ class Ship:
     @property
     def vessel(self) -> Vessel:
         """Vessel of the member that weighs most, of those that roll where some do."""
-        return fullest(vessel for vessel, _ in self.models)
+        return most_dofs(vessel for vessel, _ in self.models)
 
     @property
     def likelihoods(self) -> dict[str, Earlier]:

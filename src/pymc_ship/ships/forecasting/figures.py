@@ -16,7 +16,7 @@ from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import align_to_first_execute
 from pymc_ship.ships.forecasting.track import median_ship, track
-from pymc_ship.trial.channels import CHANNELS, sensors
+from pymc_ship.trial.channels import CHANNELS, default_channels
 
 _FALLEN = 0.5
 """Heading change [deg] after which an overshoot has had its peak."""
@@ -134,7 +134,7 @@ def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
     The roll of a ship that does not roll is left out; the rudder stands last.
     """
     bands = tree["bands"].to_dataset()
-    names = [*(name for name in sensors() if name in bands), "delta"]
+    names = [*(name for name in default_channels() if name in bands), "delta"]
     trial = None if measured is None else align_to_first_execute(measured)
     rows = len(names) // 2
     fig, axes = subplots(8.0, 1.9 * rows + 0.6, rows, 2, sharex=True)
@@ -154,7 +154,7 @@ def _panel(
 ) -> None:
     """Band, median and measured values of a channel against time, angles in degrees."""
     bands = _thinned(tree["bands"].to_dataset()[[name]])
-    factor = CHANNELS[name].unit.shown_factor
+    factor = CHANNELS[name].unit.display_factor
     lower, median, upper = (factor * bands[name].sel(band=band).values for band in ("lower", "median", "upper"))
     share = f"{percent(tree.attrs['ci_prob'])} band"
     ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{mark}{share}")

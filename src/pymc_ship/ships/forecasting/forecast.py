@@ -16,7 +16,7 @@ from pymc_ship.physics.manoeuvre.indices import indices, needs_roll
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre, one_manoeuvre
 from pymc_ship.physics.motion.simulation import simulate
 from pymc_ship.physics.motion.stepping import simulation_settings
-from pymc_ship.physics.vessel.vessel import Vessel, fullest
+from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
 from pymc_ship.records.steering.recognition import Steering, with_steering
 from pymc_ship.ships.ensemble.draws import knowing_models, thinned_draws
 from pymc_ship.ships.ensemble.feasibility import is_feasible
@@ -219,7 +219,7 @@ def pooled_forecast(
     rolling = np.concatenate([np.full(len(rows), "roll" in ship.dofs) for ship, rows in models])
     if not rolling.all() and rolling.sum() < round(2.0 / (1.0 - ci_prob)):
         rolling[:] = False
-    vessel = fullest(ship for ship, _ in models if rolling.any() or "roll" not in ship.dofs)
+    vessel = most_dofs(ship for ship, _ in models if rolling.any() or "roll" not in ship.dofs)
     shown = [name for name in SIMULATED if "roll" in vessel.dofs or not CHANNELS[name].rolling]
     simulated = runs[0]
     if len(runs) > 1:

@@ -21,8 +21,8 @@ from pymc_ship.physics.manoeuvre.criteria import probability_text
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import takes_revolutions
 from pymc_ship.physics.motion.replay import replay
-from pymc_ship.physics.vessel.parts import ship_of
-from pymc_ship.physics.vessel.term_sets import holds_any_speed
+from pymc_ship.physics.vessel.parts import ship_dimensions
+from pymc_ship.physics.vessel.term_sets import valid_at_any_speed
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.stopping_tests import INDICES, LARGE, LIMIT
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
@@ -83,7 +83,7 @@ class StoppingTest:
         """Time of the reversal [s] and approach speed [m/s] of a vessel."""
         if not knows_astern(vessel):
             raise SimulationError(_NOT_ASTERN)
-        s, nominal = vessel.particulars, ship_of(vessel).n
+        s, nominal = vessel.particulars, ship_dimensions(vessel).n
         reversal = REVERSAL * s.ship_time if self.reversal is None else self.reversal
         if not 0.0 < self.astern <= MOST_ASTERN * nominal or not 0.0 <= reversal < np.inf:
             raise SimulationError(
@@ -96,7 +96,7 @@ class StoppingTest:
 
     def sailed(self, vessel: Vessel, coefficients: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Revolutions [1/s] at some even times [s] and states of the ships, (n_time,) and (8, n_draws, n_time)."""
-        s, nominal, (reversal, speed) = vessel.particulars, ship_of(vessel).n, self._times(vessel)
+        s, nominal, (reversal, speed) = vessel.particulars, ship_dimensions(vessel).n, self._times(vessel)
         ends = [speed / s.nominal_speed, -self.astern / nominal]
         inputs = np.zeros((4, time.size))
         inputs[1] = np.interp(time, [0.0, max(reversal, 1e-9)], ends)
@@ -253,4 +253,4 @@ def stopping_tracks(stop: xr.Dataset) -> Figure:
 
 def knows_astern(vessel: Vessel) -> bool:
     """Whether the forces of a vessel hold with her propeller astern."""
-    return holds_any_speed(vessel) and takes_revolutions(vessel)
+    return valid_at_any_speed(vessel) and takes_revolutions(vessel)

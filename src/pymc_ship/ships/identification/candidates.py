@@ -28,19 +28,19 @@ from pymc_ship.physics.vessel.parts import with_parts
 from pymc_ship.physics.vessel.term_sets import (
     ANY_SPEED_SET,
     ROLL_SET,
-    holds_any_speed,
-    takes_part_sets,
+    supports_part_sets,
     term_sets,
+    valid_at_any_speed,
     with_terms,
 )
-from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, places_of_facility
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_facility_indices
 from pymc_ship.records.checks.plausibility import DRIFT, SHORTEST_PIECE, piece_check, pieces_ahead
 from pymc_ship.records.checks.verdicts import SLOW, ship_scale
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feasible
 from pymc_ship.ships.ensemble.ship import Member
 from pymc_ship.ships.identification.held_out import HeldOut, held_out
-from pymc_ship.trial.record import OVER_GROUND, moving
+from pymc_ship.trial.record import OVER_GROUND, nonzero_channels
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
 """What is known of the coefficients beforehand, beside those the vessel file states with an sd."""
@@ -146,7 +146,7 @@ def beside_earlier(best: Candidate, training: Training) -> str:
     shared, *own = best.apart
     said = f"Earlier runs stand beside the prior. Each coefficient differs from theirs by {shared:.2g} of its prior sd"
     if own:
-        parameters = [best.vessel.parameters[k] for k in places_of_facility(best.vessel)]
+        parameters = [best.vessel.parameters[k] for k in per_facility_indices(best.vessel)]
         names = ", ".join(parameter.name for parameter in parameters)
         said += f", those that may belong to the facility ({names}) by {own[0]:.2g}"
     said += f" ({best.name})."
@@ -200,7 +200,7 @@ def as_recorded(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
 
 def _heels(trials: Sequence[xr.Dataset]) -> bool:
     """Whether roll can be told from the trials."""
-    measured = all({"p", "phi"} <= set(moving(trial)) for trial in trials)
+    measured = all({"p", "phi"} <= set(nonzero_channels(trial)) for trial in trials)
     return measured and any(np.quantile(np.abs(trial["phi"].values), 0.99) > np.deg2rad(HEELS) for trial in trials)
 
 
@@ -223,7 +223,7 @@ def default_sets(training: Training) -> tuple[str, ...]:
     and between which the records decide. Where the runs are for the most part at rest or astern, there are the parts
     alone. A ship that heels is tried with and without roll.
     """
-    if not takes_part_sets(training.vessel):
+    if not supports_part_sets(training.vessel):
         return term_sets(training.vessel)
     duration = sum(float(np.ptp(trial["time"].values)) for trial in training.trials)
     share = sum(_time_ahead(trial, training.vessel) for trial in training.trials) / duration
@@ -348,7 +348,7 @@ def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined
         if training.reloaded and vessel.modular:
             earlier = earlier.at_loading(coefficient_names(vessel), prior)
         known = np.linalg.inv(fit.information)  # the scatter of a few windows would claim to know too much
-        own = places_of_facility(vessel) if training.elsewhere else ()
+        own = per_facility_indices(vessel) if training.elsewhere else ()
         before, apart = loosened(earlier.of(vessel), prior, fit.coefficients, known, own)
     beside = joined([before, tests.statement if tests else None])
     if beside is not None:
@@ -364,7 +364,7 @@ def _hold_out(problem: _Problem, combined: _Combined, training: Training) -> Can
     def fit(windows: Sequence[Window]) -> WindowFit:
         return fit_windows(windows, vessel, combined.prior, whole.coefficients, whole.spread)
 
-    shared = _shared(training, vessel) if holds_any_speed(vessel) else None
+    shared = _shared(training, vessel) if valid_at_any_speed(vessel) else None
     judged = held_out(held_together(problem.runs), vessel, fit, shared)
     inflation = _inflation(whole, judged)
     whole, *others = (widened(one, inflation) for one in (whole, *judged.fits))
@@ -395,7 +395,7 @@ def _accept(candidate: Candidate, rng: np.random.Generator) -> Candidate | Refus
 
 def cut_runs(names: Sequence[str], training: Training, found: Sequence[Candidate]) -> list[str]:
     """Sentences on the runs of which some sets were fitted to pieces alone."""
-    ahead = [candidate.vessel for candidate in found if not holds_any_speed(candidate.vessel)]
+    ahead = [candidate.vessel for candidate in found if not valid_at_any_speed(candidate.vessel)]
     told = []
     for name, trial in zip(names, training.trials, strict=True) if ahead else ():
         pieces = held_pieces(trial, ahead[0])
@@ -423,7 +423,7 @@ def held_pieces(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
 
     FitError where none is long enough.
     """
-    if holds_any_speed(vessel):
+    if valid_at_any_speed(vessel):
         return [trial]
     scale = ship_scale(trial, vessel)
     found = pieces_ahead(trial, scale)

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from pymc_ship.inference.trajectory.windows import restarted, thinned
 from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, styled, subplots
 from pymc_ship.pages.tables import percent
-from pymc_ship.physics.vessel.term_sets import holds_any_speed
+from pymc_ship.physics.vessel.term_sets import valid_at_any_speed
 from pymc_ship.ships.ensemble.feasibility import FASTEST, TIGHTEST
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.identification.candidates import Candidate, Refusal, held_together, held_windows
@@ -89,7 +89,7 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
         axes[0, column].set_title(name, parse_math=False)
         axes[-1, column].set_xlabel("time [s]")
         for row, channel in enumerate(channels):
-            ax, factor = axes[row, column], CHANNELS[channel].unit.shown_factor
+            ax, factor = axes[row, column], CHANNELS[channel].unit.display_factor
             time = np.concatenate([window.time for window in windows])
             record = np.concatenate([window.record[row] for window in windows])
             ax.plot(time, factor * record, color=REFERENCE, lw=0.9, label="measured")
@@ -230,7 +230,7 @@ def runaways(refusals: Sequence[Refusal]) -> Figure:
         turn = ship["r"].values * particulars.L / np.maximum(speed, 1e-3 * particulars.nominal_speed)
         turn_axes.plot(time, turn, color=line.get_color())
     speed_axes.axhline(FASTEST, color=REFERENCE, ls="--", lw=0.9)
-    ahead = not all(holds_any_speed(vessel) for _, vessel, _ in shown)
+    ahead = not all(valid_at_any_speed(vessel) for _, vessel, _ in shown)
     for side in (1.0, -1.0) if ahead else ():
         turn_axes.axhline(side / TIGHTEST, color=REFERENCE, ls="--", lw=0.9)
     speed_axes.set_ylabel("speed over nominal")

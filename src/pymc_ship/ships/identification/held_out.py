@@ -19,7 +19,7 @@ import xarray as xr
 
 from pymc_ship.inference.trajectory.carried import carried_draws
 from pymc_ship.inference.trajectory.windows import Window, WindowFit, restarted, with_constants
-from pymc_ship.physics.forces.surroundings import ADRIFT, CURRENT, WIND
+from pymc_ship.physics.forces.surroundings import CURRENT, CURRENT_COMPONENTS, WIND
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.manoeuvre.steering_record import base_course, first_execute
@@ -31,10 +31,10 @@ from pymc_ship.records.steering.measured import index_draws, measured_indices
 from pymc_ship.records.steering.recognition import unrecognised_text
 from pymc_ship.ships.ensemble.draws import robust_sd
 from pymc_ship.ships.ensemble.index_error import index_scale
-from pymc_ship.trial.channels import sensors, without_roll
-from pymc_ship.trial.record import moving
+from pymc_ship.trial.channels import default_channels, unmodelled_roll_text
+from pymc_ship.trial.record import nonzero_channels
 
-JUDGED = sensors(rolling=False)
+JUDGED = default_channels(rolling=False)
 """Channels of the score, the same for a model that rolls and one that does not."""
 
 _LOG_2PI = np.log(2.0 * np.pi)
@@ -152,7 +152,7 @@ def _through_water(
     if CURRENT.name not in vessel.parts:
         return manoeuvre, coefficients, settings
     names, still = coefficient_names(vessel), coefficients.copy()
-    places = [names.index(name) for name in ADRIFT]
+    places = [names.index(name) for name in CURRENT_COMPONENTS]
     drift = vessel.particulars.nominal_speed * complex(*coefficients[0, places])
     drift *= np.exp(-1j * base_course(trial))
     still[:, places] = 0.0
@@ -198,8 +198,8 @@ def left_out(trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | 
         for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True)
         if manoeuvre is None
     ]
-    recorded = dict.fromkeys(name for trial in trials.values() for name in moving(trial))
-    unrolled = "" if "roll" in vessel.dofs else without_roll(recorded)
+    recorded = dict.fromkeys(name for trial in trials.values() for name in nonzero_channels(trial))
+    unrolled = "" if "roll" in vessel.dofs else unmodelled_roll_text(recorded)
     return [*found, unrolled] if unrolled else found
 
 

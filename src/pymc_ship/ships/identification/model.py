@@ -25,7 +25,7 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.plausibility import remarks as vessel_remarks
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
-from pymc_ship.physics.vessel.vessel import Vessel, fullest
+from pymc_ship.physics.vessel.vessel import Vessel, most_dofs
 from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
 from pymc_ship.ships.ensemble.feasibility import is_feasible
@@ -179,7 +179,7 @@ def identify_ship(
     _check_goes_with(before, wanted, captive)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
     found, refusals = candidates_of(wanted, training, rng)
-    fullest_vessel = fullest(candidate.vessel for candidate in found)
+    fullest_vessel = most_dofs(candidate.vessel for candidate in found)
     remarks = [*vessel_remarks(fullest_vessel), *(one.sentence for one in refusals), *cut_runs(names, training, found)]
     progress("weights and model error from held-out runs")
     found = _weighted(found, training.earlier, rng)

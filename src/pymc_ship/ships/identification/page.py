@@ -17,9 +17,9 @@ from pymc_ship.pages.page import Content, Page, write_page
 from pymc_ship.pages.tables import Columns, Table, fixed, number, table
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.manoeuvre.steering_record import approach_speed
-from pymc_ship.physics.vessel.parts import HELD
+from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.physics.vessel.term_sets import PART_SETS, TERM_SETS
-from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, fullest
+from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, most_dofs
 from pymc_ship.records.checks.trial_checks import worst_verdict
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ships.ensemble.index_error import error_rows
@@ -161,7 +161,7 @@ def write_ship_report(
         "term_sets": term_set_rows(result),
         "refusals": refusal_rows(result.refusals),
         "held_out_indices": held_out_rows(result.held_out_indices),
-        "model_error": error_rows(result.ship.index_error or {}, fullest(c.vessel for c in result.candidates)),
+        "model_error": error_rows(result.ship.index_error or {}, most_dofs(c.vessel for c in result.candidates)),
         "coefficients": coefficient_rows(result.candidates[0]),
         "correlations": correlation_rows(result.candidates[0]),
         "captive": comparison_rows(captive) if captive is not None else [],
@@ -281,7 +281,7 @@ def term_set_rows(result: ShipIdentification) -> list[dict]:
         row |= {"inflation": candidate.inflation, "dispersion": candidate.fit.dispersion, "draws": len(candidate.draws)}
         row["share_unsound"] = candidate.share_unsound if len(candidate.draws) else np.nan
         known = TERM_SETS | PART_SETS
-        about = known[candidate.name].about if candidate.name in known else "terms of the vessel file"
+        about = known[candidate.name].description if candidate.name in known else "terms of the vessel file"
         rows.append(row | {"about": about.replace("`", '"')})
     return rows
 
@@ -473,7 +473,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     if result.candidates[0].vessel.modular:
         four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}
         four = {"coefficient": ("parameter", str)} | four | {"apart": ("sd away", fixed(1))}
-        free = [row for row in rows["coefficients"] if row["known_sd"] > HELD]
+        free = [row for row in rows["coefficients"] if row["known_sd"] > FIXED_SD]
         found["parameters"] = (free, four | {"unit": ("unit, or what it is", str), "source": ("known from", str)})
     for dof in result.candidates[0].vessel.dofs if not result.candidates[0].vessel.modular else ():
         mine = [row for row in rows["coefficients"] if row["coefficient"][0] == LETTER[dof]]
@@ -482,7 +482,9 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
 
 
 def _rms_columns(channels: Sequence[str]) -> dict:
-    return {f"rms_{channel}": (f"rms {channel} {CHANNELS[channel].unit.shown}", _three_digits) for channel in channels}
+    return {
+        f"rms_{channel}": (f"rms {channel} {CHANNELS[channel].unit.display}", _three_digits) for channel in channels
+    }
 
 
 def _three_digits(value: float) -> str:
@@ -497,7 +499,7 @@ def _shown(row: Mapping, channels: Sequence[str]) -> dict:
     """Row of a term set with rates in degrees and shares in percent."""
     found = dict(row)
     for channel in channels:
-        found[f"rms_{channel}"] = CHANNELS[channel].unit.shown_factor * row.get(f"rms_{channel}", np.nan)
+        found[f"rms_{channel}"] = CHANNELS[channel].unit.display_factor * row.get(f"rms_{channel}", np.nan)
     return found | {key: 100.0 * row[key] for key in ("weight", "share_unsound")}
 
 

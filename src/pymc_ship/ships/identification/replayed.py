@@ -24,7 +24,7 @@ from pymc_ship.ships.identification.along import reading_noise, simulate_open_lo
 from pymc_ship.ships.identification.held_out import forecast_rows, readings_sd
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
-from pymc_ship.trial.record import check_trial, facility_of, one_trial, trial_list
+from pymc_ship.trial.record import as_trial, check_trial, facility_of, trial_list
 
 SCORED = ("u", "v", "r", "psi", "position")
 """Channels of a score; the position is the distance between the tracks."""
@@ -86,7 +86,7 @@ def replay(
     """
     if draws < 1 or not 0.0 < ci_prob < 1.0:
         raise ValueError(f"A replay needs a draw and 0 < ci_prob < 1, found {draws} and {ci_prob}; change them.")
-    ship, trial = as_ship(ship), one_trial(trial)
+    ship, trial = as_ship(ship), as_trial(trial)
     place = _place(trial, start, duration)
     piece, models = trial.isel(time=place), thinned_draws(ship.models, draws)
     states = np.concatenate([simulate_open_loop(vessel, rows, trial, place) for vessel, rows in models], axis=1)

@@ -180,7 +180,7 @@ def windows_of(
         begins = np.arange(time[0], time[-1] - length + 1e-9, every)
         trees = [replay(ship, trial, start=float(at), duration=length, draws=draws, ci_prob=ci_prob) for at in begins]
         for row, channel in enumerate(_DRAWN):
-            ax, factor = axes[row, column], CHANNELS[channel].unit.shown_factor
+            ax, factor = axes[row, column], CHANNELS[channel].unit.display_factor
             ax.plot(time, factor * trial[channel].values, color=REFERENCE, lw=0.9, label="measured")
             for k, tree in enumerate(trees):
                 bands = tree["bands"].dataset

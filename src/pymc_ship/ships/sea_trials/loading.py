@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from pymc_ship.machine.errors import TrialError
-from pymc_ship.physics.vessel.parts import HELD, with_parts
+from pymc_ship.physics.vessel.parts import FIXED_SD, with_parts
 from pymc_ship.physics.vessel.vessel import Vessel
 
 _SAME = 0.05  # by which the length between perpendiculars may differ from one draught to another
@@ -47,7 +47,7 @@ def at_loading(model: Vessel, rows: np.ndarray, tried: Vessel, loaded: Vessel) -
     here, there = (_with_parts_of(model, vessel) for vessel in (tried, loaded))
     value, sd = np.array([[c.value, c.sd] for c in here.parameters]).T
     other, other_sd = np.array([[c.value, c.sd] for c in there.parameters]).T
-    free = sd > HELD
+    free = sd > FIXED_SD
     return there, np.where(free, other + (rows - value) / np.where(free, sd, 1.0) * other_sd, other)
 
 
@@ -57,5 +57,5 @@ def _with_parts_of(model: Vessel, vessel: Vessel) -> Vessel:
     bare = replace(vessel, particulars=replace(vessel.particulars, **gear), forces=dict.fromkeys(model.forces, ()))
     names = {c.name for c in model.parameters}
     stated = {c.name: c for c in vessel.parameters if c.name in names}
-    held = [c.name for c in model.parameters if c.sd <= HELD]
+    held = [c.name for c in model.parameters if c.sd <= FIXED_SD]
     return with_parts(replace(bare, parts=(), parameters=()), model.parts, stated, held)
