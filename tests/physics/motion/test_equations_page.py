@@ -13,7 +13,7 @@ import pytest
 
 import pymc_ship as ps
 from pymc_ship.physics.forces.terms import evaluate
-from pymc_ship.physics.vessel.parts import ship_of, with_parts
+from pymc_ship.physics.vessel.parts import ship_dimensions, with_parts
 from pymc_ship.physics.vessel.term_sets import TERM_SETS
 from pymc_ship.physics.vessel.vessel import Windage
 
@@ -39,7 +39,7 @@ def constants(vessel):
 
 
 def constants_of_parts(vessel):
-    known = ship_of(vessel)
+    known = ship_dimensions(vessel)
     names = ("k_0", "k_1", "k_2", "eta", "rudder_area", "frontal", "lateral")
     return constants(vessel) | {name: getattr(known, name) for name in names} | {"J_s": known.J}
 
