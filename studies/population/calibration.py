@@ -30,7 +30,7 @@ COUNTED = ("beyond the motion of the runs", 0.99)
 
 _HEAD = (
     "# Constants of the model error that other ships than the user's have chosen, each with where it comes from.\n"
-    "# Written by studies/population/calibration.py; docs/explanation/model_error.md says how each was chosen.\n"
+    "# Written by studies/population/calibration.py; studies/LOG.md says how each was chosen.\n"
 )
 
 

@@ -7,9 +7,13 @@ import re
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pymc_ship.ships.ensemble.calibration import constants
+from studies.documentation.figures import FIGURES, NORMAL_95, known_sd
+from studies.documentation.tables import foreign_summary, table
+from studies.documentation.what_to_expect import what_to_expect
 
 ROOT = Path(__file__).parents[2]
 CASES = ROOT / "docs" / "case_studies"
@@ -46,90 +50,156 @@ def statement(probability):
     return 100.0 * float(row["share"])
 
 
-def ratios(words):
-    """Smallest and largest of what each half would choose over what is used, as the docs say it."""
-    found = [row for name, row in rows("model_error", "of").items() if name in words]
-    assert len(found) == len(words)
-    over = [float(row[half]) / float(row["used"]) for row in found for half in ("first", "second")]
-    return f"{min(over):.1f} to {max(over):.1f} times"
-
-
-def chosen(name, row, digits):
-    """What the halves would choose in a table: smaller and larger."""
-    found = rows(name, "of")[row]
-    return sorted(round(float(found[half]), digits) for half in ("first", "second"))
-
-
 def number(row, name, digits=0):
     """A number of a row, rounded."""
     return f"{float(row[name]):.{digits}f}"
 
 
-def simulators():
-    """Indices inside and their share [%], error and half width of a tactical diameter [%] of ``make foreign``."""
-    words = r"(\d+ of \d+) indices inside \((\d+) %.*?\|error\| (\S+) %, median half width (\S+) %"
-    return re.search(words, plain(ROOT / "reports" / "foreign" / "foreign.md")).groups()
-
-
-def of_what_to_expect():
-    """Sentences of the page on what to expect."""
-    every, small, diameter = rows("trials")["all"], rows("trials")[SMALL], rows("indices")[DIAMETER]
-    inside, _, median, _ = simulators()
+def of_paper():
+    """Sentences of the page on the paper."""
+    bound, prior = table("container/tables/published_bound"), table("container/tables/prior_ships")
+    conjugate, semi = (
+        f"{float(line['median']):.1f}" for line in table("container/tables/published") if line["dof"] == "all"
+    )
+    at_level = [line for line in table("container/tables/errors") if (line["level"], line["dof"]) == ("0.01", "all")]
+    ours = " | ".join(number(line, "median") for line in at_level)
+    below, errors = (sum(int(line[name]) for line in bound) for name in ("below", "errors"))
+    flat, damped, cramer_rao = (
+        number(line, "median")
+        for name in ("trajectory fit, flat prior", "trajectory fit, order-damped prior", "Cramer-Rao bound")
+        for line in table("container/tables/methods")
+        if (line["level"], line["method"]) == ("0.01", name)
+    )
+    agreement = table("container/tables/agreement")
     return [
-        f"diameter {number(diameter, 'median_error', 2)} L | {number(every, 'hold_95', 1)} % of {every['indices']} |",
-        f"({number(small, 'half_width', 2)} in the median of all indices) and hold {number(small, 'hold_95')} % of",
-        f"diameter {median} % | {inside} |",
+        f"published | {conjugate} | {semi} |",
+        f"noise level 0.01 | {ours} |",
+        f"Of {errors} published errors {below} lie below",
+        f"noise levels of {float(bound[0]['level']):.4f} or less",
+        f"a median error of {flat} % with a flat prior, beside {cramer_rao} % of the bound. With the order-damped "
+        f"prior it is {damped} %",
+        f"At most {max(float(line['sailed']) for line in prior if line['choice'] != 'posterior'):.1f} % of its draws",
+        f"in {sum(line['agrees'] == 'yes' for line in agreement)} of {len(agreement)} comparisons",
+    ]
+
+
+def of_intervals():
+    """Sentences of the page on intervals of coefficients."""
+    cells = table("montecarlo/cells")
+    ends = {}
+    for method in ("trajectory fit", "weak form", "paper's pipeline", "central difference"):
+        values = [float(line["coverage"]) for line in cells if line["method"] == method]
+        ends[method] = f"{min(values):.0f} to {max(values):.0f} %"
+    return [
+        f"With the paper's pipeline it does so in {ends[PIPELINE]}, and with central differences in "
+        f"{ends['central difference']}. The trajectory fit reaches {ends['trajectory fit']}, the weak form "
+        f"{ends['weak form']}.",
+    ]
+
+
+def of_the_bound():
+    """Rows of the page on the Cramer-Rao bound."""
+    names = {"Cramér-Rao bound": "Cramer-Rao bound", "best differencing": "best differencing, chosen with hindsight"}
+    rows_of = {}
+    for line in table("frontier/tables/from_the_bound_down"):
+        rows_of.setdefault(line["method"], []).append(
+            f"{float(line['median_error']):.2g}" if float(line["median_error"]) < 100 else number(line, "median_error")
+        )
+    return [f"| {names.get(m, m)} | {' | '.join(v)} |" for m, v in rows_of.items() if "least squares" not in m]
+
+
+def of_kvlcc2():
+    """Sentences of the page on the KVLCC2."""
+    held_out, paths = table("kvlcc2/tables/held_out_indices"), table("kvlcc2_paths/paths")
+    inside = sum(abs(float(line["z"])) < NORMAL_95 for line in held_out)
+    sentences = [f"Of {len(held_out)} indices {inside} lie in their intervals of 95 %"]
+    for word in ("first", "second"):
+        errors = [abs(float(line["error"])) for line in held_out if line["index"] == f"{word}_overshoot_angle"]
+        sentences.append(f"error of the {word} overshoot [deg] | {np.mean(errors):.2f} | {max(errors):.2f} |")
+    for line in paths:
+        name = {"trajectory": "trajectory fit"}.get(line["path"], line["path"].replace("^2", "²"))
+        cells = " | ".join(number(line, f"{word}_overshoot_angle_mean", 2) for word in ("first", "second"))
+        sentences.append(f"| {name} | {cells} |")
+    for side in ("port", "starboard"):
+        circle = table(f"kvlcc2/tables/forecast_turning_circle_35_{side}")
+        cells = (
+            f"{number(line, 'median', 2)} ({number(line, 'lower', 2)} to {number(line, 'upper', 2)})"
+            for line in circle
+            if line["index"] in ("advance", "tactical diameter")
+        )
+        sentences.append(f"| {side} | {' | '.join(cells)} |")
+    return sentences
+
+
+def of_esso_osaka():
+    """Sentences of the page on the Esso Osaka."""
+    (
+        best,
+        *_,
+    ) = scores = table("esso_osaka/scores")
+    without = {line["inputs"]: line["score"] for line in scores}
+    return [
+        f"error is {best['score']} of the size of the motion. Without the wind it is {without['revolutions']}, and "
+        f"without the revolutions {without['wind']}.",
+        *(
+            f"| {line['trained_on']} | {line['tactical_diameter_error']} | {line['inside']} of {line['indices']} |"
+            for line in table("esso_osaka/indices")
+        ),
+    ]
+
+
+def of_speed():
+    """Rows of the page on speed."""
+    ratios = {line["what"]: float(line["ratio"]) for line in table("benchmarks/benchmarks") if line["ratio"]}
+    return [
+        f"| NumPy loop | {ratios['20/20 zigzag, 20000 Euler steps']:.0f} |",
+        f"| shipmmg | {ratios['KVLCC2 model in 3 DOF, 200 s']:.1f} |",
+        f"| scipy `least_squares` | {ratios['trajectory fit, 102 coefficients']:.0f} |",
+        f"| one ship at a time | {ratios['1000 forecasts of a 35 deg turn, bands, indices']:.1f} |",
+        f"| 45 polynomial terms | {ratios['one ship by 40 parameters of parts']:.2f} |",
+        f"| BayesianRidge | {ratios['prior by evidence, then the posterior']:.3f} |",
     ]
 
 
 def of_foreign_ships():
     """Sentences of the page on foreign ships."""
-    every, growth, hulls, index = rows("trials")["all"], rows("growth", "of")["index"], rows("hulls"), rows("indices")
-    flow, roll, weight = hulls["cross flow"], index["turning circle, maximum roll angle"], chosen(*OF_WEIGHT)
-    inside, percent, median, width = simulators()
-    half_rate = share(index["pull out, time to half rate"], 95)
+    every, index, cases = rows("trials")["all"], rows("indices"), foreign_summary()
+    roll = index["turning circle, maximum roll angle"]
     return [
-        f"{inside} indices ({percent} %) lie inside intervals of 95 %; the error of a tactical diameter is {median} % "
-        f"in the median and its half width {width} %.",
+        f"{cases['inside']} indices ({cases['share']} %) lie inside intervals of 95 %; the error of a tactical "
+        f"diameter is {cases['error']} % in the median and its half width {cases['half_width']} %.",
         f"Intervals of 95 % hold {share(every, 95, 1)} % of {every['indices']} indices, those of 50 % hold "
         f"{share(every, 50, 1)} %",
-        f"{number(flow, 'hold_95')} and {number(flow, 'hold_50')} %: that is",
-        f"So are those for Mariners, {number(hulls['mariner'], 'hold_95')} %",
-        f"angles of roll in circles, {share(roll, 95)} % of {roll['indices']}",
-        f"loses half its rate, {half_rate} %",
-        f"growth beyond the runs of {number(growth, 'first', 3)}, the first half, or {number(growth, 'second', 3)}, "
-        f"the second, in place of the {value('index_growth')} that is used",
-        f"would be {weight[0]:.2f} to {weight[1]:.2f} in place of {value('index_together')}.",
-        f'Of {MADE} statements "at most" or "at least" that were made with 99 % beyond the motion of the runs, {HELD} '
-        f"held, {statement('0.99'):.1f} %",
-        f"Those of 75 % held in {statement('0.75'):.0f} %, those of 90 % in {statement('0.9'):.0f} %.",
-        f"{share(every, 95, 1)} and {share(every, 50, 1)} %; bands",
+        f"the angle of roll in circles is worst, {share(roll, 95)} % of {roll['indices']}",
+        f"Of {MADE} statements of 99 % beyond the motion of the runs, {HELD} held, {statement('0.99'):.1f} %",
+        f"a median error of {number(rows('stops')['track reach'], 'median_error', 1)} L and a half width of "
+        f"{number(rows('stops')['track reach'], 'half_width', 1)} L",
     ]
 
 
 def of_model_error():
     """Sentences of the page on the model error."""
-    low, high = chosen("growth", "index", 3)
     near, far = rows("distances")["1 to 3 ranges beyond"], rows("distances")["further"]
     angle, time, distance = (value("index_typical", kind) for kind in ("angle", "time", "distance"))
     u, v, r, psi, x = (value("motion_typical", name) for name in ("u", "v", "r", "psi", "x"))
-    more = {name: value("motion_growth", name) for name in ("u", "v", "r", "psi", "x")}
-    of_velocity, of_track = ([f"typical error of the motion, {name}" for name in names] for names in ("uvr", PLACES))
+    held_out = table("kvlcc2/tables/held_out_indices")
+    errors = np.array([float(line["error"]) for line in held_out])
+    without = int(np.sum(np.abs(errors) < NORMAL_95 * known_sd(held_out)))
     return [
-        f"The typical errors are {angle} of the swing, {time} L/U, {distance} L and "
-        f"{constants()['index_typical'].value['roll']:.3f} of an angle of roll",
-        f"{ratios(['typical error, angle', 'typical error, distance'])} as much of an angle or a distance",
+        f"shows the {len(held_out)} held-out indices of the KVLCC2. Without the model error {without} of them",
+        f"| overshoot angle | swing of the heading | {angle} |",
+        f"| time | L/U | {time} |",
+        f"| distance | L | {distance} |",
+        f"| angle of roll | itself | {constants()['index_typical'].value['roll']:.3f} |",
         f"an error with an sd of {value('index_growth')} more",
         f"{share(near, 95)} % of the indices that lie 1 to 3 ranges beyond the runs and {share(far, 95)} % of those "
-        f"further on: these ships would choose {low} to {high}.",
+        "further on.",
         f'Of {MADE} statements "at most" or "at least"',
-        f"{HELD} held: no forecast states more than {SUREST}",
-        f"are {u} of the nominal speed for u, {v} for v, {r} U/L of the yaw rate, {psi} rad and {x} L",
-        f"would choose {ratios(of_velocity)} as much of the velocities, and {ratios(of_track)} of heading and track",
-        f"u gets an error with an sd of {more['u']} of the nominal speed more, v of {more['v']}, the yaw rate of "
-        f"{more['r']} U/L",
-        f"of {more['psi']} rad and {more['x']} L",
-        f"those of 95 % hold {share(rows('trials')['one 20/20'], 95)} %.",
+        f"{HELD} were right. A forecast therefore states at most {SUREST}",
+        f"are {u} of the nominal speed for u and {v} for v. For the yaw rate they are {r} U/L, for the heading {psi} "
+        f"rad and for the track {x} L",
+        f"is {float(table('kvlcc2/tables/model_error')[0]['median']):.3f} of the swing of the heading",
+        f"intervals of 95 % hold {share(rows('trials')['one 20/20'], 95)} %.",
     ]
 
 
@@ -138,17 +208,33 @@ def of_your_ship():
     return [f"of {MADE} statements of 99 %", f"{HELD} held. No probability is stated above {SUREST}."]
 
 
-OF_WEIGHT, SMALL = ("model_error", "weight of an index", 2), "10/10 to both sides"
-DIAMETER, PLACES = "turning circle, tactical diameter", ("psi", "x", "y")
+PIPELINE = "paper's pipeline"
 HELD, MADE = (constants()[f"statements_{word}"].value for word in ("held", "made"))
 SUREST = f"{(HELD + 1) / (MADE + 2):.3f}"
 PAGES = {
-    "what_to_expect": of_what_to_expect,
+    "case_studies/esso_osaka": of_esso_osaka,
     "case_studies/foreign_ships": of_foreign_ships,
+    "case_studies/kvlcc2": of_kvlcc2,
+    "case_studies/paper": of_paper,
+    "explanation/how_close_to_the_bound": of_the_bound,
+    "explanation/speed": of_speed,
+    "explanation/why_intervals_fail": of_intervals,
     "explanation/model_error": of_model_error,
     "tutorials/your_ship": of_your_ship,
 }
 SENTENCES = [(page, sentence) for page, sentences in PAGES.items() for sentence in sentences()]
+
+
+def test_the_page_on_what_to_expect_is_what_its_script_writes():
+    """Else: python -m studies.documentation."""
+    assert (ROOT / "docs" / "what_to_expect.md").read_text(encoding="utf-8") == what_to_expect()
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_of_the_docs_is_drawn_from_its_tables_and_shown(name):
+    assert FIGURES[name]().axes
+    assert (ROOT / "docs" / "figures" / f"{name}.png").is_file()
+    assert any(f"figures/{name}.png" in path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
 
 
 @pytest.mark.parametrize(("page", "sentence"), SENTENCES)

@@ -1,0 +1,112 @@
+"""Page of the documentation on what to expect from which trials, from the tables in ``reports``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pymc_ship.ships.ensemble.calibration import constants
+from studies.documentation.tables import foreign_summary, row, table
+
+OVERSHOOTS = ("first_overshoot_angle", "second_overshoot_angle")
+
+PAGE = """# What to expect
+
+How far off is a forecast, and how often is its 95 % interval right? The answer depends on the trials.
+
+![median error and half width of the 95 % intervals, by the trials of a ship](figures/what_to_expect.png)
+
+The figure shows seventy simulated ships. Each ship sailed the trials at the left and was identified from them. Then
+circles, zigzags and pull-outs were forecast and compared with the true ones. These ships were not used to choose any
+constant of the forecast. [How they were made](case_studies/foreign_ships.md#a-population).
+
+## Simulated ships
+
+| trials of the ship | 95 % intervals that hold the truth [%] | median error | median half width |
+| --- | --- | --- | --- |
+{trials}
+
+Errors are in ship lengths, in L/U for times, and in swings of the heading for overshoot angles. Over all ships,
+{share} % of {indices} intervals hold the truth. The tactical diameter has a median error of {diameter} L.
+
+[Four published simulators](case_studies/foreign_ships.md) gave {cases} further cases. There the median error of the
+tactical diameter is {foreign_error} %, and {foreign_inside} intervals hold the truth.
+
+## Real ships
+
+| ship | identified from | forecast | mean error | in 95 % intervals |
+| --- | --- | --- | --- | --- |
+| [KVLCC2](case_studies/kvlcc2.md), towing tank | six zigzags | overshoots of the seventh | {overshoots} deg | {kvlcc2} |
+{esso}
+
+## Which trials to sail
+
+- **Zigzags forecast zigzags.** The overshoots of the KVLCC2 are right to half a degree.
+- **Hard turns need a circle.** A ship known from zigzags alone turns where no trial was. The interval of a circle is
+  therefore wider.
+- **Sail more than one kind of run.** From two circles and random tests the model error of a zigzag cannot be measured.
+  The third row of the table above shows what follows: intervals that are far too narrow.
+- **Small zigzags alone are the weakest trials.** Their intervals are the widest of the figure.
+- **Record the wind and the revolutions where they vary.**
+  [The Esso Osaka](case_studies/esso_osaka.md) shows what they are worth.
+- **A second facility is almost a second ship.** Gear and approach differ;
+  see [two towing tanks](case_studies/kvlcc2.md#from-one-facility-to-the-other).
+
+[Design the next run](how_to/design_the_next_run.md) computes which run helps most for your ship.
+
+## Probabilities
+
+A forecast states at most {cap} that a limit is met. Of {made} statements of 99 % beyond the motion of the trials,
+{held} were right.
+
+## Limits
+
+No trial here is in shallow water or in waves. None has several screws or rudders. A ship unlike the hulls behind the
+[priors](how_to/choose_a_prior.md) may err more than any ship here.
+"""
+
+
+def what_to_expect() -> str:
+    """Text of ``docs/what_to_expect.md``."""
+    population, summary = row("ships/tables/trials", "group", "all"), foreign_summary()
+    held, made = (int(constants()[f"statements_{word}"].value) for word in ("held", "made"))
+    diameter = row("ships/tables/indices", "group", "turning circle, tactical diameter")
+    return PAGE.format(
+        trials="\n".join(trials_row(line) for line in table("ships/tables/trials") if line["group"] != "all"),
+        share=f"{float(population['hold_95']):.1f}",
+        indices=population["indices"],
+        diameter=f"{float(diameter['median_error']):.2f}",
+        cases=summary["cases"],
+        foreign_error=summary["error"],
+        foreign_inside=summary["inside"],
+        overshoots=" and ".join(f"{mean_overshoot_error(name):.2f}" for name in OVERSHOOTS),
+        kvlcc2=inside_kvlcc2(),
+        esso="\n".join(esso_row(line) for line in table("esso_osaka/indices")),
+        cap=f"{(held + 1) / (made + 2):.3f}",  # Laplace's rule of succession
+        made=made,
+        held=held,
+    )
+
+
+def trials_row(line: dict[str, str]) -> str:
+    """Row of the table of a class of trials."""
+    share = f"{float(line['hold_95']):.0f} ± {float(line['hold_95_se']):.0f}"
+    return f"| {line['group']} | {share} | {float(line['median_error']):.3f} | {float(line['half_width']):.2f} |"
+
+
+def esso_row(line: dict[str, str]) -> str:
+    """Row of the table of the Esso Osaka, from some of the runs."""
+    name = "[Esso Osaka](case_studies/esso_osaka.md), model in a windy pond"
+    error = f"diameter {float(line['tactical_diameter_error']):.0f} %"
+    return f"| {name} | {line['trials']} | {line['forecast']} | {error} | {line['inside']} of {line['indices']} |"
+
+
+def mean_overshoot_error(name: str) -> float:
+    """Mean error of an overshoot angle of the held-out zigzags of the KVLCC2 [deg]."""
+    errors = [abs(float(line["error"])) for line in table("kvlcc2/tables/held_out_indices") if line["index"] == name]
+    return float(np.mean(errors))
+
+
+def inside_kvlcc2() -> str:
+    """Indices of the KVLCC2 inside their intervals of 95 %."""
+    z = [abs(float(line["z"])) for line in table("kvlcc2/tables/held_out_indices")]
+    return f"{sum(value < 1.96 for value in z)} of {len(z)}"
