@@ -35,7 +35,7 @@ tactical diameter is {foreign_error} %, and {foreign_inside} intervals hold the 
 
 | ship | identified from | forecast | mean error | in 95 % intervals |
 | --- | --- | --- | --- | --- |
-| [KVLCC2](case_studies/kvlcc2.md), towing tank | six zigzags | overshoots of the seventh | {overshoots} deg | {kvlcc2} |
+| [KVLCC2](case_studies/kvlcc2.md), a tank | six zigzags | overshoots of the seventh | {overshoots} deg | {kvlcc2} |
 {esso}
 
 ## Which trials to sail
