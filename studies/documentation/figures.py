@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -10,6 +12,12 @@ from studies.documentation.tables import foreign_diameters, table
 
 NORMAL_95 = 1.96
 """Half width of an interval of 95 % of the normal law [standard deviations]."""
+
+SHORTENED = re.compile(
+    ", least ESS|, with compilation|, translation invariant|, bands, indices|, kernels from the cache"
+    "| of the equations.*| in the lanes of one core"
+)
+"""What a label of the figure of speed leaves out."""
 
 
 @styled
@@ -125,15 +133,12 @@ def speed() -> Figure:
     rows = [line for line in table("benchmarks/benchmarks") if line["ratio"]]
     height = np.arange(len(rows))[::-1]
     ratio = np.array([float(line["ratio"]) for line in rows])
-    fig, axes = subplots(7.6, 0.9 + 0.22 * len(rows))
-    ax = axes[0, 0]
+    fig = Figure(figsize=(7.6, 0.9 + 0.22 * len(rows)))
+    ax = fig.add_axes((0.5, 0.08, 0.48, 0.91))  # the constrained layout cuts labels as long as these
     ax.barh(height, np.log10(ratio), 0.7, color=[BLUE if value >= 1.0 else RUST for value in ratio])
-    peers = [line["peer"].split(",")[0].split(" (")[0] for line in rows]
-    labels = [
-        f"{line['what'].split(',')[0].replace(' in the lanes of one core', '')} | {peer}"
-        for line, peer in zip(rows, peers, strict=True)
-    ]
+    labels = [f"{SHORTENED.sub('', line['what'])} | {re.split(r',| [(]', line['peer'])[0]}" for line in rows]
     ax.set_yticks(height, labels, fontsize=7.5)
+    ax.set_ylim(-0.7, len(rows) - 0.3)
     ticks = np.array([0.01, 0.1, 1.0, 10.0, 100.0])
     ax.set_xticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
     ax.set_xlabel("times as fast as the peer")

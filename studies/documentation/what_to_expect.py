@@ -15,9 +15,9 @@ How far off is a forecast, and how often is its 95 % interval right? The answer 
 
 ![median error and half width of the 95 % intervals, by the trials of a ship](figures/what_to_expect.png)
 
-The figure shows seventy simulated ships. Each ship sailed the trials at the left and was identified from them. Then
-circles, zigzags and pull-outs were forecast and compared with the true ones. These ships were not used to choose any
-constant of the forecast. [How they were made](case_studies/foreign_ships.md#a-population).
+The figure shows seventy simulated ships. Each ship was identified from the trials at the left; 20/20 is a zigzag with
+20 deg of rudder, reversed at 20 deg of heading. Then circles, zigzags and pull-outs were forecast and compared with the
+true ones. [How these ships were made](case_studies/foreign_ships.md#a-population).
 
 ## Simulated ships
 
@@ -35,7 +35,7 @@ tactical diameter is {foreign_error} %, and {foreign_inside} intervals hold the 
 
 | ship | identified from | forecast | mean error | in 95 % intervals |
 | --- | --- | --- | --- | --- |
-| [KVLCC2](case_studies/kvlcc2.md), a tank | six zigzags | overshoots of the seventh | {overshoots} deg | {kvlcc2} |
+| [KVLCC2](case_studies/kvlcc2.md), model | six zigzags | overshoots of the seventh | {overshoots} deg | {kvlcc2} |
 {esso}
 
 ## Which trials to sail
@@ -44,7 +44,7 @@ tactical diameter is {foreign_error} %, and {foreign_inside} intervals hold the 
 - **Hard turns need a circle.** A ship known from zigzags alone turns where no trial was. The interval of a circle is
   therefore wider.
 - **Sail more than one kind of run.** From two circles and random tests the model error of a zigzag cannot be measured.
-  The third row of the table above shows what follows: intervals that are far too narrow.
+  The Esso Osaka shows what follows: intervals that are far too narrow.
 - **Small zigzags alone are the weakest trials.** Their intervals are the widest of the figure.
 - **Record the wind and the revolutions where they vary.**
   [The Esso Osaka](case_studies/esso_osaka.md) shows what they are worth.
