@@ -49,7 +49,10 @@ test_trial_errors = wording(
 
 test_simulation_errors = wording(
     ps.SimulationError,
-    (r"^One manoeuvre is meant, made by .*; give one of these\.$", lambda: ps.simulate("kvlcc2", "zigzag", duration=9)),
+    (
+        r"^The manoeuvre is one value .*; give one of these\.$",
+        lambda: ps.simulate("kvlcc2", "zigzag", duration=9),
+    ),
 )
 
 test_inference_errors = wording(

@@ -54,7 +54,7 @@ def test_ships_that_diverge_or_do_not_arrive_do_not_pass(container):
     first, second, _ = ps.imo_probabilities(tree, container)
     assert (first["probability"], first["not_reached"]) == (0.5, 0.5)
     assert (second["probability"], second["not_reached"]) == (0.75, 0.25)
-    assert "50 % of the ships diverge or do not reach it, which does not count as passing" in first["verdict"]
+    assert "50 % of the draws diverge or do not reach it, which does not count as passing" in first["verdict"]
 
 
 def test_a_probability_is_bounded_by_what_is_known_of_statements_like_it(container):
@@ -98,7 +98,7 @@ def test_an_event_that_no_ship_reaches_is_said(container):
     nowhere = np.full(3, np.nan)
     advance, _ = ps.imo_probabilities(forecast_of(CIRCLE, advance=nowhere, tactical_diameter=nowhere), container)
     assert (advance["probability"], advance["not_reached"], advance["conformity"]) == (0.0, 1.0, "fails")
-    assert advance["verdict"] == "advance: no ship of the forecast reaches it, which does not count as passing."
+    assert advance["verdict"] == "advance: no draw of the forecast reaches it, which does not count as passing."
 
 
 def test_limits_are_those_of_the_criteria_of_a_trial(container):

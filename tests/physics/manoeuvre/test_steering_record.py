@@ -11,7 +11,7 @@ from pymc_ship.physics.manoeuvre.steering_record import (
     approach_speed,
     first_execute,
     fixed_rudder_intervals,
-    held_angle,
+    manoeuvre_rudder_angle,
     rudder_reversals,
     steering_text,
     swings,
@@ -43,11 +43,11 @@ class TestExecution:
         """As in free-running tests, in which a man steers until the order."""
         time, helm = [0, 8, 12, 40, 60, 100, 110, 112], [0, 24, 20, -5, 12, 0, 0, -20]
         assert first_execute(rudder(time, helm)) == pytest.approx(110.0, abs=0.1)
-        assert np.rad2deg(held_angle(rudder(time, helm)["delta"].values)) == pytest.approx(20.0)
+        assert np.rad2deg(manoeuvre_rudder_angle(rudder(time, helm)["delta"].values)) == pytest.approx(20.0)
 
     def test_a_helm_that_keeps_her_straight_for_longer_than_the_turn_lasts_is_not_the_order(self):
         record = rudder([0, 140, 149], [4, 4, 20])
-        assert np.rad2deg(held_angle(record["delta"].values)) == pytest.approx(20.0)
+        assert np.rad2deg(manoeuvre_rudder_angle(record["delta"].values)) == pytest.approx(20.0)
         assert first_execute(record) == pytest.approx(140.0, abs=0.6)
 
     def test_a_speed_that_still_rises_is_that_at_the_execution(self):
@@ -97,10 +97,10 @@ class TestReasons:
     @pytest.mark.parametrize(
         ("time", "delta_deg", "reason"),
         [
-            ([0.0], [0.0], "never put over to an angle that it holds"),
-            ([0, 60, 61, 150, 151, 220, 221], [20, 20, 5, 5, 20, 20, 0], "neither at one angle nor at two"),
-            ([0, 100, 101, 200, 201, 300, 301], [10, 10, -10, -10, 20, 20, -5], "held at 20 deg while the heading"),
-            ([0.0], [2.0], "held at 2 deg while the heading changes by"),
+            ([0.0], [0.0], "never fixed at an angle"),
+            ([0, 60, 61, 150, 151, 220, 221], [20, 20, 5, 5, 20, 20, 0], "not fixed at one angle or at two"),
+            ([0, 100, 101, 200, 201, 300, 301], [10, 10, -10, -10, 20, 20, -5], "fixed at 20 deg while the heading"),
+            ([0.0], [2.0], "fixed at 2 deg while the heading changes by"),
             ([0, 280, 281], [10, 10, -10], "reversed at heading changes of -"),
         ],
     )

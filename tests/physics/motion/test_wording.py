@@ -42,7 +42,7 @@ test_simulation_errors = wording(
             ({"n": np.nan}, "Revolutions are a number"),
             ({"n": 90.0}, r"up to 5 times the nominal 1.5.*found 90.0; correct them \(1/min over 60 are 1/s\)"),
             ({"current": (15.0, 0.0)}, "A current is slower than the ship, found 15 m/s at a nominal speed of 7.97"),
-            ({"current": (-1.0, 0.0)}, "have a speed from 0 m/s up"),
+            ({"current": (-1.0, 0.0)}, "have a speed from 0 m/s and"),
             ({"initial_state": [1.0, 2.0]}, "An initial state has 8 numbers"),
         ]
     ),

@@ -1,4 +1,4 @@
-"""The verdict of a forecast: with what probability the ship passes each criterion of IMO MSC.137(76)."""
+"""Criteria of IMO MSC.137(76), and the probability that a forecast ship meets each."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 
 CONFORMANCE_PROBABILITY = 0.95
-"""Probability from which a forecast says that a ship passes, and below 1 minus which that she fails."""
+"""Probability from which a forecast states conformity; below 1 minus it, non-conformity."""
 
 
 def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, Any]]:
-    """Probability that each criterion of IMO MSC.137(76) which applies to a forecast manoeuvre is passed.
+    """Probability of conformity with each criterion of IMO MSC.137(76) that applies to a forecast.
 
     Parameters
     ----------
     tree : DataTree
         From :func:`pymc_ship.forecast`: groups ``trajectories`` (``diverged`` by draw), ``indices`` (dims draw) and
-        ``index_bands`` (dims band). Its attr ``surest``, which a forecast beyond the runs of a ship has, bounds the
-        probabilities: no more is known of statements made there.
+        ``index_bands`` (dims band). The attr ``surest`` of a forecast beyond the runs of a ship is the calibration
+        cap of the probabilities.
     vessel : Vessel, str or Path
         Gives L; the speed is the approach speed of the manoeuvre.
 
@@ -32,11 +32,10 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     -------
     list of dict
         ``criterion``, ``limit``, ``units`` (deg or L), ``median``, ``lower`` and ``upper`` of the forecast's interval,
-        ``probability``, ``standard_error`` (binomial: what the finite number of draws leaves open), ``not_reached``
-        (share of draws that diverged or did not reach the event), ``judgement`` (passes, open or fails) and
-        ``verdict``, one sentence. The probability is the share of all draws that run to the end, reach the event and
-        keep the limit: a draw that diverged or does not reach the event counts as not passing. Empty where no
-        criterion applies.
+        ``probability``, ``standard_error`` (binomial, of a finite number of draws), ``not_reached``
+        (fraction of draws that diverged or did not reach the event), ``judgement`` (passes, open or fails) and
+        ``verdict``, one sentence. The probability is the fraction of all draws that reach the event within the limit; a
+        draw that diverged or does not reach it counts as not passing. Empty if no criterion applies.
 
     References
     ----------
@@ -86,7 +85,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
 
 
 def probability_text(probability: float) -> str:
-    """Probability with two decimals, which 0 and 1 have only where no draw or every draw passes."""
+    """Probability with two decimals; 0.00 and 1.00 only if no draw or every draw passes."""
     if 0.0 < probability < 0.005:
         return "below 0.01"
     return "above 0.99" if 0.995 < probability < 1.0 else f"{probability:.2f}"
@@ -97,9 +96,9 @@ def _sentence(row: dict[str, Any]) -> str:
     decimals = 1 if row["units"] == "deg" else 2
     median, lower, upper, limit = (f"{row[key]:.{decimals}f}" for key in ("median", "lower", "upper", "limit"))
     if not np.isfinite(row["median"]):
-        return f"{row['criterion']}: no ship of the forecast reaches it, which does not count as passing."
-    share = f"{100.0 * row['not_reached']:.2g} %"
-    lacking = f" ({share} of the ships diverge or do not reach it, which does not count as passing)"
+        return f"{row['criterion']}: no draw of the forecast reaches it, which does not count as passing."
+    fraction = f"{100.0 * row['not_reached']:.2g} %"
+    lacking = f" ({fraction} of the draws diverge or do not reach it, which does not count as passing)"
     return (
         f"{row['criterion']} {median} {row['units']} ({lower} to {upper}): passes the limit of {limit} {row['units']} "
         f"with probability {probability_text(row['probability'])}{lacking if row['not_reached'] else ''}."
@@ -113,16 +112,14 @@ def imo_limits(attrs: Mapping[str, Any], vessel: Vessel) -> list[tuple[str, floa
     ----------
     attrs : mapping
         ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``approach_speed`` [m/s] as :func:`pymc_ship.simulate` and
-        :func:`indices` write them; without a rudder angle a turning circle is taken to be at hard-over rudder, without
-        a speed the nominal one holds.
+        :func:`indices` write them. Defaults: hard-over rudder of a turning circle, nominal speed.
     vessel : Vessel
         Gives L.
 
     Returns
     -------
     list of tuple
-        Name of the index, its limit, the size of the unit of that limit in the unit of the index, and the unit's name;
-        empty where no limit applies.
+        Index, limit, size of the limit's unit in that of the index, name of the unit; empty if no limit applies.
     """
     L = vessel.particulars.L
     ratio = L / attrs.get("approach_speed", vessel.particulars.nominal_speed)
@@ -143,8 +140,8 @@ def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None where the record does not reach the event);
-        empty where no limit applies.
+        ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None if the record does not reach the event);
+        empty if no limit applies.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""What the manoeuvres of one kind have in common, as one value.
+"""Kinds of manoeuvres and their indices, as values.
 
-This room and the entries of the standard kinds import no numerics, because the command line reads its options here.
+No numerical imports here nor in the standard kinds, since the command line reads its options from them.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ UNITS = {
 """Unit of each quantity that an index can be; `angle` is a change of heading, `diameter` that of a steady turn."""
 
 TRACK_QUANTITIES = ("angle", "time", "distance", "diameter")
-"""Quantities of heading and track, of which every manoeuvre has some."""
+"""Quantities of heading and track."""
 
 SCORED_QUANTITIES = ("angle", "time", "distance", "roll")
-"""Quantities of which a model error is measured on held-out manoeuvres."""
+"""Quantities whose model error is estimated on held-out manoeuvres."""
 
 OVERSHOOTS = ("first_overshoot_angle", "second_overshoot_angle", "third_overshoot_angle")
 """Indices that are marked in the figures of a manoeuvre that swings."""
@@ -59,7 +59,7 @@ class Index:
     quantity : str
         Key of :data:`UNITS`.
     needs : tuple of str
-        Channels without which a measured record does not have the index.
+        Channels that a measured record must have.
     scored : bool
         Whether the index is compared on held-out runs; one of :data:`SCORED_QUANTITIES` only.
     signed : bool
@@ -93,7 +93,7 @@ def _no_limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
 
 @dataclass(frozen=True)
 class ManoeuvreKind:
-    """Everything that the package must know of a kind of manoeuvre.
+    """A kind of manoeuvre: options, indices, limits and recognition.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class ManoeuvreKind:
         As in ``attrs["manoeuvre"]`` of a record: ``turning_circle``.
     angles : tuple of str
         Attributes of a :class:`pymc_ship.Manoeuvre` that are written with it, in order: ``rudder_deg``, ``heading_deg``
-        or both. A kind without angles cannot be written as words.
+        or both.
     example : str
         Angles as they are written, ``20/20``, for help and errors.
     option : str
@@ -109,8 +109,8 @@ class ManoeuvreKind:
     title : str
         Name in the help of ``pymc-ship simulate``; needed with an option.
     second_execute_factor : float or None
-        Factor on the rudder angle when the heading has changed by ``heading_deg`` towards the side turned to: -1 puts
-        the rudder over to the other side, 0 amidships. None: the heading does not matter.
+        Factor on the rudder angle at the second execute, when the heading has changed by ``heading_deg``: -1 reverses
+        the rudder, 0 puts it amidships. None: no second execute.
     indices : mapping of str to Index
     measure : callable
         Indices that a :class:`pymc_ship.physics.manoeuvre.events.Record` reaches, by name, from the record and its
@@ -167,7 +167,7 @@ class ManoeuvreKind:
 
     @property
     def metavar(self) -> str:
-        """What the angles are called in help: ``RUDDER/HEADING``."""
+        """Names of the angles in help: ``RUDDER/HEADING``."""
         return "/".join(angle.removesuffix("_deg").upper() for angle in self.angles)
 
     @property

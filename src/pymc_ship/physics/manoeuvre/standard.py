@@ -15,7 +15,7 @@ from pymc_ship.physics.manoeuvre.kinds import SIDES, ManoeuvreKind
 from pymc_ship.physics.manoeuvre.registry import KINDS, kind_named
 
 _TWO_ROUNDS = 720.0  # deg of heading
-_STEP = 0.1  # s, in which the order goes from one angle to the next; the rudder follows at its own rate
+_STEP = 0.1  # s, duration of a step of the order from one angle to the next
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Manoeuvre:
 
     @property
     def traits(self) -> ManoeuvreKind:
-        """What all manoeuvres of this kind have in common: indices, limits, figures, reach."""
+        """The kind of the manoeuvre: indices, limits, figures, reach."""
         return kind_named(self.kind)
 
     @property
@@ -71,7 +71,7 @@ class Manoeuvre:
 
     @property
     def attrs(self) -> dict[str, object]:
-        """What a record of the manoeuvre says of it: kind, angles [deg] and side, as indices need them."""
+        """Attrs of a record of the manoeuvre: kind, angles [deg] and side."""
         return {
             "manoeuvre": self.kind,
             "rudder_deg": self.rudder_deg,
@@ -81,23 +81,23 @@ class Manoeuvre:
 
     @property
     def switch(self) -> tuple[float, float]:
-        """Change of heading [rad] at which the rudder angle is multiplied, infinite for never, and the factor."""
+        """Switching heading [rad], infinite for none, and the factor on the rudder angle there."""
         factor = self.traits.second_execute_factor
         return (np.inf, 1.0) if factor is None else (np.deg2rad(self.heading_deg), float(factor))
 
     def command(self, time: np.ndarray) -> np.ndarray:
-        """Rudder angle [rad] that is ordered at the given times [s], as far as no heading has been reached."""
+        """Ordered rudder angle [rad] at times [s] before the switching heading."""
         if self.time:
             return np.interp(time, self.time, self.delta)
         return np.full(np.shape(time), -SIDES[self.side] * np.deg2rad(self.rudder_deg))
 
 
 def one_manoeuvre(manoeuvre: object) -> Manoeuvre:
-    """Manoeuvre as it is; SimulationError for a list of manoeuvres, a text, or anything else."""
+    """The manoeuvre itself; SimulationError for anything else."""
     if not isinstance(manoeuvre, Manoeuvre):
         raise SimulationError(
-            f"One manoeuvre is meant, made by zigzag, turning_circle or rudder_programme, found "
-            f"{short_repr(manoeuvre)}; give one of these."
+            f"The manoeuvre is one value made by zigzag, turning_circle or rudder_programme, found {short_repr(manoeuvre)}; "
+            "give one of these."
         )
     return manoeuvre
 
@@ -216,7 +216,7 @@ def pull_out(
 def direct_spiral(
     rudder_deg: float = 15.0, step_deg: float = 5.0, *, hold: float, approach_speed: float | None = None
 ) -> Manoeuvre:
-    """Direct spiral: rudder angles from rudder_deg on one side to the other and back, each held until a turn is steady.
+    """Direct spiral: rudder angles from rudder_deg on one side to the other and back, each for a steady turn.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def direct_spiral(
 def stepped_rudder_programme(
     angles_deg: np.ndarray, holds: np.ndarray, *, approach_speed: float | None = None
 ) -> Manoeuvre:
-    """Rudder programme of angles [deg], each held for its time [s], shape (n,) both."""
+    """Rudder programme of angles [deg], each for its time [s], shape (n,) both."""
     ends = np.cumsum(holds, dtype=float)
     begins = np.append(0.0, ends[:-1] + _STEP)
     time, delta = np.column_stack([begins, ends]).ravel(), np.repeat(np.deg2rad(angles_deg), 2)
@@ -270,7 +270,7 @@ def stepped_rudder_programme(
 def rudder_programme(
     time: np.ndarray, delta: np.ndarray, *, rate_limited: bool = True, approach_speed: float | None = None
 ) -> Manoeuvre:
-    """Rudder angle as a function of time, linear between breakpoints and held after the last.
+    """Rudder angle as a function of time, linear between breakpoints and constant after the last.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The turning circle as a kind of manoeuvre, the rudder is put over and held, and the pull-out, which ends a turn."""
+"""The turning circle and the pull-out as kinds of manoeuvre."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ if TYPE_CHECKING:
 
 _FULL_TURN = 120.0  # deg of heading that a turning circle changes at least
 _LEAST_RUDDER = 3.0  # deg
-_HARD_OVER = 35.0  # deg, from which on the limits hold
+_HARD_OVER = 35.0  # deg, least rudder angle to which the IMO limits apply
 _WATER = ("psi", "u", "v")
-_LAST = 0.1  # of the time with the rudder amidships, over which the rate that is left is measured
-_LEFT = 0.5  # of the rate of the turn, until which the time is measured
-_AMIDSHIPS = 0.2  # of the angle held: a rudder within it is amidships, whatever its zero and the helm
-_AFTER = 0.5  # of the time of the turn for which the rudder of a pull-out stays amidships at least
+_LAST = 0.1  # of the time with the rudder amidships, over which the residual rate is averaged
+_LEFT = 0.5  # of the rate of the turn, at which the time is measured
+_AMIDSHIPS = 0.2  # of the fixed angle: a smaller angle is amidships
+_AFTER = 0.5  # of the time of the turn, least time amidships of a pull-out
 
 
 def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
-    """Indices that the record reaches; headings and distances count from those at its begin."""
+    """Indices that the record reaches; headings and distances count from the first sample."""
     side, course = SIDES[attrs["side"]], record.motion["psi"][0]
-    found: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
+    indices: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
     for angle in (90, 180):
         when = record.crossing(math.radians(angle) + side * course, side)
-        found[f"time_to_{angle}"] = when - record.time[0]
+        indices[f"time_to_{angle}"] = when - record.time[0]
         if math.isfinite(when):
             ahead, abeam = record.displacement(when)
             across = side * abeam
-            found |= {"advance": ahead, "transfer": across} if angle == 90 else {"tactical_diameter": across}
+            indices |= {"advance": ahead, "transfer": across} if angle == 90 else {"tactical_diameter": across}
     if (turn := record.steady()) is not None:
-        found["steady_turning_diameter"] = 2.0 * turn.track_speed / turn.yaw_rate
-        found["steady_yaw_rate"] = math.degrees(turn.yaw_rate)
-        found["steady_speed"] = turn.speed
-        found["steady_drift_angle"] = math.degrees(turn.drift)
-    return found
+        indices["steady_turning_diameter"] = 2.0 * turn.track_speed / turn.yaw_rate
+        indices["steady_yaw_rate"] = math.degrees(turn.yaw_rate)
+        indices["steady_speed"] = turn.speed
+        indices["steady_drift_angle"] = math.degrees(turn.drift)
+    return indices
 
 
 def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
@@ -48,11 +48,11 @@ def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
     return ("advance", 4.5, "L"), ("tactical_diameter", 5.0, "L")
 
 
-def _recognise(helm: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
-    """Rudder angle and side of a record that turns far with a rudder that is held."""
-    if abs(helm.held_angle) <= _LEAST_RUDDER or abs(helm.turned) <= _FULL_TURN:
+def _recognise(steering: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
+    """Rudder angle and side of a turn of more than 120 deg with a fixed rudder."""
+    if abs(steering.fixed_rudder_deg) <= _LEAST_RUDDER or abs(steering.turned) <= _FULL_TURN:
         return None
-    return (helm.ordered(abs(helm.held_angle)),), "starboard" if helm.turned > 0.0 else "port"
+    return (steering.ordered(abs(steering.fixed_rudder_deg)),), "starboard" if steering.turned > 0.0 else "port"
 
 
 TURNING_CIRCLE = ManoeuvreKind(
@@ -81,7 +81,7 @@ TURNING_CIRCLE = ManoeuvreKind(
 
 
 def _pull_out_indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
-    """Indices of the rate of turn from the heading on at which the rudder is ordered amidships."""
+    """Indices of the yaw rate after the rudder is ordered amidships."""
     import numpy as np
 
     side = SIDES[attrs["side"]]
@@ -92,32 +92,32 @@ def _pull_out_indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, flo
     rate, time = side * record.psi_dot, record.time
     before = float(np.interp(begin, time, rate))
     last = time >= time[-1] - _LAST * (time[-1] - begin)
-    found = {"rate_before": math.degrees(before), "residual_yaw_rate": math.degrees(rate[last].mean())}
+    indices = {"rate_before": math.degrees(before), "residual_yaw_rate": math.degrees(rate[last].mean())}
     slow = np.flatnonzero(after & (rate <= _LEFT * before))
     if slow.size:
         k = max(int(slow[0]), 1)
-        found["time_to_half_rate"] = (
+        indices["time_to_half_rate"] = (
             float(np.interp(-_LEFT * before, -rate[k - 1 : k + 1], time[k - 1 : k + 1])) - begin
         )
-    return found
+    return indices
 
 
-def _recognise_pull_out(helm: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
-    """Rudder angle, heading and side of a turn that ends with the rudder amidships before it is a turning circle."""
+def _recognise_pull_out(steering: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
+    """Rudder angle, heading and side of a turn of 60 to 120 deg that ends with the rudder amidships."""
     import numpy as np
 
     from pymc_ship.physics.manoeuvre.steering_record import first_execute, is_manoeuvre
 
-    angle, turned = helm.held_angle, helm.turned
+    angle, turned = steering.fixed_rudder_deg, steering.turned
     if abs(angle) <= _LEAST_RUDDER or not 0.5 * _FULL_TURN <= abs(turned) <= _FULL_TURN:
         return None
-    time, delta = helm.trial["time"].values, np.rad2deg(helm.trial["delta"].values)
-    end = time[is_manoeuvre(helm.trial)][-1]
-    after = delta[time > end + _AMIDSHIPS * (end - first_execute(helm.trial))]
-    lasts = time[-1] - end >= _AFTER * (end - first_execute(helm.trial))
+    time, delta = steering.trial["time"].values, np.rad2deg(steering.trial["delta"].values)
+    end = time[is_manoeuvre(steering.trial)][-1]
+    after = delta[time > end + _AMIDSHIPS * (end - first_execute(steering.trial))]
+    lasts = time[-1] - end >= _AFTER * (end - first_execute(steering.trial))
     if not lasts or not after.size or np.quantile(np.abs(after), 0.9) > _AMIDSHIPS * abs(angle):
         return None
-    return (helm.ordered(abs(angle)), 5 * max(round(abs(turned) / 5.0), 1)), "starboard" if turned > 0.0 else "port"
+    return (steering.ordered(abs(angle)), 5 * max(round(abs(turned) / 5.0), 1)), "starboard" if turned > 0.0 else "port"
 
 
 PULL_OUT = ManoeuvreKind(

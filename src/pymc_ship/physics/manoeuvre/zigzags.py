@@ -1,4 +1,4 @@
-"""The zigzag test as a kind of manoeuvre: the rudder goes to the other side at each switching heading."""
+"""The zigzag test as a kind of manoeuvre."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ if TYPE_CHECKING:
     from pymc_ship.physics.manoeuvre.steering_record import SteeringRecord
 
 BY_HAND = math.radians(1.0)
-"""Heading beside the mean of a zigzag's reversals from which one counts as steered by hand, not by an autopilot."""
+"""Deviation [rad] from the mean switching heading, beyond which a zigzag was steered by hand."""
 
 
 def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
-    """Indices that the record reaches; overshoots count from the heading at which the rudder was reversed.
+    """Indices that the record reaches; overshoots count from the switching heading.
 
-    This is the switching heading or, in a record that was steered by hand, where ``attrs["reversals"]`` [s] say.
+    In a record steered by hand they count from the headings at ``attrs["reversal_times"]`` [s].
     """
     heading, side = math.radians(attrs["heading_deg"]), SIDES[attrs["side"]]
     by_hand: Sequence[float] = attrs.get("reversal_times", ())
-    found: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
+    indices: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}
     switch = record.crossing(heading, side)
     if not by_hand or side * record.at("psi", by_hand[0]) > heading - BY_HAND:
-        found["initial_turning_time"] = switch - record.time[0]
+        indices["initial_turning_time"] = switch - record.time[0]
         if math.isfinite(switch):
-            found["initial_turning_distance"] = record.distance(switch)
+            indices["initial_turning_distance"] = record.distance(switch)
     switches = list(by_hand[:1]) or [switch]
     for count, name in enumerate(("first", "second", "third")):
         switch = switches[-1]
         peak = record.peak(switch) if math.isfinite(switch) else math.nan
         if not math.isfinite(peak):
             break
-        found[f"{name}_overshoot_angle"] = math.degrees(side * (record.at("psi", peak) - record.at("psi", switch)))
+        indices[f"{name}_overshoot_angle"] = math.degrees(side * (record.at("psi", peak) - record.at("psi", switch)))
         if count < 2:
-            found[f"{name}_overshoot_time"] = peak - switch
+            indices[f"{name}_overshoot_time"] = peak - switch
         side = -side
         if by_hand and count + 1 == len(by_hand):
             break
         switches.append(by_hand[count + 1] if by_hand else record.crossing(heading, side, after=peak))
     if len(switches) > 2:
-        found["period"] = switches[2] - switches[0]
-    return found
+        indices["period"] = switches[2] - switches[0]
+    return indices
 
 
 def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
@@ -59,12 +59,12 @@ def _limits(attrs: Mapping[str, Any], ratio: float) -> Sequence[Limit]:
     return (("first_overshoot_angle", 25.0, "deg"),) if angles == (20.0, 20.0) else ()
 
 
-def _recognise(helm: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
-    """Rudder angle, switching heading and first side of a record whose rudder is reversed at one heading."""
-    if not helm.reversals:
+def _recognise(steering: SteeringRecord) -> tuple[tuple[float, ...], str] | None:
+    """Rudder angle, switching heading and first side of a record with rudder reversals."""
+    if not steering.reversals:
         return None
-    first = "starboard" if helm.reversals[0].heading > 0.0 else "port"
-    return (helm.reversed_angle, helm.switching_heading), first
+    first = "starboard" if steering.reversals[0].heading > 0.0 else "port"
+    return (steering.reversed_angle, steering.switching_heading), first
 
 
 ZIGZAG = ManoeuvreKind(

@@ -1,7 +1,6 @@
-"""Forces on a ship that is held at a motion, as a carriage or a rotating arm holds her, by the one evaluator.
+"""Forces on a ship in prescribed motion, as on a towing carriage or a rotating arm.
 
-They are those of the water and the air alone, prime values over rho/2 L^2 U^2 (moments by L more) of the speed at that
-point: the ship's own mass pulls at no balance.
+Forces of water and air without inertia of the ship, divided by rho/2 L^2 U^2 (moments by rho/2 L^3 U^2) of each point.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from pymc_ship.physics.vessel.parts import force_program
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 
 
-class _Held(NamedTuple):
-    """Terms (n_points, n_terms) and place of each DOF's coefficients; program, workspace and scale of the parts."""
+class _Evaluation(NamedTuple):
+    """Terms (n_points, n_terms) and coefficients of each DOF; program, workspace and scale of the parts."""
 
     terms: dict[str, tuple[np.ndarray, slice]]
     program: Program
@@ -29,14 +28,14 @@ class _Held(NamedTuple):
 
 
 def captive_test_forces(vessel: Vessel, motion: Mapping[str, np.ndarray], draws: np.ndarray) -> np.ndarray:
-    """Forces on each of several ships.
+    """Captive forces of each draw.
 
     Parameters
     ----------
     vessel : Vessel
     motion : mapping of str to ndarray, shape (n_points,)
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; ``n`` over the nominal
-        revolutions, which are those by default. Terms know the nominal revolutions alone, and there is no wind.
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] for a vessel with roll; ``n`` over the nominal
+        revolutions, 1 by default; polynomial terms ignore it. There is no wind.
     draws : ndarray, shape (n_draws, n_coefficients)
         In the vessel's order.
 
@@ -45,37 +44,38 @@ def captive_test_forces(vessel: Vessel, motion: Mapping[str, np.ndarray], draws:
     ndarray, shape (n_draws, 4, n_points)
         X, Y, N, K in the order of :data:`pymc_ship.physics.vessel.vessel.DOFS`.
     """
-    held = _held(vessel, motion)
-    found = np.zeros((len(draws), 4, motion["u"].size))
-    for dof, (rows, own) in held.terms.items():
-        found[:, DOFS.index(dof)] = draws[:, own] @ rows.T
+    evaluation = _evaluation(vessel, motion)
+    forces = np.zeros((len(draws), 4, motion["u"].size))
+    for dof, (rows, own) in evaluation.terms.items():
+        forces[:, DOFS.index(dof)] = draws[:, own] @ rows.T
     for k, draw in enumerate(draws if vessel.parts else ()):
-        found[k] += _by_parts(held, draw)
-    return found
+        forces[k] += _by_parts(evaluation, draw)
+    return forces
 
 
 def captive_test_derivatives(
     vessel: Vessel, motion: Mapping[str, np.ndarray], coefficients: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Forces of one ship (4, n_points), and their derivatives by the coefficients (4, n_points, n_coefficients).
+    """Captive forces of one ship (4, n_points), their derivatives by the coefficients (4, n_points, n_coefficients).
 
     Parameters as :func:`captive_test_forces`, with ``coefficients`` of shape (n_coefficients,).
     """
-    held = _held(vessel, motion)
+    evaluation = _evaluation(vessel, motion)
     forces = captive_test_forces(vessel, motion, coefficients[None])[0]
     slopes = np.zeros((*forces.shape, coefficients.size))
-    for dof, (rows, own) in held.terms.items():
+    for dof, (rows, own) in evaluation.terms.items():
         slopes[DOFS.index(dof)][:, own] = rows
     if vessel.parts:
-        _by_parts(held, coefficients)
-        first, count, slope = held.program.n_inputs, held.program.n_parameters, np.empty_like(held.work)
-        for k in range(held.program.results.size):
-            sweep(held.program, held.work, k, slope)
-            slopes[k][:, coefficients.size - count :] += (slope[first : first + count] * held.scale).T
+        _by_parts(evaluation, coefficients)
+        first, count = evaluation.program.n_inputs, evaluation.program.n_parameters
+        slope = np.empty_like(evaluation.work)
+        for k in range(evaluation.program.results.size):
+            sweep(evaluation.program, evaluation.work, k, slope)
+            slopes[k][:, coefficients.size - count :] += (slope[first : first + count] * evaluation.scale).T
     return forces, slopes
 
 
-def _held(vessel: Vessel, motion: Mapping[str, np.ndarray]) -> _Held:
+def _evaluation(vessel: Vessel, motion: Mapping[str, np.ndarray]) -> _Evaluation:
     primes, speed, _ = prime_record(vessel, {name: values for name, values in motion.items() if name != "n"})
     rows, begin = {}, 0
     for dof in vessel.dofs:
@@ -91,12 +91,12 @@ def _held(vessel: Vessel, motion: Mapping[str, np.ndarray]) -> _Held:
             work[row] = motion[name] / unit
     work[len(STATES) + INPUTS.index("delta")] = motion["delta"]
     work[len(STATES) + INPUTS.index("n")] = motion.get("n", 1.0)
-    return _Held(rows, program, work, (s.nominal_speed / speed) ** 2)
+    return _Evaluation(rows, program, work, (s.nominal_speed / speed) ** 2)
 
 
-def _by_parts(held: _Held, coefficients: np.ndarray) -> np.ndarray:
-    """Forces of the parts (4, n_points), which the workspace then holds."""
-    parameters = coefficients[coefficients.size - held.program.n_parameters :]
-    set_parameters(held.program, np.tile(parameters[:, None], held.scale.size), held.work)
-    execute(held.program, held.work)
-    return held.work[held.program.results] * held.scale
+def _by_parts(evaluation: _Evaluation, coefficients: np.ndarray) -> np.ndarray:
+    """Forces of the parts (4, n_points); fills the workspace."""
+    parameters = coefficients[coefficients.size - evaluation.program.n_parameters :]
+    set_parameters(evaluation.program, np.tile(parameters[:, None], evaluation.scale.size), evaluation.work)
+    execute(evaluation.program, evaluation.work)
+    return evaluation.work[evaluation.program.results] * evaluation.scale

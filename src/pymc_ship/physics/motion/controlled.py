@@ -1,8 +1,7 @@
-"""Motion of one ship with controlled error: the reference of the integrators with a fixed step.
+"""Motion of one ship with controlled error: the reference for the integrators with a fixed step.
 
-The rudder is piecewise linear in time and kinks where an order is reached, a programme bends or a zigzag is switched.
-The integration starts anew at each of these times, and a switching heading is located as an event, so that no step
-crosses a kink.
+The rudder is piecewise linear in time. The integration restarts at each kink (order reached, breakpoint, execute), and
+a switching heading is located as an event.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from pymc_ship.physics.motion.stepping import STATE_ROWS, Lanes, in_range, lanes
 
 
 class Gear(NamedTuple):
-    """Steering gear: its ``rate`` [rad/s], infinite for a rudder that is where the order is, and the ``delay`` [s]."""
+    """Steering gear: its ``rate`` [rad/s], infinite without rate limit, and the ``delay`` [s]."""
 
     rate: float
     delay: float
@@ -32,7 +31,7 @@ class Start(NamedTuple):
 
 
 class Course(NamedTuple):
-    """Motion and rudder at the samples, shape (9, n_time), NaN once the ship has diverged, and when she did [s]."""
+    """Motion and rudder at the samples, shape (9, n_time), NaN after divergence, and the time of divergence [s]."""
 
     samples: np.ndarray
     diverged_at: float
@@ -40,7 +39,7 @@ class Course(NamedTuple):
 
 @njit(**KERNEL)
 def _rate(state: np.ndarray, delta: float, coefficients: np.ndarray, scheme: Scheme, lanes: Lanes) -> np.ndarray:
-    """Time derivative of the state of one ship, (8,), by the one evaluator of the equations of motion."""
+    """Time derivative of the state of one ship, (8,)."""
     for row in range(state.size):
         lanes.inner[0, row, 0] = state[row]
     lanes.inputs[0, 0, 0] = delta
@@ -58,7 +57,7 @@ def course(
     start: Start,
     tolerance: float,
 ) -> Course:
-    """Run of a manoeuvre by the eighth-order method of Dormand & Prince with steps of controlled error.
+    """Simulation of a manoeuvre by the eighth-order method of Dormand & Prince with controlled error.
 
     Parameters
     ----------
@@ -87,43 +86,43 @@ def course(
     set_parts(column, scheme, lanes.work)
     U, turn = hull.nominal_speed, hull.nominal_speed / hull.L
     smallest = tolerance * np.array([U, U, turn, turn, 1.0, 1.0, hull.L, hull.L])
-    heading, reversal = manoeuvre.switch
+    heading, switch_factor = manoeuvre.switch
     end, now, factor, switch_at = float(time[-1]), 0.0, 1.0, np.inf
     state, out = start.state.copy(), np.full((STATE_ROWS + 1, time.size), np.nan)
     lanes.inputs[0, 1:, 0] = start.others
-    helm = _helm(manoeuvre, gear.rate, factor, (now, _first_angle(manoeuvre, gear.rate)), end)
+    rudder = _rudder_course(manoeuvre, gear.rate, factor, (now, _first_angle(manoeuvre, gear.rate)), end)
 
     def motion(t: float, state: np.ndarray) -> np.ndarray:
-        return _rate(state, np.interp(t, *helm), column, scheme, lanes)
+        return _rate(state, np.interp(t, *rudder), column, scheme, lanes)
 
-    def leaves_the_range(t: float, state: np.ndarray) -> float:
+    def out_of_range(t: float, state: np.ndarray) -> float:
         return 1.0 if in_range(state[:, None], hull, 0) else -1.0
 
-    def turned(t: float, state: np.ndarray) -> float:
+    def heading_reached(t: float, state: np.ndarray) -> float:
         ordered = factor * manoeuvre.command(np.array([t]))[0]
         return -np.sign(ordered) * state[5] - heading
 
-    leaves_the_range.terminal = turned.terminal = True  # type: ignore[attr-defined]
-    turned.direction = 1.0  # type: ignore[attr-defined]
+    out_of_range.terminal = heading_reached.terminal = True  # type: ignore[attr-defined]
+    heading_reached.direction = 1.0  # type: ignore[attr-defined]
     while now < end:
-        knots = helm[0]
+        knots = rudder[0]
         stop = float(min(end, switch_at, knots[knots > now].min(initial=end)))
-        events = [leaves_the_range, *([turned] if np.isfinite(heading) and switch_at == np.inf else [])]
+        events = [out_of_range, *([heading_reached] if np.isfinite(heading) and switch_at == np.inf else [])]
         settings = {"rtol": tolerance, "atol": smallest, "dense_output": True, "events": events}
-        found = solve_ivp(motion, (now, stop), state, "DOP853", **settings)
-        reached, state = float(found.t[-1]), found.y[:, -1]
+        solution = solve_ivp(motion, (now, stop), state, "DOP853", **settings)
+        reached, state = float(solution.t[-1]), solution.y[:, -1]
         inside = (time >= now) & (time < reached)
         if inside.any():
-            out[:-1, inside], out[-1, inside] = found.sol(time[inside]), np.interp(time[inside], *helm)
-        if found.status < 0 or found.t_events[0].size:
+            out[:-1, inside], out[-1, inside] = solution.sol(time[inside]), np.interp(time[inside], *rudder)
+        if solution.status < 0 or solution.t_events[0].size:
             return Course(out, reached)
-        if found.status == 1:
+        if solution.status == 1:
             switch_at = reached + gear.delay
         now = reached
         if now >= switch_at:
-            factor, switch_at = factor * reversal, np.inf
-            helm = _helm(manoeuvre, gear.rate, factor, (now, float(np.interp(now, *helm))), end)
-    out[:-1, -1], out[-1, -1] = state, np.interp(end, *helm)
+            factor, switch_at = factor * switch_factor, np.inf
+            rudder = _rudder_course(manoeuvre, gear.rate, factor, (now, float(np.interp(now, *rudder))), end)
+    out[:-1, -1], out[-1, -1] = state, np.interp(end, *rudder)
     return Course(out, np.nan)
 
 
@@ -132,12 +131,12 @@ def _first_angle(manoeuvre: Manoeuvre, rate: float) -> float:
     return float(manoeuvre.command(np.zeros(1))[0]) if rate == np.inf else 0.0
 
 
-def _helm(
+def _rudder_course(
     manoeuvre: Manoeuvre, rate: float, factor: float, start: tuple[float, float], end: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and rudder angles [rad], linear in between, from a time and an angle on, while no heading is reached.
+    """Times [s] and rudder angles [rad], linear in between, from a start until the next switching heading.
 
-    The rudder moves towards its order at the rate, and with the order once it is there and the order is no faster.
+    The rudder moves towards its order at the rudder rate, then follows the order as far as the rate allows.
     """
     begin, angle = start
     bends = np.array([begin, *(time for time in manoeuvre.time if begin < time < end), end])

@@ -66,16 +66,15 @@ HULL = np.dtype(
 )
 """Constants of a vessel: L, U_nom, volume, GM and BM in SI units, m, x_G and z_G prime, then those of the propeller.
 
-``slowest`` is the surge speed over U_nom above which her model means something.
+``slowest`` is the least surge speed over U_nom in the range of the model.
 
-GM and BM are 0 without roll, the constants of the propeller without a propeller. The kernels read them from memory: as
-a NamedTuple they would be constants of the loops, and the compiler would multiply by 1/(L L) where it divides by L L,
-which moves the last digit of the motion of a single ship.
+GM and BM are 0 without roll, the propeller constants 0 without a propeller. A record, not a NamedTuple, so that the
+compiler keeps every division.
 """
 
 
 class Scheme(NamedTuple):
-    """What :func:`state_derivative` needs of a vessel besides her coefficients.
+    """Constants of a vessel for :func:`state_derivative`, besides the coefficients.
 
     ``hull`` is a record of :data:`HULL`; ``left`` and ``right`` (n_products,) are the multiplication plan of the terms,
     ``rows`` and ``dof`` (n_coefficients,) the workspace row and the DOF of each coefficient, ``n_rows`` the rows of the

@@ -1,4 +1,4 @@
-"""Inputs of a motion: rudder, revolutions and wind as the parts of a ship's force take them."""
+"""Inputs of the equations of motion: rudder, revolutions and wind."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ _MOST_REVOLUTIONS = 5.0  # over the nominal ones
 
 
 def all_inputs(inputs: np.ndarray) -> np.ndarray:
-    """Inputs of shape (4, n_time) from themselves or from a rudder alone, at nominal revolutions and without wind."""
-    given = np.ascontiguousarray(inputs, dtype=float)
-    if given.ndim != 1:
-        return given
-    found = np.zeros((len(INPUTS), given.size))
-    found[0], found[1] = given, 1.0
-    return found
+    """Inputs of shape (4, n_time); a rudder alone is completed by nominal revolutions and no wind."""
+    values = np.ascontiguousarray(inputs, dtype=float)
+    if values.ndim != 1:
+        return values
+    rows = np.zeros((len(INPUTS), values.size))
+    rows[0], rows[1] = values, 1.0
+    return rows
 
 
 def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
-    """Inputs of a record as the equations of motion of a vessel take them.
+    """Inputs of the equations of motion from a record.
 
-    Revolutions are over the nominal ones; where the record is silent, or nominal revolutions are neither stated nor
-    free, they hold the speed with which it begins, or are the nominal ones where that is over ground. Wind counts where
-    it was measured and the vessel has the part "wind".
+    Revolutions are divided by the nominal ones. If they are not measured, or the nominal ones are neither stated nor
+    free, they are those of the initial speed; if that speed is over ground, the nominal ones. Wind enters if it was
+    measured and the vessel has the part "wind".
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        ``delta`` [rad]; ``n`` [1/s], ``wind_speed`` [m/s] and ``wind_direction`` [rad], where the true wind comes from,
-        as far as they were measured.
+        ``delta`` [rad]; ``n`` [1/s], ``wind_speed`` [m/s] and ``wind_direction`` [rad], from which the true wind blows,
+        if they were measured.
     vessel : Vessel
 
     Returns
@@ -45,51 +45,51 @@ def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
     ndarray, shape (4, n_time)
         Rows of :data:`pymc_ship.physics.forces.part.INPUTS`.
     """
-    found = all_inputs(trial["delta"].values)
+    values = all_inputs(trial["delta"].values)
     if not vessel.parts:
-        return found
+        return values
     U = vessel.particulars.nominal_speed
     measured = revolutions_measured(trial)
-    if measured and (takes_revolutions(vessel) or _finds_revolutions(vessel)):
-        found[1] = trial["n"].values / ship_dimensions(vessel).n
+    if measured and (takes_revolutions(vessel) or _has_free_revolutions(vessel)):
+        values[1] = trial["n"].values / ship_dimensions(vessel).n
     else:
-        found[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else initial_speed(trial) / U
+        values[1] = 1.0 if trial.attrs.get("speeds") == OVER_GROUND else initial_speed(trial) / U
         if measured and trial["n"].values[0] > 0.0:
-            found[1] *= trial["n"].values / trial["n"].values[0]
+            values[1] *= trial["n"].values / trial["n"].values[0]
     if WIND.name in vessel.parts and "wind_speed" in trial and "wind_direction" in trial:
         speed, direction = trial["wind_speed"].values / U, trial["wind_direction"].values
-        found[2], found[3] = -speed * np.cos(direction), -speed * np.sin(direction)
-    return found
+        values[2], values[3] = -speed * np.cos(direction), -speed * np.sin(direction)
+    return values
 
 
 def revolutions_measured(trial: xr.Dataset) -> bool:
-    """Whether a record holds the revolutions of every sample."""
+    """Whether a record has finite revolutions at every sample."""
     return "n" in trial and bool(np.isfinite(trial["n"].values).all())
 
 
-def _finds_revolutions(vessel: Vessel) -> bool:
+def _has_free_revolutions(vessel: Vessel) -> bool:
     """Whether the nominal revolutions of a vessel of parts are a free parameter."""
     return vessel.modular and any(c.name == NOMINAL_REVOLUTIONS and c.sd > FIXED_SD for c in vessel.parameters)
 
 
 def takes_revolutions(vessel: Vessel) -> bool:
-    """Whether revolutions in 1/s mean something to a vessel: parts make her thrust and her propeller is stated."""
+    """Whether the thrust of a vessel depends on revolutions in 1/s: it has parts and a stated propeller."""
     return vessel.modular and vessel.propeller is not None
 
 
 def initial_speed(trial: xr.Dataset) -> float:
-    """Speed with which a record begins [m/s]."""
+    """Initial speed of a record [m/s]."""
     return float(np.median(np.hypot(trial["u"].values[:10], trial["v"].values[:10] if "v" in trial else 0.0)))
 
 
 def velocity(flow: tuple[float, float] | None) -> np.ndarray:
-    """North and east components [m/s] of a flow of a speed [m/s] and a direction it goes to [deg]; 0 without one."""
+    """North and east components [m/s] of a flow, from its speed [m/s] and the direction it goes to [deg]."""
     if flow is None:
         return np.zeros(2)
     speed, direction = float(flow[0]), np.deg2rad(float(flow[1]))
     if not 0.0 <= speed < np.inf or not np.isfinite(direction):
         raise SimulationError(
-            f"Wind and current have a speed from 0 m/s up and a direction in degrees, found {tuple(flow)}."
+            f"Wind and current have a speed from 0 m/s and a direction in degrees, found {tuple(flow)}; correct them."
         )
     return speed * np.array([np.cos(direction), np.sin(direction)])
 
@@ -102,19 +102,19 @@ def steady_inputs(
     wind: tuple[float, float] | None = None,
     current: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Inputs besides the rudder that do not change: revolutions over the nominal ones, the air's velocity over U_nom.
+    """Constant inputs besides the rudder: revolutions over the nominal ones, velocity of the air over U_nom.
 
     Parameters
     ----------
     vessel : Vessel
     approach_speed : float
-        Speed [m/s] that the revolutions hold where they are not given.
+        Speed [m/s] that gives the revolutions if ``n`` is not given.
     n : float, optional
         Revolutions [1/s].
     wind : (float, float), optional
-        Speed [m/s] and where the wind comes from [deg].
+        Speed [m/s] and the direction from which the wind blows [deg].
     current : (float, float), optional
-        Speed [m/s] and where the current goes [deg]: the motion is that through the water, and so is the wind's.
+        Speed [m/s] and the direction to which the current sets [deg]; motion and wind are relative to the water.
 
     Returns
     -------
@@ -123,8 +123,8 @@ def steady_inputs(
     Raises
     ------
     SimulationError
-        For revolutions of a ship whose propeller is not stated or that are far from hers, wind on one without the part
-        "wind", or a current that is faster than the ship.
+        For revolutions without a stated propeller or above 5 times the nominal ones, wind without the part "wind", or a
+        current above the nominal speed.
     """
     U = vessel.particulars.nominal_speed
     revolutions = approach_speed / U if n is None else _relative_revolutions(vessel, n)

@@ -1,4 +1,4 @@
-"""Motion along recorded inputs: one ship, or one for each of many parameter vectors, in parallel."""
+"""Open-loop simulation along measured inputs, of one ship or of many draws in parallel."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def replay(
     substeps: int = 1,
     block: int = 1,
 ) -> np.ndarray:
-    """Motion of many ships along the same inputs, each with its own coefficients and initial state.
+    """Open-loop simulation of many draws along the same inputs, each from its own initial state.
 
     Parameters
     ----------
@@ -85,17 +85,17 @@ def replay(
     substeps : int, optional
         Integration steps for each interval.
     block : int, optional
-        Samples averaged into one; samples beyond the last whole block are left out.
+        Samples averaged into one; samples after the last full block are dropped.
 
     Returns
     -------
     ndarray, shape (n_states, n_draws, n_blocks)
-        Block means, SI units and rad; a ship that left the model's range is NaN throughout.
+        Block means, SI units and rad; NaN for a draw that diverged.
 
     Raises
     ------
     SimulationError
-        For an unknown method, arrays of the wrong shape, counts below one or a record shorter than a block.
+        For an unknown method, arrays of the wrong shape, counts below one or a record shorter than one block.
     """
     record = all_inputs(inputs)
     draws = np.atleast_2d(np.asarray(coefficients, dtype=float))
@@ -127,7 +127,7 @@ def check_replay(
     substeps: int,
     block: int,
 ) -> None:
-    """Raise SimulationError for settings that no record can be replayed with; see :func:`replay`."""
+    """Raise SimulationError for invalid arguments of :func:`replay`."""
     n_coefficients = sum(map(len, vessel.forces.values())) + len(vessel.parameters)
     shapes = coefficients.shape, initial_state.shape, inputs.shape
     if shapes[0] != (n_coefficients,) or shapes[1] not in ((5,), (6,), (8,)) or shapes[2][0] != N_INPUTS:

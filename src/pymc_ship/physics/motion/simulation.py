@@ -33,16 +33,15 @@ from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 
 INTEGRATORS = (*METHODS, "dop853")
-"""Methods of :func:`simulate`: those with a fixed step, and one whose steps have a controlled error."""
+"""Methods of :func:`simulate`: two with a fixed step, one with controlled error."""
 
 
 class Steering(NamedTuple):
-    """What steers a ship: ``command`` (n_steps,) [rad] at the steps, and how the rudder follows and is switched.
+    """Steering of a simulation: the ``command`` (n_steps,) [rad], the steering gear and the switching heading.
 
-    ``travel`` [rad] is the most that the rudder moves in a step, infinity for a rudder that is where the command is.
-    The command is multiplied by ``factor``, ``delay`` steps after the ship has turned by ``heading`` [rad] to the side
-    of the command; an infinite heading is never reached. The switch comes within a step where ``within`` is 1, at the
-    begin of the next step where it is 0. ``others`` (3,) are the other inputs, which are constant.
+    ``travel`` [rad] is the largest movement in a step, infinite without rate limit. ``delay`` steps after a change of
+    heading by ``heading`` [rad] to the side of the command, the command is multiplied by ``factor``: within a step if
+    ``within`` is 1, else at the begin of the next. ``others`` (3,) are the constant inputs.
     """
 
     command: np.ndarray
@@ -54,12 +53,12 @@ class Steering(NamedTuple):
     within: float
 
 
-class Helm(NamedTuple):
-    """Rudders of ships side by side, each array of shape (n_lanes,).
+class Rudder(NamedTuple):
+    """State of the rudders, each array of shape (n_lanes,).
 
-    ``delta`` [rad] is the angle at the beginning of a step and ``following`` at its end, ``factor`` is what the command
-    is multiplied by so far; ``waiting`` are the steps until the next switch, infinite before its heading is reached;
-    ``psi`` [rad] is the heading at the begin of the step before.
+    ``delta`` and ``following`` [rad] are the angle at begin and end of a step, ``factor`` the present factor on the
+    command, ``waiting`` the steps until the next switch (infinite before its heading is reached), ``psi`` [rad] the
+    heading one step earlier.
     """
 
     delta: np.ndarray
@@ -70,17 +69,17 @@ class Helm(NamedTuple):
 
 
 @njit(**PART)
-def _steer(steering: Steering, psi: np.ndarray, command: float, helm: Helm) -> None:
+def _steer(steering: Steering, psi: np.ndarray, command: float, rudder: Rudder) -> None:
     """Rudder angle after one step: switch the command after the switching heading, follow it at the rudder rate."""
-    factor, waiting, travel = helm.factor, helm.waiting, steering.travel
+    factor, waiting, travel = rudder.factor, rudder.waiting, steering.travel
     for lane in range(psi.size):
         side = -np.sign(factor[lane] * command)
         beyond = side * psi[lane] - steering.heading
         if waiting[lane] == np.inf and beyond >= 0.0:
-            passed = beyond / max(side * (psi[lane] - helm.psi[lane]), beyond) if beyond > 0.0 else 0.0
+            passed = beyond / max(side * (psi[lane] - rudder.psi[lane]), beyond) if beyond > 0.0 else 0.0
             waiting[lane] = steering.delay - steering.within * passed
-        helm.psi[lane] = psi[lane]
-        delta, share = helm.delta[lane], 1.0
+        rudder.psi[lane] = psi[lane]
+        delta, share = rudder.delta[lane], 1.0
         if waiting[lane] < 1.0:
             before = waiting[lane] * travel if waiting[lane] > 0.0 else 0.0
             delta += min(max(factor[lane] * command - delta, -before), before)
@@ -90,7 +89,7 @@ def _steer(steering: Steering, psi: np.ndarray, command: float, helm: Helm) -> N
         else:
             waiting[lane] -= 1.0
         after = share * travel
-        helm.following[lane] = delta + min(max(factor[lane] * command - delta, -after), after)
+        rudder.following[lane] = delta + min(max(factor[lane] * command - delta, -after), after)
 
 
 @njit(**KERNEL)
@@ -113,7 +112,7 @@ def _integrate(
     for row in range(steering.others.size):
         inputs[1 + row], following[1 + row] = steering.others[row], steering.others[row]
     delta = inputs[0]
-    helm = Helm(delta, following[0], np.ones(n_lanes), np.full(n_lanes, np.inf), lanes.state[5].copy())
+    rudder = Rudder(delta, following[0], np.ones(n_lanes), np.full(n_lanes, np.inf), lanes.state[5].copy())
     diverged = np.full(n_lanes, -1)
     for k in range(command.size):
         if mark_divergence(lanes.state, scheme.hull, k, diverged) == 0:
@@ -124,9 +123,9 @@ def _integrate(
                     out[:-1, lane, k // integration.substeps] = lanes.state[:, lane]
                     out[-1, lane, k // integration.substeps] = delta[lane]
         ahead = command[min(k + 1, command.size - 1)] if steering.travel == np.inf else command[k]
-        _steer(steering, lanes.state[5], ahead, helm)
+        _steer(steering, lanes.state[5], ahead, rudder)
         advance_along(lanes, inputs, following, coefficients, scheme, integration)
-        delta[:] = helm.following
+        delta[:] = rudder.following
     return diverged
 
 
@@ -145,7 +144,7 @@ def simulate(
     current: tuple[float, float] | None = None,
     tolerance: float = 1e-9,
 ) -> xr.Dataset:
-    """Simulate a manoeuvre, from a straight course at the approach speed unless another state is given.
+    """Simulate a manoeuvre, by default from a straight course at the approach speed.
 
     Parameters
     ----------
@@ -156,9 +155,8 @@ def simulate(
     step : float, optional
         Integration step [s]; of dop853 the interval of the samples.
     method : {"euler", "rk4", "dop853"}, optional
-        Explicit Euler, as the paper, which switches the rudder at the begin of a step; classical Runge-Kutta, which
-        switches it when the heading is reached, within a step, too; or the reference of both: the eighth-order method
-        of Dormand & Prince with controlled error, which starts anew at every kink of the rudder.
+        Explicit Euler, as the paper, with rudder orders at the begin of a step; classical Runge-Kutta, with orders also
+        within a step; or the eighth-order method of Dormand & Prince with controlled error.
     record_interval : float, optional
         Interval of the samples kept [s], a multiple of the step; every step by default.
     coefficients : array_like, shape (n_draws, n_coefficients), optional
@@ -168,23 +166,24 @@ def simulate(
     n : float, optional
         Revolutions [1/s]; those that hold the approach speed by default.
     wind : (float, float), optional
-        True wind: its speed [m/s] and where it comes from [deg].
+        True wind: speed [m/s] and the direction from which it blows [deg].
     current : (float, float), optional
-        A uniform current: its speed [m/s] and where it goes [deg]. u and v are through the water, x and y over ground.
+        Uniform current: speed [m/s] and the direction to which it sets [deg]. u and v are through the water,
+        x and y over ground.
     tolerance : float, optional
-        Relative error that a step of dop853 may have; the other methods do not use it.
+        Relative error of a step of dop853.
 
     Returns
     -------
     Dataset, dims (time,) or (draw, time)
-        u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m], delta [rad]; ``diverged`` (bool) and ``diverged_at`` [s, NaN
-        where the run held]. A diverged run is NaN from that time on. Units and settings in attrs.
+        u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m], delta [rad]; ``diverged`` (bool) and ``diverged_at`` [s],
+        NaN without divergence. A diverged run is NaN from that time on. Units and settings in attrs.
 
     Raises
     ------
     SimulationError
         For an unknown method, a step, duration or tolerance that is not positive, an interval that is no multiple of
-        the step, coefficients or an initial state of the wrong shape, revolutions of a ship whose thrust no part makes,
+        the step, coefficients or an initial state of the wrong shape, revolutions of a ship without parts,
         or wind on a ship without the part "wind".
 
     References
@@ -216,7 +215,7 @@ def simulate(
         out, diverged_at = _stepped(vessel, manoeuvre, draws, integration(method, step, stride), n_steps, start)
     for row, drift in zip(out[-3:-1], velocity(current), strict=True):
         row += drift * time
-    attrs = _attrs(vessel, manoeuvre, step=step, method=method, **_told(n, wind, current))
+    attrs = _attrs(vessel, manoeuvre, step=step, method=method, **_surroundings(n, wind, current))
     if method == "dop853":
         attrs["tolerance"] = tolerance
     return _dataset(out, time, diverged_at, attrs, coefficients is None)
@@ -242,7 +241,7 @@ def _stepped(
 def _controlled(
     vessel: Vessel, manoeuvre: Manoeuvre, draws: np.ndarray, time: np.ndarray, start: Start, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same by steps of controlled error, one ship after the other."""
+    """The same with controlled error, one draw after the other."""
     if not 1e-13 <= tolerance < 1.0:
         raise SimulationError(f"The tolerance is a number from 1e-13 to 1, found {tolerance}; correct it.")
     gear = Gear(rudder_rate(vessel, manoeuvre), vessel.particulars.rudder_delay)
@@ -256,7 +255,7 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
         if not 0.0 < value < np.inf:
             raise SimulationError(f"The {name} must be positive, found {value} s; raise it.")
     if duration < step:
-        raise SimulationError(f"The duration must hold at least one step, found {duration} s at {step} s; lengthen it.")
+        raise SimulationError(f"The duration must be at least one step, found {duration} s at {step} s; lengthen it.")
     ratio = 1.0 if record_interval is None else record_interval / step
     stride = round(ratio) if 0.0 < ratio < np.inf else 0
     if stride < 1 or abs(ratio - stride) > 1e-9 * ratio:
@@ -267,7 +266,7 @@ def _grid(duration: float, step: float, record_interval: float | None, method: s
 
 
 def _steering(vessel: Vessel, manoeuvre: Manoeuvre, n_steps: int, steps: Integration, others: np.ndarray) -> Steering:
-    """What steers a vessel through a manoeuvre; Euler, which holds what a step begins with, switches between steps."""
+    """Steering of a vessel in a manoeuvre; Euler switches the rudder between steps only."""
     heading, factor = manoeuvre.switch
     delay, within = vessel.particulars.rudder_delay / steps.step, len(steps.stages) > 1
     return Steering(
@@ -292,20 +291,22 @@ def _initial_state(given: Sequence[float] | None, speed: float) -> np.ndarray:
     state[0] = speed
     if given is None:
         return state
-    found = np.asarray(given, dtype=float)
-    if found.shape != state.shape or not np.isfinite(found).all():
+    initial = np.asarray(given, dtype=float)
+    if initial.shape != state.shape or not np.isfinite(initial).all():
         raise SimulationError(
-            f"An initial state has 8 numbers, u, v, r, p, phi, psi, x and y, found {found.tolist()}; correct it."
+            f"An initial state has 8 numbers, u, v, r, p, phi, psi, x and y, found {initial.tolist()}; correct it."
         )
-    return found
+    return initial
 
 
-def _told(n: float | None, wind: tuple[float, float] | None, current: tuple[float, float] | None) -> dict[str, Any]:
-    """Settings of the surroundings that are told with a record."""
-    found = {} if n is None else {"n": float(n)}
+def _surroundings(
+    n: float | None, wind: tuple[float, float] | None, current: tuple[float, float] | None
+) -> dict[str, Any]:
+    """Revolutions, wind and current for the attrs of a record."""
+    settings = {} if n is None else {"n": float(n)}
     for name, given in (("wind", wind), ("current", current)):
-        found |= {} if given is None else {f"{name}_speed": float(given[0]), f"{name}_direction": float(given[1])}
-    return found
+        settings |= {} if given is None else {f"{name}_speed": float(given[0]), f"{name}_direction": float(given[1])}
+    return settings
 
 
 def _attrs(vessel: Vessel, manoeuvre: Manoeuvre, **settings: float | str) -> dict[str, Any]:

@@ -9,16 +9,16 @@ from pymc_ship.physics.motion.equations import STATE, scheme, set_parts, state_d
 from pymc_ship.physics.motion.inputs import all_inputs
 from pymc_ship.physics.vessel.vessel import Vessel
 
-_SHARE = 1e-6
-"""Half a central difference, in prime values: v|v| and its like change a derivative by as much times a coefficient."""
+_DIFFERENCE = 1e-6
+"""Half width of the central differences, prime values."""
 
 
 def growth_rates(vessel: Vessel, coefficients: np.ndarray, speed: float) -> np.ndarray:
-    """Largest real part of the eigenvalues of the linear motion about a straight course, for many ships.
+    """Largest real part of the eigenvalues of the linear motion about a straight course, for each draw.
 
     The equations of motion are linearised in v and r (and in p and phi where the vessel rolls) at zero rudder and at a
-    given speed ahead, by central differences of the accelerations that the simulator integrates. A positive value is
-    a ship that leaves a straight course by herself.
+    given speed ahead, by central differences of the accelerations that the simulator integrates. A positive value
+    means that the ship is course-unstable.
 
     Parameters
     ----------
@@ -44,22 +44,22 @@ def growth_rates(vessel: Vessel, coefficients: np.ndarray, speed: float) -> np.n
     unit = np.array([rate if name in ("r", "p") else 1.0 if name == "phi" else speed for name in STATE])
     jacobian = np.empty((len(coefficients), len(disturbed), len(disturbed)))
     for column, row in enumerate(disturbed):
-        ahead, back = (_rates(vessel, coefficients, speed, row, sign * _SHARE * unit[row]) for sign in (1.0, -1.0))
-        change = (ahead - back)[disturbed] / (2.0 * _SHARE)
+        ahead, back = (_rates(vessel, coefficients, speed, row, sign * _DIFFERENCE * unit[row]) for sign in (1.0, -1.0))
+        change = (ahead - back)[disturbed] / (2.0 * _DIFFERENCE)
         jacobian[:, :, column] = (change / (unit[disturbed, None] * rate)).T
-    found = np.full(len(coefficients), np.inf)
+    growth = np.full(len(coefficients), np.inf)
     finite = np.isfinite(jacobian).all(axis=(1, 2))
-    found[finite] = np.linalg.eigvals(jacobian[finite]).real.max(axis=1)
-    return found
+    growth[finite] = np.linalg.eigvals(jacobian[finite]).real.max(axis=1)
+    return growth
 
 
 def _rates(vessel: Vessel, coefficients: np.ndarray, speed: float, row: int, change: float) -> np.ndarray:
-    """Rates of the states of every ship, straight ahead but for a change of one state, shape (n_states, n_draws)."""
-    n_ships, constants = len(coefficients), scheme(vessel)
-    state, rate = np.zeros((len(STATE), n_ships)), np.empty((len(STATE), n_ships))
+    """Rates of the states (n_states, n_draws) on a straight course with one state changed."""
+    n_draws, constants = len(coefficients), scheme(vessel)
+    state, rate = np.zeros((len(STATE), n_draws)), np.empty((len(STATE), n_draws))
     state[STATE.index("u")] = speed
     state[row] = change
-    columns, work = np.ascontiguousarray(coefficients.T), workspace(n_ships, constants)
+    columns, work = np.ascontiguousarray(coefficients.T), workspace(n_draws, constants)
     set_parts(columns, constants, work)
-    state_derivative(state, all_inputs(np.zeros(n_ships)), columns, constants, work, rate)
+    state_derivative(state, all_inputs(np.zeros(n_draws)), columns, constants, work, rate)
     return rate

@@ -1,7 +1,4 @@
-"""Steps of the integrators and the range of motions in which the model means something.
-
-The simulator and the sensitivities take the same steps, many ships side by side: one lane is one ship.
-"""
+"""Steps of the integrators, one lane per draw, and the range of the model."""
 
 from __future__ import annotations
 
@@ -32,13 +29,13 @@ STATE_ROWS = len(STATE)
 N_INPUTS = len(INPUTS)
 
 STEPS = 240
-"""Steps in L/U of a manoeuvre that is simulated at the pace of a vessel."""
+"""Integration steps per L/U, see :func:`simulation_settings`."""
 
 RECORDED = 4
-"""Steps between the samples of it that are kept."""
+"""Integration steps per sample, see :func:`simulation_settings`."""
 
 LANES = 16
-"""Ships integrated side by side by one kernel call."""
+"""Draws integrated by one kernel call."""
 
 _STAGES = {
     "euler": np.array([[0.0, 1.0]]),
@@ -59,10 +56,10 @@ class Integration(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """Ships side by side and what one step of them needs.
+    """States and workspace of the draws in one kernel call.
 
-    ``state`` (8, n_lanes) is where they are, ``inner`` (n_stages, 8, n_lanes) and ``inputs`` (n_stages, 4, n_lanes) are
-    the states and inputs at which the equations of motion are evaluated, ``rate`` (8, n_lanes) is their result.
+    ``state`` (8, n_lanes) is the present state, ``inner`` (n_stages, 8, n_lanes) and ``inputs`` (n_stages, 4, n_lanes)
+    are the states and inputs at which the equations of motion are evaluated, ``rate`` (8, n_lanes) is their result.
     """
 
     state: np.ndarray
@@ -104,10 +101,9 @@ def advance(lanes: Lanes, coefficients: np.ndarray, scheme: Scheme, integration:
 
 @njit(**PART)
 def in_range(state: np.ndarray, hull: np.record, lane: int) -> bool:
-    """Whether the model is valid for the ship of a lane.
+    """Whether the state of a lane is in the range of the model.
 
-    Her state is finite, she is upright, no faster than 500 % of the nominal speed and, unless her hull is one for low
-    speed, makes way ahead at 1 % of it or more.
+    Finite, heel below 90 deg, speed below 500 % of the nominal one, surge speed above ``hull.slowest`` of it.
     """
     nominal_speed = hull.nominal_speed
     speed2 = state[0, lane] ** 2 + state[1, lane] ** 2
@@ -142,7 +138,7 @@ def increase(target: np.ndarray, factor: float, rate: np.ndarray) -> None:
 
 @njit(**PART)
 def mark_divergence(state: np.ndarray, hull: np.record, step: int, diverged: np.ndarray) -> int:
-    """Note the step at which a lane leaves the model's range and park it there; count the lanes still running."""
+    """Record the step at which a lane diverges and reset its state; return the number of lanes still running."""
     n_lanes = state.shape[1]
     n_in_range = 0
     for lane in range(n_lanes):
@@ -180,11 +176,11 @@ def advance_along(
 
 
 def simulation_settings(vessel: Vessel) -> dict[str, Any]:
-    """Steps and method of a simulated manoeuvre that suit the size and speed of a vessel."""
+    """Step, sampling interval and method for a vessel, from its L/U."""
     step = vessel.particulars.ship_time / STEPS
     return {"step": step, "record_interval": RECORDED * step, "method": "rk4"}
 
 
 def rudder_rate(vessel: Vessel, manoeuvre: Manoeuvre) -> float:
-    """Rate of the rudder [rad/s], infinite for one that is where the command is."""
+    """Rudder rate [rad/s], infinite for a manoeuvre without rate limit."""
     return float(np.deg2rad(vessel.particulars.rudder_rate_deg)) if manoeuvre.rate_limited else np.inf

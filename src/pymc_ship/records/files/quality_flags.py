@@ -1,4 +1,4 @@
-"""What the checks said of a record, kept in its attrs and in those of every posterior that was fitted to it."""
+"""Quality flags of a record: verdict and remarks in its attrs and in those of every posterior fitted to it."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ from collections.abc import Iterable, Sequence
 import xarray as xr
 
 VERDICTS = ("good", "not checked", "doubtful", "bad")
-"""From the least to the most that there is to do; a trial with a bad check is not fitted."""
+"""From best to worst; a trial with a bad check is not fitted."""
 
 
 def worst(verdicts: Iterable[str]) -> str:
-    """Worst of some verdicts; "good" where there is none."""
+    """Worst verdict; "good" without any."""
     return max(verdicts, key=VERDICTS.index, default="good")
 
 
 def with_quality_flags(trial: xr.Dataset, verdict: str, remarks: Sequence[str]) -> xr.Dataset:
-    """Trial whose attrs keep the verdict on the record and a sentence for each doubt and each overruled check."""
+    """Trial with the verdict, and a sentence for each doubtful or overruled check, in its attrs."""
     return trial.assign_attrs(record_verdict=verdict, record_remarks="\n".join(remarks))
 
 
 def quality_flags(trials: Sequence[xr.Dataset], names: Sequence[str] = ()) -> dict[str, str]:
-    """Attrs of a posterior: the worst verdict on its trials and what was said of each.
+    """Attrs of a posterior: the worst verdict of its trials, and all remarks.
 
     Parameters
     ----------
     trials : sequence of Dataset
-        Those that :func:`pymc_ship.validated_trial` did not judge count as "not checked".
+        A trial without flags of :func:`pymc_ship.validated_trial` counts as "not checked".
     names : sequence of str, optional
-        Of the trials, to stand before each remark.
+        Names of the trials, written before each remark.
 
     Returns
     -------
     dict of str to str
-        ``record_verdict`` and ``record_remarks``, a line for each remark.
+        ``record_verdict``, and ``record_remarks`` with one line per remark.
     """
     heads = [f"{name}: " for name in names] or [""] * len(trials)
     remarks = [

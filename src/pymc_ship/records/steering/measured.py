@@ -21,7 +21,7 @@ _MOTION = channel_names(lambda channel: channel.part == "motion")
 
 
 def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
-    """Measured trial from the rudder's execution on, as a forecast begins: time 0, base course 0, position 0.
+    """Measured trial from the first execute on, with time, base course and position counted from there.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
         for name, good in known.items()
     }
     if "psi" in found:
-        has_rudder = {"psi", "r", "delta"} <= channels.keys()
-        whole = has_rudder and all(known[name].all() for name in ("psi", "r", "delta") if name in known)
+        has_steering = {"psi", "r", "delta"} <= channels.keys()
+        whole = has_steering and all(known[name].all() for name in ("psi", "r", "delta") if name in known)
         course = base_course(measured) if whole else found["psi"][0]
         found["psi"] = found["psi"] - course
     if {"psi", "x", "y"} <= found.keys():
@@ -77,22 +77,22 @@ def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str
         Indices [deg, s, m, m/s, deg/s] by name, as of :func:`pymc_ship.indices`; NaN where the record does not reach
         the event or lacks a channel. The motion is denoised first, as the largest of noisy values is too large and the
         first of several crossings too early; a missing yaw rate is the slope of the heading, missing velocities are
-        those of the track. Overshoots of a zigzag that was steered by hand count from its own reversals, indices of a
-        rudder that is held end where it is put back.
+        those of the track. Overshoots of a zigzag steered by hand count from its own rudder reversals; a turning circle
+        ends with the fixed rudder.
     """
     return indices_of_denoised(denoise_motion(measured), attrs)
 
 
 def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
-    """Indices of a measured trial whose motion is smooth already; all else as :func:`measured_indices`."""
+    """Indices of a denoised trial; arguments and result as :func:`measured_indices`."""
     kind = kind_named(attrs["manoeuvre"])
     trial = align_to_first_execute(smooth).dropna("time")
     if "psi" not in trial or trial.sizes["time"] < 3:
         return {}
     has = set(trial.data_vars)
-    told = dict(attrs)
+    settings = dict(attrs)
     if "delta" in has and kind.swings:
-        told |= _reversed_by_hand(trial, attrs)
+        settings |= _hand_steered_reversals(trial, attrs)
     elif "delta" in has and kind.circles:
         trial = trial.isel(time=slice(0, int(np.flatnonzero(is_manoeuvre(trial))[-1]) + 1))
     time, psi = trial["time"].values, trial["psi"].values
@@ -106,14 +106,14 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
         channels["v"] = east * np.cos(psi) - north * np.sin(psi)
         has |= {"u", "v"} if {"x", "y"} <= has else set()
     channels.setdefault("phi", np.zeros(time.size))
-    found = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, told))
+    found = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, settings))
     return {
         name: float(found[name]) if has.issuperset(kind.indices[name].needs) else np.nan for name in map(str, found)
     }
 
 
-def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Times [s] at which the reversals of an aligned zigzag were ordered, where not all were at one heading."""
+def _hand_steered_reversals(trial: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    """Times [s] of the ordered reversals of an aligned zigzag, if it was steered by hand; else empty."""
     reversals = rudder_reversals(trial)
     if not reversals:
         return {}
@@ -123,14 +123,14 @@ def _reversed_by_hand(trial: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, 
 
 
 def denoisable_channels(measured: xr.Dataset) -> list[str]:
-    """Channels of the motion that can be denoised: in a record that is uniform and long enough, those without gaps."""
+    """Motion channels without gaps, in a uniform record of sufficient length; otherwise empty."""
     names = [name for name in _MOTION if name in measured and np.isfinite(measured[name].values).all()]
     whole = measured.sizes["time"] >= MIN_LENGTH and is_uniform(measured["time"].values)
     return names if whole else []
 
 
 def unwrap_heading(measured: xr.Dataset) -> xr.Dataset:
-    """Trial whose heading runs through, where it has no gaps."""
+    """Trial with an unwrapped heading, if the heading has no gaps."""
     known = "psi" in measured and np.isfinite(measured["psi"].values).all()
     return measured.assign(psi=("time", np.unwrap(measured["psi"].values))) if known else measured
 
@@ -149,7 +149,7 @@ def index_draws(
     rng: np.random.Generator,
     corrected: Callable[[xr.Dataset], xr.Dataset] = lambda smooth: smooth,
 ) -> dict[str, np.ndarray]:
-    """Indices of a measured trial over draws of its denoised motion: what the noise of the readings leaves open.
+    """Draws of the indices of a measured trial, from draws of its denoised motion.
 
     Parameters
     ----------
@@ -158,12 +158,12 @@ def index_draws(
     draws : int
     rng : Generator
     corrected : callable, optional
-        Takes a trial whose motion is smooth and returns it with what is known to be wrong in it taken off.
+        Correction of a denoised trial, applied to each draw.
 
     Returns
     -------
     dict of str to ndarray
-        By name those of the draws that reach the event; empty for a record that cannot be denoised.
+        Values of each index over the draws that reach the event; empty if the record cannot be denoised.
     """
     names = denoisable_channels(measured)
     if not names:
@@ -173,7 +173,7 @@ def index_draws(
 
 
 def finite_indices(found: Iterable[Mapping[str, float]]) -> dict[str, np.ndarray]:
-    """Finite values of each index over several sets of indices; names without one are left out."""
+    """Finite values of each index over several runs or draws; an index without any is left out."""
     rows = list(found)
     values = {name: np.array([row.get(name, np.nan) for row in rows]) for name in rows[0]}
     finite = {name: column[np.isfinite(column)] for name, column in values.items()}

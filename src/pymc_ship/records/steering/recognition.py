@@ -1,7 +1,7 @@
-"""Which standard manoeuvre a record is, and how the steering gear carried it out.
+"""Recognition of standard manoeuvres in records; rate and delay of the steering gear.
 
-A zigzag's rudder is reversed a delay after the heading has changed by a whole number of degrees. Each reversal gives
-one equation, |heading when the rudder begins to move| = H + delay |r|; the delay is the same in all runs of a ship.
+In a zigzag the rudder begins to move a delay after the switching heading H, a whole number of degrees. Each reversal
+gives one equation, |heading at the begin| = H + delay |r|, with one delay for all runs of a ship.
 """
 
 from __future__ import annotations
@@ -28,23 +28,22 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import check_trial, facility_of, trial_list
 
 STEERED = ("u", "r", "psi", "delta")
-"""Channels that tell how a ship was steered."""
+"""Channels that recognition needs."""
 
 _LONGEST_DELAY = 0.2  # L/U
-_USUAL_DELAY = 0.5  # of the longest; mean of the exponential law of a delay before it is measured
+_USUAL_DELAY = 0.5  # of the longest; mean of the exponential prior of the delay
 _DELAYS = 201
-_UNUSUAL = np.log(20.0)  # of a switching heading that is no multiple of 5 deg: one zigzag in 20
-_ONE_SPEED = 1.1  # quickest over slowest approach of runs at one speed
-_RESOLVED = 0.1  # deg, to which the heading of an order is known
+_UNUSUAL = np.log(20.0)  # prior odds against a switching heading that is not a multiple of 5 deg
+_ONE_SPEED = 1.1  # largest ratio of approach speeds of runs at one speed
+_RESOLVED = 0.1  # deg, resolution of the heading of an order
 
 
 @dataclass(frozen=True)
 class Steering:
-    """How the ship was steered in some runs, NaN where none shows it.
+    """Steering gear and approach speed as measured in some runs; NaN where no run shows it.
 
-    ``rudder_rate_deg`` [deg/s] and ``rudder_delay`` [s] of the steering gear over ``n_reversals`` movements;
-    ``approach_speed`` [m/s] of recognised manoeuvres, where they have one within a tenth: the revolutions of the runs
-    hold it.
+    ``rudder_rate_deg`` [deg/s] and ``rudder_delay`` [s] over ``n_reversals`` rudder reversals; ``approach_speed`` [m/s]
+    of recognised manoeuvres, if all have the same within a tenth.
     """
 
     rudder_rate_deg: float
@@ -54,7 +53,7 @@ class Steering:
 
 
 def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Manoeuvre | None], Steering]:
-    """Recognise the standard manoeuvres among trials and measure how the rudder was steered.
+    """Recognise standard manoeuvres in trials, and measure rate and delay of the rudder.
 
     Parameters
     ----------
@@ -90,21 +89,21 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     vessel, trials = as_vessel(vessel), trial_list(trials)
     for trial in trials:
         check_trial(trial, STEERED, uniform=False)
-    found = [rudder_reversals(trial) for trial in trials]
-    every = [reversal for reversals in found for reversal in reversals]
+    by_trial = [rudder_reversals(trial) for trial in trials]
+    every = [reversal for reversals in by_trial for reversal in reversals]
     unit = vessel.particulars.ship_time
-    swung = [swings(trial, reversals) for trial, reversals in zip(trials, found, strict=True) if reversals]
-    delay = _common_delay(swung, _LONGEST_DELAY * unit) if every else np.nan
+    zigzags = [swings(trial, reversals) for trial, reversals in zip(trials, by_trial, strict=True) if reversals]
+    delay = _common_delay(zigzags, _LONGEST_DELAY * unit) if every else np.nan
     rate = float(np.rad2deg(np.median([reversal.rudder_rate for reversal in every]))) if every else np.nan
-    helms = [SteeringRecord(trial, reversals, delay) for trial, reversals in zip(trials, found, strict=True)]
-    manoeuvres = [_manoeuvre(helm) for helm in helms]
+    records = [SteeringRecord(trial, reversals, delay) for trial, reversals in zip(trials, by_trial, strict=True)]
+    manoeuvres = [_manoeuvre(record) for record in records]
     return manoeuvres, Steering(rate, delay, len(every), _common_speed(manoeuvres))
 
 
 def recognise_by_facility(
     trials: Sequence[xr.Dataset], vessel: VesselLike
 ) -> tuple[list[Manoeuvre | None], dict[str, Steering]]:
-    """Manoeuvres of all trials, and how the rudder was steered at each facility.
+    """Manoeuvres of all trials, and the steering gear of each facility.
 
     Parameters and errors as :func:`recognise`.
 
@@ -112,27 +111,27 @@ def recognise_by_facility(
     -------
     manoeuvres : list of Manoeuvre or None
     facilities : dict of str to Steering
-        By name, that with the most trials first; the name is empty where the trials state none.
+        By name, the facility with most trials first; the name is empty if a trial states none.
     """
     names = [facility_of(trial) for trial in trials]
     manoeuvres: list[Manoeuvre | None] = [None] * len(names)
     facilities = {}
     for name in sorted(dict.fromkeys(names), key=names.count, reverse=True):
         mine = [k for k, one in enumerate(names) if one == name]
-        found, facilities[name] = recognise([trials[k] for k in mine], vessel)
-        for k, manoeuvre in zip(mine, found, strict=True):
+        recognised, facilities[name] = recognise([trials[k] for k in mine], vessel)
+        for k, manoeuvre in zip(mine, recognised, strict=True):
             manoeuvres[k] = manoeuvre
     return manoeuvres, facilities
 
 
 def unrecognised_text(trial: xr.Dataset) -> str:
-    """Sentence on a record in which :func:`recognise` finds no manoeuvre, with the reason."""
+    """Sentence with the reason for which a record is not recognised as a standard manoeuvre."""
     known = [kind.words for kind in KINDS.values() if kind.recognise]
     return f"It is not recognised as {either(known)}: {steering_text(trial)}."
 
 
 def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
-    """Vessel whose rudder moves as it was measured to; unchanged where nothing was measured."""
+    """Vessel with the measured rudder rate and delay; unchanged without a measurement."""
     if not steering.n_reversals:
         return vessel
     measured = {"rudder_rate_deg": steering.rudder_rate_deg, "rudder_delay": steering.rudder_delay}
@@ -140,7 +139,7 @@ def with_steering(vessel: Vessel, steering: Steering) -> Vessel:
 
 
 def _common_speed(manoeuvres: Sequence[Manoeuvre | None]) -> float:
-    """Median speed [m/s] of the approaches; NaN where they differ, or there are none."""
+    """Median approach speed [m/s]; NaN if the speeds differ or there is none."""
     speeds = [one.approach_speed for one in manoeuvres if one is not None and one.approach_speed is not None]
     return float(np.median(speeds)) if speeds and max(speeds) <= _ONE_SPEED * min(speeds) else np.nan
 
@@ -148,8 +147,8 @@ def _common_speed(manoeuvres: Sequence[Manoeuvre | None]) -> float:
 def _common_delay(runs: Sequence[Swings], longest: float) -> float:
     """Delay [s] of the steering gear.
 
-    With this delay the switching headings of a run are equal and nearest to whole degrees, if possible to multiples of
-    five: the mode of a posterior in which each run has a scatter of its own, so that runs steered by hand say little.
+    Mode of the posterior in which the switching headings of each run scatter, with a variance of their own, about a
+    whole number of degrees, with higher prior odds for a multiple of five.
     """
     delays = np.linspace(0.0, longest, _DELAYS)
     cost = delays / (_USUAL_DELAY * longest)
@@ -161,10 +160,10 @@ def _common_delay(runs: Sequence[Swings], longest: float) -> float:
     return float(delays[np.argmin(cost)])
 
 
-def _manoeuvre(helm: SteeringRecord) -> Manoeuvre | None:
+def _manoeuvre(record: SteeringRecord) -> Manoeuvre | None:
     for kind in KINDS.values():
-        found = kind.recognise(helm) if kind.recognise else None
-        if found is not None:
-            angles, side = found
-            return standard_manoeuvre(kind.name, *angles, side=side, approach_speed=approach_speed(helm.trial))
+        angles_and_side = kind.recognise(record) if kind.recognise else None
+        if angles_and_side is not None:
+            angles, side = angles_and_side
+            return standard_manoeuvre(kind.name, *angles, side=side, approach_speed=approach_speed(record.trial))
     return None

@@ -9,10 +9,10 @@ from pymc_ship.physics.manoeuvre.events import Record
 from pymc_ship.records.steering.measured import denoise_motion
 
 LABEL = "stopping test"
-"""What a run is called in which a ship is stopped."""
+"""Name of the manoeuvre in tables."""
 
 LIMIT, LARGE = 15.0, 20.0
-"""Track reach [L] that IMO MSC.137(76) allows, and where a large displacement makes that impracticable."""
+"""Largest track reach [L] of IMO MSC.137(76): in general, and for ships of large displacement."""
 
 INDICES = {
     "track_reach": "m",
@@ -24,16 +24,16 @@ INDICES = {
 """Indices of the test and their units."""
 
 _CHANNELS = ("u", "v", "r", "psi", "x", "y", "n")
-_FALLEN = 0.95  # of the revolutions of the approach, below which the order was given
+_FALLEN = 0.95  # of the approach revolutions; the order was given at the last sample above
 
 
 def stopping_order(trial: xr.Dataset) -> float:
-    """Time [s] at which the engine was ordered astern; NaN for a record that is no stopping test.
+    """Time [s] of the astern order; NaN for a record that is not a stopping test.
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        With n [1/s]: ahead at first, then astern. The order was given when they last left those of the approach.
+        With n [1/s], first ahead, then astern. The order is at the last sample above 95 % of the approach revolutions.
     """
     if any(name not in trial or not np.isfinite(trial[name].values).all() for name in _CHANNELS):
         return np.nan
@@ -47,7 +47,7 @@ def stopping_order(trial: xr.Dataset) -> float:
 
 
 def measured_stopping(trial: xr.Dataset) -> dict[str, float]:
-    """Indices of a stopping test, counted from the order; empty for another record.
+    """Indices of a stopping test from the astern order; empty for another record.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def measured_stopping(trial: xr.Dataset) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        By the names of :data:`INDICES` [m, s, deg]; NaN where she still makes way ahead at the end of the record.
+        By the names of :data:`INDICES` [m, s, deg]; NaN if the ship still makes way ahead at the end.
     """
     begin = stopping_order(trial)
     if not np.isfinite(begin):
