@@ -108,6 +108,25 @@ def of_the_bound():
     return [f"| {names.get(m, m)} | {' | '.join(v)} |" for m, v in rows_of.items() if "least squares" not in m]
 
 
+AIMS = {
+    "RMSE over the bound, flat prior": ("RMSE / Cramér-Rao bound, flat prior", 2),
+    "90 % intervals cover, flat prior [%]": ("90 % intervals cover, flat prior", 1),
+    "90 % intervals cover [%]": ("90 % intervals cover, default prior", 1),
+    "90 % bands cover, 10/10 zigzag [%]": ("90 % bands cover, 10/10 zigzag", 1),
+}
+"""Row of the page on the Cramer-Rao bound -> measure in the table of aims, and its decimals."""
+
+
+@pytest.mark.parametrize("row", AIMS)
+def test_an_aim_in_the_docs_is_that_of_its_table_and_bold_where_missed(row):
+    measure, digits = AIMS[row]
+    lines = [line for line in table("frontier/tables/aims") if line["measure"] == measure]
+    values = [(f"{float(line['value']):.{digits}f}", line["met"]) for line in lines]
+    text = (ROOT / "docs" / "explanation" / "how_close_to_the_bound.md").read_text(encoding="utf-8")
+    shown = next(line for line in text.splitlines() if line.startswith(f"| {row} |")).split("|")[2:5]
+    assert [(cell.strip(" *"), "no" if "**" in cell else "yes") for cell in shown] == values
+
+
 def of_kvlcc2():
     """Sentences of the page on the KVLCC2."""
     held_out, paths = table("kvlcc2/tables/held_out_indices"), table("kvlcc2_paths/paths")
