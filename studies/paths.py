@@ -34,8 +34,13 @@ from pymc_ship.physics.manoeuvre.standard import Manoeuvre
 from pymc_ship.physics.vessel.term_sets import supports_part_sets
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.recognition import recognise_by_facility, with_steering
-from pymc_ship.ships.identification.candidates import chosen_prior, held_piece, informed, stated_prior
-from pymc_ship.ships.identification.held_out import HeldOut, forecast_rows, scored, scored_indices
+from pymc_ship.ships.identification.candidates import (
+    longest_modelled_piece,
+    prior_kind_of,
+    window_prior,
+    with_prior_knowledge,
+)
+from pymc_ship.ships.identification.held_out import CrossValidation, forecast_rows, recorded_indices, score_folds
 from pymc_ship.ships.identification.held_out_errors import overshoot_errors
 from pymc_ship.ships.identification.model import identify_ship
 from studies.command_line import study_parser
@@ -69,7 +74,7 @@ def compare_paths(
     prior_kind: str | None = None,
     *,
     names: Sequence[str] | None = None,
-    trajectory: HeldOut | None = None,
+    trajectory: CrossValidation | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[dict]:
     """Leave each run out once on every path, and compare what the others say of it.
@@ -109,7 +114,7 @@ def compare_paths(
     """
     if len(trials) < 2:
         raise TrialError(f"Paths are compared on held-out runs, which takes two runs or more, found {len(trials)}.")
-    runs = _prepared(trials, vessel, chosen_prior(vessel, prior_kind), names)
+    runs = _prepared(trials, vessel, prior_kind_of(vessel, prior_kind), names)
     rows = []
     for name, estimate in _ESTIMATES.items():
         progress(f"path: {name}")
@@ -123,11 +128,11 @@ def compare_paths(
 
 def _prepared(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str, names: Sequence[str] | None) -> _Runs:
     manoeuvres, facilities = recognise_by_facility(trials, vessel)
-    vessel = informed(with_steering(vessel, next(iter(facilities.values()))), kind)
-    short = [held_piece(thinned(trial, vessel), vessel) for trial in trials]
+    vessel = with_prior_knowledge(with_steering(vessel, next(iter(facilities.values()))), kind)
+    short = [longest_modelled_piece(thinned(trial, vessel), vessel) for trial in trials]
     windows = [prepared_windows(trial, vessel) for trial in short]
     names = tuple(names or (str(k + 1) for k in range(len(trials))))
-    return _Runs(short, windows, manoeuvres, names, vessel, stated_prior(short, vessel, kind))
+    return _Runs(short, windows, manoeuvres, names, vessel, window_prior(short, vessel, kind))
 
 
 def _without(items: Sequence, k: int) -> list:
@@ -196,12 +201,12 @@ _ESTIMATES: dict[str, Callable[[_Runs], Iterator]] = {
 
 def _row(name: str, fits: Sequence[Estimated], runs: _Runs) -> dict:
     """Scores of the fits of a path, each judged on the run it was made without."""
-    judged = scored(runs.windows, runs.vessel, fits)
+    judged = score_folds(runs.windows, runs.vessel, fits)
     lost = [run for run, density in zip(runs.names, judged.log_density, strict=True) if np.isneginf(density)]
     lines, measured = [], 0
     for run, trial, manoeuvre, fit in zip(runs.names, runs.trials, runs.manoeuvres, fits, strict=True):
         if manoeuvre is not None:
-            found = scored_indices(trial, manoeuvre, runs.vessel.particulars.rudder_delay)
+            found = recorded_indices(trial, manoeuvre, runs.vessel.particulars.rudder_delay)
             rolls, table = "roll" in runs.vessel.dofs, manoeuvre.traits.indices
             known = [value for index, value in found.items() if rolls or not needs_roll(table[index])]
             measured += int(np.isfinite(known).sum())

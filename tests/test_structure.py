@@ -89,7 +89,7 @@ TESTED_BY = {
     "ships.design.outlook": "ships/design/test_next_run.py: expected widths",
     "ships.ensemble.index_table": "ships/identification/test_score_page.py: the table on its page",
     "ships.ensemble.scores": "ships/forecasting/test_forecast.py: scores of a forecast",
-    "ships.identification.along": "ships/identification/test_replayed.py: runs along their records",
+    "ships.identification.open_loop": "ships/identification/test_replay.py: runs along their records",
     "ships.sea_trials.figures": "ships/sea_trials/test_page.py: drawn with the page",
     "ships.sea_trials.form": "ships/sea_trials/test_page.py: the form of the page",
     "ships.sea_trials.sea_trial": "ships/sea_trials/test_corrections.py: runs measured and corrected",

@@ -85,7 +85,7 @@ _PUBLIC = {
     "ships.design.next_run": ("design",),
     "ships.identification.model": ("identify_ship",),
     "ships.identification.page": ("write_ship_report",),
-    "ships.identification.replayed": ("replay", "score", "score_indices"),
+    "ships.identification.replay": ("replay", "score", "score_indices"),
     "ships.identification.score_page": ("write_score_page",),
     "ships.sea_trials.page": ("trial_report",),
     "ships.sea_trials.sea_trial": ("sea_trial",),

@@ -88,9 +88,9 @@ from pymc_ship.ships.forecasting.steady_turns import steady_turns as steady_turn
 from pymc_ship.ships.forecasting.stopping import stopping as stopping
 from pymc_ship.ships.identification.model import identify_ship as identify_ship
 from pymc_ship.ships.identification.page import write_ship_report as write_ship_report
-from pymc_ship.ships.identification.replayed import replay as replay
-from pymc_ship.ships.identification.replayed import score as score
-from pymc_ship.ships.identification.replayed import score_indices as score_indices
+from pymc_ship.ships.identification.replay import replay as replay
+from pymc_ship.ships.identification.replay import score as score
+from pymc_ship.ships.identification.replay import score_indices as score_indices
 from pymc_ship.ships.identification.score_page import write_score_page as write_score_page
 from pymc_ship.ships.sea_trials.page import trial_report as trial_report
 from pymc_ship.ships.sea_trials.sea_trial import sea_trial as sea_trial

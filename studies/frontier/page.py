@@ -9,7 +9,7 @@ import numpy as np
 
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Table, fixed, number, percent, table
+from pymc_ship.pages.tables import Table, fixed_point, number, percent, table
 from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from studies.frontier.figures import from_the_bound_down
@@ -129,9 +129,9 @@ def _values(rows: Mapping[str, Sequence[Mapping]]) -> dict:
     down = {"level": level, "method": ("method", str), "by": ("by", str), "median_error": ("median error %", n)}
     down |= {"se": ("± se", number(1)), "times_bound": ("times the bound", n)}
     fits = {"cell": ("data", str), "level": level, "estimator": ("fit", str), "median_error": ("median error %", n)}
-    fits |= {"coverage": ("coverage %", fixed(1)), "se": ("± se", fixed(1))}
+    fits |= {"coverage": ("coverage %", fixed_point(1)), "se": ("± se", fixed_point(1))}
     fits |= {
-        key: (head, fixed(0))
+        key: (head, fixed_point(0))
         for key, head in {
             "white": "chose white %",
             "ar1": "AR(1) %",

@@ -25,7 +25,7 @@ from pymc_ship.inference.trajectory.posterior import laplace_posterior
 from pymc_ship.inference.trajectory.windows import fit_windows, normal_draws, prepared_windows, thinned, window_mode
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
-from pymc_ship.ships.identification.candidates import as_recorded, stated_prior
+from pymc_ship.ships.identification.candidates import window_prior, with_recorded_effects
 
 SET = "modular"
 FORMAT = Path(__file__).parents[2] / "docs" / "case_studies" / "kvlcc2" / "hsva.toml"
@@ -37,10 +37,10 @@ INDICES = ("advance", "transfer", "tactical_diameter", "first_overshoot_angle", 
 def main(paths: Sequence[str]) -> None:
     """Fit, sample and compare."""
     trials = [ps.validated_trial(ps.read_trial(path, format=FORMAT), "kvlcc2") for path in paths]
-    vessel = as_recorded(with_terms("kvlcc2", SET), trials)
+    vessel = with_recorded_effects(with_terms("kvlcc2", SET), trials)
     runs = [thinned(trial, vessel) for trial in trials]
     windows = [window for k, run in enumerate(runs) for window in prepared_windows(run, vessel, k)]
-    prior = stated_prior(runs, vessel, "hull_database")
+    prior = window_prior(runs, vessel, "hull_database")
     start = weak_form_start(runs, vessel, prior.mean, prior.scale, method="rk4")
     mode, law = window_mode(windows, vessel, prior, start), fit_windows(windows, vessel, prior, start)
     law = replace(law, from_windows=law.mode.covariance, from_prior=np.zeros_like(law.from_prior))

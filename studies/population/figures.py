@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymc_ship.experiments.figures import COLOURS, MARKERS
-from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
 from studies.population.coverage import Columns, statements, where
 
 
-@styled
+@house_style
 def reliability(columns: Columns) -> Figure:
     """Share of the statements "at most" and "at least" that held, by the probability they were made with."""
     fig, axes = subplots(4.6, 3.9)
@@ -31,7 +31,7 @@ def reliability(columns: Columns) -> Figure:
     return fig
 
 
-@styled
+@house_style
 def coverage_by_index(rows: Sequence[Mapping]) -> Figure:
     """Share of every index in its intervals of 95 and 50 %, with two standard errors over ships.
 
@@ -54,7 +54,7 @@ def coverage_by_index(rows: Sequence[Mapping]) -> Figure:
     return fig
 
 
-@styled
+@house_style
 def motion_by_lead(rows: Sequence[Mapping]) -> Figure:
     """Share of the motion in bands of 90 % by the time since a restart, a line a state, with two standard errors.
 

@@ -36,9 +36,9 @@ from pymc_ship.ships.ensemble.motion_error import ERRING, prime_units, time_beyo
 from pymc_ship.ships.ensemble.scores import crps
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.forecast import forecast
-from pymc_ship.ships.forecasting.stopping import LONGEST, StoppingTest, stopped, stopping
+from pymc_ship.ships.forecasting.stopping import LONGEST, StoppingTest, stopping, stopping_indices
 from pymc_ship.ships.identification.model import ShipIdentification, identify_ship
-from pymc_ship.ships.identification.replayed import beyond_runs, replay
+from pymc_ship.ships.identification.replay import extrapolation_distance, replay
 
 PARTS = ("draw", "identify", "forecast", "replay", "stop")
 """Parts of a task that are timed [s]; the motion that is forecast is sailed as part of ``forecast`` and of ``stop``."""
@@ -240,7 +240,7 @@ def stop_rows(task: ShipTask, drawn: DrawnShip, trials: list[xr.Dataset], vessel
     with _of_the_user(task):
         run = drawn.stop(full, LONGEST * vessel.particulars.ship_time)
         motion = {name: run[name].values[None] for name in ("u", "psi", "x", "y")}
-        truth = stopped(motion, run["time"].values).isel(draw=0)
+        truth = stopping_indices(motion, run["time"].values).isel(draw=0)
     try:
         rng = task.rng("identification of a ship that is stopped")
         stopped_ship = identify_ship(trials, vessel, terms=[ANY_SPEED_SET], draws=_DRAWS, rng=rng).ship
@@ -312,7 +312,9 @@ def instant_rows(ship: Ship, run: xr.Dataset, start: float) -> Iterator[dict]:
         return
     tree = replay(ship, run, start=begin, duration=LEADS[-1] * unit, draws=_REPLAYED)
     measured, time = tree["measured"], tree["measured"]["time"].values
-    beyond = np.nan_to_num(beyond_runs(ship, tree["trajectories"].dataset.median("draw"), run.sel(time=time)))
+    beyond = np.nan_to_num(
+        extrapolation_distance(ship, tree["trajectories"].dataset.median("draw"), run.sel(time=time))
+    )
     since = (time - time[0]) / unit
     far = time_beyond(beyond, since)
     for lead in LEADS:

@@ -12,7 +12,7 @@ from pymc_ship.experiments.store import Store
 from pymc_ship.experiments.tables import Costs, group_rows, session_rows
 from pymc_ship.machine.files import staged_files
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Table, fixed, number, table
+from pymc_ship.pages.tables import Table, fixed_point, number, table
 from pymc_ship.ships.forecasting.stopping import REVERSAL
 from studies.population import coverage, figures
 from studies.population.coverage import Columns, columns_of, where
@@ -144,9 +144,9 @@ def _content(
 ) -> Content:
     study, n = store.study, number(3)
     sessions = session_rows(costs)
-    by_session = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed(0))}
-    by_session |= {"tasks": ("ships", fixed(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
-    by_group = {"group": ("trials", str), "tasks": ("ships", fixed(0))}
+    by_session = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed_point(0))}
+    by_session |= {"tasks": ("ships", fixed_point(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
+    by_group = {"group": ("trials", str), "tasks": ("ships", fixed_point(0))}
     by_group |= {name: (f"{name} s", n) for name in PARTS} | {"cpu": ("processor s", n)}
     heads = {
         "trials": "trials",
@@ -192,19 +192,19 @@ def _with_errors(row: Mapping) -> dict:
     texts = {}
     for name in row:
         if f"{name}_se" in row:
-            form: Callable = {"score": number(3), "pit": fixed(2)}.get(name, fixed(0))
+            form: Callable = {"score": number(3), "pit": fixed_point(2)}.get(name, fixed_point(0))
             texts[name] = f"{form(row[name])} ± {number(2)(row[f'{name}_se'])}"
     return dict(row) | texts
 
 
 def _coverage_table(rows: Sequence[Mapping], head: str) -> Table:
     n = number(2)
-    columns = {"group": (head, str), "ships": ("ships", fixed(0)), "indices": ("indices", fixed(0))}
+    columns = {"group": (head, str), "ships": ("ships", fixed_point(0)), "indices": ("indices", fixed_point(0))}
     columns |= {
         "hold_95": ("95 % hold %", str),
         "hold_50": ("50 % hold %", str),
         "pit": ("mean PIT", str),
-        "z": ("rms of error / sd", fixed(2)),
+        "z": ("rms of error / sd", fixed_point(2)),
     }
     columns |= {"median_error": ("median error", n), "half_width": ("half width", n), "crps": ("CRPS", n)}
     return table([_with_errors(row) for row in rows], columns)
@@ -220,26 +220,26 @@ def _motion_table(rows: Sequence[Mapping], head: str, form: str = "{}") -> Table
         }
         first = next(iter(mine.values()))
         lines.append({"group": form.format(group), "ships": first["ships"], "instants": first["instants"]} | cells)
-    columns = {"group": (head, str), "ships": ("ships", fixed(0)), "instants": ("instants", fixed(0))}
+    columns = {"group": (head, str), "ships": ("ships", fixed_point(0)), "instants": ("instants", fixed_point(0))}
     return table(lines, columns | {name: (f"{name} %", str) for name in states})
 
 
 _SHIPS = {
     "trials": ("trials", str),
-    "ship": ("ship", fixed(0)),
+    "ship": ("ship", fixed_point(0)),
     "hull": ("hull", str),
-    "indices": ("indices", fixed(0)),
-    "hold_95": ("95 % hold %", fixed(0)),
-    "hold_50": ("50 % hold %", fixed(0)),
-    "z": ("rms of error / sd", fixed(2)),
-    "beyond": ("ranges beyond the runs", fixed(1)),
+    "indices": ("indices", fixed_point(0)),
+    "hold_95": ("95 % hold %", fixed_point(0)),
+    "hold_50": ("50 % hold %", fixed_point(0)),
+    "z": ("rms of error / sd", fixed_point(2)),
+    "beyond": ("ranges beyond the runs", fixed_point(1)),
 }
 _STATEMENTS = {
     "forecasts": ("forecasts", str),
-    "statements": ("statements", fixed(0)),
+    "statements": ("statements", fixed_point(0)),
     "stated": ("stated", lambda value: f"{100.0 * value:g} %"),
-    "share": ("held %", lambda value: fixed(1)(100.0 * value)),
-    "se": ("± %", lambda value: fixed(1)(100.0 * value)),
+    "share": ("held %", lambda value: fixed_point(1)(100.0 * value)),
+    "se": ("± %", lambda value: fixed_point(1)(100.0 * value)),
 }
 _CHOSEN = {
     "used": ("used", number(2)),

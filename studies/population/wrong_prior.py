@@ -49,7 +49,7 @@ def main() -> None:
 @contextmanager
 def wrong_by(sd: float) -> Iterator[None]:
     """Every term set has its prior of N_v moved by so many of its standard deviations."""
-    stated: Callable[..., CoefficientPrior] = candidates.stated_prior
+    stated: Callable[..., CoefficientPrior] = candidates.window_prior
 
     def moved(trials, vessel, kind):
         known, names = stated(trials, vessel, kind), coefficient_names(vessel)

@@ -14,7 +14,7 @@ from pymc_ship.cli.main import run_command
 from pymc_ship.inference.trajectory import windows
 from pymc_ship.machine.errors import FitError, TrialError
 from pymc_ship.physics.vessel.vessel import reference_coefficients
-from pymc_ship.ships.identification.held_out import scored
+from pymc_ship.ships.identification.held_out import score_folds
 from studies import paths as ship_paths
 from studies.paths import PATHS, compare_paths, regression_rows
 from tests.ships.identification.three_zigzags import clean, kvlcc2, model, runs
@@ -47,7 +47,7 @@ def test_the_trajectory_path_is_that_of_the_ship():
     )
     given = compare_paths(list(runs().values()), best.vessel, trajectory=spoilt)[-1]
     assert given["log_density"] < row["log_density"] - 1.0
-    again = scored(prepared().windows, best.vessel, spoilt.fits)
+    again = score_folds(prepared().windows, best.vessel, spoilt.fits)
     assert given["log_density"] == pytest.approx(again.log_density.sum(), rel=1e-12)
 
 

@@ -50,10 +50,10 @@ def test_a_regression_shows_ships_of_its_prior_beside_those_of_its_posterior(swa
     drawn = ps.prior_ships(
         container, {"sway": (data_of(sway), prior_of(sway))}, ps.zigzag(10, 10), draws=400, rng=rng()
     )
-    expected = 100.0 * drawn.attrs["share_ran_away"]
-    assert float(prior["ran away %"]) == pytest.approx(expected, abs=4.0 * 100.0 * np.sqrt(0.25 / 40 + 0.25 / 400))
+    expected = 100.0 * drawn.attrs["share_diverged"]
+    assert float(prior["diverged %"]) == pytest.approx(expected, abs=4.0 * 100.0 * np.sqrt(0.25 / 40 + 0.25 / 400))
     assert expected > 50.0
-    assert posterior["ran away %"] == posterior["wrong way %"] == "0.0"
+    assert posterior["diverged %"] == posterior["wrong way %"] == "0.0"
     assert [row["manoeuvre"] for row in shares[::2]] == ["zigzag 10/10 port", "turning circle 35 port"]
     assert "Surge, yaw, roll keep the reference values of the vessel." in part.text
     bands = cells(part, 1)
@@ -109,7 +109,7 @@ def test_rows_are_shares_in_percent_and_bands_over_the_ships_that_reach(containe
     ships = ps.prior_ships(container, prior, ps.turning_circle(35), draws=60, rng=rng())
     row, L = share_row(ships), container.particulars.L
     assert (row["manoeuvre"], row["ships"]) == ("turning circle 35 port", 60)
-    assert row["ran_away"] == pytest.approx(100.0 * ships["diverged"].mean())
+    assert row["diverged"] == pytest.approx(100.0 * ships["diverged"].mean())
     values = ships["advance"].values[np.isfinite(ships["advance"].values)] / L
     found = index_row(ships, "advance", L, ci_prob=0.8)
     assert 0 < values.size < 60

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.machine.errors import OutputError
 from pymc_ship.pages import drawing
-from pymc_ship.pages.page import Content, Page, rendered, write_page
+from pymc_ship.pages.page import Content, Page, render_page, write_page
 from pymc_ship.pages.tables import number, table
 from tests.sentences import refused
 
@@ -115,7 +115,7 @@ def test_figures_beside_the_page_have_its_resolution(mine, tmp_path):
 
 
 def test_an_image_given_as_text_stands_in_the_page_alone(mine, tmp_path):
-    image = drawing.embedded(curve(1.0), "a <curve>")
+    image = drawing.html_image(curve(1.0), "a <curve>")
     write_page(mine, tmp_path / "out", content("a", images={"c": image}))
     assert [name for name in written(tmp_path / "out") if name.startswith("figures")] == ["figures/a.png"]
     text = (tmp_path / "out" / "mine.html").read_text(encoding="utf-8")
@@ -211,18 +211,18 @@ def test_a_folder_that_cannot_be_written_is_told(mine, tmp_path):
 
 def test_a_page_misses_no_name(mine):
     whole = content()
-    assert "<h1>a &lt; b</h1>" in rendered(mine, whole)
+    assert "<h1>a &lt; b</h1>" in render_page(mine, whole)
     bare = {name: value for name, value in whole.values.items() if name != "title"}
     with refused(UndefinedError, "title"):
-        rendered(mine, Content(bare))
+        render_page(mine, Content(bare))
 
 
 def test_a_template_may_use_those_beside_it(mine):
     (mine.template.parent / "_lines.html.j2").write_text("{% macro line(text) %}-{{ text }}-{% endmacro %}")
     mine.template.write_text('{% from "_lines.html.j2" import line %}{{ line(title) }}{{ versions }}')
-    assert rendered(Page("x.html", mine.template), Content({"title": "<x>"})) == "-&lt;x&gt;-"
+    assert render_page(Page("x.html", mine.template), Content({"title": "<x>"})) == "-&lt;x&gt;-"
 
 
 def test_a_template_that_is_not_there_is_named(mine):
     with refused(TemplateNotFound, "none.html.j2"):
-        rendered(Page("x.html", mine.template.with_name("none.html.j2")), Content({}))
+        render_page(Page("x.html", mine.template.with_name("none.html.j2")), Content({}))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pymc_ship.pages.tables import fixed, heads, number, percent, table
+from pymc_ship.pages.tables import fixed_point, heads, number, percent, table
 from tests.sentences import refused
 
 MINUS, DASH = "−", "–"
@@ -57,7 +57,7 @@ def test_number_of_a_small_negative_value_has_the_same_minus_sign():
 
 
 def test_a_value_that_rounds_to_zero_has_no_sign():
-    assert fixed(2)(-0.001) == "0.00"
+    assert fixed_point(2)(-0.001) == "0.00"
     assert number(3)(-0.0) == "0"
 
 
@@ -92,16 +92,16 @@ def test_reading_back_can_fail():
     ],
 )
 def test_fixed_keeps_decimals(decimals, value, text):
-    assert fixed(decimals)(value) == text
+    assert fixed_point(decimals)(value) == text
 
 
 @pytest.mark.parametrize("value", [float("nan"), np.float64("nan"), float("inf")])
 def test_fixed_of_what_is_not_finite_is_a_dash(value):
-    assert fixed(2)(value) == DASH
+    assert fixed_point(2)(value) == DASH
 
 
 def test_fixed_passes_words_on():
-    assert fixed(2)("not reached") == "not reached"
+    assert fixed_point(2)("not reached") == "not reached"
 
 
 @pytest.mark.parametrize(("share", "text"), [(0.95, "95 %"), (0.9, "90 %"), (0.005, "0.5 %"), (1.0, "100 %")])
@@ -109,7 +109,12 @@ def test_a_share_is_written_in_percent(share, text):
     assert percent(share) == text
 
 
-COLUMNS = {"dof": ("DOF", str), "median": ("median %", number(2)), "rows": ("rows", str), "share": ("< 5 %", fixed(0))}
+COLUMNS = {
+    "dof": ("DOF", str),
+    "median": ("median %", number(2)),
+    "rows": ("rows", str),
+    "share": ("< 5 %", fixed_point(0)),
+}
 
 
 def test_a_table_picks_its_columns_in_their_order_and_marks_the_numeric_ones():
@@ -135,5 +140,5 @@ def test_a_row_that_lacks_a_column_is_an_error():
 
 
 def test_columns_of_one_formatter_keep_their_order_and_join_those_of_another():
-    made = table([{"b": 1.0, "a": 2.0, "c": "x"}], heads(fixed(1), b="B", a="A %") | heads(str, c="C"))
+    made = table([{"b": 1.0, "a": 2.0, "c": "x"}], heads(fixed_point(1), b="B", a="A %") | heads(str, c="C"))
     assert (made.heads, made.numeric, made.cells) == (["B", "A %", "C"], [True, True, False], [["1.0", "2.0", "x"]])

@@ -353,7 +353,7 @@ def test_a_png_has_the_size_of_its_figure_and_is_the_same_twice(name):
 
 
 def test_an_embedded_figure_carries_its_png_and_its_words():
-    text = drawing.embedded(tuning(), "gain by evaluation")
+    text = drawing.html_image(tuning(), "gain by evaluation")
     before, after = text.split("base64,")
     assert before == '<img alt="gain by evaluation" src="data:image/png;'
     assert base64.b64decode(after.removesuffix('">'), validate=True) == drawing.png(tuning(), dpi=150)

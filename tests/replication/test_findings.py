@@ -25,7 +25,7 @@ def test_what_draws_of_the_record_do_is_said_by_derivative():
 
 def test_ships_of_priors_and_of_posteriors_are_told_apart():
     numbers = [("chosen", 92.0, 0.5), ("published", 100.0, 0.0), ("posterior", 0.0, 80.0), ("posterior", 58.5, 33.0)]
-    rows = [{"choice": choice, "ran_away": away, "sailed": sailed} for choice, away, sailed in numbers]
+    rows = [{"choice": choice, "diverged": away, "sailed": sailed} for choice, away, sailed in numbers]
     said = findings._prior_ships(SimpleNamespace(tables={"prior_ships": rows}))["text"]
     assert "the priors hold 92 to 100 % run away" in said
     assert "at most 0.5 % neither run away" in said

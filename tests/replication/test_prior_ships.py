@@ -72,7 +72,7 @@ def test_fewer_ships_of_the_posterior_run_away_than_of_any_prior(container, foun
     assert {row["manoeuvre"] for row in rows} == {"zigzag 10/10 port", "turning circle 35 port"}
     for prior, posterior in zip(rows[:-2], rows[-2:] * 4, strict=True):
         assert prior["manoeuvre"] == posterior["manoeuvre"]
-        away, fewer = prior["ran_away"] / 100.0, posterior["ran_away"] / 100.0
+        away, fewer = prior["diverged"] / 100.0, posterior["diverged"] / 100.0
         error = np.sqrt((away * (1.0 - away) + fewer * (1.0 - fewer)) / prior["ships"])
         assert away - fewer > 3.0 * error
         assert (posterior["wrong_way"], posterior["reached"]) == (0.0, 100.0)
@@ -95,7 +95,7 @@ def test_a_prior_has_its_own_generator(container, found, trial):
 
 def test_the_table_shows_shares_and_bands():
     """A prior of which no ship reaches the index has a dash."""
-    shares = {"ran_away": 100.0, "wrong_way": 0.0, "course_unstable": 50.0, "sailed": 0.0, "reached": 0.0}
+    shares = {"diverged": 100.0, "wrong_way": 0.0, "course_unstable": 50.0, "sailed": 0.0, "reached": 0.0}
     row = {"family": "conjugate", "choice": "chosen", "manoeuvre": "turning circle 35 port", "index": "advance"}
     row |= {"unit": "L", "lower": np.nan, "median": np.nan, "upper": np.nan, **shares}
     other = row | {"lower": 4.0, "median": 5.0, "upper": 6.0, "reached": 80.0}

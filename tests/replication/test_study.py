@@ -18,7 +18,7 @@ from pymc_ship.diagnostics.agreement import failure_sentence
 from pymc_ship.inference.identifiability.bound import cramer_rao_bound
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.machine.seeds import generator
-from pymc_ship.pages.page import rendered
+from pymc_ship.pages.page import render_page
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import findings
 from pymc_ship.replication import page as report
@@ -308,7 +308,7 @@ def test_the_page_goes_from_the_bound_down(page, result):
 
 
 def test_rendering_twice_gives_the_same_page(result, text):
-    same = rendered(report.PAGE, report.study_content(result, "")) == text
+    same = render_page(report.PAGE, report.study_content(result, "")) == text
     assert same
     assert plt.get_fignums() == []
 
@@ -316,7 +316,7 @@ def test_rendering_twice_gives_the_same_page(result, text):
 def test_the_page_follows_its_result(result, text, monkeypatch):
     """The broken twin of the last: another seed, and the images of the chains left out to save time."""
     monkeypatch.setattr(report, "_trace_figures", lambda result: [])
-    other = Page(rendered(report.PAGE, report.study_content(replace(result, seed=SEED + 1), "")))
+    other = Page(render_page(report.PAGE, report.study_content(replace(result, seed=SEED + 1), "")))
     assert f"seed {SEED + 1}." in other.text
     assert f"seed {SEED}." not in other.text
 

@@ -12,7 +12,7 @@ import xarray as xr
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.scores import BANDS
-from pymc_ship.ships.forecasting.forecast import NO_ROLL, rolls, stated_shares
+from pymc_ship.ships.forecasting.forecast import NO_ROLL, draws_and_shares, has_roll
 
 if TYPE_CHECKING:
     from pymc_ship.inference.regression.priors import ExactPosterior
@@ -158,11 +158,11 @@ def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str], most: i
 
 def forecast_text(tree: xr.DataTree, beside: Mapping[str, Mapping[Any, Any]]) -> str:
     """Median and band of each index and what stands beside them, between shares of the forecast and extrapolation."""
-    lines = [f"{tree.attrs['label']}: {stated_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]
+    lines = [f"{tree.attrs['label']}: {draws_and_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]
     if "index_bands" in tree.children:
         bands = tree["index_bands"].to_dataset()
         lines.append(index_table(bands, {**beside, **{band: bands.sel(band=band) for band in BANDS}}))
-    lines += [] if rolls(tree) else [NO_ROLL]
+    lines += [] if has_roll(tree) else [NO_ROLL]
     return "\n".join([*lines, tree.attrs["extrapolation"]])
 
 
@@ -178,16 +178,16 @@ def term_set_text(found: ShipIdentification) -> str:
         (
             *(c.name, c.weight, c.held_out.log_density.sum()),
             *(c.held_out.rms.get(name, math.nan) for name in channels),
-            f"{c.share_unsound:.0%}",
+            f"{c.infeasible_fraction:.0%}",
         )
         for c in found.candidates
     ]
-    return table(("term set", "weight", "score", *(f"rms {name}" for name in channels), "ran away"), rows)
+    return table(("term set", "weight", "score", *(f"rms {name}" for name in channels), "diverged"), rows)
 
 
 def score_text(found: xr.Dataset) -> str:
     """Errors of every channel of every run, then windows and score of each run and of all."""
-    from pymc_ship.ships.identification.replayed import channel_rows, run_rows
+    from pymc_ship.ships.identification.replay import channel_rows, run_rows
 
     channels, runs = channel_rows(found), run_rows(found)
     total = found.attrs["score"]
@@ -207,7 +207,7 @@ def index_text(indices: xr.Dataset) -> str:
     """Indices of recorded manoeuvres beside the forecasts; empty where there are none."""
     if not indices.sizes["run"]:
         return ""
-    from pymc_ship.ships.identification.replayed import index_errors
+    from pymc_ship.ships.identification.replay import index_errors
 
     header = ("run", "manoeuvre", "index", "measured", "forecast", "error", "± sd", "inside")
     keys = ("run", "manoeuvre", "index", "measured", "forecast", "error", "sd", "inside")
@@ -216,7 +216,7 @@ def index_text(indices: xr.Dataset) -> str:
 
 def form_text(form: Sequence[Mapping]) -> str:
     """Manoeuvring data of a sea trial, line by line."""
-    keys = ("item", "port", "starboard", "criterion", "judgement")
+    keys = ("item", "port", "starboard", "criterion", "conformity")
     return table(keys, [[row[key] for key in keys] for row in form])
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.diagnostics.numbers import CI_PROB, ESS_LIMIT, R_HAT_LIMIT, TAILS, has
 from pymc_ship.diagnostics.parts import Part
-from pymc_ship.pages.drawing import BLUE, NOISE, RUST, styled, subplots
+from pymc_ship.pages.drawing import BLUE, NOISE, RUST, house_style, subplots
 from pymc_ship.pages.tables import Columns, Table, number, percent, table
 
 _SAMPLE = ("chain", "draw")
@@ -102,7 +102,7 @@ def _table(tree: xr.DataTree, found: xr.Dataset) -> Table:
     return table(rows, columns)
 
 
-@styled
+@house_style
 def _figure(draws: xr.DataArray) -> Figure:
     """Every group's interval of each coefficient, about the mean over groups, in units of its sd."""
     middle = draws.mean("group")

@@ -159,7 +159,7 @@ def _section(
     for part in subject.parts(one, ship, rng):
         captions = []
         for kind, figure, caption in part.images:
-            images[f"{identifier}-{kind}"] = drawing.embedded(figure, part.title)
+            images[f"{identifier}-{kind}"] = drawing.html_image(figure, part.title)
             captions.append((f"{identifier}-{kind}", caption))
         shown.append({"title": part.title, "text": part.text, "tables": part.tables, "figures": captions})
     failed = ["a gate fails"] * bool(one.failed_diagnostics) + ["methods disagree"] * bool(one.disagreements)

@@ -16,7 +16,7 @@ from pymc_ship.diagnostics.numbers import CI_PROB, CONTRACTION_LIMIT, ENVELOPE, 
 from pymc_ship.diagnostics.tables import ENDS
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.machine.errors import VesselError
-from pymc_ship.pages.tables import Table, fixed, heads, number, percent, table
+from pymc_ship.pages.tables import Table, fixed_point, heads, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.forecasting.prior_ships import (
@@ -25,7 +25,7 @@ from pymc_ship.ships.forecasting.prior_ships import (
     index_row,
     prior_ships,
     share_row,
-    simulated_ships,
+    simulate_draws,
 )
 
 if TYPE_CHECKING:
@@ -38,8 +38,10 @@ SHIPS_TITLE = "Ships of the prior and of the posterior"
 """Title of the part on the ships that a prior holds."""
 
 _SHARES = heads(str, manoeuvre="manoeuvre", of="ships of the") | ENDS
-_BANDS = heads(str, index="index", manoeuvre="manoeuvre", prior="prior") | heads(fixed(1), prior_reached="reached %")
-_BANDS |= heads(str, posterior="posterior") | heads(fixed(1), posterior_reached="reached %")
+_BANDS = heads(str, index="index", manoeuvre="manoeuvre", prior="prior") | heads(
+    fixed_point(1), prior_reached="reached %"
+)
+_BANDS |= heads(str, posterior="posterior") | heads(fixed_point(1), posterior_reached="reached %")
 
 EVIDENCE_WORDS = (
     f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
@@ -143,7 +145,7 @@ def correlation_part(tree: xr.DataTree, dofs: Sequence[str] = ()) -> Part:
     title, pairs = "Correlation of the coefficients", numbers.correlated_pairs(tree)
     if not pairs or pairs[0]["correlation"] == 0.0:
         return Part(title, "Not shown: there is no pair of coefficients that vary.")
-    columns = heads(str, first="coefficient", second="and") | heads(fixed(4), correlation="posterior correlation")
+    columns = heads(str, first="coefficient", second="and") | heads(fixed_point(4), correlation="posterior correlation")
     caption = f"Posterior correlation of all coefficients{', degrees of freedom parted' * bool(dofs)}."
     shown = f"About {figures.PAIR_DRAWS} draws of the most correlated pair, with marginals."
     pair = figures.pair(tree, [pairs[0]["first"], pairs[0]["second"]])
@@ -189,7 +191,7 @@ def ships_part(
         rows = coefficient_draws(ship, posterior, SHIPS, rng)
         both = {
             "prior": prior_ships(ship, prior, manoeuvre, draws=SHIPS, rng=rng),
-            "posterior": simulated_ships(ship, rows, manoeuvre, rng),
+            "posterior": simulate_draws(ship, rows, manoeuvre, rng),
         }
         shares += [{"of": of, **share_row(ships)} for of, ships in both.items()]
         for name in names:

@@ -26,7 +26,7 @@ from pymc_ship.diagnostics.tables import (
 from pymc_ship.inference.regression.calibration import LEVEL
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.sampling.error_laws import errors_of
-from pymc_ship.pages.tables import fixed, heads, number, percent, table
+from pymc_ship.pages.tables import fixed_point, heads, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel
 
 _n = number(3)
@@ -259,7 +259,7 @@ def _directions(tree: xr.DataTree) -> Part:
         f"The data {said}; a direction is left to the prior where the data's share of the posterior precision does not "
         f"exceed {CONTRACTION_LIMIT:g}. The condition number of the scaled design is {_n(condition)}."
     )
-    columns = heads(_n, singular_value="singular value") | heads(fixed(4), share="share of the data")
+    columns = heads(_n, singular_value="singular value") | heads(fixed_point(4), share="share of the data")
     columns |= heads(str, direction="largest loadings, scaled columns over prior sd")
     shown = rows[: max(8, open_)]
     caption = f"The {len(shown)} weakest directions of the design times prior sd over σ; share = s² / (s² + 1)."

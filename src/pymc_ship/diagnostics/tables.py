@@ -9,21 +9,21 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.diagnostics.numbers import CI_PROB, evidence_words
-from pymc_ship.pages.tables import Columns, Table, fixed, heads, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, heads, number, table
 
 AGREEMENT: Columns = (
     heads(str, method="method")
-    | heads(fixed(2), largest_z="largest |z|", z_limit="limit")
-    | heads(fixed(4), r_hat="largest R-hat")
-    | heads(fixed(0), ess_bulk="least bulk ESS", ess_tail="least tail ESS", divergences="divergences")
+    | heads(fixed_point(2), largest_z="largest |z|", z_limit="limit")
+    | heads(fixed_point(4), r_hat="largest R-hat")
+    | heads(fixed_point(0), ess_bulk="least bulk ESS", ess_tail="least tail ESS", divergences="divergences")
     | heads(str, agrees="agrees")
 )
 """Columns of a table of :func:`agreement_rows`."""
 
 
 ENDS = heads(
-    fixed(1),
-    ran_away="ran away %",
+    fixed_point(1),
+    diverged="diverged %",
     wrong_way="wrong way %",
     course_unstable="course-unstable %",
     sailed="none of these %",
@@ -51,7 +51,7 @@ def agreement_rows(agreement: xr.Dataset) -> list[dict]:
 
 def agreement_table(agreement: xr.Dataset) -> Table:
     """Exact mean and sd of every quantity and, for each method, its own with their z-scores; prime values times 1e5."""
-    n, z = number(4), fixed(2)
+    n, z = number(4), fixed_point(2)
     methods = [str(method) for method in agreement["method"].values]
     rows = []
     for quantity in agreement["quantity"].values:
@@ -89,7 +89,7 @@ def coefficient_table(found: xr.Dataset, narrowing: xr.Dataset | None, marks: Ma
     columns: Columns = heads(str, coefficient="coefficient") | {name: (name, number(4)) for name in marks}
     columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in shown.items()}
     if narrowing is not None:
-        columns |= heads(fixed(3), contraction="contraction") | heads(str, judged="evidence")
+        columns |= heads(fixed_point(3), contraction="contraction") | heads(str, judged="evidence")
     rows, words = [], [] if narrowing is None else evidence_words(narrowing).tolist()
     for k, name in enumerate(map(str, found["coefficient"].values)):
         label, scale = _scaled(name)
@@ -105,7 +105,7 @@ def coefficient_table(found: xr.Dataset, narrowing: xr.Dataset | None, marks: Ma
 def chain_table(summary: xr.Dataset, *, errors: bool = True) -> Table:
     """R-hat and effective sample sizes of every quantity, after its mean with its Monte Carlo errors."""
     scaled = heads(number(4), mean="mean") | heads(number(3), mcse_mean="MCSE of mean", mcse_sd="MCSE of sd")
-    mixed = heads(fixed(4), r_hat="R-hat") | heads(fixed(0), ess_bulk="bulk ESS", ess_tail="tail ESS")
+    mixed = heads(fixed_point(4), r_hat="R-hat") | heads(fixed_point(0), ess_bulk="bulk ESS", ess_tail="tail ESS")
     rows = []
     for k, name in enumerate(map(str, summary["quantity"].values)):
         label, scale = _scaled(name)
@@ -121,5 +121,5 @@ def _scaled(quantity: str) -> tuple[str, float]:
 
 def sensitivity_table(rows: Sequence[Mapping], quantity: str) -> Table:
     """Rows of :func:`pymc_ship.diagnostics.numbers.prior_sensitivity`, the first column as named."""
-    columns = heads(str, quantity=quantity) | heads(fixed(3), prior="prior", likelihood="likelihood")
+    columns = heads(str, quantity=quantity) | heads(fixed_point(3), prior="prior", likelihood="likelihood")
     return table(rows, columns | heads(str, diagnosis="diagnosis"))

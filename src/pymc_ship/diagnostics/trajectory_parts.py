@@ -18,7 +18,7 @@ from pymc_ship.inference.identifiability.information import UNKNOWN
 from pymc_ship.inference.regression.families import FAMILIES
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
 from pymc_ship.inference.trajectory.posterior import verdict as khat_verdict
-from pymc_ship.pages.tables import fixed, heads, number, percent, table
+from pymc_ship.pages.tables import fixed_point, heads, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 _DEFAULTS = (
@@ -177,8 +177,12 @@ def _residuals(tree: xr.DataTree) -> Part:
     found, rows = trajectory.residuals(tree), trajectory.channel_rows(tree)
     columns = heads(number(4), run="run") | heads(str, channel="channel") | heads(number(6), blocks="blocks")
     columns |= heads(_n, block_sd="sd of a block", offset="offset") | heads(str, unit="unit")
-    columns |= heads(fixed(3), correlation="correlation", chi2="χ²", inside=f"within {SD_LIMIT:g} sd", r1="r1")
-    columns |= heads(_n, p_value="Ljung-Box p") | heads(fixed(2), largest="largest [sd]") | heads(fixed(1), at="at [s]")
+    columns |= heads(fixed_point(3), correlation="correlation", chi2="χ²", inside=f"within {SD_LIMIT:g} sd", r1="r1")
+    columns |= (
+        heads(_n, p_value="Ljung-Box p")
+        | heads(fixed_point(2), largest="largest [sd]")
+        | heads(fixed_point(1), at="at [s]")
+    )
     caption = (
         "The noise of a block of samples, sensor offset and correlation with the block before, as the noise model has "
         "them, and the residuals once that correlation is taken out: mean square χ², share within "
@@ -250,7 +254,7 @@ def _directions(tree: xr.DataTree) -> Part:
         return Part(title, "Not shown: every coefficient has a flat prior, which gives a direction no unit.")
     count = min(max(_WEAKEST, found.attrs["n_unknown"]), found.sizes["direction"])
     rows = [{"share": float(found["share"][k]), "direction": str(found["text"].values[k])} for k in range(count)]
-    columns = heads(fixed(3), share="prior variance left") | heads(str, direction="largest loadings, in prior sd")
+    columns = heads(fixed_point(3), share="prior variance left") | heads(str, direction="largest loadings, in prior sd")
     text = (
         "Principal directions of one half of the draws in prior standard deviations, and the variance of the other "
         "half along them; a share is known to a tenth or so and may come out above 1."

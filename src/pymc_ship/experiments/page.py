@@ -31,7 +31,7 @@ from pymc_ship.machine.files import staged_files
 from pymc_ship.machine.memory import peak_memory
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
 
 PAGE = Page("index.html", Path(__file__).with_name("page.html.j2"), digits=6, tables=".")
 """The page of a study, with ``cells.csv`` beside it."""
@@ -101,16 +101,20 @@ def cell_table(rows: Sequence[Mapping]) -> Table:
     columns |= {"level": ("noise level", number(3)), "method": ("method", str)}
     columns |= {"median_error": ("median error %", str), "coverage": ("90 % intervals cover %", str)}
     columns |= {"tactical_diameter_error": ("tactical diameter error %", str)}
-    return table(lines, columns | {name: (name, fixed(0)) for name in STATUSES})
+    return table(lines, columns | {name: (name, fixed_point(0)) for name in STATUSES})
 
 
 def _content(store: Store, rows: Sequence[Mapping], costs: Costs, sizes: Sizes) -> Content:
     n, grid = number(3), store.study
     sessions = session_rows(costs)
-    by_session: Columns = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed(0))}
-    by_session |= {"tasks": ("tasks", fixed(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
-    by_session |= {"overhead": ("overhead %", fixed(1)), "speed": ("tasks/s", n), "parent_ms": ("parent ms/task", n)}
-    by_method: Columns = {"group": ("method", str), "tasks": ("tasks", fixed(0))}
+    by_session: Columns = {"session": ("run", str), "executor": ("by", str), "workers": ("workers", fixed_point(0))}
+    by_session |= {"tasks": ("tasks", fixed_point(0)), "wall": ("wall s", n), "seconds": ("sum of parts s", n)}
+    by_session |= {
+        "overhead": ("overhead %", fixed_point(1)),
+        "speed": ("tasks/s", n),
+        "parent_ms": ("parent ms/task", n),
+    }
+    by_method: Columns = {"group": ("method", str), "tasks": ("tasks", fixed_point(0))}
     by_method |= {name: (f"{name} s", n) for name in PARTS} | {"sum": ("sum s", n), "cpu": ("processor s", n)}
     plan: Columns = {"quantity": ("", str), "value": ("value", n), "unit": ("", str), "measured": ("from", str)}
     groups = [list(group) for _, group in groupby(rows, key=lambda row: [row[name] for name in _SHARED])]

@@ -37,7 +37,7 @@ BESIDE_DPI, EMBEDDED_DPI = 110, 150
 """Resolution of the PNG files beside a page and of the PNG images inside it [dots per inch]."""
 
 
-def styled[**P, Drawn](draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
+def house_style[**P, Drawn](draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Draw in the house style."""
 
     @wraps(draw)
@@ -63,7 +63,7 @@ def _lay_out(fig: Figure) -> None:
         fig.set_layout_engine("none")
 
 
-@styled
+@house_style
 def svg(fig: Figure, name: str) -> str:
     """Figure as SVG text, the same for the same figure; its ids begin with the name, so figures share a page."""
     _lay_out(fig)
@@ -73,7 +73,7 @@ def svg(fig: Figure, name: str) -> str:
     return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}.", text[text.index("<svg") :])
 
 
-@styled
+@house_style
 def png(fig: Figure, dpi: int) -> bytes:
     """Figure as PNG bytes of so many dots per inch."""
     _lay_out(fig)
@@ -82,7 +82,7 @@ def png(fig: Figure, dpi: int) -> bytes:
     return buffer.getvalue()
 
 
-def embedded(fig: Figure, alternative: str) -> str:
+def html_image(fig: Figure, alternative: str) -> str:
     """Figure as an HTML image with its PNG inside, for figures with too many points for SVG."""
     data = base64.b64encode(png(fig, EMBEDDED_DPI)).decode()
     return f'<img alt="{escape(alternative)}" src="data:image/png;base64,{data}">'

@@ -58,7 +58,7 @@ class Content:
         ``figures``, ``versions`` and ``sources`` beside them.
     figures : mapping of str to Figure or str
         By name. A Figure stands in the page as SVG and beside it as PNG. A text, from :func:`drawing.svg` or
-        :func:`drawing.embedded`, is an image that stands in the page alone.
+        :func:`drawing.html_image`, is an image that stands in the page alone.
     rows : mapping of str to sequence of mapping
         Tables written as CSV, by name; a table without rows is not written.
     files : mapping of str to callable
@@ -96,7 +96,7 @@ def write_page(page: Page, out: str | Path, content: Content) -> Path:
         When the folder cannot be written.
     """
     out = writable_folder(out)
-    text = rendered(page, content)
+    text = render_page(page, content)
     with staged_files(out, last=page.file, own=page.own) as folder:
         for name, write in _files(page, content, text).items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -104,7 +104,7 @@ def write_page(page: Page, out: str | Path, content: Content) -> Path:
     return out / page.file
 
 
-def rendered(page: Page, content: Content) -> str:
+def render_page(page: Page, content: Content) -> str:
     """Text of a page: a function of its content alone, so that the same content gives the same page."""
     images = {
         name: drawing.svg(figure, name) if isinstance(figure, Figure) else figure

@@ -38,7 +38,7 @@ def number(digits: int = 3) -> Callable[[Any], str]:
     return formatted
 
 
-def fixed(decimals: int) -> Callable[[Any], str]:
+def fixed_point(decimals: int) -> Callable[[Any], str]:
     """Formatter of a number to so many decimals; a dash for NaN."""
 
     def formatted(value: object) -> str:

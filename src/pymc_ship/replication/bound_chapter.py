@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymc_ship.inference.trajectory.posterior import KHAT_LIMIT
-from pymc_ship.pages.tables import Columns, Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import figures
 from pymc_ship.replication.measurements import BOUND, fit_name
@@ -142,8 +142,8 @@ def method_table(result: StudyResult) -> Table:
         "level": ("noise level", number(3)),
         "method": ("method", str),
         "median": ("median error %", number(3)),
-        **{f"under_{k}": (f"< {k} %", fixed(0)) for k in (5, 20, 50)},
-        "coverage": ("90 % intervals cover %", fixed(0)),
+        **{f"under_{k}": (f"< {k} %", fixed_point(0)) for k in (5, 20, 50)},
+        "coverage": ("90 % intervals cover %", fixed_point(0)),
         "detail": ("how", str),
     }
     return table(result.tables["methods"], columns)
@@ -174,11 +174,11 @@ def forecast_table(result: StudyResult) -> Table:
     for name, short_name in (("zigzag", "zigzag"), ("turning_circle", "turn")):
         columns |= {
             f"{name}_error": (f"{short_name} error %", number(3)),
-            f"{name}_coverage": ("cover %", fixed(0)),
-            f"{name}_share_diverged": ("diverged %", fixed(1)),
-            f"{name}_share_extrapolated": ("outside %", fixed(0)),
+            f"{name}_coverage": ("cover %", fixed_point(0)),
+            f"{name}_share_diverged": ("diverged %", fixed_point(1)),
+            f"{name}_share_extrapolated": ("outside %", fixed_point(0)),
         }
-    return table(forecast_rows(result), columns | {"pareto_khat": ("Pareto k-hat", fixed(2))})
+    return table(forecast_rows(result), columns | {"pareto_khat": ("Pareto k-hat", fixed_point(2))})
 
 
 def figure(result: StudyResult) -> Figure:

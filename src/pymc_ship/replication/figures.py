@@ -13,10 +13,10 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.tune import TunedPrior
-from pymc_ship.pages.drawing import DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.drawing import DOF_COLOURS, METHOD_COLOURS, NOISE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.motion.equations import STATE
-from pymc_ship.ships.forecasting.forecast import stated_shares
+from pymc_ship.ships.forecasting.forecast import draws_and_shares
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
 
@@ -24,7 +24,7 @@ def _shown(name: str, values: np.ndarray) -> np.ndarray:
     return CHANNELS[name].unit.display_factor * values
 
 
-@styled
+@house_style
 def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tuple[float, float]) -> Figure:
     """Fig. 2: clean, polluted and denoised channels, the whole record and a part enlarged."""
     names = [name for name in default_channels() if name in smooth]
@@ -48,7 +48,7 @@ def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tu
     return fig
 
 
-@styled
+@house_style
 def noise_variance(exact: Mapping[str, Any], dof: str) -> Figure:
     """Fig. 3: prior and posterior density of sigma2 of one DOF for each family, on a log axis."""
     fig, axes = subplots(8.0, 2.9, 1, len(exact))
@@ -75,7 +75,7 @@ def noise_variance(exact: Mapping[str, Any], dof: str) -> Figure:
     return fig
 
 
-@styled
+@house_style
 def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
     """Fig. 4: path of a coefficient through the draws of every chain, with its mean and reference, for each name."""
     fig, axes = subplots(8.0, 2.9, 1, len(paths))
@@ -90,7 +90,7 @@ def sample_paths(paths: Mapping[str, tuple[xr.DataTree, float]]) -> Figure:
     return fig
 
 
-@styled
+@house_style
 def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]) -> Figure:
     """Fig. 5 and 6: motion of the reference ship against medians and bands of each forecast, and their shares."""
     turning = kind_named(reference.attrs["manoeuvre"]).circles
@@ -106,7 +106,7 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
     _track(axes.flat[-1], reference, forecasts, equal=turning)
     handles, labels = axes.flat[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside upper center", ncols=3)
-    fig.supxlabel("\n".join(f"{family}: {stated_shares(tree)}" for family, tree in forecasts.items()), fontsize=9.0)
+    fig.supxlabel("\n".join(f"{family}: {draws_and_shares(tree)}" for family, tree in forecasts.items()), fontsize=9.0)
     return fig
 
 
@@ -129,7 +129,7 @@ def _track(ax: Axes, reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree]
         ax.set_xlim(low - 0.15 * (high - low), high + 0.15 * (high - low))
 
 
-@styled
+@house_style
 def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], published: float, bound: float) -> Figure:
     """Median coefficient error of each DOF against the noise level, with the published median and its level."""
     fig, axes = subplots(8.0, 3.4)
@@ -144,7 +144,7 @@ def errors_by_level(levels: np.ndarray, errors: Mapping[str, np.ndarray], publis
     return fig
 
 
-@styled
+@house_style
 def errors_by_method(
     levels: np.ndarray, errors: Mapping[str, np.ndarray], published: Mapping[str, float], printed_level: float
 ) -> Figure:
@@ -164,7 +164,7 @@ def errors_by_method(
     return fig
 
 
-@styled
+@house_style
 def tuning(tuned: Mapping[str, TunedPrior]) -> Figure:
     """Best cross-validated score so far against the evaluation, relative to the evidence maximum, for each DOF."""
     fig, axes = subplots(8.0, 2.9)
@@ -179,7 +179,7 @@ def tuning(tuned: Mapping[str, TunedPrior]) -> Figure:
     return fig
 
 
-@styled
+@house_style
 def arviz_panels(
     plot: str, trees: Mapping[str, xr.DataTree], coefficients: Mapping[str, str], **settings: Any
 ) -> Figure:

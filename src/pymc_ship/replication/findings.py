@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.tables import Columns, fixed, heads, number, table
+from pymc_ship.pages.tables import Columns, fixed_point, heads, number, table
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import bound_chapter, figures
 from pymc_ship.replication.measurements import level_of_error
@@ -158,7 +158,7 @@ def _differencing(result: StudyResult) -> dict:
         f"Euler differences and a row each second, which the main tables keep, has {_n(chosen['median'])} %. "
         f"{_denoisers(result)}"
     )
-    shares = {f"under_{k}": (f"< {k} %", fixed(0)) for k in (5, 20, 50)}
+    shares = {f"under_{k}": (f"< {k} %", fixed_point(0)) for k in (5, 20, 50)}
     columns: Columns = {
         "derivative": ("derivative", str),
         "interval": ("rows", str),
@@ -203,7 +203,7 @@ def _forecasts(result: StudyResult) -> dict:
     )
     columns = heads(number(3), level="noise level") | heads(str, family="family")
     columns |= heads(_n, coefficients="coefficient error %", zigzag="zigzag RMSE/range %", turn="turn RMSE/range %")
-    columns |= heads(fixed(1), diverged="turn diverged %")
+    columns |= heads(fixed_point(1), diverged="turn diverged %")
     return _finding("Forecasts can be good where coefficients are not", text, table=table(rows, columns))
 
 
@@ -240,9 +240,9 @@ def _prior_ships(result: StudyResult) -> dict:
     after = [row for row in result.tables["prior_ships"] if row["choice"] == POSTERIOR]
     before = [row for row in result.tables["prior_ships"] if row["choice"] != POSTERIOR]
     text = (
-        f"Of the ships that the priors hold {_range(before, 'ran_away')} % run away in a standard manoeuvre, and at most "
+        f"Of the ships that the priors hold {_range(before, 'diverged')} % run away in a standard manoeuvre, and at most "
         f"{_n(max(row['sailed'] for row in before))} % neither run away nor turn the wrong way nor are course-unstable "
-        f"(section 4): as priors of ships they say little. Of the ships of the posteriors {_range(after, 'ran_away')} % "
+        f"(section 4): as priors of ships they say little. Of the ships of the posteriors {_range(after, 'diverged')} % "
         "run away in its 40 L/U, and fewer in the forecasts of section 7, which end earlier."
     )
     return _finding("What ships the priors hold", text)
@@ -261,8 +261,8 @@ def _eq15(result: StudyResult) -> dict:
         "dof": ("DOF", str),
         "mcmc": ("NUTS mean of sigma2", number(5)),
         "mcse": ("MCSE", _n),
-        "z_marginal": ("z, shape A + n/2", fixed(2)),
-        "z_full_conditional": ("z, shape A + (n + c)/2", fixed(1)),
+        "z_marginal": ("z, shape A + n/2", fixed_point(2)),
+        "z_full_conditional": ("z, shape A + (n + c)/2", fixed_point(1)),
     }
     return _finding("Slip: the shape of the noise variance", text, table=table(rows, columns))
 

@@ -15,7 +15,7 @@ from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.tree import CITATIONS, write_posterior
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
-from pymc_ship.pages.page import Content, Page, rendered, write_page
+from pymc_ship.pages.page import Content, Page, render_page, write_page
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.records.files.noise import noise_sd
 from pymc_ship.replication import bound_chapter, figures, findings
@@ -108,7 +108,7 @@ def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], Non
         When the folder cannot be written.
     """
     content = diagnostic_content(result.comparisons, result.vessel, seed=result.seed, progress=progress, back=PAGE.file)
-    diagnosed = rendered(DIAGNOSTICS, content)
+    diagnosed = render_page(DIAGNOSTICS, content)
     progress("report")
     return write_page(PAGE, out, study_content(result, diagnosed))
 
@@ -217,6 +217,6 @@ def _trace_figures(result: StudyResult) -> list[tuple[str, str, str]]:
             worst[dof] = str(dataset["quantity"].values[int(score.argmax())])
         trees = {dof: result.draws[family]["nuts"][dof] for dof in by_dof}
         for kind, (settings, caption) in _ARVIZ_PLOTS.items():
-            image = drawing.embedded(figures.arviz_panels(f"plot_{kind}", trees, worst, **settings), caption)
+            image = drawing.html_image(figures.arviz_panels(f"plot_{kind}", trees, worst, **settings), caption)
             shown.append((f"{kind}_{family}", image, f"NUTS, {family} family: {caption}"))
     return shown

@@ -19,7 +19,7 @@ from pymc_ship.ships.forecasting.prior_ships import (
     index_row,
     prior_ships,
     share_row,
-    simulated_ships,
+    simulate_draws,
 )
 
 SHIPS = 200
@@ -100,7 +100,7 @@ def prior_ship_rows(
     for family in found.exact:
         generator = rng(family, POSTERIOR)
         drawn = coefficient_draws(vessel, found.posteriors(family, draws=400, rng=generator), ships, generator)
-        held = {of: simulated_ships(vessel, drawn, of, generator) for of in STANDARD}
+        held = {of: simulate_draws(vessel, drawn, of, generator) for of in STANDARD}
         rows += _rows(vessel, held, family, POSTERIOR)
     return rows
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pymc_ship.diagnostics.tables import AGREEMENT, ENDS, agreement_rows, agreement_table
-from pymc_ship.pages.tables import Columns, Table, fixed, heads, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, heads, number, table
 from pymc_ship.physics.manoeuvre.criteria import imo_criteria
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.vessel.vessel import LETTER
@@ -64,15 +64,15 @@ def _coefficient_rows(result: StudyResult, dof: str, exact: Mapping) -> list[dic
 
 def page_tables(result: StudyResult) -> dict[str, Table]:
     """Formatted tables of the page, by name."""
-    p, n = fixed(1), number(3)
-    shares = {f"under_{k}": (f"< {k} %", fixed(0)) for k in (5, 20, 50)}
+    p, n = fixed_point(1), number(3)
+    shares = {f"under_{k}": (f"< {k} %", fixed_point(0)) for k in (5, 20, 50)}
     error_columns: Columns = {
         "level": ("noise level", n),
         "family": ("family", str),
         "dof": ("DOF", str),
         "median": ("median %", n),
         **shares,
-        "coverage": ("90 % intervals cover %", fixed(0)),
+        "coverage": ("90 % intervals cover %", fixed_point(0)),
     }
     return {
         "indices": _index_table(result),
@@ -93,7 +93,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
             result.tables["drawn_channels"],
             heads(str, channel="channel")
             | heads(n, sd="sd of draws", rmse="RMSE of their mean")
-            | heads(fixed(0), coverage="90 % intervals cover %"),
+            | heads(fixed_point(0), coverage="90 % intervals cover %"),
         ),
         "drawn_coefficients": table(
             result.tables["drawn_coefficients"],
@@ -101,9 +101,9 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
                 "derivative": ("derivative", str),
                 "dof": ("DOF", str),
                 "median": ("median %", n),
-                "coverage": ("90 % intervals cover %", fixed(0)),
+                "coverage": ("90 % intervals cover %", fixed_point(0)),
                 "median_pooled": ("pooled: median %", n),
-                "coverage_pooled": ("cover %", fixed(0)),
+                "coverage_pooled": ("cover %", fixed_point(0)),
                 "widened": ("sd, pooled / known", n),
             },
         ),
@@ -118,7 +118,7 @@ def page_tables(result: StudyResult) -> dict[str, Table]:
             result.tables["priors"],
             heads(str, family="family", dof="DOF", choice="choice")
             | heads(n, shape="shape A", scale="scale b = 1/B", kappa="kappa")
-            | heads(fixed(4), score="score", score_se="± se")
+            | heads(fixed_point(4), score="score", score_se="± se")
             | heads(p, log_evidence="log evidence"),
         ),
         "prior_ships": _prior_ship_table(result),
@@ -157,7 +157,7 @@ def _prior_ship_table(result: StudyResult) -> Table:
         band = f"{n(row['median'])} ({n(row['lower'])} to {n(row['upper'])})" if np.isfinite(row["median"]) else "–"
         rows.append({**row, "band": f"{row['index']} [{row['unit']}]: {band}"})
     columns = heads(str, family="family", choice="prior", manoeuvre="manoeuvre") | ENDS
-    columns |= heads(str, band="index of those that reach it") | heads(fixed(1), reached="reach it %")
+    columns |= heads(str, band="index of those that reach it") | heads(fixed_point(1), reached="reach it %")
     return table(rows, columns)
 
 
@@ -186,7 +186,7 @@ def _index_table(result: StudyResult) -> Table:
                 }
             )
     columns = {"run": "manoeuvre", "index": "index", "value": "value", "unit": "unit", "limit": "IMO", "verdict": ""}
-    return table(rows, {key: (head, fixed(2) if key == "value" else str) for key, head in columns.items()})
+    return table(rows, {key: (head, fixed_point(2) if key == "value" else str) for key, head in columns.items()})
 
 
 def _denoising_rows(result: StudyResult) -> list[dict]:
@@ -244,8 +244,8 @@ def _forecast_table(result: StudyResult, name: str, wanted: Mapping[str, tuple[s
         "level": ("noise level", number(3)),
         "family": ("family", str),
         "error": ("error %", number(3)),
-        "coverage": ("coverage %", fixed(0)),
-        "share_diverged": ("diverged %", fixed(1)),
+        "coverage": ("coverage %", fixed_point(0)),
+        "share_diverged": ("diverged %", fixed_point(1)),
     }
     for row in result.tables[f"forecast_{name}"]:
         extra = {}
@@ -255,5 +255,5 @@ def _forecast_table(result: StudyResult, name: str, wanted: Mapping[str, tuple[s
             extra[f"{index}_reference"] = row[f"{index}_reference"] / unit
         rows.append({**row, **extra})
     for index, (label, _) in wanted.items():
-        columns |= {index: (label, str), f"{index}_reference": ("reference", fixed(2))}
+        columns |= {index: (label, str), f"{index}_reference": ("reference", fixed_point(2))}
     return table(rows, columns)

@@ -11,7 +11,7 @@ import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.steering_record import Swings, approach_speed, first_execute, rudder_reversals
 from pymc_ship.records.steering.measured import align_to_first_execute
 from pymc_ship.records.steering.recognition import Steering, recognise, with_steering
-from pymc_ship.ships.identification.held_out import scored_indices
+from pymc_ship.ships.identification.held_out import recorded_indices
 from pymc_ship.trial.record import check_trial
 from tests.physics.manoeuvre.cases import measured, scaled, simulated
 from tests.ships.identification.cases import tanker, trial, with_delay
@@ -210,7 +210,7 @@ class TestExecution:
     def test_a_trial_elsewhere_and_later_has_the_same_indices(self, manoeuvre):
         original = trial(manoeuvre)
         later, sooner = moved(original), moved(original, 0.0, (0.0, 0.0), straight=5.0)
-        found, expected = scored_indices(later, manoeuvre), scored_indices(sooner, manoeuvre)
+        found, expected = recorded_indices(later, manoeuvre), recorded_indices(sooner, manoeuvre)
         assert np.isfinite(list(expected.values())).all()
         assert found == pytest.approx(expected, rel=1e-6)
         first = "initial_turning_time" if manoeuvre.kind == "zigzag" else "advance"
@@ -239,8 +239,8 @@ class TestExecution:
 
     def test_a_record_without_a_track_has_no_distances(self, records):
         run = records[2.5][0].drop_vars(["x", "y", "phi"])
-        found = scored_indices(run, ZIGZAGS[0])
+        found = recorded_indices(run, ZIGZAGS[0])
         assert np.isnan([found.pop(name) for name in ("initial_turning_distance", "maximum_roll_angle")]).all()
-        whole = scored_indices(records[2.5][0], ZIGZAGS[0])
+        whole = recorded_indices(records[2.5][0], ZIGZAGS[0])
         assert found == {name: whole[name] for name in found}
         assert set(run) == set(records[2.5][0].drop_vars(["x", "y", "phi"]))

@@ -7,7 +7,7 @@ from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.draws import fitted_motion, sensor_noise
 from pymc_ship.ships.ensemble.scores import BANDS, quantiles
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
-from pymc_ship.ships.forecasting.forecast import pooled_forecast, rolls, stated_shares
+from pymc_ship.ships.forecasting.forecast import draws_and_shares, has_roll, pooled_forecast
 from pymc_ship.trial.channels import SIMULATED
 from tests.inference.trajectory.cases import unmodelled_roll_text
 from tests.ships.ensemble.cases import posterior_forecast
@@ -201,7 +201,7 @@ def test_a_turn_from_a_gentle_zigzag_is_flagged_and_the_zigzag_itself_is_not(con
     assert float(zigzag["extrapolation"]["distance"].max()) < 0.01
     assert "speed falls to" in turn.attrs["extrapolation"]
     assert "speed falls to" not in zigzag.attrs["extrapolation"]
-    assert stated_shares(turn).startswith("60 ships, 0 % diverged, 9")
+    assert draws_and_shares(turn).startswith("60 ships, 0 % diverged, 9")
     assert turn["extrapolation"]["share_outside"].dims == ("time",)
     assert turn["extrapolation"]["above"].dims == ("symbol",)
 
@@ -237,7 +237,7 @@ def test_extrapolation_is_unknown_where_the_fitted_motion_is(container, zigzag_t
         assert "extrapolation" not in found.children
         assert np.isnan(found.attrs["share_extrapolated"])
         assert found.attrs["extrapolation"].startswith("Extrapolation is unknown: ")
-        assert stated_shares(found) == "4 ships, 0 % diverged"
+        assert draws_and_shares(found) == "4 ships, 0 % diverged"
     for posteriors in (held, {"sway": held, "yaw": held}):
         xr.testing.assert_identical(fitted_motion(posteriors), held["constant_data"]["motion"])
         found = posterior_forecast(container, posteriors, ZIGZAG, rng=np.random.default_rng(1), **settings)
@@ -264,7 +264,7 @@ class TestShipsThatRollAndShipsThatDoNot:
     @pytest.mark.parametrize(("rolling", "ci_prob"), [(20, 0.9), (10, 0.8)])
     def test_enough_of_them_make_the_forecast_of_roll(self, pooled, rolling, ci_prob):
         tree = pooled(rolling, ci_prob)
-        assert rolls(tree)
+        assert has_roll(tree)
         assert int(np.isfinite(tree["trajectories"]["phi"].isel(time=-1)).sum()) == rolling
         assert {"p", "phi"} < set(tree["bands"].data_vars)
         assert "phi" in tree["measured_bands"]
@@ -273,7 +273,7 @@ class TestShipsThatRollAndShipsThatDoNot:
     @pytest.mark.parametrize(("rolling", "ci_prob"), [(19, 0.9), (20, 0.95), (1, 0.5)])
     def test_too_few_make_none(self, pooled, rolling, ci_prob):
         tree = pooled(rolling, ci_prob)
-        assert not rolls(tree)
+        assert not has_roll(tree)
         assert not {"p", "phi"} & set(tree["bands"].data_vars)
         assert set(tree["measured_bands"].data_vars) == {"v"}
         assert "maximum_roll_angle" not in tree["indices"]

@@ -48,12 +48,12 @@ def test_each_ship_ends_as_she_was_made(container, manoeuvre):
     found = ships(container, drawn(container, rows), manoeuvre, draws=4)
     order = [int(np.flatnonzero((found["coefficients"].values == row).all(axis=1))[0]) for row in rows]
     ended = found.isel(draw=order)
-    assert ended["status"].values.tolist() == ["sailed", "wrong way", "course-unstable", "ran away"]
+    assert ended["status"].values.tolist() == ["sailed", "wrong way", "course-unstable", "diverged"]
     assert ended["wrong_way"].values.tolist()[:3] == [False, True, False]
     assert ended["course_unstable"].values.tolist() == [False, False, True, False]
     assert ended["diverged"].values.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(ended["growth_rate"] > 0.0, ended["course_unstable"])
-    shares = {name: found.attrs[f"share_{name}"] for name in ("ran_away", "wrong_way", "course_unstable", "sailed")}
+    shares = {name: found.attrs[f"share_{name}"] for name in ("diverged", "wrong_way", "course_unstable", "sailed")}
     assert shares == dict.fromkeys(shares, 0.25)
     assert found.attrs["summary"] == (
         f"Of 4 ships of the prior in a {manoeuvre.label}: 25 % run away, 25 % turn the wrong way, 25 % are "

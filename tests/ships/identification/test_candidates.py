@@ -7,7 +7,7 @@ import pytest
 
 from pymc_ship.inference.trajectory.windows import WindowFit
 from pymc_ship.ships.identification.candidates import LARGEST_INFLATION, _inflation
-from pymc_ship.ships.identification.held_out import HeldOut
+from pymc_ship.ships.identification.held_out import CrossValidation
 from tests.ships.identification.cases import tanker
 
 RNG = np.random.default_rng
@@ -32,7 +32,7 @@ def means(runs, covariance, prior=None):
 
     less = law((count - 1) / count)
     others = tuple(fit_of((runs.sum(axis=0) - run) / (count - 1), *less) for run in runs)
-    return fit_of(runs.mean(axis=0), *law(1.0)), HeldOut(others, (), np.zeros(count), {})
+    return fit_of(runs.mean(axis=0), *law(1.0)), CrossValidation(others, (), np.zeros(count), {})
 
 
 def unlike_runs(rng, noise=1.0):
@@ -47,7 +47,7 @@ def unlike_runs(rng, noise=1.0):
         at = covariance @ sum(designs[k].T @ read[k] for k in runs)
         return fit_of(at, covariance @ windows @ covariance, covariance @ covariance, windows + np.eye(4))
 
-    return fit([0, 1]), HeldOut((fit([1]), fit([0])), (), np.zeros(2), {})
+    return fit([0, 1]), CrossValidation((fit([1]), fit([0])), (), np.zeros(2), {})
 
 
 class TestInflation:

@@ -14,12 +14,12 @@ from pymc_ship.physics.manoeuvre.steering_record import first_execute
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.identification.held_out import (
-    JUDGED,
+    SCORED_CHANNELS,
+    cross_validate,
     forecast_indices,
-    held_out,
-    sailed_in,
-    scored,
-    scored_indices,
+    recorded_indices,
+    recorded_settings,
+    score_folds,
 )
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as by_parts
@@ -54,7 +54,7 @@ class TestFolds:
             seen.append(windows)
             return near(1.0)
 
-        found = held_out(runs, tanker(), spy)
+        found = cross_validate(runs, tanker(), spy)
         assert len(seen) == len(found.fits) == found.log_density.size == len(runs)
         for k, windows in enumerate(seen):
             expected = [window for j, run in enumerate(runs) if j != k for window in run]
@@ -65,7 +65,7 @@ class TestFolds:
     def test_each_run_is_scored_under_the_fit_of_its_place(self, runs):
         """A wrong fit spoils its own run alone, but for the common noise: it is given here by equal errors."""
         fits = iter([near(1.0), near(1.05), near(1.0)])
-        found = held_out(runs, tanker(), lambda _: next(fits))
+        found = cross_validate(runs, tanker(), lambda _: next(fits))
         sd = np.array(list(found.rms.values()))
         for k, factor in enumerate((1.0, 1.05, 1.0)):
             assert found.log_density[k] == pytest.approx(straight(runs[k], near(factor), sd), rel=1e-12)
@@ -85,7 +85,7 @@ def straight(run, fit, sd):
 class TestScore:
     def test_it_is_the_normal_density_at_the_rms_of_all_windows(self, runs):
         fits = [near(1.02)] * 3
-        found = scored(runs, tanker(), fits)
+        found = score_folds(runs, tanker(), fits)
         misfits = [restarted(window, tanker(), fits[0].coefficients) for run in runs for window in run]
         rms = np.sqrt(np.mean([np.mean(misfit**2, axis=1) for misfit in misfits], axis=0))
         assert list(found.rms) == ["u", "v", "r"]
@@ -96,14 +96,14 @@ class TestScore:
         assert np.min(np.abs(np.array(shuffled) - expected)) > 1.0
 
     def test_a_window_that_runs_away_costs_its_run_all_and_the_others_nothing(self, runs):
-        good = scored(runs[1:], tanker(), [near(1.0)] * 2)
-        found = scored(runs, tanker(), [near(-100.0), near(1.0), near(1.0)])
+        good = score_folds(runs[1:], tanker(), [near(1.0)] * 2)
+        found = score_folds(runs, tanker(), [near(-100.0), near(1.0), near(1.0)])
         assert found.log_density[0] == -np.inf
         np.testing.assert_allclose(found.log_density[1:], good.log_density, rtol=1e-12)
         assert found.rms == pytest.approx(good.rms, rel=1e-12)
 
     def test_a_model_that_always_runs_away_has_no_score(self, runs):
-        found = scored(runs, tanker(), [near(-100.0)] * 3)
+        found = score_folds(runs, tanker(), [near(-100.0)] * 3)
         assert (found.log_density == -np.inf).all()
         assert np.isnan(list(found.rms.values())).all()
 
@@ -111,12 +111,12 @@ class TestScore:
         record = trial(ps.zigzag(20.0, 20.0), vessel=container, duration=150.0, interval=0.25, seed=5)
         windows = prepared_windows(record, container)
         fit = stated(reference_coefficients(container))
-        found = scored([windows], container, [fit])
+        found = score_folds([windows], container, [fit])
         assert list(found.rms) == ["u", "v", "r", "p", "phi"]
-        sd = np.array([found.rms[name] for name in JUDGED])
+        sd = np.array([found.rms[name] for name in SCORED_CHANNELS])
         misfits = [restarted(window, container, fit.coefficients)[:3] for window in windows]
         expected = np.mean([stats.norm.logpdf(m, scale=sd[:, None]).mean(axis=1).sum() for m in misfits])
-        assert JUDGED == ("u", "v", "r")
+        assert SCORED_CHANNELS == ("u", "v", "r")
         assert found.log_density == pytest.approx([expected], rel=1e-12)
 
     def test_true_terms_are_preferred_to_wrong_ones(self, records):
@@ -131,7 +131,7 @@ class TestScore:
             def fit(windows, vessel=vessel, prior=prior, start=start):
                 return fit_windows(windows, vessel, prior, start)
 
-            densities[name] = held_out(runs, vessel, fit).log_density
+            densities[name] = cross_validate(runs, vessel, fit).log_density
         gain = densities[TRUE_TERMS] - densities["loading"]
         assert (gain > 0.0).all()
         assert gain.sum() > np.log(100.0)
@@ -153,19 +153,19 @@ class TestIndices:
     @pytest.mark.parametrize("manoeuvre", [*RUNS, ps.turning_circle(35.0, side="starboard")])
     def test_those_measured_are_those_of_the_record(self, manoeuvre):
         run = trial(manoeuvre, duration=700.0)
-        found, ship = scored_indices(run, manoeuvre), ps.indices(run)
+        found, ship = recorded_indices(run, manoeuvre), ps.indices(run)
         for name in scored_upright(manoeuvre):
             assert found[name] == pytest.approx(float(ship[name]), rel=0.03), name
 
     def test_a_record_that_ends_before_them_has_none(self):
-        found = scored_indices(trial(RUNS[1], duration=120.0), RUNS[1])
+        found = recorded_indices(trial(RUNS[1], duration=120.0), RUNS[1])
         assert np.isfinite(found["initial_turning_time"])
         assert np.isnan([found["second_overshoot_angle"], found["period"]]).all()
 
     def test_a_record_is_left_as_it_is(self):
         run = trial(RUNS[0]).drop_vars(["phi", "x", "y"])
         before = run.copy(deep=True)
-        scored_indices(run, RUNS[0])
+        recorded_indices(run, RUNS[0])
         assert run.identical(before)
 
 
@@ -177,8 +177,8 @@ def test_a_held_out_manoeuvre_is_forecast_in_the_wind_and_at_the_revolutions_of_
     n = np.where(run["time"].values < first_execute(run), 0.1, 1.3)
     around = {"n": n, "wind_speed": np.full(size, 8.0), "wind_direction": np.full(size, np.deg2rad(100.0))}
     turned = run.assign({name: ("time", values) for name, values in around.items()}).assign(psi=run["psi"] + 0.5)
-    found = sailed_in(turned, vessel)
+    found = recorded_settings(turned, vessel)
     assert found["n"] == 1.3
     np.testing.assert_allclose(found["wind"], (8.0, 100.0 - np.rad2deg(0.5)), rtol=0.02)
-    assert sailed_in(turned, tanker()) == {}
-    assert sailed_in(run, vessel) == {}
+    assert recorded_settings(turned, tanker()) == {}
+    assert recorded_settings(run, vessel) == {}

@@ -7,7 +7,7 @@ import pytest
 
 from pymc_ship.ships.ensemble.index_error import index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_table
-from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
+from pymc_ship.ships.identification.held_out_errors import coverage, index_error_rows, overshoot_errors
 
 
 def index_row(run, index, measured, forecast, sd=0.5, kind="angle"):
@@ -44,12 +44,12 @@ def test_held_out_rows_take_the_model_error_of_the_other_runs():
         index_row("b", "first_overshoot_angle", 10.0, 10.2, sd=0.6),
         index_row("c", "first_overshoot_angle", 10.0, 10.4, sd=0.6),
     ]
-    found = held_out_rows(index_table(index))
+    found = index_error_rows(index_table(index))
     assert [row["z"] for row in found] == pytest.approx([-10.0, 0.2 / 0.6, 0.4 / 0.6])
     expected = [index_sd(row, model_error([one for one in index if one is not row])) for row in index]
-    assert [row["apart_sd"] for row in found] == pytest.approx(expected, rel=1e-12)
-    assert found[0]["apart_sd"] < found[1]["apart_sd"]
+    assert [row["leave_one_out_sd"] for row in found] == pytest.approx(expected, rel=1e-12)
+    assert found[0]["leave_one_out_sd"] < found[1]["leave_one_out_sd"]
     assert coverage(found) == {"90": 2, "90_apart": 2, "95": 2, "95_apart": 2}
-    assert held_out_rows(index_table(index[:1]))[0]["apart_sd"] == pytest.approx(
+    assert index_error_rows(index_table(index[:1]))[0]["leave_one_out_sd"] == pytest.approx(
         index_sd(index[0], model_error([])), rel=1e-12
     )

@@ -11,7 +11,12 @@ import pymc_ship as ps
 from pymc_ship.physics.forces.surroundings import CURRENT_COMPONENTS
 from pymc_ship.physics.manoeuvre.steering_record import approach_speed
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.ships.identification.held_out import forecast_rows, left_out, readings_sd, scored_indices
+from pymc_ship.ships.identification.held_out import (
+    forecast_rows,
+    index_noise_sd,
+    recorded_indices,
+    unscored_run_remarks,
+)
 from pymc_ship.trial.record import OVER_GROUND
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as parts
@@ -130,7 +135,7 @@ class TestForecastRows:
         """Four seconds before the rudder moves, by the delay of the vessel's gear."""
         vessel, manoeuvre = with_delay(4.0), ps.zigzag(20.0, 20.0, side="starboard")
         run, _ = steered_by_hand(vessel, manoeuvre, (23.0, 16.0, 25.0, 18.0))
-        (_, draws), (late, early) = self.model(), (scored_indices(run, manoeuvre, delay) for delay in (0.0, 4.0))
+        (_, draws), (late, early) = self.model(), (recorded_indices(run, manoeuvre, delay) for delay in (0.0, 4.0))
         rows = {entry["index"]: entry for entry in forecast_rows("1", run, manoeuvre, [(vessel, draws)], np.ones(1))}
         name = "first_overshoot_angle"
         assert rows[name]["measured"] == early[name]
@@ -152,24 +157,24 @@ class TestReadings:
         Draws of a spike and slab in single bases scatter more than the mean over bases that is the estimate.
         """
         records = [trial(manoeuvre, seed=seed, level=0.01) for seed in range(30)]
-        rows = [scored_indices(record, manoeuvre) for record in records]
+        rows = [recorded_indices(record, manoeuvre) for record in records]
         scatter = {name: np.std([row[name] for row in rows]) for name in rows[0]}
-        found = readings_sd(records[0], manoeuvre, 0.0, RNG(1))
+        found = index_noise_sd(records[0], manoeuvre, 0.0, RNG(1))
         for name in scored_upright(manoeuvre):
             assert 0.6 * scatter[name] < found[name] < 2.0 * scatter[name], name
-        clean = readings_sd(trial(manoeuvre), manoeuvre, 0.0, RNG(1))
+        clean = index_noise_sd(trial(manoeuvre), manoeuvre, 0.0, RNG(1))
         assert all(clean[name] < 0.1 * scatter[name] for name in scored_upright(manoeuvre))
 
     def test_a_record_that_cannot_be_denoised_has_none(self):
         uneven = trial(RUNS[0], seed=1).isel(time=np.r_[0:300, 301:660])
-        assert readings_sd(uneven, RUNS[0], 0.0, RNG(1)) == {}
+        assert index_noise_sd(uneven, RUNS[0], 0.0, RNG(1)) == {}
 
 
 class TestLeftOut:
     def test_a_run_that_is_no_manoeuvre_is_told_with_the_reason(self):
         stairs = trial(ps.rudder_programme([0.0, 150.0, 300.0], np.deg2rad([5.0, 10.0, 20.0])), duration=300.0)
         runs = {"own": trial(RUNS[0]), "stairs": stairs}
-        (told,) = left_out(runs, [RUNS[0], None], tanker())
+        (told,) = unscored_run_remarks(runs, [RUNS[0], None], tanker())
         assert told.startswith(
             "Run stairs: It is not recognised as a zigzag, a turning circle or a pull out: the rudder is "
         )
@@ -177,7 +182,7 @@ class TestLeftOut:
     def test_roll_that_is_measured_and_not_modelled_is_told(self):
         run = trial(RUNS[0])
         rolling = run.assign(phi=0.01 + run["phi"])
-        assert left_out({"own": run}, [RUNS[0]], tanker()) == []
-        (told,) = left_out({"own": rolling}, [RUNS[0]], tanker())
+        assert unscored_run_remarks({"own": run}, [RUNS[0]], tanker()) == []
+        (told,) = unscored_run_remarks({"own": rolling}, [RUNS[0]], tanker())
         assert told.startswith("The record has roll angle φ, the vessel file has no roll: it is not modelled")
-        assert left_out({"own": rolling}, [RUNS[0]], ps.load_vessel("container")) == []
+        assert unscored_run_remarks({"own": rolling}, [RUNS[0]], ps.load_vessel("container")) == []

@@ -22,7 +22,7 @@ from pymc_ship.ships.forecasting.forecast import pooled_forecast
 from pymc_ship.ships.identification import candidates as ship_candidates
 from pymc_ship.ships.identification import model as ship_model
 from pymc_ship.ships.identification.candidates import LARGEST_INFLATION, Candidate, Training
-from pymc_ship.ships.identification.held_out import HeldOut
+from pymc_ship.ships.identification.held_out import CrossValidation
 from pymc_ship.ships.identification.model import identify_ship
 from tests.sentences import refused
 from tests.ships.identification.cases import RUNS, TRUE_TERMS, scored_upright, tanker, trial, trials
@@ -78,7 +78,7 @@ class TestEnsemble:
             assert candidate.fit.n_windows == 9
             assert [fit.n_windows for fit in candidate.held_out.fits] == [6, 6, 6]
             assert 1.0 <= candidate.inflation <= LARGEST_INFLATION
-            assert 0.0 <= candidate.share_unsound < 0.5
+            assert 0.0 <= candidate.infeasible_fraction < 0.5
 
     def test_runs_manoeuvres_and_gear_are_those_of_the_trials(self, identification):
         assert identification.names == ("first", "second", "third")
@@ -126,7 +126,7 @@ class TestHeldOutWeights:
 
         def rows(*sets):
             known = (np.zeros(1), {})
-            held = [HeldOut((fit,), (fit.coefficients,), *known) for _, fit in sets]
+            held = [CrossValidation((fit,), (fit.coefficients,), *known) for _, fit in sets]
             found = [
                 replace(TestWeights.candidate([0.0]), weight=weight, fit=fit, held_out=out)
                 for (weight, fit), out in zip(sets, held, strict=True)
@@ -143,7 +143,7 @@ class TestHeldOutWeights:
 class TestWeights:
     @staticmethod
     def candidate(density):
-        held = HeldOut((), (), np.asarray(density, dtype=float), {})
+        held = CrossValidation((), (), np.asarray(density, dtype=float), {})
         return Candidate("", None, None, held, 1.0, np.empty((0, 1)))
 
     def weights(self, *densities):

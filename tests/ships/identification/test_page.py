@@ -15,7 +15,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.inference.trajectory.prior import FREEDOM
 from pymc_ship.machine.errors import OutputError
-from pymc_ship.pages.tables import fixed
+from pymc_ship.pages.tables import fixed_point
 from pymc_ship.physics.forces.hull_database import typical_rudder
 from pymc_ship.physics.vessel.hull_database import hull_coefficients
 from pymc_ship.physics.vessel.vessel import coefficient_names
@@ -25,7 +25,7 @@ from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.identification import page as ship_report
 from pymc_ship.ships.identification.candidates import Refusal
 from pymc_ship.ships.identification.figures import held_out_windows
-from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
+from pymc_ship.ships.identification.held_out_errors import coverage, index_error_rows, overshoot_errors
 from pymc_ship.ships.identification.model import identify_ship
 from pymc_ship.ships.identification.page import coefficient_rows, correlation_rows, write_ship_report
 from tests.sentences import refused
@@ -95,7 +95,7 @@ def test_the_page_names_the_runs_and_their_steering(text):
     lines = {line[0]: line for line in cells(text)[:4]}
     unit = kvlcc2().particulars.L / kvlcc2().particulars.nominal_speed
     duration = float(np.ptp(runs()["a"]["time"].values))
-    assert lines["a"][1:4] == ["zigzag 10/10 port", fixed(0)(duration), fixed(1)(duration / unit)]
+    assert lines["a"][1:4] == ["zigzag 10/10 port", fixed_point(0)(duration), fixed_point(1)(duration / unit)]
     assert float(lines["a"][4]) == pytest.approx(kvlcc2().particulars.nominal_speed, abs=0.02)
     assert lines["a"][5:7] == ["1", "1"]
     made = sum(check.verdict != "not checked" for check in checks()["b"])
@@ -131,9 +131,13 @@ def test_the_term_sets_stand_by_weight_with_their_scores(text, out):
     lines = {line[0]: line for line in cells(text)}
     for candidate in model().candidates:
         line, score = lines[candidate.name], candidate.held_out.log_density.sum()
-        assert line[1:4] == [str(candidate.fit.coefficients.size), fixed(1)(100.0 * candidate.weight), fixed(1)(score)]
+        assert line[1:4] == [
+            str(candidate.fit.coefficients.size),
+            fixed_point(1)(100.0 * candidate.weight),
+            fixed_point(1)(score),
+        ]
         assert float(line[7]) == pytest.approx(np.rad2deg(candidate.held_out.rms["r"]), rel=5e-3)
-        assert line[8:10] == [fixed(2)(candidate.inflation), fixed(0)(candidate.fit.dispersion)]
+        assert line[8:10] == [fixed_point(2)(candidate.inflation), fixed_point(0)(candidate.fit.dispersion)]
         assert line[10] == str(len(candidate.draws))
     assert lines["loading"][11] == "–"
     found = table_of(out, "term_sets")
@@ -145,7 +149,7 @@ def test_the_term_sets_stand_by_weight_with_their_scores(text, out):
 def test_draws_that_ran_away_are_told(text, tmp_path):
     assert "tried in six standard manoeuvres; none ran away." in text
     best, other = model().candidates
-    away = replace(model(), candidates=(replace(best, weight=0.5, share_unsound=0.25), other))
+    away = replace(model(), candidates=(replace(best, weight=0.5, infeasible_fraction=0.25), other))
     assert "manoeuvres; 12 % ran away and were drawn anew, none of those kept does." in written(tmp_path, ship=away)
 
 
@@ -160,11 +164,11 @@ def test_held_out_indices_are_those_of_the_model(text, out):
         assert float(row["z"]) == pytest.approx(float(row["error"]) / expected["sd"])
         shown = [expected["run"], expected["manoeuvre"], expected["index"].replace("_", " ")]
         line = next(line for line in cells(text) if line[:3] == shown)
-        assert line[4:8] == [fixed(2)(float(row[key])) for key in ("measured", "forecast", "error", "sd")]
+        assert line[4:8] == [fixed_point(2)(float(row[key])) for key in ("measured", "forecast", "error", "sd")]
 
 
 def test_the_summary_counts_what_the_intervals_cover(text):
-    lines = held_out_rows(model().held_out_indices)
+    lines = index_error_rows(model().held_out_indices)
     errors, covered = overshoot_errors(lines), coverage(lines)
     assert f"error {errors['first_overshoot_angle_mean']:.2g} deg in the mean" in text
     assert f"{errors['second_overshoot_angle_max']:.2g} deg at most" in text
@@ -174,7 +178,7 @@ def test_the_summary_counts_what_the_intervals_cover(text):
     expected = {
         kind: np.quantile(model().ship.index_error[kind], (0.5, 0.95)) for kind in ("angle", "time", "distance")
     }
-    assert shown == {kind: [fixed(1)(100.0 * sd) for sd in law] for kind, law in expected.items()}
+    assert shown == {kind: [fixed_point(1)(100.0 * sd) for sd in law] for kind, law in expected.items()}
 
 
 def test_coefficients_carry_the_widened_sandwich_and_what_was_known(text, out):
@@ -195,7 +199,7 @@ def test_coefficients_carry_the_widened_sandwich_and_what_was_known(text, out):
     rudder = {f"{name[0]}g{name[1:]}": str(sd) for name, (_, sd) in typical_rudder(320.0, 20.8).items()}
     assert known == hull | rudder | {"XT": "0.00014"}
     line = next(line for line in cells(text) if line[0] == "XT")
-    assert line[1:5] == [fixed(1)(1e5 * best.fit.coefficients[0]), fixed(1)(1e5 * sd[0]), "94.0", "14.0"]
+    assert line[1:5] == [fixed_point(1)(1e5 * best.fit.coefficients[0]), fixed_point(1)(1e5 * sd[0]), "94.0", "14.0"]
 
 
 @pytest.mark.usefixtures("quick")

@@ -67,7 +67,13 @@ def test_the_page_shows_every_refused_set_and_the_doubts(tanker, refusals, tmp_p
     page = write_refusals(refusals, tanker, checks, tmp_path, command="pymc-ship identify run.csv")
     assert page == tmp_path / "refused.html"
     text = page.read_text(encoding="utf-8")
-    for words in ("no minimum", "zigzag 10/10 port", "On the approach", "pymc-ship identify run.csv", "runaways"):
+    for words in (
+        "no minimum",
+        "zigzag 10/10 port",
+        "On the approach",
+        "pymc-ship identify run.csv",
+        "diverging_motion",
+    ):
         assert words in text
     with (tmp_path / "tables" / "refusals.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -84,7 +90,7 @@ def test_a_ship_of_other_sets_has_a_section_on_those_that_were_refused(refusals,
         page = write_ship_report(replace(found, refusals=refused), runs(), {}, tmp_path / name, **settings)
         text[name] = page.read_text(encoding="utf-8")
         assert (page.parent / "tables" / "refusals.csv").exists() == bool(refused)
-        assert (page.parent / "figures" / "runaways.png").exists() == bool(refused)
+        assert (page.parent / "figures" / "diverging_motion.png").exists() == bool(refused)
     section = text["some"][text["some"].index('<section id="refusals">') :]
     assert "zigzag 10/10 port" in section[: section.index("</section>")]
     assert 'id="refusals"' not in text["none"]

@@ -10,7 +10,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
-from pymc_ship.ships.identification.replayed import channel_rows, index_errors
+from pymc_ship.ships.identification.replay import channel_rows, index_errors
 from pymc_ship.ships.identification.score_page import errors_by_channel, windows_of, write_score_page
 from tests.replication.cases import Page
 from tests.ships.ensemble.cases import ship_of

@@ -16,13 +16,13 @@ from pymc_ship.physics.vessel.vessel import coefficient_names
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.identification.candidates import (
     _shared,
-    as_recorded,
-    candidates_of,
-    cut_runs,
-    default_sets,
-    held_piece,
-    held_pieces,
-    held_windows,
+    default_term_sets,
+    fit_candidates,
+    longest_modelled_piece,
+    modelled_pieces,
+    modelled_windows,
+    partial_run_remarks,
+    with_recorded_effects,
 )
 from pymc_ship.ships.identification.figures import held_out_windows
 from pymc_ship.ships.identification.model import _prepared
@@ -113,16 +113,16 @@ def test_forecasts_take_revolutions_wind_and_current(ship):
 def test_a_ship_that_stops_or_goes_astern_takes_parts_for_any_speed(truth, trials):
     slow = trials[0].assign(u=0.1 * trials[0]["u"])
     astern = trials[0].assign(n=("time", np.full(trials[0].sizes["time"], -1.0)))
-    assert default_sets(_prepared(trials, known(truth), "hull_database"))[0] == AHEAD_SET
+    assert default_term_sets(_prepared(trials, known(truth), "hull_database"))[0] == AHEAD_SET
     for record in (slow, astern):
-        assert default_sets(_prepared([record], known(truth), "hull_database")) == (ANY_SPEED_SET,)
+        assert default_term_sets(_prepared([record], known(truth), "hull_database")) == (ANY_SPEED_SET,)
 
 
 def test_speeds_over_ground_bring_a_current(truth, trials):
     vessel = with_terms(known(truth), SET)
     over = [trial.assign_attrs(speeds=OVER_GROUND) for trial in trials]
-    assert "current" in as_recorded(vessel, over).parts
-    assert as_recorded(vessel, trials).parts == vessel.parts
+    assert "current" in with_recorded_effects(vessel, over).parts
+    assert with_recorded_effects(vessel, trials).parts == vessel.parts
 
 
 def with_n(trial, n):
@@ -133,7 +133,7 @@ def test_nominal_revolutions_are_held_where_those_of_the_records_do_not_vary(tru
     vessel = with_terms(known(truth), SET)
 
     def freedom(records):
-        return {c.name: c.sd for c in as_recorded(vessel, records).parameters}[NOMINAL_REVOLUTIONS]
+        return {c.name: c.sd for c in with_recorded_effects(vessel, records).parameters}[NOMINAL_REVOLUTIONS]
 
     assert freedom(trials) == FIXED_SD
     n = truth.propeller.n
@@ -173,8 +173,8 @@ def test_sets_for_a_ship_ahead_take_the_piece_in_which_she_is(truth, trials):
     """A long time at rest is a part of the record for parts at any speed alone."""
     rest = np.where(trials[0]["time"].values < 200.0, 0.05, 1.0)
     whole = trials[0].assign({name: trials[0][name] * rest for name in ("u", "v", "r")})
-    cut = held_piece(whole, known(truth))
-    assert held_piece(whole, with_terms(known(truth), ANY_SPEED_SET)) is whole
+    cut = longest_modelled_piece(whole, known(truth))
+    assert longest_modelled_piece(whole, with_terms(known(truth), ANY_SPEED_SET)) is whole
     assert float(cut["time"][0]) == pytest.approx(200.0, abs=10.0)
     overruled = ["yaw rate", "speed", "track closure"]
     short, kept = (ps.validated_trial(whole, known(truth), overruled, any_speed=each) for each in (False, True))
@@ -187,11 +187,11 @@ def test_records_that_are_ahead_for_the_most_part_decide_between_both_kinds_of_p
     rest = np.where(trials[0]["time"].values < 50.0, 0.05, 1.0)
     begun = [trial.assign({name: trial[name] * rest for name in ("u", "v", "r")}) for trial in trials]
     training = _prepared(begun, known(truth), "hull_database")
-    sets = default_sets(training)
+    sets = default_term_sets(training)
     assert (sets[0], sets[-1]) == (AHEAD_SET, ANY_SPEED_SET)
     whole, ahead = (with_terms(known(truth), name) for name in (ANY_SPEED_SET, AHEAD_SET))
     for judged, trial in zip(_shared(training, whole), training.trials, strict=True):
-        cut = prepared_windows(held_piece(trial, ahead), ahead)
+        cut = prepared_windows(longest_modelled_piece(trial, ahead), ahead)
         assert [window.run.start for window in judged] == [window.run.start for window in cut]
         assert judged[0].run.start > 40.0
     found = ps.identify_ship(begun, known(truth), terms=[SET], draws=8, rng=1)
@@ -206,20 +206,20 @@ def test_every_piece_ahead_that_is_long_enough_counts(truth, trials):
     stopped = ((time > 150.0) & (time < 190.0)) | ((time > last - 40.0) & (time < last))
     broken = trials[0].assign({name: trials[0][name] * np.where(stopped, 0.05, 1.0) for name in ("u", "v", "r")})
     ahead = with_terms(known(truth), AHEAD_SET)
-    first, second = held_pieces(broken, ahead)
+    first, second = modelled_pieces(broken, ahead)
     assert float(first["time"][-1]) == pytest.approx(150.0, abs=10.0)
     assert float(second["time"][0]) == pytest.approx(190.0, abs=10.0)
     assert float(second["time"][-1]) == pytest.approx(last - 40.0, abs=10.0)
-    assert held_piece(broken, ahead).identical(max(first, second, key=lambda piece: piece.sizes["time"]))
-    starts = [window.run.start for window in held_windows(broken, ahead)]
+    assert longest_modelled_piece(broken, ahead).identical(max(first, second, key=lambda piece: piece.sizes["time"]))
+    starts = [window.run.start for window in modelled_windows(broken, ahead)]
     assert starts == [window.run.start for piece in (first, second) for window in prepared_windows(piece, ahead)]
     training = _prepared([broken, trials[1]], known(truth), "hull_database")
-    assert default_sets(training)[0] == AHEAD_SET
-    candidate = candidates_of([AHEAD_SET], training, np.random.default_rng(1))[0][0]
-    (remark,) = cut_runs(("broken", "whole"), training, [candidate])
+    assert default_term_sets(training)[0] == AHEAD_SET
+    candidate = fit_candidates([AHEAD_SET], training, np.random.default_rng(1))[0][0]
+    (remark,) = partial_run_remarks(("broken", "whole"), training, [candidate])
     assert remark.startswith("Run broken: sets for a ship ahead were fitted to the pieces from 0 to ")
     assert " and from " in remark
-    assert len(held_out_windows(candidate, [broken, trials[1]], 0)) == len(held_windows(training.trials[0], ahead))
+    assert len(held_out_windows(candidate, [broken, trials[1]], 0)) == len(modelled_windows(training.trials[0], ahead))
 
 
 def test_revolutions_that_are_given_are_not_those_of_a_facility(ship, truth):

@@ -13,7 +13,7 @@ from pymc_ship.inference.trajectory.prior import Statement
 from pymc_ship.inference.trajectory.statements import Earlier
 from pymc_ship.machine.errors import FitError
 from pymc_ship.ships.identification import candidates, model
-from pymc_ship.ships.identification.candidates import as_recorded
+from pymc_ship.ships.identification.candidates import with_recorded_effects
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as parts_of_tanker
 from tests.sentences import wording
@@ -55,7 +55,7 @@ def where_all_draws_run_away(monkeypatch):
 
 def with_revolutions_of_one_run():
     vessel, run = parts_of_tanker(AHEAD), record().isel(time=slice(0, 9))
-    as_recorded(ps.with_terms(known(vessel), SET), [with_n(run, vessel.propeller.n), run])
+    with_recorded_effects(ps.with_terms(known(vessel), SET), [with_n(run, vessel.propeller.n), run])
 
 
 test_fit_errors = wording(

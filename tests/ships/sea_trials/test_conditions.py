@@ -28,7 +28,7 @@ def test_a_file_is_read(tmp_path):
 
 def judgements(conditions, **known):
     settings = {"wind": 4.0, "speeds": {"a": 7.9}} | known
-    return {row["condition"]: row["judgement"] for row in condition_rows(conditions, VESSEL, **settings)}
+    return {row["condition"]: row["conformity"] for row in condition_rows(conditions, VESSEL, **settings)}
 
 
 def test_every_limit_can_be_kept_and_missed():

@@ -80,7 +80,7 @@ def test_without_a_ship_the_wind_stays_and_no_uncertainty_is_claimed(measured):
     assert row["ratio"] == 1.0
     assert np.isnan(row["U"])
     assert np.isnan(row["u_model"])
-    assert row["judgement"] == "met as measured"
+    assert row["conformity"] == "met as measured"
     assert "Wind is not corrected for: that needs an identified ship." in found.remarks
 
 

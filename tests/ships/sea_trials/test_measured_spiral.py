@@ -146,7 +146,7 @@ def test_a_record_without_a_rudder_is_no_spiral():
 def test_a_sea_trial_states_the_loop_and_draws_it_beside_the_ship(tmp_path):
     found = ps.sea_trial({"spiral": spiral("kvlcc2")}, "kvlcc2", ship=ship(), rng=1)
     (line,) = [row for row in found.form if row["item"].startswith("spiral")]
-    assert line["judgement"] == "met"
+    assert line["conformity"] == "met"
     assert line["port"].endswith("deg in one run")
     assert found.turns is not None
     page = ps.trial_report(found, tmp_path).read_text(encoding="utf-8")

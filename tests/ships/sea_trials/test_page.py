@@ -55,12 +55,12 @@ def test_each_side_of_the_form_shows_its_run(found):
     sides = {row["side"]: row for row in found.indices if row["index"] == "tactical_diameter"}
     for side in ("port", "starboard"):
         assert line[side].startswith(f"{sides[side]['corrected']:.2f} ± ")
-    assert (line["criterion"], line["judgement"]) == ("5 L", "met")
+    assert (line["criterion"], line["conformity"]) == ("5 L", "met")
 
 
-def row(value, judgement, side="port", U=0.1, runs=2):
+def row(value, conformity, side="port", U=0.1, runs=2):
     known = {"manoeuvre": "zigzag 10/10 port", "index": "first_overshoot_angle", "units": "deg", "limit": 20.0}
-    return known | {"runs": runs, "side": side, "corrected": value, "U": U, "judgement": judgement}
+    return known | {"runs": runs, "side": side, "corrected": value, "U": U, "conformity": conformity}
 
 
 def test_the_least_favourable_run_and_judgement_stand_in_the_form():
@@ -68,11 +68,11 @@ def test_the_least_favourable_run_and_judgement_stand_in_the_form():
     (line,) = [one for one in form_rows(rows) if one["item"] == "zigzag 10/10, first overshoot angle"]
     assert line["port"] == "19.9 ± 0.1 deg"
     assert line["starboard"] == "8.0 ± 0.1 deg in one run"
-    assert line["judgement"] == "open"
+    assert line["conformity"] == "open"
     (lacking,) = [one for one in form_rows(rows) if one["item"] == "zigzag 10/10, second overshoot angle"]
-    assert (lacking["port"], lacking["judgement"]) == ("not measured", "")
+    assert (lacking["port"], lacking["conformity"]) == ("not measured", "")
     (other,) = [one for one in form_rows(rows) if one["item"] == "stopping, track reach"]
-    assert (other["port"], other["judgement"]) == ("not sailed", "")
+    assert (other["port"], other["conformity"]) == ("not sailed", "")
 
 
 @pytest.fixture(scope="module")

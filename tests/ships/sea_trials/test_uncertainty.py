@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pymc_ship.ships.sea_trials.uncertainty import PARTS, judgement, stated
+from pymc_ship.ships.sea_trials.uncertainty import PARTS, conformity, uncertainty_budget
 
 RNG = np.random.default_rng(7)
 
@@ -14,7 +14,7 @@ def row(value, *sds, manoeuvre="zigzag 10/10 port", limit=np.nan):
 
 
 def test_parts_add_up_as_squares_and_the_interval_is_that_of_their_sum():
-    (found,) = stated([row(10.0, 0.3, 0.4, 1.2)], np.random.default_rng(1))
+    (found,) = uncertainty_budget([row(10.0, 0.3, 0.4, 1.2)], np.random.default_rng(1))
     assert found["u_c"] == pytest.approx(1.3, rel=0.03)
     assert found["U"] == 2.0 * found["u_c"]
     assert found["upper"] - found["lower"] == pytest.approx(2.0 * 1.96 * 1.3, rel=0.06)
@@ -23,7 +23,7 @@ def test_parts_add_up_as_squares_and_the_interval_is_that_of_their_sum():
 
 def test_runs_of_one_manoeuvre_scatter_and_those_of_another_do_not_count():
     rows = [row(10.0, 0.1, 0.0, 0.0), row(12.0, 0.1, 0.0, 0.0), row(30.0, 0.1, 0.0, 0.0, manoeuvre="other")]
-    first, second, other = stated(rows, np.random.default_rng(1))
+    first, second, other = uncertainty_budget(rows, np.random.default_rng(1))
     assert first["u_runs"] == second["u_runs"] == pytest.approx(np.sqrt(2.0))
     assert first["u_c"] == pytest.approx(np.hypot(0.1, np.sqrt(2.0)), rel=0.01)
     assert first["upper"] - first["lower"] == pytest.approx(2.0 * 1.96 * np.sqrt(2.0), rel=0.06)
@@ -32,13 +32,13 @@ def test_runs_of_one_manoeuvre_scatter_and_those_of_another_do_not_count():
 
 
 def test_a_part_that_is_not_known_leaves_none():
-    (found,) = stated([row(10.0, np.nan, 0.0, 0.1, limit=12.0)], np.random.default_rng(1))
+    (found,) = uncertainty_budget([row(10.0, np.nan, 0.0, 0.1, limit=12.0)], np.random.default_rng(1))
     assert np.isnan([found["u_record"], found["u_c"], found["U"], found["lower"]]).all()
-    assert found["judgement"] == "met as measured"
+    assert found["conformity"] == "met as measured"
 
 
 @pytest.mark.parametrize(("share", "word"), [(0.96, "met"), (0.5, "open"), (0.04, "not met")])
 def test_a_judgement_is_of_the_draws(share, word):
     drawn = np.where(np.arange(1000) < 1000 * share, 4.0, 6.0)
-    assert judgement(5.0, drawn, 5.0) == word
-    assert judgement(5.0, drawn, np.nan) == ""
+    assert conformity(5.0, drawn, 5.0) == word
+    assert conformity(5.0, drawn, np.nan) == ""

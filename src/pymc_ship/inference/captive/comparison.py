@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from pymc_ship.inference.captive.statement import held_motion, known_tests
 from pymc_ship.inference.captive.table import FORCES
-from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, styled, subplots
-from pymc_ship.pages.tables import fixed
+from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, house_style, subplots
+from pymc_ship.pages.tables import fixed_point
 from pymc_ship.physics.motion.captive import captive_test_forces
 from pymc_ship.physics.vessel.vessel import DOFS, Vessel
 
@@ -87,12 +87,15 @@ def comparison_page_table(rows: Sequence[Mapping]) -> tuple[list[dict], dict]:
     for row in rows:
         relative = {key: 100.0 * row[key] / row["rms_force"] for key in ("rms", "half_width")}
         shown.append(dict(row) | relative | {"inside": 100.0 * row["inside"]})
-    columns = {"force": ("force", str), "drawn": ("ships drawn from", str), "tests": ("tests", fixed(0))}
-    columns |= {"R2": ("R²", fixed(3)), "rms": ("left, % of the force", fixed(1))}
-    return shown, columns | {"half_width": ("half width of the band, %", fixed(1)), "inside": ("inside, %", fixed(0))}
+    columns = {"force": ("force", str), "drawn": ("ships drawn from", str), "tests": ("tests", fixed_point(0))}
+    columns |= {"R2": ("R²", fixed_point(3)), "rms": ("left, % of the force", fixed_point(1))}
+    return shown, columns | {
+        "half_width": ("half width of the band, %", fixed_point(1)),
+        "inside": ("inside, %", fixed_point(0)),
+    }
 
 
-@styled
+@house_style
 def captive_figure(found: xr.Dataset) -> Figure:
     """Measured forces and the bands of ships against drift, yaw and rudder, the others zero, at the usual speed."""
     motion, drawn = _shown(found), _series(found)

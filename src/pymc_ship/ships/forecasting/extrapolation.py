@@ -134,14 +134,14 @@ def sentence(vessel: Vessel, summary: xr.Dataset) -> str:
     named = sorted((found for found in departures if found[0][0] >= _VISIBLE), key=lambda found: -found[0][0])[:_NAMED]
     where = "; ".join(_departure(vessel, reached, trained, symbol) for (_, reached, trained), symbol in named)
     return (
-        f"{share_outside(share).capitalize()} of the instants lie outside the motion of the record, typically by "
+        f"{percentage_outside(share).capitalize()} of the instants lie outside the motion of the record, typically by "
         f"{summary.attrs['median_distance']:.2g} times the span that it covers: "
         f"{where or 'combinations of quantities that each keep to their range in the median ship'}. A run that goes "
         "there would tell."
     )
 
 
-def share_outside(share: float) -> str:
+def percentage_outside(share: float) -> str:
     """Share of the instants outside the motion of the record, in words that hold for a single instant, too."""
     return "less than 0.1 %" if 0.0 < share < 1e-3 else f"{100.0 * share:.3g} %"
 

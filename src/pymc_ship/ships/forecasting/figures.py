@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.manoeuvre.kinds import OVERSHOOTS, SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
@@ -33,7 +33,7 @@ def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | 
     }
 
 
-@styled
+@house_style
 def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
     """Heading and rudder [deg] against time: band, median and, where there is one, the measured trial.
 
@@ -127,7 +127,7 @@ def _overshoots(ax: Axes, tree: xr.DataTree, trial: xr.Dataset | None) -> None:
     ax.margins(y=0.12)
 
 
-@styled
+@house_style
 def motion(tree: xr.DataTree, measured: xr.Dataset | None = None) -> Figure:
     """Velocities, yaw rate and roll against time: band, median and measured trial; parameters as of the figures above.
 

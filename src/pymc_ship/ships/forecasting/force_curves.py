@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
+from pymc_ship.pages.drawing import BLUE, NOISE, house_style, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.captive import captive_test_forces
@@ -21,7 +21,7 @@ _AXES = {"v": f"{CHANNELS['v'].label}'", "r": f"{CHANNELS['r'].label}'", "delta"
 _GRID, _MARGIN = 81, 1.5
 
 
-@styled
+@house_style
 def force_curves(
     models: Sequence[tuple[Vessel, np.ndarray]], ranges: xr.DataArray | None = None, *, ci_prob: float = 0.95
 ) -> Figure:

@@ -23,7 +23,7 @@ from pymc_ship.ships.ensemble.feasibility import is_feasible
 from pymc_ship.ships.ensemble.index_error import reliability, steady_error, with_model_error
 from pymc_ship.ships.ensemble.scores import quantile_bands, quantiles
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
-from pymc_ship.ships.forecasting.extrapolation import UNKNOWN, extrapolation, sentence, share_outside
+from pymc_ship.ships.forecasting.extrapolation import UNKNOWN, extrapolation, percentage_outside, sentence
 from pymc_ship.trial.channels import CHANNELS, SIMULATED
 
 AS_PUBLISHED: dict[str, Any] = {"ci_prob": 0.9, "step": 0.02, "record_interval": 0.5, "method": "euler"}
@@ -262,18 +262,18 @@ def _of_those_that_roll(values: xr.Dataset, names: Sequence[str], rolling: np.nd
     return values.assign({name: values[name].where(xr.DataArray(rolling, dims="draw")) for name in names})
 
 
-def rolls(tree: xr.DataTree) -> bool:
+def has_roll(tree: xr.DataTree) -> bool:
     """Whether a forecast holds the roll."""
     return "roll" in tree.attrs["dofs"].split()
 
 
-def stated_shares(tree: xr.DataTree) -> str:
+def draws_and_shares(tree: xr.DataTree) -> str:
     """Words that stand beside the bands of a forecast.
 
     They state the number of ships, the share that diverged and, where it is known, the share extrapolated.
     """
     diverged, extrapolated = (tree.attrs[f"share_{name}"] for name in ("diverged", "extrapolated"))
-    known = f", {share_outside(extrapolated)} of the instants extrapolated" if np.isfinite(extrapolated) else ""
+    known = f", {percentage_outside(extrapolated)} of the instants extrapolated" if np.isfinite(extrapolated) else ""
     return f"{tree.attrs['draws']} ships, {100.0 * diverged:.3g} % diverged{known}"
 
 

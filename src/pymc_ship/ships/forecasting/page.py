@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed, number, percent, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, number, percent, table
 from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY, imo_probabilities, probability_text
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -23,7 +23,7 @@ from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.figures import manoeuvre_figures
 from pymc_ship.ships.forecasting.force_curves import force_curves
-from pymc_ship.ships.forecasting.forecast import NO_ROLL, rolls
+from pymc_ship.ships.forecasting.forecast import NO_ROLL, has_roll
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence
 from pymc_ship.ships.forecasting.stopping import COLUMNS as STOPPING_COLUMNS
 from pymc_ship.ships.forecasting.stopping import stopping_rows, stopping_sentence, stopping_tracks
@@ -133,7 +133,7 @@ def write_forecast_page(
     if stop is not None:
         drawn["forecast_stopping"] = stopping_tracks(stop)
         rows["forecast_stopping"] = stopping_rows(stop)
-    no_roll = [] if all(map(rolls, forecasts.values())) else [NO_ROLL]
+    no_roll = [] if all(map(has_roll, forecasts.values())) else [NO_ROLL]
     progress("writing the page")
     values = _head(forecasts, vessel) | {
         "verdicts": verdict_table(verdicts) if verdicts else None,
@@ -307,14 +307,14 @@ def index_table(rows: Sequence[Mapping], ci_prob: float) -> Table:
     """Table of :func:`index_rows`."""
     lines = []
     for row in rows:
-        n = fixed(_DECIMALS[row["units"]])
+        n = fixed_point(_DECIMALS[row["units"]])
         shown = {key: n(row[key]) for key in ("median", "measured") if key in row}
         lines.append(dict(row) | shown | {"interval": _interval(row, n), "reached": 100.0 * row["reached"]})
     columns: Columns = {"index": ("index", str), "units": ("", str), "median": ("median", _formatted)}
     columns |= {"interval": (f"interval of {percent(ci_prob)}", str)}
     if "measured" in rows[0]:
         for line in lines:
-            error = fixed(2 if line["error_units"] == "deg" else 1)(line["error"])
+            error = fixed_point(2 if line["error_units"] == "deg" else 1)(line["error"])
             line["error"] = error if error == "–" else f"{'' if error[0] == '−' else '+'}{error} {line['error_units']}"
         columns |= {
             "measured": ("measured", _formatted),
@@ -334,10 +334,10 @@ def verdict_table(rows: Sequence[Mapping]) -> Table:
     """Table of :func:`verdict_rows`."""
     lines = []
     for row in rows:
-        n, se = fixed(1 if row["units"] == "deg" else 2), row["standard_error"]
+        n, se = fixed_point(1 if row["units"] == "deg" else 2), row["standard_error"]
         known = [key for key in ("limit", "median", "measured") if np.isfinite(row[key])]
         shown = {"median": "–", "measured": "–"} | {key: f"{n(row[key])} {row['units']}" for key in known}
-        probability = probability_text(row["probability"]) + (f" ± {fixed(2)(se)}" if se >= 0.005 else "")
+        probability = probability_text(row["probability"]) + (f" ± {fixed_point(2)(se)}" if se >= 0.005 else "")
         lines.append(dict(row) | shown | {"interval": _interval(row, n), "probability": probability})
     columns: Columns = {"manoeuvre": ("manoeuvre", str), "criterion": ("criterion", str), "limit": ("limit", str)}
     columns |= {"median": ("median", str), "interval": ("interval", str)}

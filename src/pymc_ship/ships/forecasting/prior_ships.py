@@ -23,11 +23,11 @@ from pymc_ship.ships.ensemble.draws import coefficient_draws
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
 
-STATUSES = ("ran away", "wrong way", "course-unstable", "sailed")
+STATUSES = ("diverged", "wrong way", "course-unstable", "sailed")
 """How a ship of a prior ends: the first that is true of her. `ran away`: she leaves the model's range. `wrong way`: she
 turns against her rudder. `course-unstable`: she leaves a straight course by herself. `sailed`: none of these."""
 
-SHARES = ("ran_away", "wrong_way", "course_unstable", "sailed")
+SHARES = ("diverged", "wrong_way", "course_unstable", "sailed")
 """Shares of ships, in the order of the statuses, as attrs name them after ``share_``."""
 
 STANDARD = {
@@ -81,7 +81,7 @@ def prior_ships(
         disturbance of her straight course grows, and ``growth_rate`` [U/L], the largest real part of the eigenvalues
         of her linear sway, yaw and roll at the approach speed; the indices of the manoeuvre, as
         :func:`pymc_ship.indices`, NaN where she does not reach them; ``coefficients`` (draw, coefficient). Attrs tell
-        the shares ``share_ran_away``, ``share_wrong_way``, ``share_course_unstable`` (a ship may count in several),
+        the shares ``share_diverged``, ``share_wrong_way``, ``share_course_unstable`` (a ship may count in several),
         ``share_sailed``, ``held`` (DOFs at their reference values) and ``summary``, a sentence.
 
     Raises
@@ -113,12 +113,12 @@ def prior_ships(
     rng, vessel, manoeuvre = random_generator(rng), as_vessel(vessel), one_manoeuvre(manoeuvre)
     if draws < 2:
         raise ValueError(f"The ships of a prior are two or more, found {draws}; raise the draws.")
-    ships = simulated_ships(vessel, _rows(vessel, prior, draws, rng), manoeuvre, rng, duration=duration, **settings)
+    ships = simulate_draws(vessel, _rows(vessel, prior, draws, rng), manoeuvre, rng, duration=duration, **settings)
     attrs = {**ships.attrs, "held": _held(vessel, prior)}
     return ships.assign_attrs(attrs | {"summary": _summary(attrs)})
 
 
-def simulated_ships(
+def simulate_draws(
     vessel: Vessel,
     rows: np.ndarray,
     manoeuvre: Manoeuvre,
@@ -161,7 +161,7 @@ def share_row(ships: xr.Dataset) -> dict:
     Returns
     -------
     dict
-        ``manoeuvre``, ``ships`` and the shares ``ran_away``, ``wrong_way``, ``course_unstable``, ``sailed`` [%].
+        ``manoeuvre``, ``ships`` and the shares ``diverged``, ``wrong_way``, ``course_unstable``, ``sailed`` [%].
     """
     shares = {name: 100.0 * ships.attrs[f"share_{name}"] for name in SHARES}
     return {"manoeuvre": ships.attrs["label"], "ships": ships.attrs["draws"], **shares}

@@ -15,7 +15,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.drawing import BLUE, REFERENCE, styled, subplots
+from pymc_ship.pages.drawing import BLUE, REFERENCE, house_style, subplots
 from pymc_ship.physics.manoeuvre.criteria import probability_text
 from pymc_ship.physics.motion.equations import STATE, scheme, set_parts, state_derivative, workspace
 from pymc_ship.physics.motion.inputs import steady_inputs
@@ -115,7 +115,7 @@ def spiral_sentence(turns: xr.Dataset) -> str:
     )
 
 
-@styled
+@house_style
 def spiral_curve(turns: xr.Dataset, *, ci_prob: float = 0.95) -> Figure:
     """Rate of turn against rudder angle: the steady turns of the median ship, and the band of rudders at each rate."""
     fig, axes = subplots(5.6, 4.4)

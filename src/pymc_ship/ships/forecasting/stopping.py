@@ -15,8 +15,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymc_ship.machine.errors import SimulationError
-from pymc_ship.pages.drawing import BLUE, NOISE, styled, subplots
-from pymc_ship.pages.tables import fixed
+from pymc_ship.pages.drawing import BLUE, NOISE, house_style, subplots
+from pymc_ship.pages.tables import fixed_point
 from pymc_ship.physics.manoeuvre.criteria import probability_text
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import takes_revolutions
@@ -28,7 +28,7 @@ from pymc_ship.records.steering.stopping_tests import INDICES, LARGE, LIMIT
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
 
 COLUMNS = {"index": ("index", str), "units": ("", str)} | {
-    name: (name, fixed(1)) for name in ("median", "lower", "upper")
+    name: (name, fixed_point(1)) for name in ("median", "lower", "upper")
 }
 """Columns in which a page shows them."""
 
@@ -81,7 +81,7 @@ class StoppingTest:
 
     def _times(self, vessel: Vessel) -> tuple[float, float]:
         """Time of the reversal [s] and approach speed [m/s] of a vessel."""
-        if not knows_astern(vessel):
+        if not models_astern(vessel):
             raise SimulationError(_NOT_ASTERN)
         s, nominal = vessel.particulars, ship_dimensions(vessel).n
         reversal = REVERSAL * s.ship_time if self.reversal is None else self.reversal
@@ -147,19 +147,19 @@ def stopping(
     >>> print(f"track reach {stop['track_reach'].item() / 320.0:.1f} L in {stop['stopping_time'].item():.0f} s")
     track reach 13.1 L in 1304 s
     """
-    known = [(vessel, rows) for vessel, rows in as_ship(ship).models if knows_astern(vessel)]
+    known = [(vessel, rows) for vessel, rows in as_ship(ship).models if models_astern(vessel)]
     if not known:
         raise SimulationError(_NOT_ASTERN)
     first = known[0][0]
     test, step = StoppingTest(astern, reversal, approach_speed).on(first), first.particulars.ship_time / _STEPS
     time = step * np.arange(round(LONGEST * _STEPS) + 1)
     states = np.concatenate([test.sailed(vessel, rows, time)[1] for vessel, rows in known], axis=1)
-    found = stopped(dict(zip(STATE, states, strict=True)), time)
+    found = stopping_indices(dict(zip(STATE, states, strict=True)), time)
     attrs = {"L": first.particulars.L} | asdict(test)
     return found.assign_attrs(attrs)
 
 
-def stopped(motion: Mapping[str, np.ndarray], time: np.ndarray) -> xr.Dataset:
+def stopping_indices(motion: Mapping[str, np.ndarray], time: np.ndarray) -> xr.Dataset:
     """Indices and motion of ships until they make no way ahead.
 
     Parameters
@@ -227,7 +227,7 @@ def stopping_rows(stop: xr.Dataset) -> list[dict]:
     return rows
 
 
-@styled
+@house_style
 def stopping_tracks(stop: xr.Dataset) -> Figure:
     """Tracks of the ships until they stop [L], and their speed ahead against time."""
     L = stop.attrs["L"]
@@ -251,6 +251,6 @@ def stopping_tracks(stop: xr.Dataset) -> Figure:
     return fig
 
 
-def knows_astern(vessel: Vessel) -> bool:
+def models_astern(vessel: Vessel) -> bool:
     """Whether the forces of a vessel hold with her propeller astern."""
     return valid_at_any_speed(vessel) and takes_revolutions(vessel)

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from pymc_ship.pages.drawing import BLUE, REFERENCE, styled, subplots
+from pymc_ship.pages.drawing import BLUE, REFERENCE, house_style, subplots
 from pymc_ship.physics.manoeuvre.indices import indices
 from pymc_ship.physics.manoeuvre.kinds import SIDES
 from pymc_ship.physics.manoeuvre.registry import kind_named
@@ -115,7 +115,7 @@ def _mark(ship: xr.Dataset, turned: float) -> tuple[float, float] | None:
     return x, y
 
 
-@styled
+@house_style
 def track(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> Figure:
     """Track of the forecast seen from above, in ship lengths, with outlines of the ship to scale at regular intervals.
 

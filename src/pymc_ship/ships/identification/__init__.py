@@ -1,12 +1,12 @@
-"""A real ship from several trials: ensemble of term sets, held-out runs and page.
+"""A real ship identified from several trials: ensemble of term sets, cross-validation over runs, pages.
 
-- `candidates`: term sets fitted to the runs, or refused.
-- `model`: term sets weighted and drawn from.
-- `held_out`: runs left out: score of their windows, indices beside their forecasts.
-- `held_out_errors`: errors of held-out indices, and what their intervals cover.
-- `along`: ships along the measured inputs of a record.
-- `replayed`: the motion along a record's inputs, and its score.
-- `score_page`: the page of a score.
+- `candidates`: each term set fitted to the runs, cross-validated, accepted or refused.
+- `model`: weights of the term sets, model error and draws of the ensemble.
+- `held_out`: leave-one-run-out cross-validation: predictive density and indices of each held-out run.
+- `held_out_errors`: errors of held-out indices and coverage of their intervals.
+- `open_loop`: simulation along the measured inputs of a record.
+- `replay`: bands of that motion, and its score.
+- `score_page`: page of a score.
 - `figures`: held-out windows, overshoots and scores.
-- `page`: the page of an identification and its tables.
+- `page`: page of an identification and its tables.
 """

@@ -39,7 +39,7 @@ from pymc_ship.records.checks.verdicts import SLOW, ship_scale
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.feasibility import Failure, first_failure, is_feasible
 from pymc_ship.ships.ensemble.ship import Member
-from pymc_ship.ships.identification.held_out import HeldOut, held_out
+from pymc_ship.ships.identification.held_out import CrossValidation, cross_validate
 from pymc_ship.trial.record import OVER_GROUND, nonzero_channels
 
 PRIORS = ("hull_database", "order_damped", "sister_ship")
@@ -48,16 +48,16 @@ PRIORS = ("hull_database", "order_damped", "sister_ship")
 LARGEST_INFLATION = 5.0
 """Bound of the factor on the standard deviations of the coefficients."""
 
-MOSTLY = 0.5
+AHEAD_FRACTION = 0.5
 """Share of the time that a ship sails ahead, from which models for that alone can hold her records."""
 
-HEELS = 2.0
+ROLL_ANGLE = 2.0
 """Heel [deg] that a record reaches for one instant in a hundred, from which a ship rolls."""
 
 _SAME = 0.1  # share by which revolutions differ that are counted as alike
 _GROUPS = 4  # of the windows of a single run
-_TRIED = 50  # draws of a term set that are tried in the standard manoeuvres
-_FEWEST_SOUND = 0.1  # share of them that must not run away
+_TRIAL_DRAWS = 50  # draws of a term set that are tried in the standard manoeuvres
+_MIN_FEASIBLE = 0.1  # share of them that must not run away
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Candidate:
 
     ``fit`` is to all runs, widened by the factor ``inflation`` from how far each run moves it, and so
     are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
-    of its law that do not run away, ``share_unsound`` of all drawn did. ``prior`` is that of the
+    of its law that do not run away, ``infeasible_fraction`` of all drawn did. ``prior`` is that of the
     windows, ``captive`` what captive tests say beside it, ``apart`` the shares of the prior sd by which coefficients
     differ from those of earlier runs, see :func:`pymc_ship.inference.trajectory.statements.loosened`; empty without
     any.
@@ -75,11 +75,11 @@ class Candidate:
     name: str
     fit: WindowFit
     prior: CoefficientPrior
-    held_out: HeldOut
+    held_out: CrossValidation
     inflation: float
     draws: np.ndarray
     weight: float = 0.0
-    share_unsound: float = 0.0
+    infeasible_fraction: float = 0.0
     captive: CaptiveFit | None = None
     apart: tuple[float, ...] = ()
 
@@ -141,7 +141,7 @@ class Training:
     reloaded: bool = False
 
 
-def beside_earlier(best: Candidate, training: Training) -> str:
+def earlier_runs_remark(best: Candidate, training: Training) -> str:
     """Sentence on how far the best term set differs from what earlier runs said of it."""
     shared, *own = best.apart
     said = f"Earlier runs stand beside the prior. Each coefficient differs from theirs by {shared:.2g} of its prior sd"
@@ -158,7 +158,7 @@ def beside_earlier(best: Candidate, training: Training) -> str:
     return said
 
 
-def chosen_prior(vessel: Vessel, kind: str | None) -> str:
+def prior_kind_of(vessel: Vessel, kind: str | None) -> str:
     """The kind of prior asked for (InferenceError if unknown); by default the hull database if a draught is stated."""
     if kind is None:
         return "hull_database" if vessel.particulars.d > 0.0 else "order_damped"
@@ -166,7 +166,7 @@ def chosen_prior(vessel: Vessel, kind: str | None) -> str:
     return kind
 
 
-def informed(vessel: Vessel, kind: str) -> Vessel:
+def with_prior_knowledge(vessel: Vessel, kind: str) -> Vessel:
     """Vessel of terms whose coefficients hold what the prior of this kind knows; VesselError without a draught.
 
     A sister ship's values are known by themselves.
@@ -176,7 +176,7 @@ def informed(vessel: Vessel, kind: str) -> Vessel:
     return with_hull_database(vessel) if kind == "hull_database" else with_typical_rudder(vessel)
 
 
-def as_recorded(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
+def with_recorded_effects(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
     """Vessel of parts with what the records leave open and without what they cannot tell; others are as they are.
 
     There is a current in every trial where speeds were measured over ground. The nominal revolutions are as stated
@@ -194,28 +194,28 @@ def as_recorded(vessel: Vessel, trials: Sequence[xr.Dataset]) -> Vessel:
         )
     drifting = any(trial.attrs.get("speeds") == OVER_GROUND for trial in trials)
     current = (CURRENT.name,) if drifting and CURRENT.name not in vessel.parts else ()
-    held = () if all(measured) and _vary(trials) else (NOMINAL_REVOLUTIONS,)
+    held = () if all(measured) and _revolutions_vary(trials) else (NOMINAL_REVOLUTIONS,)
     return with_parts(vessel, (*vessel.parts, *current), {c.name: c for c in vessel.parameters}, held)
 
 
-def _heels(trials: Sequence[xr.Dataset]) -> bool:
+def _is_rolling(trials: Sequence[xr.Dataset]) -> bool:
     """Whether roll can be told from the trials."""
     measured = all({"p", "phi"} <= set(nonzero_channels(trial)) for trial in trials)
-    return measured and any(np.quantile(np.abs(trial["phi"].values), 0.99) > np.deg2rad(HEELS) for trial in trials)
+    return measured and any(np.quantile(np.abs(trial["phi"].values), 0.99) > np.deg2rad(ROLL_ANGLE) for trial in trials)
 
 
-def _vary(trials: Sequence[xr.Dataset]) -> bool:
+def _revolutions_vary(trials: Sequence[xr.Dataset]) -> bool:
     """Whether the revolutions differ within the trials or between them."""
     low, high = np.quantile(np.concatenate([trial["n"].values for trial in trials]), [0.05, 0.95])
     return bool(high - low > _SAME * max(abs(low), abs(high)))
 
 
-def stated_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
+def window_prior(trials: Sequence[xr.Dataset], vessel: Vessel, kind: str) -> CoefficientPrior:
     """Prior of a window fit of an informed vessel; a wide one for every coefficient, whatever its order."""
     return coefficient_prior(trials, vessel, "sister_ship" if kind == "sister_ship" else "order_damped", damping=1.0)
 
 
-def default_sets(training: Training) -> tuple[str, ...]:
+def default_term_sets(training: Training) -> tuple[str, ...]:
     """Term sets that can hold the runs.
 
     Terms and the hull of the MMG standard method are for a ship that makes way ahead. Parts that hold at any speed have
@@ -227,9 +227,9 @@ def default_sets(training: Training) -> tuple[str, ...]:
         return term_sets(training.vessel)
     duration = sum(float(np.ptp(trial["time"].values)) for trial in training.trials)
     share = sum(_time_ahead(trial, training.vessel) for trial in training.trials) / duration
-    if share < MOSTLY:
+    if share < AHEAD_FRACTION:
         return (ANY_SPEED_SET,)
-    heeling = (ROLL_SET,) if _heels(training.trials) else ()
+    heeling = (ROLL_SET,) if _is_rolling(training.trials) else ()
     return (*term_sets(training.vessel), *heeling, ANY_SPEED_SET)
 
 
@@ -250,7 +250,7 @@ class Refusal:
     failure: Failure | None = None
 
 
-def candidates_of(
+def fit_candidates(
     wanted: Sequence[str], training: Training, rng: np.random.Generator
 ) -> tuple[list[Candidate], list[Refusal]]:
     """Candidates of the term sets that can be fitted, and refusals of the others; ``rng`` itself stays as it is."""
@@ -309,11 +309,11 @@ def _attempt(name: str, training: Training, rng: np.random.Generator) -> Candida
 
 def _with_prior(name: str, training: Training) -> _Problem:
     """Windows of a term set with the prior of its coefficients."""
-    plain = as_recorded(with_terms(training.vessel, name), training.trials)
-    vessel = informed(plain, training.prior)
-    trials = [piece for trial in training.trials for piece in held_pieces(trial, vessel)]
-    runs = [held_windows(trial, vessel, k) for k, trial in enumerate(training.trials)]
-    return _Problem(name, plain, vessel, trials, runs, stated_prior(trials, vessel, training.prior))
+    plain = with_recorded_effects(with_terms(training.vessel, name), training.trials)
+    vessel = with_prior_knowledge(plain, training.prior)
+    trials = [piece for trial in training.trials for piece in modelled_pieces(trial, vessel)]
+    runs = [modelled_windows(trial, vessel, k) for k, trial in enumerate(training.trials)]
+    return _Problem(name, plain, vessel, trials, runs, window_prior(trials, vessel, training.prior))
 
 
 def _fit(problem: _Problem) -> WindowFit:
@@ -365,7 +365,7 @@ def _hold_out(problem: _Problem, combined: _Combined, training: Training) -> Can
         return fit_windows(windows, vessel, combined.prior, whole.coefficients, whole.spread)
 
     shared = _shared(training, vessel) if valid_at_any_speed(vessel) else None
-    judged = held_out(held_together(problem.runs), vessel, fit, shared)
+    judged = cross_validate(folds(problem.runs), vessel, fit, shared)
     inflation = _inflation(whole, judged)
     whole, *others = (widened(one, inflation) for one in (whole, *judged.fits))
     return Candidate(
@@ -383,9 +383,9 @@ def _hold_out(problem: _Problem, combined: _Combined, training: Training) -> Can
 def _accept(candidate: Candidate, rng: np.random.Generator) -> Candidate | Refusal:
     """The candidate, or its refusal where the estimate or most draws are not feasible in a standard manoeuvre."""
     vessel, fit, name = candidate.vessel, candidate.fit, candidate.name
-    tried = np.vstack([fit.coefficients, carried_draws(fit, _TRIED, rng)])
+    tried = np.vstack([fit.coefficients, carried_draws(fit, _TRIAL_DRAWS, rng)])
     good = is_feasible(vessel, tried)
-    if good[0] and good.mean() >= _FEWEST_SOUND:
+    if good[0] and good.mean() >= _MIN_FEASIBLE:
         return candidate
     failure = first_failure(vessel, tried[np.argmin(good)])
     share = "" if not good[0] else f" in {100.0 * (1.0 - good.mean()):.0f} % of the draws"
@@ -393,12 +393,12 @@ def _accept(candidate: Candidate, rng: np.random.Generator) -> Candidate | Refus
     return Refusal(name, f"{sentence}, {failure}.", vessel, failure)
 
 
-def cut_runs(names: Sequence[str], training: Training, found: Sequence[Candidate]) -> list[str]:
+def partial_run_remarks(names: Sequence[str], training: Training, found: Sequence[Candidate]) -> list[str]:
     """Sentences on the runs of which some sets were fitted to pieces alone."""
     ahead = [candidate.vessel for candidate in found if not valid_at_any_speed(candidate.vessel)]
     told = []
     for name, trial in zip(names, training.trials, strict=True) if ahead else ():
-        pieces = held_pieces(trial, ahead[0])
+        pieces = modelled_pieces(trial, ahead[0])
         if sum(piece.sizes["time"] for piece in pieces) < trial.sizes["time"]:
             ends = [piece["time"].values[[0, -1]] for piece in pieces]
             spans = " and ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in ends)
@@ -418,7 +418,7 @@ def _shared(training: Training, vessel: Vessel) -> list[Sequence[Window]] | None
     return [_windows(pieces, vessel, k) for k, pieces in enumerate(ahead)]
 
 
-def held_pieces(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
+def modelled_pieces(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
     """The pieces of a record that the forces of a vessel hold: all of it, or those in which she sails ahead.
 
     FitError where none is long enough.
@@ -432,21 +432,21 @@ def held_pieces(trial: xr.Dataset, vessel: Vessel) -> list[xr.Dataset]:
     return found
 
 
-def held_piece(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
-    """The longest of :func:`held_pieces`, the first of equal ones."""
-    return max(held_pieces(trial, vessel), key=lambda piece: piece.sizes["time"])
+def longest_modelled_piece(trial: xr.Dataset, vessel: Vessel) -> xr.Dataset:
+    """The longest of :func:`modelled_pieces`, the first of equal ones."""
+    return max(modelled_pieces(trial, vessel), key=lambda piece: piece.sizes["time"])
 
 
-def held_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list[Window]:
-    """Windows of all :func:`held_pieces` of a thinned record, the trial of this number."""
-    return _windows(held_pieces(trial, vessel), vessel, number)
+def modelled_windows(trial: xr.Dataset, vessel: Vessel, number: int = 0) -> list[Window]:
+    """Windows of all :func:`modelled_pieces` of a thinned record, the trial of this number."""
+    return _windows(modelled_pieces(trial, vessel), vessel, number)
 
 
 def _windows(pieces: Sequence[xr.Dataset], vessel: Vessel, number: int) -> list[Window]:
     return [window for piece in pieces for window in prepared_windows(piece, vessel, number)]
 
 
-def held_together(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
+def folds(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
     """Windows to be held out together: those of a run, or neighbours where there is only one."""
     if len(runs) > 1:
         return list(runs)
@@ -454,7 +454,7 @@ def held_together(runs: Sequence[Sequence[Window]]) -> list[Sequence[Window]]:
     return [[runs[0][k] for k in part.tolist()] for part in parts if part.size]
 
 
-def _inflation(whole: WindowFit, judged: HeldOut) -> float:
+def _inflation(whole: WindowFit, judged: CrossValidation) -> float:
     """Factor on the sd of the coefficients from how far they move with each run that is added, 1 or more.
 
     Were model and prior right, the mean of a posterior would be a martingale: a run moves it by the covariance without

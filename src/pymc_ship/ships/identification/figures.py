@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pymc_ship.inference.trajectory.windows import restarted, thinned
-from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.drawing import BLUE, DOF_COLOURS, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.tables import percent
 from pymc_ship.physics.vessel.term_sets import valid_at_any_speed
 from pymc_ship.ships.ensemble.feasibility import FASTEST, TIGHTEST
 from pymc_ship.ships.ensemble.index_table import index_rows
-from pymc_ship.ships.identification.candidates import Candidate, Refusal, held_together, held_windows
+from pymc_ship.ships.identification.candidates import Candidate, Refusal, folds, modelled_windows
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
 from pymc_ship.trial.channels import CHANNELS
 
@@ -56,10 +56,10 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
     list of HeldOutWindow
         The forecast is NaN where the ship left the model's range.
     """
-    windows = held_windows(thinned(trials[k], candidate.vessel), candidate.vessel)
+    windows = modelled_windows(thinned(trials[k], candidate.vessel), candidate.vessel)
     fits = [candidate.held_out.fits[k]] * len(windows)
     if len(trials) == 1:
-        groups = zip(candidate.held_out.fits, held_together([windows]), strict=True)
+        groups = zip(candidate.held_out.fits, folds([windows]), strict=True)
         fits = [fit for fit, group in groups for _ in group]
     found = []
     for window, fit in zip(windows, fits, strict=True):
@@ -69,7 +69,7 @@ def held_out_windows(candidate: Candidate, trials: Sequence[xr.Dataset], k: int)
     return found
 
 
-@styled
+@house_style
 def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
     """Measured motion of runs against time, and the windows forecast without the run.
 
@@ -104,7 +104,7 @@ def restarted_motion(runs: Mapping[str, Sequence[HeldOutWindow]]) -> Figure:
     return fig
 
 
-@styled
+@house_style
 def held_out_overshoots(table: xr.Dataset) -> Figure:
     """Forecast of held-out overshoots against what was measured: angles, and times from reversal to peak.
 
@@ -167,7 +167,7 @@ def score_differences(candidates: Sequence[Candidate], rng: np.random.Generator)
     return found
 
 
-@styled
+@house_style
 def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
     """Score of each term set less that of the best, in every held-out run, with the mean and its bar.
 
@@ -206,8 +206,8 @@ def term_set_scores(rows: Sequence[Mapping], best: str) -> Figure:
     return fig
 
 
-@styled
-def runaways(refusals: Sequence[Refusal]) -> Figure:
+@house_style
+def diverging_motion(refusals: Sequence[Refusal]) -> Figure:
     """Speed and rate of turn of the ships that run away, against time in L/U, and what a ship may reach.
 
     Parameters

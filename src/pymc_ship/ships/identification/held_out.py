@@ -34,7 +34,7 @@ from pymc_ship.ships.ensemble.index_error import index_scale
 from pymc_ship.trial.channels import default_channels, unmodelled_roll_text
 from pymc_ship.trial.record import nonzero_channels
 
-JUDGED = default_channels(rolling=False)
+SCORED_CHANNELS = default_channels(rolling=False)
 """Channels of the score, the same for a model that rolls and one that does not."""
 
 _LOG_2PI = np.log(2.0 * np.pi)
@@ -42,7 +42,7 @@ _READINGS = 40  # draws of the denoised motion of a recorded manoeuvre
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class CrossValidation:
     """What a model said of runs it was not fitted to.
 
     Attributes
@@ -62,17 +62,17 @@ class HeldOut:
     log_density: np.ndarray
     rms: dict[str, float]
 
-    def drawn(self, k: int, count: int, rng: np.random.Generator) -> np.ndarray:
+    def draws(self, k: int, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draws of the fit without run k, with the constants that the run calls for, (count, n_coefficients)."""
         return carried_draws(self.fits[k], count, rng) + self.coefficients[k] - self.fits[k].coefficients
 
 
-def held_out(
+def cross_validate(
     runs: Sequence[Sequence[Window]],
     vessel: Vessel,
     fit: Callable[[Sequence[Window]], WindowFit],
     judged: Sequence[Sequence[Window]] | None = None,
-) -> HeldOut:
+) -> CrossValidation:
     """Leave each run out once, fit to the others, and score its windows, with the current that it calls for.
 
     Parameters
@@ -93,15 +93,15 @@ def held_out(
     for k in range(len(runs)):
         fits.append(fit([window for j, windows in enumerate(runs) if j != k for window in windows]))
     own = [with_constants(windows, one) for windows, one in zip(runs, fits, strict=True)]
-    return scored(judged or runs, vessel, fits, own)
+    return score_folds(judged or runs, vessel, fits, own)
 
 
-def scored(
+def score_folds(
     runs: Sequence[Sequence[Window]],
     vessel: Vessel,
     fits: Sequence[WindowFit],
     coefficients: Sequence[np.ndarray] | None = None,
-) -> HeldOut:
+) -> CrossValidation:
     """Score the windows of each run under the fit of its place, or under coefficients that stand for it."""
     own = [fit.coefficients for fit in fits] if coefficients is None else coefficients
     misfits = [
@@ -111,11 +111,11 @@ def scored(
     stayed = np.isfinite(square).all(axis=1)
     sd = np.sqrt(np.mean(square[stayed], axis=0)) if stayed.any() else np.full(square.shape[1], np.nan)
     channels = runs[0][0].run.channels
-    judged = [row for row, name in enumerate(channels) if name in JUDGED]
+    judged = [row for row, name in enumerate(channels) if name in SCORED_CHANNELS]
     log_density = np.array(
         [np.mean([_log_density(np.mean(misfit[judged] ** 2, axis=1), sd[judged]) for misfit in run]) for run in misfits]
     )
-    return HeldOut(tuple(fits), tuple(own), log_density, dict(zip(channels, sd.tolist(), strict=True)))
+    return CrossValidation(tuple(fits), tuple(own), log_density, dict(zip(channels, sd.tolist(), strict=True)))
 
 
 def _log_density(square: np.ndarray, sd: np.ndarray) -> float:
@@ -125,7 +125,7 @@ def _log_density(square: np.ndarray, sd: np.ndarray) -> float:
     return float(-np.sum(np.log(sd) + 0.5 * _LOG_2PI + 0.5 * square / sd**2))
 
 
-def sailed_in(trial: xr.Dataset, vessel: Vessel) -> dict[str, Any]:
+def recorded_settings(trial: xr.Dataset, vessel: Vessel) -> dict[str, Any]:
     """Revolutions [1/s] and wind (speed [m/s], from where to the base course [deg]) of a recorded manoeuvre.
 
     As settings of a simulation: those that were measured and that the forces of the vessel know.
@@ -148,7 +148,7 @@ def _through_water(
     Where speeds were measured over ground, the constants of the run hold its current. The approach speed is then less
     what the current adds along the base course, and the track drifts with the current.
     """
-    settings = sailed_in(trial, vessel)
+    settings = recorded_settings(trial, vessel)
     if CURRENT.name not in vessel.parts:
         return manoeuvre, coefficients, settings
     names, still = coefficient_names(vessel), coefficients.copy()
@@ -172,7 +172,7 @@ def forecast_indices(
     return {name: found[name].values for name in manoeuvre.traits.scored if name in found}
 
 
-def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre, rudder_delay: float = 0.0) -> dict[str, float]:
+def recorded_indices(trial: xr.Dataset, manoeuvre: Manoeuvre, rudder_delay: float = 0.0) -> dict[str, float]:
     """Scored indices of a recorded standard manoeuvre; NaN where the record ends before them or lacks a channel.
 
     A zigzag that was steered by hand was reversed ``rudder_delay`` [s] before its rudder moved.
@@ -181,7 +181,7 @@ def scored_indices(trial: xr.Dataset, manoeuvre: Manoeuvre, rudder_delay: float 
     return {name: found.get(name, np.nan) for name in manoeuvre.traits.scored}
 
 
-def readings_sd(trial: xr.Dataset, manoeuvre: Manoeuvre, delay: float, rng: np.random.Generator) -> dict[str, float]:
+def index_noise_sd(trial: xr.Dataset, manoeuvre: Manoeuvre, delay: float, rng: np.random.Generator) -> dict[str, float]:
     """Standard deviation of each index of a recorded manoeuvre over draws of its denoised motion.
 
     Indices that no draw reaches have none, nor has a record that cannot be denoised; ``delay`` [s] is that of the
@@ -191,7 +191,9 @@ def readings_sd(trial: xr.Dataset, manoeuvre: Manoeuvre, delay: float, rng: np.r
     return {name: float(np.std(values)) for name, values in drawn.items()}
 
 
-def left_out(trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | None], vessel: Vessel) -> list[str]:
+def unscored_run_remarks(
+    trials: Mapping[str, xr.Dataset], manoeuvres: Sequence[Manoeuvre | None], vessel: Vessel
+) -> list[str]:
     """Sentences on runs without held-out indices, as no manoeuvre is recognised, and on channels not modelled."""
     found = [
         f"Run {name}: {unrecognised_text(trial)} It is fitted, but no index of it is held out."
@@ -223,7 +225,7 @@ def forecast_rows(
         Fits made without the run, with the constants that the run calls for: the estimate, then draws.
     weight : ndarray, shape (n_models,)
     noise : mapping of str to float, optional
-        Standard deviation of the measured indices, from :func:`readings_sd`; exact ones by default.
+        Standard deviation of the measured indices, from :func:`index_noise_sd`; exact ones by default.
 
     Returns
     -------
@@ -239,7 +241,7 @@ def forecast_rows(
         found.append(forecast_indices(vessel, still, approached, duration, **around))
     rows = []
     delay = models[0][0].particulars.rudder_delay
-    for name, measured in scored_indices(trial, manoeuvre, delay).items():
+    for name, measured in recorded_indices(trial, manoeuvre, delay).items():
         having = [k for k, values in enumerate(found) if name in values]
         if not having:
             continue

@@ -45,7 +45,7 @@ def overshoot_errors(rows: Sequence[Mapping]) -> dict[str, float]:
     return found
 
 
-def held_out_rows(table: xr.Dataset) -> list[dict]:
+def index_error_rows(table: xr.Dataset) -> list[dict]:
     """Indices of held-out manoeuvres with their errors, and how far the intervals owe to the run itself.
 
     Parameters
@@ -63,14 +63,14 @@ def held_out_rows(table: xr.Dataset) -> list[dict]:
         others = model_error([other for other in known if other["run"] != row["run"]])
         error = row["forecast"] - row["measured"]
         found = dict(row) | {"error": error, "z": error / row["sd"]}
-        rows.append(found | {"apart_sd": index_sd(row, others)})
+        rows.append(found | {"leave_one_out_sd": index_sd(row, others)})
     return rows
 
 
 def coverage(rows: Sequence[Mapping]) -> dict[str, int]:
-    """How many of :func:`held_out_rows` intervals of 90 and 95 % cover, ``_apart`` with the model error of others."""
+    """Number of 90 and 95 % intervals that cover; ``_apart``: with the model error of the other runs alone."""
     found = {}
     for share, z in QUANTILES.items():
         found[share] = sum(abs(row["z"]) <= z for row in rows)
-        found[f"{share}_apart"] = sum(abs(row["error"]) <= z * row["apart_sd"] for row in rows)
+        found[f"{share}_apart"] = sum(abs(row["error"]) <= z * row["leave_one_out_sd"] for row in rows)
     return found

@@ -33,18 +33,18 @@ from pymc_ship.ships.ensemble.index_error import index_sd, model_error
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
 from pymc_ship.ships.ensemble.motion_error import LEADS, Replayed, motion_error
 from pymc_ship.ships.ensemble.ship import Ship
-from pymc_ship.ships.identification.along import measured_states, reading_noise, simulate_open_loop
 from pymc_ship.ships.identification.candidates import (
     Candidate,
     Refusal,
     Training,
-    beside_earlier,
-    candidates_of,
-    chosen_prior,
-    cut_runs,
-    default_sets,
+    default_term_sets,
+    earlier_runs_remark,
+    fit_candidates,
+    partial_run_remarks,
+    prior_kind_of,
 )
-from pymc_ship.ships.identification.held_out import forecast_rows, left_out, readings_sd
+from pymc_ship.ships.identification.held_out import forecast_rows, index_noise_sd, unscored_run_remarks
+from pymc_ship.ships.identification.open_loop import measured_states, reading_noise_sd, simulate_open_loop
 from pymc_ship.trial.record import facility_of, sampling_interval, trial_list
 
 _REPLAYS = 40  # draws of a held-out run from each window on
@@ -173,25 +173,29 @@ def identify_ship(
             f"A ship is identified from one trial or more, each with its name, and by two draws or more, found "
             f"{len(trials)} trials, {len(names)} names and {draws} draws; correct them."
         )
-    kind = chosen_prior(vessel, (prior.prior if isinstance(prior, Ship) else prior) or None)
+    kind = prior_kind_of(vessel, (prior.prior if isinstance(prior, Ship) else prior) or None)
     training = _after(before, replace(_prepared(trials, vessel, kind), captive=captive))
-    wanted = tuple(dict.fromkeys(terms or training.earlier or default_sets(training)))
+    wanted = tuple(dict.fromkeys(terms or training.earlier or default_term_sets(training)))
     _check_goes_with(before, wanted, captive)
     progress(f"term sets {'; '.join(wanted)}: fits to all of {len(trials)} runs and to all but one")
-    found, refusals = candidates_of(wanted, training, rng)
+    found, refusals = fit_candidates(wanted, training, rng)
     fullest_vessel = most_dofs(candidate.vessel for candidate in found)
-    remarks = [*vessel_remarks(fullest_vessel), *(one.sentence for one in refusals), *cut_runs(names, training, found)]
+    remarks = [
+        *vessel_remarks(fullest_vessel),
+        *(one.sentence for one in refusals),
+        *partial_run_remarks(names, training, found),
+    ]
     progress("weights and model error from held-out runs")
     found = _weighted(found, training.earlier, rng)
     rows = _held_out_indices(found, training, names, rng) if len(trials) > 1 else []
     all_rows = [*(index_rows(before.held_out_indices) if before else ()), *rows]
     errors = model_error(all_rows)
-    remarks += left_out(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
+    remarks += unscored_run_remarks(dict(zip(names, trials, strict=True)), training.manoeuvres, fullest_vessel)
     remarks += [] if all_rows else [_NOTHING_HELD_OUT]
     progress("draws that do not run away")
     found = sorted(_drawn(found, draws, rng), key=lambda candidate: -candidate.weight)
     remarks += [] if captive is None else _beside_captive(captive, found[0])
-    remarks += [beside_earlier(found[0], training)] if training.earlier else []
+    remarks += [earlier_runs_remark(found[0], training)] if training.earlier else []
     moved = motion_error(_held_out_motion(found, training, rng), vessel)
     known_facilities = before.facilities if before else {}
     ship = Ship(
@@ -302,10 +306,10 @@ def _held_out_indices(
             gear, models = training.facilities[facility_of(trial)], []
             for candidate in counted:
                 coefficients = np.vstack(
-                    [candidate.held_out.coefficients[k], candidate.held_out.drawn(k, _FORECASTS, rng)]
+                    [candidate.held_out.coefficients[k], candidate.held_out.draws(k, _FORECASTS, rng)]
                 )
                 models.append((with_steering(candidate.vessel, gear), coefficients))
-            noise = readings_sd(trial, manoeuvre, models[0][0].particulars.rudder_delay, rng)
+            noise = index_noise_sd(trial, manoeuvre, models[0][0].particulars.rudder_delay, rng)
             rows += forecast_rows(names[k], trial, manoeuvre, models, weight / weight.sum(), noise)
     return rows
 
@@ -316,8 +320,8 @@ def _held_out_motion(found: Sequence[Candidate], training: Training, rng: np.ran
         return
     unit = training.vessel.particulars.ship_time
     for k, trial in enumerate(training.trials):
-        drawn = [(c.vessel, c.held_out.drawn(k, round(_REPLAYS * c.weight), rng)) for c in found]
-        time, noise = trial["time"].values, reading_noise(trial)
+        drawn = [(c.vessel, c.held_out.draws(k, round(_REPLAYS * c.weight), rng)) for c in found]
+        time, noise = trial["time"].values, reading_noise_sd(trial)
         for begin in range(0, time.size, round(LENGTH * unit / sampling_interval(trial))):
             place = slice(begin, begin + np.searchsorted(time[begin:] - time[begin], LEADS[-1] * unit, "right"))
             if place.stop - place.start > 1:
@@ -343,7 +347,7 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
                 "manoeuvre; give more trials or a prior."
             )
         share = 1.0 - len(kept) / tried if tried else 0.0
-        drawn.append(replace(candidate, draws=kept[:count], share_unsound=share))
+        drawn.append(replace(candidate, draws=kept[:count], infeasible_fraction=share))
     return drawn
 
 

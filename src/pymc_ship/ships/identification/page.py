@@ -14,7 +14,7 @@ from pymc_ship.inference.captive.comparison import captive_figure, comparison_pa
 from pymc_ship.inference.trajectory.windows import LENGTH, thinned
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.manoeuvre.steering_record import approach_speed
 from pymc_ship.physics.vessel.parts import FIXED_SD
@@ -27,14 +27,14 @@ from pymc_ship.ships.forecasting.force_curves import force_curves
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
 from pymc_ship.ships.identification.candidates import Candidate, Refusal
 from pymc_ship.ships.identification.figures import (
+    diverging_motion,
     held_out_overshoots,
     held_out_windows,
     restarted_motion,
-    runaways,
     score_differences,
     term_set_scores,
 )
-from pymc_ship.ships.identification.held_out_errors import coverage, held_out_rows, overshoot_errors
+from pymc_ship.ships.identification.held_out_errors import coverage, index_error_rows, overshoot_errors
 from pymc_ship.ships.identification.model import ShipIdentification
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import named_trials, sampling_interval
@@ -54,7 +54,7 @@ SOURCES = (
 )
 
 _FIGURES = (
-    "runaways",
+    "diverging_motion",
     "held_out_windows",
     "held_out_overshoots",
     "term_set_scores",
@@ -160,7 +160,7 @@ def write_ship_report(
         "checks": check_rows(checks),
         "term_sets": term_set_rows(result),
         "refusals": refusal_rows(result.refusals),
-        "held_out_indices": held_out_rows(result.held_out_indices),
+        "held_out_indices": index_error_rows(result.held_out_indices),
         "model_error": error_rows(result.ship.index_error or {}, most_dofs(c.vessel for c in result.candidates)),
         "coefficients": coefficient_rows(result.candidates[0]),
         "correlations": correlation_rows(result.candidates[0]),
@@ -225,7 +225,7 @@ def write_refusals(
         "tables": {"refusals": table(rows["refusals"], _REFUSALS)},
         "command": command,
     }
-    return write_page(REFUSED, out, Content(values, _runaways(refusals), rows))
+    return write_page(REFUSED, out, Content(values, _diverging_motion(refusals), rows))
 
 
 def refusal_rows(refusals: Sequence[Refusal]) -> list[dict]:
@@ -239,9 +239,9 @@ def refusal_rows(refusals: Sequence[Refusal]) -> list[dict]:
     return rows
 
 
-def _runaways(refusals: Sequence[Refusal]) -> dict[str, Figure]:
+def _diverging_motion(refusals: Sequence[Refusal]) -> dict[str, Figure]:
     shown = [refusal for refusal in refusals if refusal.failure is not None]
-    return {"runaways": runaways(shown)} if shown else {}
+    return {"diverging_motion": diverging_motion(shown)} if shown else {}
 
 
 def run_rows(
@@ -279,7 +279,7 @@ def term_set_rows(result: ShipIdentification) -> list[dict]:
         row |= {"score": -np.inf if lost else float(score), "to_best": -np.inf if lost else float(score - best)}
         row |= {f"rms_{channel}": np.nan if lost else sd for channel, sd in candidate.held_out.rms.items()}
         row |= {"inflation": candidate.inflation, "dispersion": candidate.fit.dispersion, "draws": len(candidate.draws)}
-        row["share_unsound"] = candidate.share_unsound if len(candidate.draws) else np.nan
+        row["infeasible_fraction"] = candidate.infeasible_fraction if len(candidate.draws) else np.nan
         known = TERM_SETS | PART_SETS
         about = known[candidate.name].description if candidate.name in known else "terms of the vessel file"
         rows.append(row | {"about": about.replace("`", '"')})
@@ -329,7 +329,7 @@ def _figures(
         differences = score_differences(result.candidates, np.random.default_rng(seed))
         drawn["term_set_scores"] = term_set_scores(differences, best.name)
     drawn["force_curves"] = force_curves(result.ship.models, result.ship.motion)
-    drawn |= _runaways(result.refusals)
+    drawn |= _diverging_motion(result.refusals)
     if captive is not None:
         drawn["captive_forces"] = captive_figure(captive)
     return drawn
@@ -367,7 +367,7 @@ def _values(
 def _short(result: ShipIdentification, rows: Mapping[str, list[dict]], outlook: Sequence[str]) -> list[str]:
     """What the page says in a few sentences."""
     best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
-    share = sum(row["weight"] * row["share_unsound"] for row in drawn)
+    share = sum(row["weight"] * row["infeasible_fraction"] for row in drawn)
     worst = [row["run"] for row in rows["runs"] if row["verdict"] in _DOUBTS]
     found = [
         f"{len(result.candidates)} term sets fitted; “{best.name}” weighs most, {100.0 * best.weight:.0f} %.",
@@ -428,7 +428,7 @@ def _summary(rows: Sequence[Mapping]) -> list[str]:
     covered = coverage(rows)
     text = f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of {len(rows)} held-out indices"
     apart = f"; {covered['90_apart']} and {covered['95_apart']} where the model error comes from the other runs alone"
-    known = all(np.isfinite(row["apart_sd"]) for row in rows)
+    known = all(np.isfinite(row["leave_one_out_sd"]) for row in rows)
     return [*found, f"{text}{apart if known else ''}."]
 
 
@@ -436,31 +436,46 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     """Tables of the page, by name; those without rows are left out."""
     n = number(3)
     channels = tuple(dict.fromkeys(name for candidate in result.candidates for name in candidate.held_out.rms))
-    runs: Columns = {"run": ("run", str), "manoeuvre": ("recognised as", str), "duration": ("duration s", fixed(0))}
-    runs |= {"duration_L_U": ("in L/U", fixed(1)), "approach_speed": ("approach speed m/s", fixed(2))}
+    runs: Columns = {
+        "run": ("run", str),
+        "manoeuvre": ("recognised as", str),
+        "duration": ("duration s", fixed_point(0)),
+    }
+    runs |= {"duration_L_U": ("in L/U", fixed_point(1)), "approach_speed": ("approach speed m/s", fixed_point(2))}
     runs |= {"sampling": ("sampled every s", n), "fitted_at": ("fitted every s", n)}
-    runs |= {"checks": ("checks made", fixed(0)), "verdict": ("worst of them", str)}
+    runs |= {"checks": ("checks made", fixed_point(0)), "verdict": ("worst of them", str)}
     sets: Columns = {
         "terms": ("term set", str),
-        "coefficients": ("coefficients", fixed(0)),
-        "weight": ("weight %", fixed(1)),
+        "coefficients": ("coefficients", fixed_point(0)),
+        "weight": ("weight %", fixed_point(1)),
     }
     sets |= {"score": ("held-out score", _score), "to_best": ("to the best", _score)}
-    sets |= _rms_columns(channels) | {"inflation": ("sd inflation", fixed(2)), "dispersion": ("count 1 in", fixed(0))}
-    sets |= {"draws": ("draws", fixed(0)), "share_unsound": ("ran away %", fixed(1)), "about": ("what it is", str)}
+    sets |= _rms_columns(channels) | {
+        "inflation": ("sd inflation", fixed_point(2)),
+        "dispersion": ("count 1 in", fixed_point(0)),
+    }
+    sets |= {
+        "draws": ("draws", fixed_point(0)),
+        "infeasible_fraction": ("diverged %", fixed_point(1)),
+        "about": ("what it is", str),
+    }
     held: Columns = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "unit": ("", str)}
-    held |= {key: (key, fixed(2)) for key in ("measured", "forecast", "error", "sd", "z")}
-    known: Columns = {"known_value": ("known beforehand", fixed(1)), "known_sd": ("± sd", fixed(1))}
-    known |= {"apart": ("sd away", fixed(1))}
+    held |= {key: (key, fixed_point(2)) for key in ("measured", "forecast", "error", "sd", "z")}
+    known: Columns = {"known_value": ("known beforehand", fixed_point(1)), "known_sd": ("± sd", fixed_point(1))}
+    known |= {"apart": ("sd away", fixed_point(1))}
     coefficients: Columns = {
         "coefficient": ("coefficient", str),
-        "estimate": ("estimate", fixed(1)),
-        "sd": ("sd", fixed(1)),
+        "estimate": ("estimate", fixed_point(1)),
+        "sd": ("sd", fixed_point(1)),
     }
     coefficients |= known | {"correlated_with": (f"correlated beyond {CORRELATED:g} with", str)}
-    pairs: Columns = {"first": ("coefficient", str), "second": ("with", str), "correlation": ("correlation", fixed(3))}
+    pairs: Columns = {
+        "first": ("coefficient", str),
+        "second": ("with", str),
+        "correlation": ("correlation", fixed_point(3)),
+    }
     heads = {"median": "sd [%]", "upper": "95 % below"}
-    sizes: Columns = {key: (head, lambda value: fixed(1)(100.0 * value)) for key, head in heads.items()}
+    sizes: Columns = {key: (head, lambda value: fixed_point(1)(100.0 * value)) for key, head in heads.items()}
     found: dict[str, tuple[list[dict], Columns]] = {
         "runs": (rows["runs"], runs),
         "term_sets": ([_shown(row, channels) for row in rows["term_sets"]], sets),
@@ -472,7 +487,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     }
     if result.candidates[0].vessel.modular:
         four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}
-        four = {"coefficient": ("parameter", str)} | four | {"apart": ("sd away", fixed(1))}
+        four = {"coefficient": ("parameter", str)} | four | {"apart": ("sd away", fixed_point(1))}
         free = [row for row in rows["coefficients"] if row["known_sd"] > FIXED_SD]
         found["parameters"] = (free, four | {"unit": ("unit, or what it is", str), "source": ("known from", str)})
     for dof in result.candidates[0].vessel.dofs if not result.candidates[0].vessel.modular else ():
@@ -492,7 +507,7 @@ def _three_digits(value: float) -> str:
 
 
 def _score(value: object) -> str:
-    return "−∞" if value == -np.inf else fixed(1)(value)
+    return "−∞" if value == -np.inf else fixed_point(1)(value)
 
 
 def _shown(row: Mapping, channels: Sequence[str]) -> dict:
@@ -500,7 +515,7 @@ def _shown(row: Mapping, channels: Sequence[str]) -> dict:
     found = dict(row)
     for channel in channels:
         found[f"rms_{channel}"] = CHANNELS[channel].unit.display_factor * row.get(f"rms_{channel}", np.nan)
-    return found | {key: 100.0 * row[key] for key in ("weight", "share_unsound")}
+    return found | {key: 100.0 * row[key] for key in ("weight", "infeasible_fraction")}
 
 
 def _named(row: Mapping) -> dict:

@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.drawing import BLUE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, fixed, number, table
+from pymc_ship.pages.tables import Columns, fixed_point, number, table
 from pymc_ship.ships.ensemble.ship import ShipLike, as_ship
-from pymc_ship.ships.identification.replayed import SCORED, channel_rows, index_errors, replay, run_rows
+from pymc_ship.ships.identification.replay import SCORED, channel_rows, index_errors, replay, run_rows
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import named_trials
 
@@ -73,10 +73,10 @@ def write_score_page(
     """
     ship, trials = as_ship(ship), named_trials(trials)
     rows, runs = channel_rows(found), run_rows(found)
-    unit, percent = number(3), fixed(0)
+    unit, percent = number(3), fixed_point(0)
     channels: Columns = {"run": ("run", str), "channel": ("channel", str), "rmse": ("RMSE [SI]", unit)}
     channels |= {"relative": ("RMSE over motion", unit), "coverage": ("inside %", percent), "crps": ("CRPS [SI]", unit)}
-    by_run: Columns = {"run": ("run", str), "windows": ("windows", percent), "ran_away": ("ran away", percent)}
+    by_run: Columns = {"run": ("run", str), "windows": ("windows", percent), "diverged": ("diverged", percent)}
     by_run |= {"score": ("score", unit)}
     heads: Columns = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str)}
     heads |= {name: (name, unit) for name in ("measured", "forecast", "error")}
@@ -108,7 +108,7 @@ def _in_percent(row: Mapping) -> dict:
     return {**row, "coverage": 100.0 * row["coverage"]}
 
 
-@styled
+@house_style
 def errors_by_channel(found: xr.Dataset) -> Figure:
     """Error over the motion and coverage of the bands by channel, a dot for each run.
 
@@ -145,7 +145,7 @@ def errors_by_channel(found: xr.Dataset) -> Figure:
     return fig
 
 
-@styled
+@house_style
 def windows_of(
     ship: ShipLike,
     trials: Mapping[str, xr.Dataset],

@@ -13,16 +13,16 @@ from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.toml import Entry, toml_table
 from pymc_ship.physics.vessel.vessel import Vessel
 
-SHALLOWEST = 4.0
+MIN_DEPTH_RATIO = 4.0
 """Water depth over mean draught from which a trial is in deep water (2.2.1.2.1 of the circular)."""
 
-WINDIEST, ROUGHEST = 5, 4
+MAX_BEAUFORT, MAX_SEA_STATE = 5, 4
 """Highest Beaufort number and sea state of a trial."""
 
-DRAUGHT = 0.05
+DRAUGHT_TOLERANCE = 0.05
 """Share by which the mean draught of a trial at full load may deviate from that of full load."""
 
-SLOWEST = 0.9
+MIN_SPEED_RATIO = 0.9
 """Least approach speed, over that at 85 % of the highest engine output."""
 
 TEXTS = (
@@ -164,7 +164,7 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
     Returns
     -------
     list of dict
-        ``condition``, ``found`` and ``limit`` in words, and ``judgement``: met, not met or not stated.
+        ``condition``, ``found`` and ``limit`` in words, and ``conformity``: met, not met or not stated.
     """
     draught = conditions.draught(vessel)
     depth = conditions.water_depth / draught
@@ -176,16 +176,28 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
     off_draught = abs(draught / conditions.full_load - 1.0)
     share = slowest / conditions.speed_at_85_percent
     return [
-        _row("water depth over mean draught", f"{depth:.1f}", f"above {SHALLOWEST:g}", depth, depth > SHALLOWEST),
-        _row("wind", blows, f"up to Beaufort {WINDIEST}", number, number <= WINDIEST),
-        _row("sea state", f"{sea:g}", f"up to {ROUGHEST}", sea, sea <= ROUGHEST),
-        _row("mean draught", full, f"within {100.0 * DRAUGHT:g} % of full load", off_draught, off_draught <= DRAUGHT),
+        _row(
+            "water depth over mean draught",
+            f"{depth:.1f}",
+            f"above {MIN_DEPTH_RATIO:g}",
+            depth,
+            depth > MIN_DEPTH_RATIO,
+        ),
+        _row("wind", blows, f"up to Beaufort {MAX_BEAUFORT}", number, number <= MAX_BEAUFORT),
+        _row("sea state", f"{sea:g}", f"up to {MAX_SEA_STATE}", sea, sea <= MAX_SEA_STATE),
+        _row(
+            "mean draught",
+            full,
+            f"within {100.0 * DRAUGHT_TOLERANCE:g} % of full load",
+            off_draught,
+            off_draught <= DRAUGHT_TOLERANCE,
+        ),
         _row(
             "slowest approach speed",
             f"{slowest:.2f} m/s, {100.0 * share:.0f} % of that at 85 % output",
-            f"from {100.0 * SLOWEST:g} %",
+            f"from {100.0 * MIN_SPEED_RATIO:g} %",
             share,
-            share >= SLOWEST,
+            share >= MIN_SPEED_RATIO,
         ),
     ]
 
@@ -193,5 +205,5 @@ def condition_rows(conditions: Conditions, vessel: Vessel, *, wind: float, speed
 def _row(condition: str, found: str, limit: str, value: float, met: bool) -> dict:
     """Row of a condition; a value of NaN is one that was not stated."""
     known = np.isfinite(value)
-    judgement = ("met" if met else "not met") if known else NOT_STATED
-    return {"condition": condition, "found": found if known else NOT_STATED, "limit": limit, "judgement": judgement}
+    conformity = ("met" if met else "not met") if known else NOT_STATED
+    return {"condition": condition, "found": found if known else NOT_STATED, "limit": limit, "conformity": conformity}

@@ -124,7 +124,7 @@ def corrected_indices(
                 "index": name,
                 "units": "L" if distance else index.units,
                 "raw": measured.get(name, np.nan) / unit,
-                "less_current": value,
+                "without_current": value,
                 "ratio": ratio,
                 "corrected": value * ratio,
                 "limit": limits.get(name, np.nan),
@@ -156,7 +156,7 @@ def mean_wind(trial: xr.Dataset, conditions: Conditions) -> tuple[float, float] 
     return float(np.abs(flow)), float(np.rad2deg(np.angle(flow)) % 360.0)
 
 
-def less_wind(
+def subtract_wind_drift(
     found: DriftCurrent, trial: xr.Dataset, manoeuvre: Manoeuvre, wind: tuple[float, float], model: Model
 ) -> DriftCurrent:
     """Current of a turn without what the wind drifts the ship, as the model has it in the same turn and wind.

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.records.steering.measured import align_to_first_execute, denoise_motion
 from pymc_ship.ships.forecasting.steady_turns import draw_curve
 from pymc_ship.ships.sea_trials.corrections import without_current
@@ -18,7 +18,7 @@ from pymc_ship.ships.sea_trials.current import DriftCurrent
 _COLUMNS = 3
 
 
-@styled
+@house_style
 def circles(trials: Mapping[str, xr.Dataset], currents: Mapping[str, DriftCurrent], L: float) -> Figure:
     """Tracks of turning circles from the execution on [L], as measured and without the current."""
     fig, axes = _grid(len(trials), 3.0)
@@ -43,7 +43,7 @@ def circles(trials: Mapping[str, xr.Dataset], currents: Mapping[str, DriftCurren
     return fig
 
 
-@styled
+@house_style
 def swings(trials: Mapping[str, xr.Dataset], switching: Mapping[str, float]) -> Figure:
     """Heading and rudder angle of zigzags against time from the execution, with the switching headings."""
     fig, axes = _grid(len(trials), 2.4)
@@ -60,7 +60,7 @@ def swings(trials: Mapping[str, xr.Dataset], switching: Mapping[str, float]) -> 
     return fig
 
 
-@styled
+@house_style
 def spirals(measured: Mapping[str, xr.Dataset], turns: xr.Dataset | None) -> Figure:
     """Steady rates of spiral tests against the rudder angle, joined as they were sailed, and those of a known ship."""
     fig, axes = subplots(8.0, 4.4)

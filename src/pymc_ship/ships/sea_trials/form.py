@@ -8,7 +8,7 @@ import numpy as np
 
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.stopping_tests import LABEL, LARGE, LIMIT
-from pymc_ship.ships.sea_trials.conditions import DRAUGHT, NOT_STATED, Conditions, beaufort
+from pymc_ship.ships.sea_trials.conditions import DRAUGHT_TOLERANCE, NOT_STATED, Conditions, beaufort
 from pymc_ship.ships.sea_trials.measured_spiral import LABEL as SPIRAL
 
 LINES = (
@@ -84,7 +84,11 @@ def _loading(draught: float, full: float, *, corrected: bool) -> str:
         return "tested at partial load and corrected"
     if not np.isfinite(draught / full):
         return NOT_STATED
-    return "tested at full load" if abs(draught / full - 1.0) <= DRAUGHT else "tested at partial load, not corrected"
+    return (
+        "tested at full load"
+        if abs(draught / full - 1.0) <= DRAUGHT_TOLERANCE
+        else "tested at partial load, not corrected"
+    )
 
 
 def form_rows(rows: Sequence[Mapping]) -> list[dict]:
@@ -94,12 +98,12 @@ def form_rows(rows: Sequence[Mapping]) -> list[dict]:
     ----------
     rows : sequence of mapping
         Indices of the runs: ``manoeuvre``, ``side``, ``index``, ``corrected``, ``U``, ``runs``, ``units``, ``limit``,
-        ``judgement``.
+        ``conformity``.
 
     Returns
     -------
     list of dict
-        ``item``, ``port``, ``starboard``, ``criterion`` and ``judgement``, that of the less favourable side.
+        ``item``, ``port``, ``starboard``, ``criterion`` and ``conformity``, that of the less favourable side.
     """
     found = []
     for item, manoeuvre, index in (*LINES, *ADDITIONAL):
@@ -113,7 +117,7 @@ def form_rows(rows: Sequence[Mapping]) -> list[dict]:
                 "item": item,
                 **shown,
                 "criterion": _criterion(manoeuvre, mine),
-                "judgement": _least({row["judgement"] for row in mine}),
+                "conformity": _least({row["conformity"] for row in mine}),
             }
         )
     return found

@@ -113,7 +113,7 @@ def spiral_rows(turns: xr.Dataset, limit: float) -> list[dict]:
     rows = []
     for name, units in INDICES.items():
         row = {"manoeuvre": LABEL, "side": "", "index": name, "units": units, "ratio": 1.0, "limit": np.nan}
-        row |= dict.fromkeys(("raw", "less_current", "corrected"), found[name]) | dict.fromkeys(
+        row |= dict.fromkeys(("raw", "without_current", "corrected"), found[name]) | dict.fromkeys(
             PARTS, np.full(1, np.nan)
         )
         if name == "loop_width":

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
 from pymc_ship.ships.sea_trials.current import DriftCurrent
 from pymc_ship.ships.sea_trials.figures import circles, spirals, swings
 from pymc_ship.ships.sea_trials.sea_trial import SeaTrial
@@ -61,7 +61,11 @@ def trial_report(found: SeaTrial, out: str | Path, *, command: str = "pymc_ship.
     sea_trial.html
     """
     three = number(3)
-    values = {"raw": ("as measured", three), "less_current": ("less current", three), "ratio": ("F / B", fixed(3))}
+    values = {
+        "raw": ("as measured", three),
+        "without_current": ("less current", three),
+        "ratio": ("F / B", fixed_point(3)),
+    }
     values |= {"corrected": ("corrected", three), "U": ("U = 2 u_c", number(2))}
     values |= {"lower": ("95 % from", three), "upper": ("to", three), "limit": ("limit", three)}
     parts = {"u_record": "record", "u_current": "current", "u_model": "model", "u_runs": "runs", "u_c": "u_c"}
@@ -71,16 +75,16 @@ def trial_report(found: SeaTrial, out: str | Path, *, command: str = "pymc_ship.
         "vessel": found.vessel,
         "command": command,
         "remarks": found.remarks,
-        "lines": [row for row in found.form if row["judgement"]],
+        "lines": [row for row in found.form if row["conformity"]],
         "tables": {
             "ship": table(found.ship_data, {"item": ("item", str), "value": ("", str)}),
             "form": table(
-                found.form, {key: (key, str) for key in ("item", "port", "starboard", "criterion", "judgement")}
+                found.form, {key: (key, str) for key in ("item", "port", "starboard", "criterion", "conformity")}
             ),
             "conditions": table(
-                found.conditions, {key: (key, str) for key in ("condition", "found", "limit", "judgement")}
+                found.conditions, {key: (key, str) for key in ("condition", "found", "limit", "conformity")}
             ),
-            "indices": table(shown, _INDEX | values | {"judgement": ("judgement", str)}),
+            "indices": table(shown, _INDEX | values | {"conformity": ("conformity", str)}),
             "parts": table(shown, _INDEX | {key: (head, number(2)) for key, head in parts.items()}),
             "currents": _currents_table(flows),
             "winds": _winds_table(found.winds),
@@ -117,11 +121,21 @@ def _flows(currents: Mapping[str, DriftCurrent]) -> list[dict]:
 
 
 def _currents_table(flows: list[dict]) -> Table:
-    heads: Columns = {"run": ("run", str), "speed": ("speed [m/s]", fixed(3)), "direction": ("to [deg]", fixed(0))}
-    heads |= {"u_north": ("u, north [m/s]", fixed(3)), "u_east": ("u, east [m/s]", fixed(3)), "pairs": ("pairs", str)}
+    heads: Columns = {
+        "run": ("run", str),
+        "speed": ("speed [m/s]", fixed_point(3)),
+        "direction": ("to [deg]", fixed_point(0)),
+    }
+    heads |= {
+        "u_north": ("u, north [m/s]", fixed_point(3)),
+        "u_east": ("u, east [m/s]", fixed_point(3)),
+        "pairs": ("pairs", str),
+    }
     return table(flows, heads)
 
 
 def _winds_table(winds: Mapping[str, tuple[float, float]]) -> Table:
     rows = [{"run": name, "speed": speed, "from": np.mod(come, 360.0)} for name, (speed, come) in winds.items()]
-    return table(rows, {"run": ("run", str), "speed": ("speed [m/s]", fixed(1)), "from": ("from [deg]", fixed(0))})
+    return table(
+        rows, {"run": ("run", str), "speed": ("speed [m/s]", fixed_point(1)), "from": ("from [deg]", fixed_point(0))}
+    )

@@ -23,11 +23,11 @@ from pymc_ship.records.steering.stopping_tests import LABEL, LIMIT, measured_sto
 from pymc_ship.ships.ensemble.ship import Ship
 from pymc_ship.ships.forecasting.steady_turns import largest_loop, steady_turns
 from pymc_ship.ships.sea_trials.conditions import condition_rows, load_conditions
-from pymc_ship.ships.sea_trials.corrections import Model, corrected_indices, less_wind, mean_wind
+from pymc_ship.ships.sea_trials.corrections import Model, corrected_indices, mean_wind, subtract_wind_drift
 from pymc_ship.ships.sea_trials.current import DriftCurrent, drift_current
 from pymc_ship.ships.sea_trials.form import form_rows, ship_rows
 from pymc_ship.ships.sea_trials.measured_spiral import measured_spiral, spiral_rows
-from pymc_ship.ships.sea_trials.uncertainty import PARTS, stated
+from pymc_ship.ships.sea_trials.uncertainty import PARTS, uncertainty_budget
 from pymc_ship.trial.record import facility_of, trial_list
 
 
@@ -45,7 +45,7 @@ class SeaTrial:
         Of each run that was recognised, by its name.
     indices : list of dict
         Rows of :func:`pymc_ship.ships.sea_trials.corrections.corrected_indices` with their uncertainty, see
-        :func:`pymc_ship.ships.sea_trials.uncertainty.stated`, and ``run``, ``manoeuvre`` and ``side``; those of
+        :func:`.uncertainty_budget`, and ``run``, ``manoeuvre`` and ``side``; those of
         stopping and spiral tests are as measured, their side is empty.
     currents : dict of str to DriftCurrent
         By which each run was corrected; runs without one are left out.
@@ -170,7 +170,7 @@ def sea_trial(
         rows += [{"run": name} | row for row in _stopping_rows(stop, vessel.particulars.L)]
     for name, turns in spirals.items():
         rows += [{"run": name} | row for row in spiral_rows(turns, largest_loop(unit))]
-    rows = stated(rows, rng)
+    rows = uncertainty_budget(rows, rng)
     speeds = {name: manoeuvre.approach_speed or np.nan for name, manoeuvre in manoeuvres.items()}
     windiest = max((speed for speed, _ in winds.values()), default=np.nan)
     return SeaTrial(
@@ -208,7 +208,7 @@ def _currents(
             try:
                 found = drift_current(trials[name])
                 wind = winds.get(name)
-                own[name] = found if wind is None else less_wind(found, trials[name], manoeuvre, wind, model)
+                own[name] = found if wind is None else subtract_wind_drift(found, trials[name], manoeuvre, wind, model)
             except TrialError as error:
                 said.append(f"{name} shows no current: {error}")
     if not own:
@@ -251,7 +251,7 @@ def _stopping_rows(stop: Mapping[str, float], L: float) -> list[dict]:
     for name, units in STOPPING.items():
         value = stop[name] / (L if units == "m" else 1.0)
         row: dict[str, Any] = {"manoeuvre": LABEL, "side": "", "index": name, "units": "L" if units == "m" else units}
-        row |= dict.fromkeys(("raw", "less_current", "corrected"), value) | {"ratio": 1.0}
+        row |= dict.fromkeys(("raw", "without_current", "corrected"), value) | {"ratio": 1.0}
         row |= {"limit": LIMIT if name == "track_reach" and np.isfinite(value) else np.nan}
         rows.append(row | dict.fromkeys(PARTS, np.full(1, np.nan)))
     return rows

@@ -19,7 +19,7 @@ _DRAWS = 2000
 _TAILS = (0.025, 0.975)
 
 
-def stated(rows: Sequence[dict], rng: np.random.Generator) -> list[dict]:
+def uncertainty_budget(rows: Sequence[dict], rng: np.random.Generator) -> list[dict]:
     """Rows of corrected indices with their uncertainty.
 
     Parameters
@@ -34,7 +34,7 @@ def stated(rows: Sequence[dict], rng: np.random.Generator) -> list[dict]:
     list of dict
         With the sd of each part in its place, ``u_runs``, the scatter of runs of one manoeuvre (NaN for a single one),
         ``runs``, their number, ``u_c``, the root of the sum of squares, ``U`` = 2 u_c, the ends ``lower`` and ``upper``
-        of the interval of 95 %, and ``judgement``, empty without a limit. u_c, U and the interval are NaN where a part
+        of the interval of 95 %, and ``conformity``, empty without a limit. u_c, U and the interval are NaN where a part
         by draws is not known; a scatter that is not known is left out of them.
     """
     found = []
@@ -58,11 +58,11 @@ def stated(rows: Sequence[dict], rng: np.random.Generator) -> list[dict]:
             "lower": lower,
             "upper": upper,
         }
-        found.append(row | known | {"judgement": judgement(row["corrected"], drawn, row["limit"])})
+        found.append(row | known | {"conformity": conformity(row["corrected"], drawn, row["limit"])})
     return found
 
 
-def judgement(value: float, drawn: np.ndarray, limit: float) -> str:
+def conformity(value: float, drawn: np.ndarray, limit: float) -> str:
     """Whether a value keeps a limit, as its draws have it or, where they are unknown, as it was measured."""
     if np.isnan(limit):
         return ""

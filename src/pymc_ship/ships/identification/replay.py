@@ -20,9 +20,9 @@ from pymc_ship.ships.ensemble.motion_error import with_motion_error
 from pymc_ship.ships.ensemble.scores import BANDS, crps, quantile_bands
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.extrapolation import extrapolation
-from pymc_ship.ships.identification.along import reading_noise, simulate_open_loop
-from pymc_ship.ships.identification.held_out import forecast_rows, readings_sd
+from pymc_ship.ships.identification.held_out import forecast_rows, index_noise_sd
 from pymc_ship.ships.identification.held_out_errors import QUANTILES
+from pymc_ship.ships.identification.open_loop import reading_noise_sd, simulate_open_loop
 from pymc_ship.trial.channels import CHANNELS
 from pymc_ship.trial.record import as_trial, check_trial, facility_of, trial_list
 
@@ -100,7 +100,7 @@ def replay(
     predictive = ships
     if ship.motion_error:
         since = piece["time"].values - piece["time"].values[0]
-        beyond = beyond_runs(ship, ships.median("draw"), piece)
+        beyond = extrapolation_distance(ship, ships.median("draw"), piece)
         predictive = motion(with_motion_error(states, since, ship.motion_error, ship.vessel, beyond))
     measured = piece[[name for name in STATE if name in piece]]
     attrs = {"ci_prob": ci_prob, "ci_kind": "eti", "draws": states.shape[1]}
@@ -110,7 +110,7 @@ def replay(
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), **groups})
 
 
-def beyond_runs(ship: Ship, median: xr.Dataset, piece: xr.Dataset) -> np.ndarray | None:
+def extrapolation_distance(ship: Ship, median: xr.Dataset, piece: xr.Dataset) -> np.ndarray | None:
     """Distance of the median ship from the motion of the runs that a ship was identified from, by instant."""
     if ship.motion is None:
         return None
@@ -149,9 +149,9 @@ def score(
         ``rmse`` (SI) of the median ship, ``relative``, over the standard deviation of the channel in all records (for
         psi and position over the deviation from the start of the windows), ``coverage`` of the bands of readings, which
         are those of the motion with the noise of the record, ``crps`` (SI; of the position the mean distance of the
-        draws); by run ``windows``, ``ran_away`` and ``score``, the mean of
+        draws); by run ``windows``, ``diverged`` and ``score``, the mean of
         ``relative``; attrs ``score``, the mean over the runs. A window whose median ship runs away has no error: it is
-        counted in ``ran_away``, and its run has no score.
+        counted in ``diverged``, and its run has no score.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def score(
     }
     moved = np.array([row["moved"] for row in rows.values()])
     table["relative"] = ("run", "channel"), table["rmse"][1] / np.sqrt(np.mean(moved, axis=0))
-    by_run = {key: ("run", [row[key] for row in rows.values()]) for key in ("windows", "ran_away")}
+    by_run = {key: ("run", [row[key] for row in rows.values()]) for key in ("windows", "diverged")}
     found = xr.Dataset(table | by_run, {"run": list(rows), "channel": list(SCORED)})
     found["score"] = found["relative"].mean("channel", skipna=False)
     attrs = {"score": float(found["score"].mean(skipna=False)), "length": length, "every": every, "ci_prob": ci_prob}
@@ -250,7 +250,7 @@ def score_indices(
                 for vessel, drawn in found
             ]
             delay = models[0][0].particulars.rudder_delay
-            noise = {} if ship.index_error is None else readings_sd(trial, manoeuvre, delay, rng)
+            noise = {} if ship.index_error is None else index_noise_sd(trial, manoeuvre, delay, rng)
             rows += forecast_rows(name, trial, manoeuvre, models, weight / weight.sum(), noise)
     return index_table([row | {"sd": index_sd(row, errors)} for row in rows])
 
@@ -265,13 +265,13 @@ def _scored(
         raise TrialError(f"A score needs a record of a window of {length:g} s, found {np.ptp(time):.4g} s; shorten it.")
     trees = [replay(ship, trial, start=float(begin), duration=length, **bands) for begin in begins]
     stayed = [tree for tree in trees if np.isfinite(tree["bands"].dataset["u"].values[:, -1]).all()]
-    noise = dict(zip(STATE, reading_noise(trial).tolist(), strict=True))
+    noise = dict(zip(STATE, reading_noise_sd(trial).tolist(), strict=True))
     found = [_window(tree, noise) for tree in stayed]
     nothing = np.full(len(SCORED), np.nan)
     mean = {key: np.mean([one[key] for one in found], axis=0) if found else nothing for key in _OF_WINDOW}
     lost = len(trees) - len(stayed)
     rmse = nothing if lost else np.sqrt(mean["square"])
-    counts = {"windows": len(trees), "ran_away": lost}
+    counts = {"windows": len(trees), "diverged": lost}
     moved = np.mean([_moved(tree["measured"].dataset, middle) for tree in trees], axis=0)
     return {"rmse": rmse, "moved": moved, **mean, **counts}
 
@@ -334,7 +334,7 @@ def channel_rows(found: xr.Dataset) -> list[dict]:
 
 def run_rows(found: xr.Dataset) -> list[dict]:
     """One row for each run of a score."""
-    keys = ("windows", "ran_away", "score")
+    keys = ("windows", "diverged", "score")
     return [
         {"run": run, **{key: float(found[key].sel(run=run)) for key in keys}} for run in found["run"].values.tolist()
     ]

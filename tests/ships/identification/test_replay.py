@@ -9,8 +9,8 @@ import pymc_ship as ps
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.ensemble.motion_error import ERRING
-from pymc_ship.ships.identification.along import reading_noise
-from pymc_ship.ships.identification.replayed import SCORED
+from pymc_ship.ships.identification.open_loop import reading_noise_sd
+from pymc_ship.ships.identification.replay import SCORED
 from tests.physics.forces.test_parts import AHEAD
 from tests.physics.forces.test_parts import tanker as parts_of_tanker
 from tests.ships.ensemble.cases import motion_of, ship_of
@@ -72,15 +72,15 @@ def test_readings_of_the_ship_herself_lie_in_her_bands(tanker, trial):
 
 def test_the_noise_of_a_reading_is_that_of_its_channel(trial):
     noisy = ps.pollute(trial, level=0.02, rng=5)
-    found, exact = reading_noise(noisy), reading_noise(trial)
+    found, exact = reading_noise_sd(noisy), reading_noise_sd(trial)
     for name in ("u", "v", "r", "psi"):
         sd = float(np.std(noisy[name].values - trial[name].values))
         factor = np.sqrt(2.0) if name == "psi" else 1.0
         assert found[STATE.index(name)] == pytest.approx(factor * sd, rel=0.15)
         assert exact[STATE.index(name)] < 0.02 * sd
-    assert reading_noise(trial.drop_vars("x"))[STATE.index("x")] == 0.0
+    assert reading_noise_sd(trial.drop_vars("x"))[STATE.index("x")] == 0.0
     gap = noisy.assign(u=noisy["u"].where((noisy["time"] < 100) | (noisy["time"] > 130)))
-    assert reading_noise(gap)[STATE.index("u")] == pytest.approx(found[STATE.index("u")], rel=0.1)
+    assert reading_noise_sd(gap)[STATE.index("u")] == pytest.approx(found[STATE.index("u")], rel=0.1)
 
 
 def test_a_score_has_every_channel_of_every_run(tanker, trial):
@@ -94,7 +94,7 @@ def test_a_score_has_every_channel_of_every_run(tanker, trial):
 def test_a_window_that_runs_away_costs_the_run_its_score(tanker, trial):
     wild = tanker.with_coefficients({"surge": -5.0 * tanker.coefficients("surge").values})
     found = ps.score(wild, trial, length=300)
-    assert found["ran_away"].values.tolist() == [1]
+    assert found["diverged"].values.tolist() == [1]
     assert np.isnan(found.attrs["score"])
 
 

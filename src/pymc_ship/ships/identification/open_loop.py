@@ -43,7 +43,7 @@ def simulate_open_loop(vessel: Vessel, coefficients: np.ndarray, trial: xr.Datas
     return replay(vessel, inputs, initial, coefficients, interval=interval, substeps=substeps_of(interval, vessel))
 
 
-def reading_noise(trial: xr.Dataset) -> np.ndarray:
+def reading_noise_sd(trial: xr.Dataset) -> np.ndarray:
     """Standard deviation of the readings about a replay of the true ship, (8,) [SI, rad]; 0 where nothing was measured.
 
     A replay begins at smoothed velocities, but at a single reading of heading and track. The noise of that reading
