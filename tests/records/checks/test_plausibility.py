@@ -53,7 +53,7 @@ FILES = {
     "knots": (
         {"nominal_speed": 24.7},
         "doubtful",
-        "speed in knots (the record sails 12.6 m/s; 24.7 knots are 12.7 m/s)",
+        "speed in knots (the speed in the record is 12.6 m/s; 24.7 knots are 12.7 m/s)",
     ),
     "a misprint": ({"nominal_speed": 700.0}, "bad", "wrong nominal speed"),
 }

@@ -53,7 +53,7 @@ def test_revolutions_of_the_propeller_are_good(tanker, circle):
 def test_revolutions_in_one_over_minutes_are_named(tanker, circle):
     check = found(with_n(circle, 60.0 * tanker.propeller.n), tanker)["revolutions"]
     assert check.verdict == "bad"
-    assert "It fits that n is in 1/min: state its unit." in check.sentence
+    assert "Probably n is in 1/min: state its unit." in check.sentence
 
 
 def test_revolutions_of_another_propeller_are_bad(tanker, circle):

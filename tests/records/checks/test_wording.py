@@ -53,7 +53,7 @@ test_trial_errors = wording(
 test_trial_refused_errors = wording(
     ps.TrialError,
     (
-        "sails ahead",
+        "makes way ahead",
         lambda container: ps.validated_trial(
             scaled(trackless(simulated(container, ps.zigzag(20.0, 20.0))), u=-0.3, v=0.3), container
         ),

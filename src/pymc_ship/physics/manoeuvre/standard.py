@@ -96,8 +96,8 @@ def one_manoeuvre(manoeuvre: object) -> Manoeuvre:
     """The manoeuvre itself; SimulationError for anything else."""
     if not isinstance(manoeuvre, Manoeuvre):
         raise SimulationError(
-            f"The manoeuvre is one value made by zigzag, turning_circle or rudder_programme, found {short_repr(manoeuvre)}; "
-            "give one of these."
+            "The manoeuvre is one value made by zigzag, turning_circle or rudder_programme, found "
+            f"{short_repr(manoeuvre)}; give one of these."
         )
     return manoeuvre
 

@@ -1,4 +1,4 @@
-"""Kinematic closure of a trial: whether rates lead to heading and roll, and the track to course and speed.
+"""Kinematic closure of a trial: integrated rates against heading and roll, track against course and speed.
 
 psi_dot = r cos phi, phi_dot = p; the velocities of the track are in :mod:`pymc_ship.records.checks.track`. Both sides
 are integrated and averaged over blocks of a share of L/U, and the increments from block to block regressed on each
@@ -27,19 +27,19 @@ from pymc_ship.records.checks.verdicts import (
 from pymc_ship.trial.record import sampling_interval
 
 SCALE_DOUBTFUL, SCALE_BAD = 0.02, 0.1
-"""Scale errors of a rate: gyros are good to 1 %, and a 10 % error in r changes what every coefficient of it means."""
+"""Scale error of a rate from which it is doubtful, and from which it is bad."""
 
 SWAPPED = 0.5
-"""Share of the changes of a rate that the integral of its angle may leave where the two columns are swapped."""
+"""Largest residual, as fraction of the changes of a rate, from which two columns count as swapped."""
 
 SPEED_BAD = 0.2
-"""Scale error of the speed beyond which neither a current nor the calibration of a log explains it."""
+"""Scale error of the speed from which it is bad: larger than by a current or a log."""
 
 HEADING_DRIFT = 0.2
-"""Drift of the heading [deg] in five L/U, the window a model is scored on, from which a gyro offset matters."""
+"""Drift of the heading [deg] in five L/U from which a gyro offset matters."""
 
 YAW_BLOCK = 0.25
-"""Share of L/U over which yaw and track are averaged."""
+"""Averaging time of yaw and track, in L/U."""
 
 FACTORS = {
     0.514444: "knots taken for m/s",
@@ -50,7 +50,7 @@ FACTORS = {
     0.001: "a track in km, or speeds in mm/s",
     1000.0: "a track in mm, or speeds in km/s",
 }
-"""Track over velocity, and the mistake behind it."""
+"""Ratio of track to velocity, and the probable mistake."""
 
 _RATE_CHECKS = {"r": ("yaw rate", "gyro offset"), "p": ("roll rate", "roll rate offset")}
 _DEGREE = 180.0 / np.pi
@@ -85,14 +85,14 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
     check = _rate_scale(rate, angle, *_slope(predicted, time, found))
     if check.verdict in ("bad", "not checked"):
         check = _swapped(trial, blocks, time, rate, angle) or check
-        return check, not_checked(offset_name, f"the {name} does not lead to {angle}")
+        return check, not_checked(offset_name, f"the integral of the {name} does not match {angle}")
     drift = (predicted - found) / time
     error = drift.std(ddof=1) / np.sqrt(drift.size) + 0.1 * SCALE_DOUBTFUL * abs(turning.mean())
     return check, _rate_offset(rate, angle, drift.mean(), error, scale)
 
 
 def _swapped(trial: xr.Dataset, blocks: Blocks, time: np.ndarray, rate: str, angle: str) -> Check | None:
-    """Check that says that the columns of a rate and its angle are swapped; None where they are not."""
+    """Check of swapped columns of a rate and its angle; None if they are not swapped."""
     predicted = blocks.increments(integral(trial[angle].values, sampling_interval(trial)))
     slope, error, left, size = _slope(predicted, time, blocks.increments(trial[rate].values))
     if abs(slope - 1.0) > SIGNIFICANT * error + SCALE_BAD or left > SWAPPED * size or error > SCALE_BAD:
@@ -122,7 +122,7 @@ def _rate_scale(rate: str, angle: str, slope: float, error: float, left: float, 
         if left > 0.9 * size > np.deg2rad(1.0):
             text = f"The integral of {rate} does not follow {angle} at all; check which columns they are."
             return Check(name, "bad", text, numbers)
-        return not_checked(name, f"{angle} changes too little to tell the scale of {rate}", numbers)
+        return not_checked(name, f"{angle} changes too little for an estimate of the scale of {rate}", numbers)
     if slope < 0.0:
         text = f"{rate} has the opposite sign of the change of {angle} (scale {slope:.3g}); flip {rate} or {angle}."
         return Check(name, "bad", text, numbers)
@@ -137,7 +137,7 @@ def _rate_scale(rate: str, angle: str, slope: float, error: float, left: float, 
     if certain and off > SCALE_DOUBTFUL:
         text = f"The change of {angle} is {slope:.4g} times the integral of {rate}; check the calibration."
         return Check(name, "doubtful", text, numbers)
-    return Check(name, "good", f"{rate} leads to {angle} with a scale of {slope:.4g}.", numbers)
+    return Check(name, "good", f"The integral of {rate} matches {angle} with a scale of {slope:.4g}.", numbers)
 
 
 def _rate_offset(rate: str, angle: str, offset: float, error: float, scale: ShipScale) -> Check:
@@ -155,7 +155,7 @@ def _rate_offset(rate: str, angle: str, offset: float, error: float, scale: Ship
 
 
 def heel(trial: xr.Dataset) -> np.ndarray:
-    """Roll angle [rad] of a trial, 0 where it has none."""
+    """Roll angle [rad] of a trial, 0 if not measured."""
     return trial["phi"].values if "phi" in trial else np.zeros(trial.sizes["time"])
 
 
@@ -179,7 +179,7 @@ def heading_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 
 
 def _under_way(trial: xr.Dataset, blocks: Blocks) -> slice:
-    """Longest piece of a track, in blocks, in which the ship is not slow and not astern."""
+    """Longest piece of a track, in blocks, in which the ship makes way ahead."""
     speed = np.hypot(*(blocks.increments(trial[name].values) for name in ("x", "y")))
     moving = speed > SLOW * np.quantile(speed, 0.95)
     if "u" in trial:
@@ -200,12 +200,12 @@ def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     numbers = (("track over velocity", ratio, ""),)
     for factor, mistake in FACTORS.items():
         if abs(np.log(ratio / factor)) < _LOG_WIDTH:
-            text = f"The track is {ratio:.4g} times as long as u and v say, as of {mistake}; convert the column."
+            text = f"The track is {ratio:.4g} times the distance from u and v, as of {mistake}; convert the column."
             return Check("speed", "bad", text, numbers)
     if abs(ratio - 1.0) > SPEED_BAD:
-        text = f"The track is {ratio:.4g} times as long as u and v say; check the units of u, v, x, y and time."
+        text = f"The track is {ratio:.4g} times the distance from u and v; check the units of u, v, x, y and time."
         return Check("speed", "bad", text, numbers)
     if abs(ratio - 1.0) > SCALE_DOUBTFUL:
-        text = f"The track is {ratio:.4g} times as long as u and v say: a current, or a log out of calibration."
+        text = f"The track is {ratio:.4g} times the distance from u and v: a current, or a log out of calibration."
         return Check("speed", "doubtful", text, numbers)
-    return Check("speed", "good", f"The track is {ratio:.4g} times as long as u and v say.", numbers)
+    return Check("speed", "good", f"The track is {ratio:.4g} times the distance from u and v.", numbers)

@@ -1,4 +1,4 @@
-"""How late measured velocities are behind the measured track, told from a lever arm, and the record set right.
+"""Lag of measured velocities behind the measured track, as against a lever arm, and its correction.
 
 A lag makes v follow what a lever arm makes of it, with an arm that grows with the speed and differs between runs. Two
 lags are told apart: u and v that are late as a whole, and earth-fixed velocities that are late and were turned into
@@ -27,13 +27,13 @@ from pymc_ship.records.checks.verdicts import SIGNIFICANT, Check, ShipScale, lea
 from pymc_ship.trial.record import sampling_interval
 
 LAG = 0.01
-"""Lag over L/U from which it matters: in a turn of rL/U = 0.5, v is then off by 0.5 % of U."""
+"""Lag over L/U from which it is corrected."""
 
 LONGEST_LAG = 0.5
-"""Lag over L/U beyond which it is none: a ship answers her rudder in less."""
+"""Largest lag over L/U that is accepted as one."""
 
 READINGS = {"earth": "earth-fixed velocities turned by the present heading", "body": "u and v as a whole"}
-"""What can be late, by its name."""
+"""Kinds of lag: velocities that were rotated late, or late as a whole."""
 
 NAME = "velocity lag"
 """Name of the check."""
@@ -52,7 +52,7 @@ class VelocityLag:
 
 
 def advanced(trial: xr.Dataset, lag: VelocityLag) -> xr.Dataset:
-    """Trial whose u and v are taken from as much later as they lag; samples without such a later one are cut off.
+    """Trial with u and v moved forward by their lag; samples at the end without a value are cut.
 
     Parameters
     ----------
@@ -90,7 +90,9 @@ class _Reading:
     misfit: float
 
 
-def _sailed(trial: xr.Dataset, track: TrackBlocks, kind: str, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+def _track_increments(
+    trial: xr.Dataset, track: TrackBlocks, kind: str, seconds: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Increments of the track that late velocities mean, and their derivative by the lag, each (2, n_blocks - 1)."""
     time, interval = trial["time"].values, sampling_interval(trial)
     pair = earth_velocity(trial) if kind == "earth" else (trial["u"].values, trial["v"].values)
@@ -105,7 +107,7 @@ def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: 
     """Least-squares lag of a kind, beside constant offsets of the velocity (Gauss-Newton)."""
     seconds = 0.0
     for _ in range(_STEPS):
-        predicted, slope = _sailed(trial, track, kind, seconds)
+        predicted, slope = _track_increments(trial, track, kind, seconds)
         (step, *_), (error, *_), residuals = least_squares(
             [slope.ravel(), *track.offsets], (measured - predicted).ravel()
         )
@@ -116,7 +118,7 @@ def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: 
 
 
 def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = None) -> Check:
-    """Lag of u and v behind the track, told from a lever arm.
+    """Lag of u and v behind the track, distinguished from a lever arm.
 
     Parameters
     ----------
@@ -158,14 +160,14 @@ def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = N
         text = f"The velocities do not lag the track ({own.seconds:.2g} s, error {own.error:.1g} s)."
         return Check(NAME, "good", text, numbers)
     text = (
-        f"The velocities lag the track by {own.seconds:.2g} s, {READINGS[kind]}: that leaves {own.misfit:.2g} m of it, "
-        f"a lever arm {arm_misfit:.2g} m; move them."
+        f"The velocities lag the track by {own.seconds:.2g} s, {READINGS[kind]}: the misfit is {own.misfit:.2g} m, "
+        f"with a lever arm {arm_misfit:.2g} m; move them."
     )
     return Check(NAME, "doubtful", text, numbers, mendable=True)
 
 
 def explains_better(check: Check, scale: ShipScale) -> bool:
-    """Whether a lag that the record does not tell for certain would explain the track better than a lever arm."""
+    """Whether an uncertain lag explains the track better than a lever arm."""
     if check.mendable or not check.numbers:
         return False
     found = lag_of(check)
@@ -174,7 +176,7 @@ def explains_better(check: Check, scale: ShipScale) -> bool:
 
 
 def lag_of(check: Check) -> VelocityLag:
-    """Lag that a check has found: that of all runs where it was given, else the one that misses the track least."""
+    """Lag of a check: that of all runs if given, else the one with the smallest misfit."""
     values = {label: value for label, value, _ in check.numbers}
     for kind in READINGS:
         if (label := f"lag of all runs, {kind}") in values:
@@ -207,7 +209,7 @@ def common_lag(checked: Iterable[Sequence[Check]]) -> VelocityLag | None:
     """
     every = [check for checks in checked for check in ([checks] if isinstance(checks, Check) else checks)]
     if not all(isinstance(check, Check) for check in every):
-        raise TrialError("A common lag is told from the checks of the runs, found something else; give trial_checks.")
+        raise TrialError("A common lag needs the checks of the runs, found something else; give trial_checks.")
     found = [check for check in every if check.name == NAME and check.numbers]
     if not any(check.mendable for check in found):
         return None

@@ -1,4 +1,4 @@
-"""Whether a record can be that of this ship, and which piece of it the models can hold.
+"""Whether the motion of a record is plausible for the ship, and which piece of it the models cover.
 
 Every quantity judged here has no dimension: the same ranges hold for a model and for the ship, and none needs a track.
 Where a quantity leaves its range, known mistakes (a unit, a scale, swapped columns, a wrong entry of the vessel file)
@@ -57,7 +57,7 @@ class Range:
 
 RANGES = {
     "share ahead": Range(
-        (0.25, 1.0), (0.25, 1.0), 1.0, 2.0, "she sails ahead with |v|/U below 0.6 for {:.0%} of the time"
+        (0.25, 1.0), (0.25, 1.0), 1.0, 2.0, "the ship makes way ahead with |v|/U below 0.6 for {:.0%} of the time"
     ),
     "rL/U": Range((0.0, TURNING), (0.0, 1.2), 0.4, 2.0, "rL/U reaches {:.2g} (ships: up to 1)"),
     "rU/g": Range((0.0, 0.2), (0.0, 0.1), 0.01, 3.0, "r U reaches {:.2g} of gravity (ships: up to 0.05)"),
@@ -66,13 +66,13 @@ RANGES = {
     ),
     "speed": Range((0.25, 2.5), (1.0 / 1.5, 1.5), 1.0, 1.2, "the speed is {:.3g} times the nominal one"),
     "Froude number": Range((0.01, 1.0), (0.02, 0.45), 0.18, 1.6, "the Froude number is {:.2g}"),
-    "heel": Range((-np.inf, 0.0), (-np.inf, 0.0), -1.0, 10.0, "she heels into the turn ({:+.2g} rad for r U/g)", "rad"),
+    "heel": Range((-np.inf, 0.0), (-np.inf, 0.0), -1.0, 10.0, "it heels into the turn ({:+.2g} rad for r U/g)", "rad"),
 }
 """Ranges of the quantities, from geometry and from merchant ships, tugs and naval ships.
 
 The pivot point of a turning ship lies 0.3 to 0.7 L forward of midship (Tzeng 1998, J. Mar. Sci. Tech. 6:39-44), and a
 sensor stands within 0.5 L of midship, usually within 0.2 L. rU/g is rL/U times the square of the Froude number. A ship
-heels out of her turn, because her centre of gravity lies above the centre of the lateral force of the hull.
+heels out of its turn, because its centre of gravity lies above the centre of the lateral force of the hull.
 """
 
 
@@ -118,17 +118,17 @@ def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
     moving = SLOW * motion.fast < motion.U
     ahead = motion.ahead
     share = float(ahead.sum() / max(moving.sum(), 1))
-    judged = replace(motion, **{name: getattr(motion, name)[ahead] for name in ("u", "v", "r")})
+    motion_ahead = replace(motion, **{name: getattr(motion, name)[ahead] for name in ("u", "v", "r")})
     found = {"share ahead": (share, 0.0)}
     if ahead.sum() < 10:
         return found
-    found["rU/g"] = (float(np.quantile(np.abs(judged.r) * judged.U, 0.99)) / GRAVITY, 0.0)
-    constant, lag = np.ones(judged.r.size), np.gradient(motion.r, motion.interval)[ahead]
+    found["rU/g"] = (float(np.quantile(np.abs(motion_ahead.r) * motion_ahead.U, 0.99)) / GRAVITY, 0.0)
+    constant, lag = np.ones(motion_ahead.r.size), np.gradient(motion.r, motion.interval)[ahead]
     if motion.L and motion.nominal:
-        found["rL/U"] = (float(np.quantile(np.abs(judged.r) / judged.U, 0.99)) * motion.L, 0.0)
+        found["rL/U"] = (float(np.quantile(np.abs(motion_ahead.r) / motion_ahead.U, 0.99)) * motion.L, 0.0)
         found["Froude number"] = (motion.fast / np.sqrt(GRAVITY * motion.L), 0.0)
         found["speed"] = (motion.fast / motion.nominal, 0.0)
-        (slope, *_), (error, *_), _ = least_squares([judged.r, lag, constant], judged.v)
+        (slope, *_), (error, *_), _ = least_squares([motion_ahead.r, lag, constant], motion_ahead.v)
         found["pivot point"] = (-float(slope) / motion.L, float(error) / motion.L)
     if motion.phi is not None:
         thrown = motion.r * motion.u / GRAVITY
@@ -156,7 +156,7 @@ def _faults(found: dict[str, tuple[float, float]]) -> dict[str, str]:
 
 
 def _oddness(found: dict[str, tuple[float, float]]) -> float:
-    """How far the quantities lie from typical ones: sum of squares in units of the scatter of ships."""
+    """Sum of squared deviations from typical values, in units of the scatter of ships."""
     total = 0.0
     for name in ("rL/U", "pivot point", "speed", "Froude number"):
         if name in found:
@@ -166,7 +166,7 @@ def _oddness(found: dict[str, tuple[float, float]]) -> float:
 
 
 def _mistakes(motion: _Motion) -> dict[str, _Motion]:
-    """The motion as it would be if a mistake were mended, by the mistake."""
+    """The motion with each possible mistake corrected, by the mistake."""
     swapped = replace(motion, u=motion.v, v=motion.u)
     found = {
         "u and v are swapped": swapped,
@@ -193,22 +193,22 @@ def _mistakes(motion: _Motion) -> dict[str, _Motion]:
 
 
 def _nominal(fast: float, nominal: float) -> str:
-    """What is wrong with the nominal speed of the vessel file, if it is that."""
-    text, metres = f"the record sails {fast:.3g} m/s", nominal * 0.514444
+    """Description of a wrong nominal speed in the vessel file."""
+    text, metres = f"the speed in the record is {fast:.3g} m/s", nominal * 0.514444
     if 0.9 < metres / fast < 1.1:
         return f"the vessel file has its nominal speed in knots ({text}; {nominal:.3g} knots are {metres:.3g} m/s)"
     return f"the vessel file has the wrong nominal speed ({text})"
 
 
 def _explanation(motion: _Motion) -> str:
-    """Sentence on the mistake that explains the quantities best, or that none does."""
+    """Sentence on the mistake that explains the quantities best."""
     mended = {mistake: _quantities(changed) for mistake, changed in _mistakes(motion).items()}
     whole = {mistake: found for mistake, found in mended.items() if not _faults(found)}
     if not whole:
         return "No single mistake of unit, sign, scale or column explains it."
     best = min(whole, key=lambda mistake: _oddness(whole[mistake]))
     shown = [_words(name, whole[best]) for name in ("rL/U", "pivot point", "speed") if name in whole[best]]
-    return f"It fits that {best}" + (f": then {', '.join(shown)}." if shown else ".")
+    return f"The most probable cause is that {best}" + (f": then {', '.join(shown)}." if shown else ".")
 
 
 def _words(name: str, found: dict[str, tuple[float, float]]) -> str:
@@ -216,7 +216,7 @@ def _words(name: str, found: dict[str, tuple[float, float]]) -> str:
 
 
 def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None) -> Check:
-    """Whether drift, turning, pivot point, speed, Froude number and heel are those of a ship, and of this one.
+    """Whether drift, turning, pivot point, speed, Froude number and heel are plausible for the ship.
 
     Parameters
     ----------
@@ -241,15 +241,15 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
     faults = _faults(found)
     if not faults:
         shown = ", ".join(_words(label, found) for label in ("rL/U", "pivot point", "speed") if label in found)
-        text = f"The motion is that of a ship: {shown}." if shown else "The motion is that of a ship."
+        text = f"The motion is plausible for a ship: {shown}." if shown else "The motion is plausible for a ship."
         return Check(name, "good", text, numbers)
     verdict = "bad" if "bad" in faults.values() else "doubtful"
     said = "; ".join(_words(label, found) for label in faults)
-    return Check(name, verdict, f"No usual ship moves so: {said}. {_explanation(motion)}", numbers)
+    return Check(name, verdict, f"The motion is unusual for a ship: {said}. {_explanation(motion)}", numbers)
 
 
 def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False) -> Check:
-    """The longest piece in which the ship sails ahead, at a speed, a drift and a rate of turn that the models hold.
+    """The longest piece with the ship ahead, at a speed, drift and rate of turn that the models cover.
 
     Parameters
     ----------
@@ -266,31 +266,32 @@ def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False)
     name = "motion ahead"
     if reason := needed(trial, ("u", "v", "r")):
         return not_checked(name, reason)
-    held, size = _held(trial, scale)
+    ahead, size = _blocks_ahead(trial, scale)
     time = trial["time"].values
-    if held.all():
-        return Check(name, "good", "The ship sails ahead all the time.", _piece(time[0], time[-1]))
-    longest = longest_piece(held)
+    if ahead.all():
+        return Check(name, "good", "The ship makes way ahead all the time.", _piece(time[0], time[-1]))
+    longest = longest_piece(ahead)
     begin, end = longest.start, longest.stop
-    samples = _samples(longest, held.size, size, time.size)
+    samples = _samples(longest, ahead.size, size, time.size)
     numbers = _piece(time[samples.start], time[max(samples.stop - 1, samples.start)])
     if any_speed:
-        share = f"The ship sails ahead, above {SLOW:.0%} of her speed, for {held.mean():.0%} of the time"
-        return Check(name, "good", f"{share}; parts for any speed hold the rest.", numbers)
+        share = f"The ship makes way ahead, above {SLOW:.0%} of its speed, for {ahead.mean():.0%} of the time"
+        return Check(name, "good", f"{share}; force models for any speed cover the rest.", numbers)
     piece = numbers[1][1] - numbers[0][1]
-    text = f"The ship sails ahead, above {SLOW:.0%} of her speed and with |v|/U below {DRIFT:g},"
+    text = f"The ship makes way ahead, above {SLOW:.0%} of its speed and with |v|/U below {DRIFT:g},"
     if piece < SHORTEST_PIECE * scale.time:
         most = f"for {piece:.3g} s at most" if end > begin else "at no time"
-        text = f"{text} {most}; the models hold nothing else, and a fit takes {SHORTEST_PIECE * scale.time:.3g} s."
+        text = f"{text} {most}; the models cover nothing else, and a fit needs {SHORTEST_PIECE * scale.time:.3g} s."
         return Check(name, "bad", text, numbers)
     text = (
-        f"{text} from {numbers[0][1]:.4g} to {numbers[1][1]:.4g} s; only this piece is used ({held.mean():.0%} do so)."
+        f"{text} from {numbers[0][1]:.4g} to {numbers[1][1]:.4g} s; only this piece is used "
+        f"({ahead.mean():.0%} of the time qualifies)."
     )
     return Check(name, "doubtful", text, numbers, mendable=True)
 
 
 def pieces_ahead(trial: xr.Dataset, scale: ShipScale) -> list[xr.Dataset]:
-    """Pieces in which the ship sails ahead, as long as a fit takes; the whole record where she always does.
+    """Pieces with the ship ahead, long enough for a fit; the whole record if it is ahead throughout.
 
     Parameters
     ----------
@@ -303,15 +304,15 @@ def pieces_ahead(trial: xr.Dataset, scale: ShipScale) -> list[xr.Dataset]:
     list of Dataset
         In the order of time; :func:`piece_check` says why where there is none.
     """
-    held, size = _held(trial, scale)
-    if held.all():
+    ahead, size = _blocks_ahead(trial, scale)
+    if ahead.all():
         return [trial]
-    found = [trial.isel(time=_samples(piece, held.size, size, trial.sizes["time"])) for piece in pieces(held)]
+    found = [trial.isel(time=_samples(piece, ahead.size, size, trial.sizes["time"])) for piece in pieces(ahead)]
     return [piece for piece in found if np.ptp(piece["time"].values) >= SHORTEST_PIECE * scale.time]
 
 
-def _held(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, int]:
-    """Whether models for a ship ahead hold each block of a record, and the samples of a block."""
+def _blocks_ahead(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, int]:
+    """Mask of the blocks that models for a ship ahead cover, and the samples per block."""
     motion, size = _motion(trial, scale, None)
     return motion.ahead & (np.abs(motion.r) * scale.L <= TURNING * motion.U if scale.known else True), size
 

@@ -59,7 +59,7 @@ def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         numbers += (("rudder travel between samples over its range", share, ""),)
     text = f"{interval:.3g} s between samples, {samples:.3g} samples in L/U."
     if samples < SAMPLES_BAD:
-        return Check("sampling", "bad", f"{text} Accelerations cannot be told; sample faster.", numbers)
+        return Check("sampling", "bad", f"{text} Accelerations cannot be estimated; sample faster.", numbers)
     if samples < SAMPLES_DOUBTFUL:
         return Check("sampling", "doubtful", f"{text} That is few; use the trajectory fit, or sample faster.", numbers)
     if share > RUDDER_STEP and rate * scale.time > FASTEST_GEAR:

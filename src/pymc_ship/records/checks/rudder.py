@@ -47,7 +47,7 @@ def rudder_unit_check(trial: xr.Dataset) -> Check:
     largest = float(np.abs(trial["delta"].values).max())
     numbers = (("largest rudder angle", np.rad2deg(largest), "deg"),)
     if largest > LARGEST_RUDDER:
-        text = f"delta reaches {largest:.3g} rad, which no rudder does; it is in deg: convert it."
+        text = f"delta reaches {largest:.3g} rad, beyond any rudder; probably it is in deg: convert it."
         return Check("rudder unit", "bad", text, numbers)
     if np.ptp(trial["delta"].values) == 0.0:
         return Check("rudder unit", "bad", "delta never changes; find the column of the rudder.", numbers)
@@ -73,7 +73,7 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if not certain and abs(correlation) < CORRELATED:
         return not_checked("rudder sign", "the rudder moves too little to tell what it does", numbers)
     if (gain if certain else correlation) > 0.0:
-        text = "A positive delta turns the ship to starboard, it should turn her to port; flip the sign of delta."
+        text = "A positive delta turns the ship to starboard, it should turn the ship to port; flip the sign of delta."
         return Check("rudder sign", "bad", text, numbers)
     return Check("rudder sign", "good", "A positive delta turns the ship to port, as it should.", numbers)
 
@@ -89,7 +89,7 @@ def _lagged_correlation(delta: np.ndarray, r: np.ndarray, longest: int) -> float
 
 
 def rudder_zero_check(trial: xr.Dataset) -> Check:
-    """Mean rudder angle on the straight approach, and half the sum of the two angles a zigzag holds."""
+    """Zero of the rudder: mean on the straight approach, and mean of the two angles of a zigzag."""
     name = "rudder zero"
     if "delta" not in trial:
         return not_checked(name, "no delta in the record")
@@ -97,7 +97,7 @@ def rudder_zero_check(trial: xr.Dataset) -> Check:
     found = [zero for zero in (approach, middle) if np.isfinite(zero)]
     numbers = (("on the approach", approach, "deg"), ("between the sides of the zigzag", middle, "deg"))
     if not found:
-        return not_checked(name, "neither a straight approach nor a rudder that is held to both sides", numbers)
+        return not_checked(name, "neither a straight approach nor a rudder angle to both sides", numbers)
     worst = max(found, key=abs)
     if abs(worst) <= ZERO:
         return Check(name, "good", f"The rudder's zero is off by {worst:+.2f} deg at most.", numbers)
@@ -105,7 +105,7 @@ def rudder_zero_check(trial: xr.Dataset) -> Check:
         text = f"The rudder's zero is off by {middle:+.2f} deg, on the approach and between both sides; subtract it."
         return Check(name, "doubtful", text, numbers, mendable=True)
     if abs(approach) == abs(worst):
-        text = f"The approach is sailed with {approach:+.2f} deg of rudder: a zero error, or what holds her straight."
+        text = f"The rudder on the approach is {approach:+.2f} deg: a zero error, or needed to keep the ship straight."
     else:
         text = f"The two sides of the zigzag are {middle:+.2f} deg off the middle: a zero error, or so ordered."
     return Check(name, "doubtful", f"{text} Check the log of the trial; not mended.", numbers)
@@ -124,7 +124,7 @@ def _approach_zero(trial: xr.Dataset) -> float:
 
 
 def _zigzag_zero(trial: xr.Dataset) -> float:
-    """Half the sum [deg] of the angles that a zigzag holds to both sides, NaN where there are no two of a kind."""
+    """Mean [deg] of the two rudder angles of a zigzag, NaN for another record."""
     delta = np.rad2deg(trial["delta"].values)
     low, high = np.quantile(delta, [0.02, 0.98])
     if not low < 0.0 < high or high - low < 2.0:
@@ -179,14 +179,14 @@ def rudder_rate_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
         return Check(name, "good", f"The rudder moves at {rate:.3g} deg/s; the vessel file has {given:.3g}.", numbers)
     text = f"The rudder moves at {rate:.3g} deg/s, the vessel file has {given:.3g};"
     if rate < given:
-        text = f"{text} steered by hand, it may be slower than its gear: the record does not tell the rate of the gear."
+        text = f"{text} steered by hand, it may be slower than its gear: the rate of the gear is unknown."
     else:
         text = f"{text} an ordered angle, or a gear quicker than that of the file."
     return Check(name, "doubtful", text, numbers)
 
 
 def rudder_delay_check(trial: xr.Dataset) -> Check:
-    """Delay of the rudder behind its command, where the record holds ``delta_command`` [rad]."""
+    """Delay of the rudder behind its command ``delta_command`` [rad], if recorded."""
     name = "rudder delay"
     if "delta" not in trial or "delta_command" not in trial:
         return not_checked(name, "no commanded rudder (delta_command) in the record")

@@ -1,4 +1,4 @@
-"""What else acts on the ship: whether the revolutions fit her propeller and whether the wind is the true one."""
+"""Checks of revolutions, against the propeller, and of the wind, true or relative."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
         return Check(name, "doubtful", f"n is missing in {share:.2g} % of the record and is left out; fill it in.")
     driven = (n > 0.0) & (SLOW * np.quantile(U, 0.95) < U)
     if not driven.any():
-        return not_checked(name, "the propeller never drives her ahead")
+        return not_checked(name, "the propeller never turns ahead")
     J = float(np.median(U[driven] / (n[driven] * vessel.propeller.D)))
     numbers = (("advance number", J, ""),)
     low, high = ADVANCE
     if low <= J <= high:
         return Check(name, "good", f"The advance number U / (n D) is {J:.2g}.", numbers)
     fits = low <= 60.0 * J <= high
-    why = "It fits that n is in 1/min: state its unit" if fits else "Check the unit of n and D of the vessel file"
+    why = "Probably n is in 1/min: state its unit" if fits else "Check the unit of n and D of the vessel file"
     return Check(name, "bad", f"The advance number U / (n D) is {J:.2g} (ships: {low:g} to {high:g}). {why}.", numbers)
 
 
@@ -53,7 +53,7 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if not (np.isfinite(speed).all() and np.isfinite(direction).all()):
         return Check(name, "doubtful", "The wind is missing in a part of the record; fill it in.")
     if np.ptp(psi) < _TURNED:
-        return not_checked(name, "she sails on one course, on which readings of the wind cannot be told apart")
+        return not_checked(name, "true and relative wind cannot be distinguished on one course")
     u, v, bow = trial["u"].values, trial["v"].values, np.exp(1j * psi)
     air = -speed * np.exp(1j * direction)
     readings = {
@@ -69,7 +69,7 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if not best or share > STEADIER:
         return Check(name, "good", "The true wind is steadier than any reading of it as a relative one.", numbers)
     remedy = 'state wind = "relative" in the format' if "relative wind, from the bow" in best else "correct the columns"
-    sentence = f"It fits that {best}: the wind then keeps {100.0 * share:.2g} % of its variance; {remedy}."
+    sentence = f"Probably {best}: the wind then keeps {100.0 * share:.2g} % of its variance; {remedy}."
     return Check(name, "bad", sentence, numbers)
 
 

@@ -167,14 +167,14 @@ def lever_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     lever, error, _ = lever_fit(trial, track, measured - track.sailed(*earth_velocity(trial)))
     numbers = (("lever arm", lever, "m"), ("standard error", error, "m"), ("lever arm over L", lever / scale.L, ""))
     if abs(lever) > LONGEST_LEVER * scale.L:
-        return not_checked("lever arm", f"what the track misses is no lever arm ({lever:.3g} m)", numbers)
+        return not_checked("lever arm", f"the misfit is not that of a lever arm ({lever:.3g} m)", numbers)
     if abs(lever) <= SIGNIFICANT * error > SEEN_LEVER * scale.L:
-        return not_checked("lever arm", f"the record tells it to {error:.2g} m only, a zigzag tells it better", numbers)
+        return not_checked("lever arm", f"its standard error is {error:.2g} m; use a zigzag", numbers)
     if abs(lever) > SIGNIFICANT * error and abs(lever) > LEVER * scale.L:
         side = "aft" if lever > 0.0 else "forward"
-        text = f"v is that of a point {abs(lever):.3g} m {side} of the one whose track is x, y; move it there."
+        text = f"v is measured {abs(lever):.3g} m {side} of the point of x, y; move it there."
         return Check("lever arm", "doubtful", text, numbers, mendable=True)
-    text = f"u, v and the track are those of one point (lever arm {lever:.2g} m, error {error:.1g} m)."
+    text = f"u, v and the track are of one point (lever arm {lever:.2g} m, error {error:.1g} m)."
     return Check("lever arm", "good", text, numbers)
 
 

@@ -63,14 +63,14 @@ def trial_checks(
     trial : Dataset, dims (time,)
         Any of u, v [m/s], r, p [rad/s], phi, psi, delta [rad], x, y [m], n [1/s], ``wind_speed`` [m/s],
         ``wind_direction`` [rad] and ``delta_command`` [rad]; uniform time [s].
-        Checks that need a missing channel are not made and say so; p and phi that are 0 throughout count as missing.
+        Checks of a missing channel have the verdict "not checked"; p and phi that are 0 throughout count as missing.
     vessel : Vessel, str or Path, optional
         Gives L, speed, rudder rate and terms. Without it, L/U is taken from the tightest turn.
     lag : VelocityLag, optional
         Lag of the velocities behind the track in all runs of the facility, see :func:`.common_lag`; by default
         that of this record.
     any_speed : bool, optional
-        Whether the model to be fitted holds at rest and astern, too; the record is then not cut to a piece ahead.
+        Whether the model to be fitted covers rest and astern, too; the record is then not cut to a piece ahead.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def trial_checks(
     _check_record(as_trial(trial))
     trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in present(trial)])
     found = [spike_check(trial), wrap_check(trial)]
-    trial = _mended(trial, found)
+    trial = _corrected(trial, found)
     scale = ship_scale(trial, vessel)
     found += [sampling_check(trial, scale), gap_check(trial), noise_check(trial), resolution_check(trial)]
     found += [frozen_check(trial, scale)]
@@ -113,7 +113,7 @@ def trial_checks(
     else:
         piece = piece_check(trial, scale, any_speed=any_speed)
     found += [plausible, piece]
-    trial = _mended(trial, [piece])
+    trial = _corrected(trial, [piece])
     found += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
     scale = ship_scale(trial, vessel)
     found += [revolutions_check(trial, vessel), wind_check(trial, scale)]
@@ -140,25 +140,25 @@ def _closure_checks(
     scale = ship_scale(trial, vessel)
     found = [*rate_checks(trial, scale, "r", "psi"), *rate_checks(trial, scale, "p", "phi")]
     found += [heading_check(trial, scale), speed_check(trial, scale)]
-    trial = _mended(trial, found)
+    trial = _corrected(trial, found)
     wrong = [check.name for check in found if check.verdict == "bad" and not check.name.startswith("roll")]
     if wrong:
         reason = f"{' and '.join(wrong)} must be right first"
         names = ("velocity axes", "sway sign", "velocity lag", "lever arm", "track closure")
         return trial, found + [not_checked(name, reason) for name in names]
     axes = axes_checks(trial, scale)
-    trial = _mended(trial, axes)
+    trial = _corrected(trial, axes)
     if axes[1].verdict == "bad":
         later = ("velocity lag", "lever arm", "track closure")
         rest = [not_checked(name, "the sign of v must be right first") for name in later]
         return trial, [*found, *axes, *rest]
     late = lag_check(trial, scale, lag)
-    trial = _mended(trial, [late])
+    trial = _corrected(trial, [late])
     lever = lever_check(trial, scale)
     if lever.mendable and explains_better(late, scale):
         reason = "a lag of the velocities explains the track better, but takes more runs to tell; give them together"
         lever = not_checked(lever.name, reason)
-    trial = _mended(trial, [lever])
+    trial = _corrected(trial, [lever])
     return trial, [*found, *axes, late, lever, drift_check(trial, scale)]
 
 
@@ -218,14 +218,14 @@ def worst_verdict(checks: Iterable[Check]) -> str:
 
 
 def failed_checks(checks: Iterable[Check], overrule: Collection[str] = ()) -> str:
-    """Sentence that says which checks are bad and not overruled; empty where none is."""
+    """Sentence on the bad checks that are not overruled; empty without any."""
     bad = [check for check in checks if check.verdict == "bad" and check.name not in overrule]
     if not bad:
         return ""
-    return "The trial cannot be fitted: " + " ".join(map(_said, bad))
+    return "The trial cannot be fitted: " + " ".join(map(_check_text, bad))
 
 
-def _said(check: Check) -> str:
+def _check_text(check: Check) -> str:
     return f"{check.name}: {check.sentence}"
 
 
@@ -237,7 +237,7 @@ def validated_trial(
     lag: VelocityLag | None = None,
     any_speed: bool = False,
 ) -> xr.Dataset:
-    """Check a trial, refuse it or mend it: what every command does with a record before it fits it.
+    """Validated trial: checked, corrected, and with quality flags, as every command makes it before a fit.
 
     Parameters
     ----------
@@ -274,14 +274,14 @@ def validated_trial(
     Traceback (most recent call last):
         ...
     pymc_ship.machine.errors.TrialError: The trial cannot be fitted: rudder sign: A positive delta turns \
-the ship to starboard, it should turn her to port; flip the sign of delta.
+the ship to starboard, it should turn the ship to port; flip the sign of delta.
     """
     vessel = as_vessel(vessel)
     return corrected_trial(trial, trial_checks(trial, vessel, lag=lag, any_speed=any_speed), overrule)
 
 
 def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collection[str] = ()) -> xr.Dataset:
-    """Mend what the checks have found to be wrong with certainty.
+    """Corrected trial: certain findings of the checks are mended.
 
     Spikes are replaced by interpolation, the heading is unwrapped, earth-fixed velocities are turned to body axes, the
     offsets of r and p subtracted, v moved to the point whose track is recorded, and a zero error of the rudder that
@@ -325,30 +325,33 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
         check_choice("A check to overrule", name, [check.name for check in checks], TrialError)
     if sentence := failed_checks(checks, overrule):
         raise TrialError(sentence, checks=[one for one in checks if one.verdict == "bad" and one.name not in overrule])
-    made = [check.verdict for check in checks if check.verdict != "not checked"]
-    mended = with_quality_flags(_mended(trial, checks), worst(made), _remarks(checks))
-    told = [*trial.attrs.get("corrections", []), *(_TOLD[check.name](check) for check in checks if check.mendable)]
-    return mended.assign_attrs(corrections=told)
+    verdicts = [check.verdict for check in checks if check.verdict != "not checked"]
+    mended = with_quality_flags(_corrected(trial, checks), worst(verdicts), _remarks(checks))
+    corrections = [
+        *trial.attrs.get("corrections", []),
+        *(_CORRECTION_TEXT[check.name](check) for check in checks if check.mendable),
+    ]
+    return mended.assign_attrs(corrections=corrections)
 
 
 def _remarks(checks: Iterable[Check]) -> list[str]:
-    """A sentence for each check that is doubtful, and for each that is bad and was overruled."""
+    """A sentence for each doubtful check and each overruled bad check."""
     words = {"doubtful": "Doubtful", "bad": "Overruled, though bad"}
-    return [f"{words[check.verdict]}: {_said(check)}" for check in checks if check.verdict in words]
+    return [f"{words[check.verdict]}: {_check_text(check)}" for check in checks if check.verdict in words]
 
 
-def _mended(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
+def _corrected(trial: xr.Dataset, checks: Iterable[Check]) -> xr.Dataset:
     for check in checks:
         if check.mendable:
             trial = _MEND[check.name](trial, check)
     return trial
 
 
-def _less(trial: xr.Dataset, name: str, shift: float | np.ndarray) -> xr.Dataset:
+def _subtracted(trial: xr.Dataset, name: str, shift: float | np.ndarray) -> xr.Dataset:
     return trial.assign({name: ("time", trial[name].values - shift, trial[name].attrs)})
 
 
-def _turned(trial: xr.Dataset, _: Check) -> xr.Dataset:
+def _in_body_axes(trial: xr.Dataset, _: Check) -> xr.Dataset:
     velocity = zip(("u", "v"), body_velocity(trial), strict=True)
     return trial.assign({name: ("time", values, trial[name].attrs) for name, values in velocity})
 
@@ -360,17 +363,17 @@ def _zero(check: Check) -> float:
 _MEND: dict[str, Callable[[xr.Dataset, Check], xr.Dataset]] = {
     "spikes": lambda trial, _: without_spikes(trial),
     "heading wraps": lambda trial, _: trial.assign(psi=("time", unwrapped_heading(trial), trial["psi"].attrs)),
-    "gyro offset": lambda trial, check: _less(trial, "r", np.deg2rad(check.value("offset"))),
-    "roll rate offset": lambda trial, check: _less(trial, "p", np.deg2rad(check.value("offset"))),
-    "velocity axes": _turned,
+    "gyro offset": lambda trial, check: _subtracted(trial, "r", np.deg2rad(check.value("offset"))),
+    "roll rate offset": lambda trial, check: _subtracted(trial, "p", np.deg2rad(check.value("offset"))),
+    "velocity axes": _in_body_axes,
     "motion ahead": cut_to_piece,
     "velocity lag": lambda trial, check: advanced(trial, lag_of(check)),
-    "lever arm": lambda trial, check: _less(trial, "v", -check.value("lever arm") * trial["r"].values),
-    "rudder zero": lambda trial, check: _less(trial, "delta", np.deg2rad(_zero(check))),
+    "lever arm": lambda trial, check: _subtracted(trial, "v", -check.value("lever arm") * trial["r"].values),
+    "rudder zero": lambda trial, check: _subtracted(trial, "delta", np.deg2rad(_zero(check))),
 }
-"""How what a check found is mended, in the order of the checks."""
+"""Correction of each mendable check, in the order of the checks."""
 
-_TOLD: dict[str, Callable[[Check], str]] = {
+_CORRECTION_TEXT: dict[str, Callable[[Check], str]] = {
     "spikes": lambda check: f"Samples replaced by interpolation: {sum(value for _, value, _ in check.numbers):.0f}.",
     "heading wraps": lambda check: f"Jumps of psi by a whole turn taken out: {check.value('jumps'):.0f}.",
     "gyro offset": lambda check: f"{check.value('offset'):+.5f} deg/s subtracted from r.",
