@@ -77,7 +77,7 @@ def test_a_disagreement_is_status_3_and_the_page_is_written(tmp_path, capsys, wr
         ("{tmp}/none.nc", "found nothing at .*none.nc; check the path."),
         ("{tmp}/junk.nc", "junk.nc is no posterior written by this package"),
         ("{tmp}/x.nc --vessel raft", "A vessel is one of container"),
-        ("{tmp}/x.nc --out {tmp}/junk.nc/below", "cannot be written: Not a directory; choose another place."),
+        ("{tmp}/x.nc --out {tmp}/junk.nc/below", "cannot be written: Not a directory; choose another path."),
         ("", "the following arguments are required: POSTERIOR"),
     ],
 )

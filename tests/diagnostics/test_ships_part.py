@@ -80,7 +80,9 @@ def test_the_prior_group_of_a_tree_goes_before_what_it_records(sway, container):
 def test_why_no_ships_are_shown_is_said(good, container):
     assert of_regression(good, None, rng()).text.startswith("Not shown: no vessel was given, whose hull")
     bare = replace(container, forces=container.forces | {"roll": ()})
-    assert of_regression(good, bare, rng()).text.startswith("Not shown: 'container' states no coefficients of roll")
+    assert of_regression(good, bare, rng()).text.startswith(
+        "Not shown: The model of 'container' needs coefficients of roll"
+    )
     assert of_regression(without(good, "observed_data"), container, rng()).text == (
         "Not shown: the tree has no observed_data/response."
     )

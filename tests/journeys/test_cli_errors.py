@@ -96,8 +96,11 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
             "simulate {tmp}/none.toml --turn 35 --out {out}",
             "none.toml cannot be read: No such file or directory; check",
         ),
-        ("simulate {tmp}/odd.toml --turn 35 --out {out}", r"odd.toml: coefficients.yaw.Nvzz is no coefficient"),
-        ("regress {made}/trial.csv --vessel {tmp}/odd.toml --out {out}", r"coefficients.yaw.Nvzz is no coefficient"),
+        ("simulate {tmp}/odd.toml --turn 35 --out {out}", r"odd.toml: coefficients.yaw.Nvzz must name a coefficient"),
+        (
+            "regress {made}/trial.csv --vessel {tmp}/odd.toml --out {out}",
+            r"coefficients.yaw.Nvzz must name a coefficient",
+        ),
         ("study --vessel tanker --out {out}", "A vessel is one of .* found 'tanker'"),
         (
             "simulate container --zigzag 20-20 --out {out}",
@@ -202,7 +205,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_long_work(made, tmp_pa
     monkeypatch.setattr(LONG_WORK[command], forbid)
     monkeypatch.setattr(identification, "identify", forbid)
     message = refused(capsys, command, *rest, "--out", tmp_path / "file" / "below" / "out.csv")
-    assert re.fullmatch(r".*file/below.* cannot be written: Not a directory; choose another place\.", message)
+    assert re.fullmatch(r".*file/below.* cannot be written: Not a directory; choose another path\.", message)
     assert files(tmp_path) == ["file"]
     assert (tmp_path / "file").read_text() == "kept"
 

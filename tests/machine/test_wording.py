@@ -40,18 +40,18 @@ test_value_errors = wording(
 test_output_errors = wording(
     OutputError,
     *(
-        (r"file\.txt.* cannot be written: .+; choose another place\.", partial(taken_place, place=place))
+        (r"file\.txt.* cannot be written: .+; choose another path\.", partial(taken_place, place=place))
         for place in ["file.txt", "file.txt/below"]
     ),
     *(
         (message, partial(written_to, place=place))
         for place, message in [
-            ("/dev/null", "A result is written to a file or a folder, found a device at .*; choose another place"),
-            ("pipe", "A result is written to a file or a folder, found a pipe at .*; choose another place"),
-            ("link", "A result is written to a file or a folder, found a device at .*; choose another place"),
+            ("/dev/null", "A result is written to a file or a folder, found a device at .*; choose another path"),
+            ("pipe", "A result is written to a file or a folder, found a pipe at .*; choose another path"),
+            ("link", "A result is written to a file or a folder, found a device at .*; choose another path"),
             ("loop", "loop cannot be written: Too many levels of symbolic links"),
-            ("folder", "folder cannot be written: Is a directory; choose another place"),
-            ("missing/table.csv", r"table\.csv cannot be written: .+; choose another place"),
+            ("folder", "folder cannot be written: Is a directory; choose another path"),
+            ("missing/table.csv", r"table\.csv cannot be written: .+; choose another path"),
         ]
     ),
 )

@@ -1,14 +1,14 @@
-"""What every wing asks of the computer. Imports no other wing.
+"""Files, processes, threads and seeds: what every wing needs of the computer. Imports no other wing.
 
 - `errors`: the errors of the package, under one root.
-- `files`: results that appear under their name only when they are complete.
-- `checksums`: sums that results carry, so that damage is found before they are used.
-- `arguments`: checks of choices and numbers, with errors of one sentence.
-- `text`: UTF-8 text, and a word on what else a file is.
-- `fields`: short text of a dataclass.
+- `files`: results that appear under their final name only when they are complete.
+- `checksums`: SHA-256 of result files, checked before a file is read.
+- `arguments`: checks of choices and numbers; an error is one sentence.
+- `text`: UTF-8 text files, and what a file of another encoding is.
+- `fields`: the short `repr` of a dataclass.
 - `toml`: TOML files, checked key by key.
-- `memory`: the memory that a process has taken and may take, where the system says it.
+- `memory`: memory that this process uses and may use.
 - `threads`: one pool of threads for the package, one thread inside a worker process.
-- `workers`: processes on the local cores or on a Dask cluster that do tasks one by one.
+- `workers`: processes on the local cores or on a Dask cluster.
 - `seeds`: a random generator for each purpose, from one root seed.
 """

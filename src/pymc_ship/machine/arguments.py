@@ -1,4 +1,4 @@
-"""Checks of single values that a caller or a file gives; each error is a sentence with rule, finding and remedy."""
+"""Checks of single values; each error is one sentence with the rule, the value and the remedy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LONGEST = 100
 
 
 def short_repr(value: object) -> str:
-    """Representation of a value, cut to a length that an error can hold."""
+    """``repr`` of a value, at most 100 characters."""
     try:
         text = _SHORT.repr(value)
     except ValueError:
@@ -22,15 +22,14 @@ def short_repr(value: object) -> str:
 
 
 def check_choice(what: str, value: object, choices: Iterable[str], error: type[ValueError] = ValueError) -> None:
-    """Raise an error unless a value is one of some choices.
+    """Raise an error unless a value is one of the choices.
 
     Parameters
     ----------
     what : str
-        Begin of the sentence: what the value is, such as ``"A prior family"``.
+        Subject of the sentence, such as ``"A prior family"``.
     value : object
     choices : iterable of str
-        Signs among them are shown in quotes.
     error : type of ValueError, optional
 
     Raises
@@ -50,7 +49,7 @@ def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *
     Parameters
     ----------
     what : str
-        Begin of the sentence: what the value is.
+        Subject of the sentence.
     value : object
     error : type of ValueError, optional
     least : float, optional
@@ -62,7 +61,7 @@ def finite_number(what: str, value: Any, error: type[ValueError] = ValueError, *
     Raises
     ------
     ValueError
-        Of the type ``error``, for a truth value, a text, what is no number, is not finite or is below ``least``.
+        Of the type ``error``, for a bool, a text, NaN, infinity or a value below ``least``.
     """
     number = math.nan
     if not isinstance(value, bool | str | bytes):

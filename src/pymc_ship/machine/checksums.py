@@ -1,7 +1,6 @@
-"""Checksums that results carry (SHA-256, FIPS 180-4), so that damage is found before a number of them is used.
+"""SHA-256 checksums of result files (FIPS 180-4), checked before a file is read.
 
-Libraries that read damaged NetCDF or HDF5 files may give other numbers without a word, raise anything or end the whole
-process; a checksum is asked first.
+Libraries that read damaged NetCDF or HDF5 files may return wrong numbers or end the process.
 """
 
 from __future__ import annotations
@@ -18,21 +17,15 @@ _BLOCK = 1 << 20
 
 
 def append_checksum(path: str | Path) -> None:
-    """Append the checksum of a file to it: its last 81 bytes then, which readers of NetCDF and HDF5 pass over."""
+    """Append the checksum of a file to it: 81 bytes, which readers of NetCDF and HDF5 ignore."""
     with Path(path).open("r+b") as file:
-        found = _digest(file, file.seek(0, os.SEEK_END))
+        digest = _digest(file, file.seek(0, os.SEEK_END))
         file.seek(0, os.SEEK_END)
-        file.write(_MARK + found.encode())
+        file.write(_MARK + digest.encode())
 
 
 def has_valid_checksum(path: str | Path) -> bool:
-    """Whether a file that ends with a checksum is what it was; a file that carries none passes.
-
-    Raises
-    ------
-    OSError
-        When the file cannot be read.
-    """
+    """Whether a file agrees with the checksum at its end; True for a file without one."""
     with Path(path).open("rb") as file:
         size = file.seek(0, os.SEEK_END) - len(_MARK) - 2 * hashlib.sha256().digest_size
         if size < 0:
@@ -42,35 +35,21 @@ def has_valid_checksum(path: str | Path) -> bool:
         return not end.startswith(_MARK) or end == _MARK + _digest(file, size).encode()
 
 
-def folder_checksum(folder: str | Path, names: Iterable[str | Path], said: Mapping[str, Any]) -> str:
-    """Checksum of files of a folder, by their names, and of what an index of them says.
-
-    Parameters
-    ----------
-    folder : str or Path
-    names : iterable of str or Path
-        Places of the files in the folder, in any order.
-    said : mapping
-        Content of the index, of JSON types; the checksum itself is not in it.
-
-    Raises
-    ------
-    OSError
-        When a file cannot be read.
-    """
-    whole = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
+def folder_checksum(folder: str | Path, names: Iterable[str | Path], index: Mapping[str, Any]) -> str:
+    """Checksum of files of a folder and of their index, which is of JSON types and without the checksum itself."""
+    digest = hashlib.sha256(json.dumps(index, sort_keys=True).encode())
     for name in sorted(Path(name).as_posix() for name in names):
         with (Path(folder) / name).open("rb") as file:
-            whole.update(f"\n{name} {hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
-    return whole.hexdigest()
+            digest.update(f"\n{name} {hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
+    return digest.hexdigest()
 
 
 def _digest(file: BinaryIO, size: int) -> str:
-    """Digest of the first bytes of an open file; its position is kept where it was."""
-    place, found = file.tell(), hashlib.sha256()
+    """SHA-256 of the first ``size`` bytes of an open file, whose position stays the same."""
+    position, digest = file.tell(), hashlib.sha256()
     file.seek(0)
     while size > 0 and (block := file.read(min(_BLOCK, size))):
-        found.update(block)
+        digest.update(block)
         size -= len(block)
-    file.seek(place)
-    return found.hexdigest()
+    file.seek(position)
+    return digest.hexdigest()

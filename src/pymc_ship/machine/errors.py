@@ -1,6 +1,6 @@
-"""The errors of the package: one class for each kind of input or output that is wrong.
+"""The errors of the package, one class for each kind of wrong input or output.
 
-The text of an error is one sentence: the rule, what was found and the remedy.
+The text of an error is one sentence: the rule, the value found and the remedy.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ class OutputError(ShipError):
 
 
 class VesselError(ShipError):
-    """A vessel file that cannot be used; the sentence names the key."""
+    """A vessel file that cannot be used; the message names the key."""
 
 
 class TrialError(ShipError):
-    """A record, or the conditions of a sea trial, that cannot be used; the sentence names the channel or the key.
+    """A record, or the conditions of a sea trial, that cannot be used; the message names the channel or the key.
 
     Attributes
     ----------
     checks : tuple of Check
-        Bad checks that nobody has overruled, where the record must not be fitted because of them.
+        Bad checks that are not overruled, if they forbid a fit of the record.
     """
 
     def __init__(self, *args: object, checks: Iterable[Any] = ()) -> None:
@@ -36,20 +36,20 @@ class TrialError(ShipError):
 
 
 class SimulationError(ShipError):
-    """A manoeuvre that no ship can run, or settings that no simulation and no design of trials can use."""
+    """A manoeuvre, or settings of a simulation or of a design of trials, that cannot be used."""
 
 
 class InferenceError(ShipError):
-    """Data, a prior, folds or a search that no regression and no fit can use."""
+    """Regression data, a prior, folds or search settings that cannot be used."""
 
 
 class FitError(ShipError):
-    """A fit of trajectories that cannot be trusted or started.
+    """A fit of trajectories that cannot start or did not converge.
 
     Attributes
     ----------
     refusals : tuple of Refusal
-        Where each term set fails, if no term set can be fitted.
+        Why each term set fails, if none can be fitted.
     """
 
     def __init__(self, *args: object, refusals: Iterable[Any] = ()) -> None:

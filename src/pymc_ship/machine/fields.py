@@ -8,15 +8,15 @@ from textwrap import shorten
 from typing import Any
 
 LONGEST = 399
-"""Characters of a text at most: what a user reads at a glance."""
+"""Largest number of characters of a ``repr``."""
 
 _WORD = 40
 
 
-def field_text(one: Any) -> str:
-    """Class and fields of a dataclass in at most :data:`LONGEST` characters: arrays, tables and lists by their size."""
-    said = ", ".join(f"{field.name}={_brief(getattr(one, field.name))}" for field in fields(one))
-    return shorten(f"{type(one).__name__}({said})", LONGEST, placeholder=" ...)")
+def field_text(instance: Any) -> str:
+    """Class and fields of a dataclass in at most :data:`LONGEST` characters; arrays, tables and lists as their size."""
+    values = ", ".join(f"{field.name}={_brief(getattr(instance, field.name))}" for field in fields(instance))
+    return shorten(f"{type(instance).__name__}({values})", LONGEST, placeholder=" ...)")
 
 
 def _brief(value: Any) -> str:

@@ -1,16 +1,14 @@
-"""A result appears under its name only when it is complete; an earlier result stays until then.
+"""Atomic output: a result appears under its name only when it is complete; an earlier result stays until then.
 
-What a run writes lies in a folder of its own, ``.partial-HOST-PID-RANDOM`` beside the result, until it is complete.
-What is guaranteed, whatever run is killed when and however many runs write to one place:
+A run writes to a folder ``.partial-HOST-PID-RANDOM`` beside the result. Whenever runs are killed, and however many
+write to one path:
 
-- A file is the earlier or the new one, whole.
-- A folder that is replaced, and files of one folder that belong together, are the earlier or the new ones for every
-  reader that calls :func:`settle` first, as those of this package do. They are moved one after the other: another
-  program that looks after a kill in the middle of that, before the next run, may find no folder or files of both.
-- Of two runs at one place the one that ends last stands whole: a run moves its files while no other one does.
-- What a killed run left is removed by the next run in the same folder, but never the folder of a run that lives. That
-  is known from a lock that ends with its process; of another machine, whose locks may not be seen here, only what has
-  not changed for :data:`OLD` by the clock of the file system is taken for left behind.
+- A file is the earlier or the new one, complete.
+- A folder, or a group of files, is the earlier or the new one for every reader that calls :func:`settle` first. Its
+  files are moved one after the other: another program may see a mixture after a kill in the middle of that.
+- Of two runs with one output path, the result of the last one to end remains.
+- The next run removes the partial folders of killed runs, but not those of live runs. A live run is known by its lock;
+  for another machine, whose locks may be invisible here, by a change in the last :data:`OLD` seconds.
 """
 
 from __future__ import annotations
@@ -32,70 +30,70 @@ from filelock import lock_descriptor
 from pymc_ship.machine.errors import OutputError
 
 OLD = 7 * 86400.0
-"""Seconds without a change after which a folder of partial results of another machine is taken for left behind."""
+"""Seconds without a change after which a partial folder of another machine counts as abandoned."""
 
 _HOST = hashlib.sha256(f"{platform.node()} {uuid.getnode()}".encode()).hexdigest()[:12]
 _BOX = re.compile(r"\.partial-[0-9a-f]{12}-\d+-\w+")
 _KINDS = {stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
-# Inside a folder of partial results: the lock of its run, what is being written, the earlier folder while a new one
-# takes its place, and files that are complete and on their way; a list of names that go with their arrival.
-_LOCK, _GONE = ".lock", ".gone"
+# Names inside a partial folder: lock of its run; files to delete on delivery; files being written; the earlier folder
+# during a swap; complete files during delivery.
+_LOCK, _OBSOLETE = ".lock", ".gone"
 _NEW, _BEFORE, _READY = "new", "before", "ready"
-_TURN = ".partial-turn"
-_POLL = 0.01  # seconds between two looks at a lock that another run has
+_DELIVERY = ".partial-turn"
+_POLL = 0.01  # seconds between two attempts to lock
 
 
 @contextmanager
 def staged_path(path: str | Path) -> Iterator[Path]:
-    """Temporary name for a file or folder that is moved to its own name when the block ends without an exception.
+    """Temporary path of a file or folder that is renamed to its final path if the block ends without an exception.
 
     Parameters
     ----------
     path : str or Path
-        Final name; its folder must exist. Where it is a link, what the link leads to is written.
+        Final path; its folder must exist. A symbolic link is followed.
 
     Yields
     ------
     Path
-        The same name in a temporary folder beside the final one, to write to.
+        Path to write to.
 
     Raises
     ------
     OutputError
-        When the folder cannot be written, or the name is that of a device or a pipe.
+        When the folder cannot be written, or the path is a device or a pipe.
     """
     path = final_path(path)
-    with _told(path), _box(path.parent) as box:
-        yield box / _NEW / path.name
-        made = box / _NEW / path.name
-        if not made.is_dir() and not path.is_dir():
-            os.replace(made, path)
+    with _output_errors(path), _partial_folder(path.parent) as box:
+        new = box / _NEW / path.name
+        yield new
+        if not new.is_dir() and not path.is_dir():
+            os.replace(new, path)
             return
-        with _turn(path.parent):  # another writer may have made the folder since
+        with _delivery_lock(path.parent):  # another writer may have made the folder since
             if path.is_dir():
                 _swap(box, path)
             else:
-                os.replace(made, path)
+                os.replace(new, path)
 
 
 @contextmanager
 def staged_files(folder: str | Path, *, last: str = "", own: Iterable[str] = ()) -> Iterator[Path]:
-    """Temporary folder whose files are moved into a folder together when the block ends without an exception.
+    """Temporary folder whose files are moved into a folder together if the block ends without an exception.
 
     Parameters
     ----------
     folder : str or Path
-        Where the files go, to the same places as in the temporary folder; other files of it stay.
+        Final folder; relative paths stay the same, and other files of the folder stay.
     last : str, optional
-        Name of the file that is moved last.
+        Name of the file to move last.
     own : iterable of str, optional
-        Patterns of files of an earlier result, which go where the new one does not have them.
+        Patterns of files of an earlier result, deleted if the new result does not have them.
 
     Yields
     ------
     Path
-        Folder inside the final one to write to.
+        Folder to write to.
 
     Raises
     ------
@@ -103,17 +101,17 @@ def staged_files(folder: str | Path, *, last: str = "", own: Iterable[str] = ())
         When the folder cannot be written.
     """
     folder = Path(folder)
-    with _told(folder / last), _box(folder) as box:
+    with _output_errors(folder / last), _partial_folder(folder) as box:
         new = box / _NEW
         yield new
-        made = _files(new)
-        for name in made:
+        names = _files(new)
+        for name in names:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             if (folder / name).is_dir():
                 raise IsADirectoryError(None, f"{name} is a folder there")
-        gone = {path.relative_to(folder) for pattern in own for path in folder.glob(pattern)}.difference(made)
-        (box / _GONE).write_text("\n".join(map(str, sorted(gone))), encoding="utf-8")
-        with _turn(folder):
+        obsolete = {path.relative_to(folder) for pattern in own for path in folder.glob(pattern)}.difference(names)
+        (box / _OBSOLETE).write_text("\n".join(map(str, sorted(obsolete))), encoding="utf-8")
+        with _delivery_lock(folder):
             os.replace(new, box / _READY)
             try:
                 _deliver(box, last)
@@ -123,34 +121,22 @@ def staged_files(folder: str | Path, *, last: str = "", own: Iterable[str] = ())
 
 
 def final_path(path: str | Path) -> Path:
-    """Final name of a result, behind all links.
-
-    Raises
-    ------
-    OutputError
-        For a device, a pipe or a socket.
-    """
+    """Path of a result with symbolic links resolved; OutputError for a device, a pipe or a socket."""
     path = Path(path)
-    with _told(path):
+    with _output_errors(path):
         if not path.is_symlink() and not path.exists():
             return path
         real = Path(os.path.realpath(path)) if path.is_symlink() else path
         kind = _KINDS.get(stat.S_IFMT(real.stat().st_mode)) if os.path.lexists(real) else None
     if kind:
-        raise OutputError(f"A result is written to a file or a folder, found {kind} at {path}; choose another place.")
+        raise OutputError(f"A result is written to a file or a folder, found {kind} at {path}; choose another path.")
     return real
 
 
 def writable_folder(path: str | Path) -> Path:
-    """Create a folder where it is missing and make sure that it can be written, before long work begins.
-
-    Raises
-    ------
-    OutputError
-        When it cannot.
-    """
+    """Create a folder if it is missing; OutputError if it cannot be written."""
     path = Path(path)
-    with _told(path):
+    with _output_errors(path):
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
@@ -159,50 +145,50 @@ def writable_folder(path: str | Path) -> Path:
 
 
 def settle(folder: str | Path) -> None:
-    """Bring to its end what killed runs left in a folder: move what was complete, remove the rest.
+    """Finish the work of killed runs in a folder: deliver complete files, delete the others.
 
-    A folder that cannot be read or written is left as it is.
+    A folder that cannot be read or written stays unchanged.
     """
     folder = Path(folder)
     with suppress(OSError):
         boxes = [path for path in folder.iterdir() if _BOX.fullmatch(path.name)]
-        if not boxes and not (folder / _TURN).exists():
+        if not boxes and not (folder / _DELIVERY).exists():
             return
         with tempfile.TemporaryFile(dir=folder) as fresh:
             clock = os.fstat(fresh.fileno()).st_mtime
-        with _turn(folder):
+        with _delivery_lock(folder):
             for box in boxes:
                 with suppress(OSError):
-                    _end(box, clock)
-                with suppress(OSError):  # empty now, or killed before its lock was made or after it was removed
+                    _finish(box, clock)
+                with suppress(OSError):  # empty, or killed before its lock existed or after it was removed
                     box.rmdir()
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Say where nothing can be written."""
+def _output_errors(path: Path) -> Iterator[None]:
+    """Raise an OSError of the block as an OutputError that names the path."""
     try:
         yield
     except BrokenPipeError:  # of the standard output
         raise
     except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}; choose another place.") from None
+        raise OutputError(f"{path} cannot be written: {error.strerror or error}; choose another path.") from None
 
 
 @contextmanager
-def _box(folder: Path) -> Iterator[Path]:
-    """Folder of partial results of this run, locked as long as the block lasts and removed then."""
+def _partial_folder(folder: Path) -> Iterator[Path]:
+    """Partial folder of this run, locked during the block and removed after it."""
     settle(folder)
     lock = None
     while lock is None:
         box = Path(tempfile.mkdtemp(prefix=f".partial-{_HOST}-{os.getpid()}-", dir=folder))
-        with suppress(FileNotFoundError):  # another run took the folder, empty yet, for left behind
-            lock = _locked(box / _LOCK)
+        with suppress(FileNotFoundError):  # another run removed the folder before its lock existed
+            lock = _lock_file(box / _LOCK)
     try:
         (box / _NEW).mkdir()
         yield box
     finally:
-        if (box / _READY).exists():  # a later run moves what could not be moved now
+        if (box / _READY).exists():  # a later run delivers the rest
             os.close(lock)
         else:
             _clear(box, lock)
@@ -211,34 +197,31 @@ def _box(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _turn(folder: Path) -> Iterator[None]:
-    """Wait until no other run moves results into a folder."""
-    path, lock = folder / _TURN, None
+def _delivery_lock(folder: Path) -> Iterator[None]:
+    """Lock that only one run holds while it moves results into a folder."""
+    path, lock = folder / _DELIVERY, None
     while lock is None:
-        lock = _locked(path, wait=True)
+        lock = _lock_file(path, wait=True)
     try:
         yield
     finally:
         _unlock(path, lock)
 
 
-def _locked(path: Path, *, wait: bool = False) -> int | None:
-    """Descriptor of a file that is locked until it is closed; None where another process was quicker.
-
-    A file system without locks gives the descriptor all the same.
-    """
-    descriptor, held = os.open(path, os.O_RDWR | os.O_CREAT, 0o666), False
+def _lock_file(path: Path, *, wait: bool = False) -> int | None:
+    """Descriptor of a file that stays locked until it is closed; None if another process holds the lock."""
+    descriptor, is_locked = os.open(path, os.O_RDWR | os.O_CREAT, 0o666), False
     try:
         with suppress(FileNotFoundError):
-            held = _take(descriptor, wait) and os.path.samestat(os.fstat(descriptor), os.stat(path))
+            is_locked = _acquire(descriptor, wait) and os.path.samestat(os.fstat(descriptor), os.stat(path))
     finally:
-        if not held:
+        if not is_locked:
             os.close(descriptor)
-    return descriptor if held else None
+    return descriptor if is_locked else None
 
 
-def _take(descriptor: int, wait: bool = False) -> bool:
-    """Lock an open file; False where another process has it. A file system without locks gives every lock."""
+def _acquire(descriptor: int, wait: bool = False) -> bool:
+    """Lock an open file; False if another process holds the lock, True on a file system without locks."""
     try:
         return lock_descriptor(descriptor, blocking=wait, poll_interval=_POLL)
     except OSError:
@@ -246,10 +229,9 @@ def _take(descriptor: int, wait: bool = False) -> bool:
 
 
 def _unlock(path: Path, descriptor: int | None) -> None:
-    """Remove the file of a lock and free the lock.
+    """Remove a lock file and release its lock.
 
-    Where an open file can be removed, that is done first: once free, the lock may be another run's. Windows removes no
-    open file, and so none that another run has.
+    The file is removed first, since another run may lock it after the release; Windows cannot remove an open file.
     """
     if os.name != "nt":
         path.unlink(missing_ok=True)
@@ -260,17 +242,17 @@ def _unlock(path: Path, descriptor: int | None) -> None:
             path.unlink()
 
 
-def _end(box: Path, clock: float) -> None:
-    """Bring to its end what a run that has ended left in its folder; the folder of a run that lives stays."""
-    lock, here = None, False
+def _finish(box: Path, clock: float) -> None:
+    """Deliver or delete the partial folder of a run that has ended; that of a live run stays."""
+    lock, is_local = None, False
     try:
         with suppress(OSError):  # no lock there, or a file system without locks
             lock = os.open(box / _LOCK, os.O_RDWR)
             if not lock_descriptor(lock, blocking=False):
                 return
-            here = box.name.startswith(f".partial-{_HOST}-")
-        changed = (path.lstat().st_mtime for path in (box, *box.rglob("*")))
-        if here or max(changed) < clock - OLD:
+            is_local = box.name.startswith(f".partial-{_HOST}-")
+        changes = (path.lstat().st_mtime for path in (box, *box.rglob("*")))
+        if is_local or max(changes) < clock - OLD:
             _resume(box)
             _clear(box, lock)
             lock = None
@@ -280,7 +262,7 @@ def _end(box: Path, clock: float) -> None:
 
 
 def _resume(box: Path) -> None:
-    """Move what a killed run had on its way."""
+    """Continue the delivery or the swap of a killed run."""
     if (box / _READY).exists():
         _deliver(box)
     elif (box / _BEFORE).exists():
@@ -290,17 +272,17 @@ def _resume(box: Path) -> None:
 
 
 def _deliver(box: Path, last: str = "") -> None:
-    """Move complete files to their places; called again, it goes on."""
+    """Move complete files to their final paths; a second call continues the first."""
     ready, folder = box / _READY, box.parent
     for name in sorted(_files(ready), key=lambda name: name == Path(last)):
         os.replace(ready / name, folder / name)
-    for gone in (box / _GONE).read_text(encoding="utf-8").splitlines():
-        (folder / gone).unlink(missing_ok=True)
+    for obsolete in (box / _OBSOLETE).read_text(encoding="utf-8").splitlines():
+        (folder / obsolete).unlink(missing_ok=True)
     _remove(ready)
 
 
 def _swap(box: Path, path: Path) -> None:
-    """Put a new folder in the place of an earlier one."""
+    """Replace an earlier folder by the new one."""
     new, before = box / _NEW / path.name, box / _BEFORE
     if not new.is_dir():
         os.replace(new, path)
@@ -315,12 +297,12 @@ def _swap(box: Path, path: Path) -> None:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Files below a folder, by their places in it."""
+    """Files below a folder, as relative paths."""
     return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
 
 
 def _clear(box: Path, lock: int | None) -> None:
-    """Empty a folder of partial results, its lock last, so that a kill meanwhile leaves it to the next run."""
+    """Empty a partial folder, its lock last, so that the next run can continue after a kill."""
     for path in box.iterdir():
         if path.name != _LOCK:
             _remove(path)

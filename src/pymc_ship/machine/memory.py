@@ -1,4 +1,4 @@
-"""Memory of this process, where the system says it: Linux and macOS do, Windows does not."""
+"""Memory of this process on Linux and macOS; unknown on Windows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def peak_memory() -> int | None:
 
 
 def address_space() -> float:
-    """Largest address space that this process may take [bytes]; infinite without a limit, as on Windows."""
+    """Limit of the address space of this process [bytes]; infinite without a limit and on Windows."""
     try:
         import resource
     except ImportError:

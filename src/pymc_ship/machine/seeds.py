@@ -1,4 +1,4 @@
-"""Random generators: of a seed that a caller gives, and one for each purpose."""
+"""Random generators: from the seed of a caller, and one for each purpose."""
 
 from __future__ import annotations
 
@@ -9,23 +9,17 @@ import numpy as np
 from pymc_ship.machine.arguments import short_repr
 
 Seed = int | np.random.SeedSequence | np.random.Generator
-"""What public functions take as ``rng``: an integer from 0 up, a SeedSequence, or a generator that goes on."""
+"""What public functions take as ``rng``: an integer from 0 up, a SeedSequence or a Generator."""
 
 
 def generator(seed: int, *purpose: float | str) -> np.random.Generator:
-    """Generator of one purpose, independent of what else runs and in which order."""
+    """Generator for one purpose, independent of other purposes and of the order of calls."""
     digest = sha256("\n".join(map(str, purpose)).encode()).digest()
     return np.random.default_rng([seed, int.from_bytes(digest, "little")])
 
 
 def random_generator(rng: Seed) -> np.random.Generator:
-    """Generator of a :data:`Seed`; a generator is returned as it is.
-
-    Raises
-    ------
-    ValueError
-        For anything else, such as None, a truth value, a text or a negative number.
-    """
+    """Generator of a :data:`Seed`; a Generator is returned unchanged, anything else is a ValueError."""
     if isinstance(rng, np.random.Generator):
         return rng
     number = isinstance(rng, int | np.integer) and not isinstance(rng, bool) and rng >= 0

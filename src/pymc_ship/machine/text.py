@@ -1,4 +1,4 @@
-"""Text files of the user: UTF-8, and a word on what else a file is."""
+"""UTF-8 text of user files; an error names the encoding of another file."""
 
 from __future__ import annotations
 
@@ -8,23 +8,17 @@ _MARKS = {codecs.BOM_UTF32_LE: "UTF-32", codecs.BOM_UTF16_LE: "UTF-16", codecs.B
 
 
 class EncodingError(ValueError):
-    """What a file is instead of UTF-8 text, as the end of a sentence, with the remedy."""
+    """A file that is no UTF-8 text; the message is the end of a sentence, with the remedy."""
 
 
 def utf8(raw: bytes) -> str:
-    """Text of a file of UTF-8, with or without a byte order mark.
-
-    Raises
-    ------
-    EncodingError
-        For UTF-16 and UTF-32 by their byte order mark, bytes that are no UTF-8, and a NUL, which no text has.
-    """
+    """Text of a UTF-8 file, with or without byte order mark; EncodingError for UTF-16, UTF-32, other bytes or a NUL."""
     for mark, name in _MARKS.items():
         if raw.startswith(mark):
             raise EncodingError(f"it is {name} text; save it as UTF-8")
-    place = raw.find(b"\0")
-    if place >= 0:
-        line = raw[:place].count(b"\n") + 1
+    position = raw.find(b"\0")
+    if position >= 0:
+        line = raw[:position].count(b"\n") + 1
         raise EncodingError(f"it is UTF-16 text or no text, line {line} has a zero byte; save it as UTF-8")
     try:
         return raw.decode("utf-8-sig")

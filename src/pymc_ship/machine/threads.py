@@ -1,7 +1,4 @@
-"""Threads of the package: one thread per core.
-
-A single thread inside a worker process, because the other workers use the other cores.
-"""
+"""Threads: one for each core, but a single one inside a worker process."""
 
 from __future__ import annotations
 
@@ -15,13 +12,13 @@ _ALONE: ContextVar[bool] = ContextVar("one_thread", default=False)
 
 
 def thread_pool(tasks: int) -> ThreadPoolExecutor:
-    """Pool of threads for tasks that release the interpreter's lock: one thread per task, but at most one per core."""
+    """Thread pool for tasks that release the interpreter's lock: one thread a task, at most one a core."""
     return ThreadPoolExecutor(1 if _ALONE.get() else max(min(tasks, os.cpu_count() or 1), 1))
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra and thread pools of this context on one thread; other processes use the other cores."""
+    """Limit linear algebra and thread pools of this context to one thread."""
     from threadpoolctl import threadpool_limits
 
     before = _ALONE.set(True)

@@ -1,4 +1,4 @@
-"""TOML files of the user, checked key by key: vessels, formats of trials and studies."""
+"""TOML files of vessels, trial formats and studies, checked key by key."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _LONGEST_KEY = 60
 
 @dataclass(frozen=True)
 class Entry:
-    """A value of a TOML file and where it stands; every check raises the error of the file, in one sentence.
+    """A value of a TOML file and its key; every check raises the error class of the file, in one sentence.
 
     Attributes
     ----------
     value : object
     file : str
-        What the file is called in errors.
+        Name of the file in errors.
     error : type of ValueError
     key : str
-        Keys that lead to the value, with dots between them; empty for the table of the file.
+        Dotted key of the value; empty for the whole file.
     """
 
     value: Any
@@ -35,8 +35,8 @@ class Entry:
     key: str = ""
 
     def at(self, key: str, default: Any = None) -> Entry:
-        """Entry of a key of this table, or of a default where the key is missing."""
-        return replace(self, value=self.value.get(key, default), key=self._below(key))
+        """Entry of a key of this table, or of the default if the key is missing."""
+        return replace(self, value=self.value.get(key, default), key=self._dotted(key))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.value)
@@ -44,9 +44,9 @@ class Entry:
     def __contains__(self, key: str) -> bool:
         return key in self.value
 
-    def fail(self, said: str) -> NoReturn:
-        """Raise the error of the file: what it is called, the key and what is said of it."""
-        raise self.error(f"{self._place} {said}")
+    def fail(self, text: str) -> NoReturn:
+        """Raise the error of the file: file name, key and a text such as "must be ..."."""
+        raise self.error(f"{self._subject} {text}")
 
     def check_table(self) -> None:
         """Raise unless the value is a table."""
@@ -54,52 +54,52 @@ class Entry:
             self.fail(f"must be a table, found {short_repr(self.value)}; correct it.")
 
     def check_keys(self, known: Collection[str], required: Collection[str] = ()) -> None:
-        """Raise unless the value is a table with known keys, and with those that are required."""
+        """Raise unless the value is a table with known keys only and all required keys."""
         self.check_table()
         for key in self:
             if key not in known:
-                raise self.error(f"{self.file}: unknown key {self._below(key)}; known here are {', '.join(known)}.")
+                raise self.error(f"{self.file}: unknown key {self._dotted(key)}; known here are {', '.join(known)}.")
         for key in required:
             if key not in self:
-                raise self.error(f"{self.file}: {self._below(key)} is missing; add it.")
+                raise self.error(f"{self.file}: {self._dotted(key)} is missing; add it.")
 
     def number(self, *, least: float = -math.inf) -> float:
-        """Finite number from ``least`` up."""
-        return finite_number(self._place, self.value, self.error, least=least)
+        """The value, which must be a finite number from ``least`` up."""
+        return finite_number(self._subject, self.value, self.error, least=least)
 
     def whole(self, *, least: int) -> int:
-        """Whole number from ``least`` up."""
+        """The value, which must be a whole number from ``least`` up."""
         if isinstance(self.value, bool) or not isinstance(self.value, int) or self.value < least:
             self.fail(f"must be a whole number from {least} up, found {short_repr(self.value)}; correct it.")
         return self.value
 
     def text(self) -> str:
-        """Text."""
+        """The value, which must be a text."""
         if not isinstance(self.value, str):
             self.fail(f"must be a text, found {short_repr(self.value)}; put it in quotes.")
         return self.value
 
     def choice(self, choices: Collection[str]) -> str:
-        """One of some texts."""
-        check_choice(self._place, self.value, choices, self.error)
+        """The value, which must be one of the choices."""
+        check_choice(self._subject, self.value, choices, self.error)
         return self.value
 
     @property
-    def _place(self) -> str:
+    def _subject(self) -> str:
         return f"{self.file}: {self.key}"
 
-    def _below(self, key: str) -> str:
+    def _dotted(self, key: str) -> str:
         key = key if key.isprintable() and 0 < len(key) <= _LONGEST_KEY else short_repr(key)
         return f"{self.key}.{key}" if self.key else key
 
 
 def toml_table(source: str | Path | Mapping[str, Any], what: str, error: type[ValueError]) -> Entry:
-    """A table as it is given, or that of a TOML file; ``what`` it is called, with "file" behind it where it is one."""
+    """Entry of a mapping or of a TOML file; ``what`` names it in errors."""
     return Entry(source, what, error) if isinstance(source, Mapping) else toml_file(source, f"{what} file", error)
 
 
 def toml_file(path: str | Path, what: str, error: type[ValueError]) -> Entry:
-    """Table of a TOML file; ``error`` with one sentence, begun by ``what`` the file is, where it cannot be read."""
+    """Entry of a TOML file; raises ``error`` with ``what`` as its subject if the file cannot be read."""
     try:
         return Entry(tomllib.loads(utf8(Path(path).read_bytes())), str(path), error)
     except OSError as reason:

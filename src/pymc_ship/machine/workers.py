@@ -1,7 +1,6 @@
-"""Workers that do many tasks: processes on the local cores (joblib) or on a cluster (dask.distributed).
+"""Workers for many tasks: processes on the local cores (joblib) or on a cluster (dask.distributed).
 
-Both kinds take tasks one by one from an iterator, so that memory does not grow with the number of tasks, and yield
-results in the order in which the tasks are done.
+Both take tasks from an iterator, so that memory does not grow with their number, and yield results as they complete.
 """
 
 from __future__ import annotations
@@ -18,27 +17,26 @@ from dataclasses import dataclass
 from itertools import islice, takewhile
 
 AHEAD = 4
-"""Tasks handed out at a time for each worker."""
+"""Tasks queued for each worker."""
 
 RESTARTS = 5
-"""Number of times that workers may be lost without a result in between."""
+"""Largest number of losses of workers without a result in between."""
 
+# seconds: wait for a scheduler; between two counts of its workers; between two looks at the parent process
 _CONNECT, _LOOK, _WATCH = 10.0, 2.0, 0.5
 
-
 MACHINE = (MemoryError, OSError)
-"""What a task raises where the machine fails and not the work: it is done again."""
+"""Errors of the machine, after which a task is tried again."""
 
 
 class WorkersLostError(Exception):
-    """Some workers died, or failed as machines, before they returned their tasks.
+    """Workers died, or raised one of :data:`MACHINE`, before they returned their tasks.
 
     Attributes
     ----------
     reason : str
-        What they failed of.
     times : int
-        Without a result in between.
+        Losses without a result in between.
     """
 
     def __init__(self, reason: str = "too little memory perhaps", times: int = 1):
@@ -49,17 +47,17 @@ class WorkersLostError(Exception):
 def run_tasks[Task, Result](
     executor: LocalCores | Cluster, work: Callable[[Task], Result], remaining: Callable[[], Iterable[Task] | None]
 ) -> Iterator[Result]:
-    """Yield the result of every task; tasks of workers that died are handed out again.
+    """Yield the result of every task; the tasks of lost workers are tried again.
 
     Parameters
     ----------
     executor : LocalCores or Cluster
-        Entered, as the context manager that it is.
+        Inside its ``with`` block.
     work : callable
-        Takes a task and returns its result.
+        Returns the result of a task.
     remaining : callable
-        Gives the tasks that have no result yet, None where every task has one. It is called again after workers were
-        lost, so that the caller must note each result before it takes the next.
+        Returns the tasks without a result, None if there are none. It is called again after a loss of workers, so the
+        caller must store each result before it takes the next.
 
     Raises
     ------
@@ -79,7 +77,7 @@ def run_tasks[Task, Result](
 
 
 class LocalCores:
-    """Processes on this machine; a single one is this process itself.
+    """Processes on this machine; a single worker is this process itself.
 
     Parameters
     ----------
@@ -104,28 +102,27 @@ class LocalCores:
         self.workers = workers or joblib.cpu_count()
 
     def run[Task, Result](self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Yield the result of each task; no other is begun after one that raised an error.
+        """Yield the result of each task; after an error no further task starts.
 
         Raises
         ------
         WorkersLostError
             When a process was killed, or a task raised one of :data:`MACHINE`.
         Exception
-            Any other error of a task, when the tasks begun are done: raised in a worker process, joblib may wait for
-            ever.
+            Any other error of a task, after the started tasks are complete.
         """
         import joblib
 
-        failures: list[_Failure] = []
+        failures: list[_Failure] = []  # an error raised in a worker process may block joblib
         tasks = takewhile(lambda _: not failures, tasks)
 
         settings = {"return_as": "generator_unordered", "pre_dispatch": f"{AHEAD}*n_jobs", "batch_size": 1}
         settings |= {"max_nbytes": None}
         if self.workers > 1:
-            settings |= {"backend": "loky", "initializer": _belong_to, "initargs": (os.getpid(),)}
+            settings |= {"backend": "loky", "initializer": _end_with_parent, "initargs": (os.getpid(),)}
         try:
             for result in joblib.Parallel(self.workers, **settings)(
-                joblib.delayed(_tried)(work, task) for task in tasks
+                joblib.delayed(_result_or_failure)(work, task) for task in tasks
             ):
                 if isinstance(result, _Failure):
                     failures.append(result)
@@ -155,28 +152,28 @@ class LocalCores:
 
 @dataclass(frozen=True)
 class _Failure:
-    """What a worker returns of a task that raised an error."""
+    """Result of a task that raised an error."""
 
     error: Exception
 
 
-def _tried[Task, Result](work: Callable[[Task], Result], task: Task) -> Result | _Failure:
+def _result_or_failure[Task, Result](work: Callable[[Task], Result], task: Task) -> Result | _Failure:
     try:
         return work(task)
     except Exception as error:  # the parent raises it
         return _Failure(error)
 
 
-def _belong_to(parent: int) -> None:
-    """Ignore interrupts, which the parent process handles by ending its workers, and end when the parent is gone.
+def _end_with_parent(parent: int) -> None:
+    """Ignore interrupts, which the parent handles, and end when the parent process has ended.
 
-    On Windows a process does not see that its parent is gone; joblib ends workers without tasks after some minutes.
+    Windows does not show the end of a parent; there joblib ends idle workers after some minutes.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_watch_parent, args=(parent,), daemon=True).start()
 
 
-def _end_with(parent: int) -> None:
+def _watch_parent(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(_WATCH)
     os._exit(1)
@@ -189,13 +186,13 @@ class Cluster:
     ----------
     address : str
     error : type of ValueError
-        Raised where dask.distributed is not installed, no scheduler answers or the workers cannot do a task.
+        Raised if dask.distributed is missing, no scheduler answers or the workers cannot run a task.
 
     Attributes
     ----------
     label : str
     workers : int
-        Threads of all its workers when it was last looked at.
+        Threads of all its workers at the last count.
     """
 
     label = "dask"
@@ -224,22 +221,22 @@ class Cluster:
         self._client.close()
 
     def run[Task, Result](self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Yield the result of each task; some for each worker, whose number is looked at, are at the scheduler.
+        """Yield the result of each task; :data:`AHEAD` tasks for each worker are queued at the scheduler.
 
         Raises
         ------
         WorkersLostError
-            When a task lost several workers or the scheduler its tasks, or a task raised one of :data:`MACHINE`.
+            When workers or queued tasks were lost, or a task raised one of :data:`MACHINE`.
         ValueError
-            When the workers cannot do a task, of the type that was asked for.
+            Of the type ``error``, when a task raised any other error.
         """
         from distributed import KilledWorker, as_completed
 
         tasks, client = iter(tasks), self._client
-        running, n_running, looked = as_completed(loop=client.loop), 0, float("-inf")
+        running, n_running, counted_at = as_completed(loop=client.loop), 0, float("-inf")
         while True:
-            if time.monotonic() - looked > _LOOK:
-                self.workers, looked = max(1, sum(client.nthreads().values())), time.monotonic()
+            if time.monotonic() - counted_at > _LOOK:
+                self.workers, counted_at = max(1, sum(client.nthreads().values())), time.monotonic()
             for task in islice(tasks, max(0, AHEAD * self.workers - n_running)):
                 running.add(client.submit(work, task, pure=False))
                 n_running += 1
@@ -255,16 +252,16 @@ class Cluster:
                 raise WorkersLostError(error_text(error)) from None
             except Exception as error:
                 text = error_text(error)
-                raise self.error(f"The workers of {self.address} cannot do a task: {text}; see to them.") from None
+                raise self.error(f"The workers of {self.address} cannot run a task: {text}; mend them.") from None
             yield result
 
 
 def error_text(error: Exception) -> str:
-    """Kind and text of an error in one line."""
+    """Class and message of an error on one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def progress_bar(done: int, total: int, width: int = 30) -> str:
-    """Draw how many tasks are done as a bar."""
+    """Bar of the fraction of tasks that are done."""
     filled = width * done // total
     return f"{'█' * filled}{'░' * (width - filled)}"
