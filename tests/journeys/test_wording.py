@@ -34,11 +34,11 @@ test_vessel_errors = wording(
 test_trial_errors = wording(
     ps.TrialError,
     (
-        r"^One trial is meant, a Dataset of xarray over time, found 2 in a list; give one trial at a time\.$",
+        r"^A trial must be one xarray Dataset over time, found 2 in a list; give one trial at a time\.$",
         lambda zigzag_trial: ps.denoise([zigzag_trial, zigzag_trial]),
     ),
     (
-        "^A list of trials is meant, found <class 'int'>; give Datasets in a list",
+        "^Trials must be a list of Datasets, found <class 'int'>; give a list",
         lambda: ps.trajectory_posterior(3, "kvlcc2", rng=RNG),
     ),
     (

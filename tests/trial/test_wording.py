@@ -46,14 +46,14 @@ def read(tmp_path, content):
 
 test_trial_errors = wording(
     ps.TrialError,
-    ("Trials by name are meant, .* found <class 'int'>; give each its name", lambda: named_trials(3)),
-    ("Trials by name are meant, .* found 2 in a list", lambda: named_trials([record(), record()])),
+    ("Trials must be a dict of Datasets by name, found <class 'int'>; give each trial a name", lambda: named_trials(3)),
+    ("Trials must be a dict .* found 2 in a list", lambda: named_trials([record(), record()])),
     (
-        "Each channel has its own name, found another 'u' beside time, u, v",
+        "The name of a channel must be new, found 'u' among time, u, v",
         lambda: ps.register_channel(ps.Channel("u", METRE, "speed")),
     ),
     (
-        "Each channel has its own name, found another 'time' beside time, u",
+        "The name of a channel must be new, found 'time' among time, u",
         lambda: ps.register_channel(ps.Channel("time", METRE, "time")),
     ),
     *(
@@ -67,7 +67,7 @@ test_trial_errors = wording(
         "needs the channels u, p, phi; p, phi missing",
         lambda: check_trial(record().drop_vars(["p", "phi"]), ["u", "p", "phi"]),
     ),
-    ("over the coordinate time", lambda: check_trial(record().drop_vars("time"), ["u"])),
+    ("have the coordinate time", lambda: check_trial(record().drop_vars("time"), ["u"])),
     *(
         ("must be finite and increase", partial(with_a_bad_time, uniform=uniform, bad=bad))
         for bad in [0.9, 0.5, np.nan, np.inf]

@@ -1,6 +1,6 @@
-"""The record of a trial: its table of channels, their units, and the check of its form.
+"""The record of a trial: channels, units, the check of its form and its CSV.
 
-- `units`: SI units, how files spell them and how they grow with the ship.
-- `channels`: the one table of channels.
+- `units`: SI units, their spellings in files and their Froude scaling.
+- `channels`: the table of channels.
 - `record`: the check of a record, and its CSV.
 """

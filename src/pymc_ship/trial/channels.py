@@ -1,8 +1,7 @@
-"""The one table of channels: what a record may hold, and what every wing asks about it.
+"""The table of channels: name, unit, labels and use of every quantity that a record may have.
 
-A sensor that a facility has beside these is made known by :func:`register_channel`: its column is then read, scaled to
-the ship, written, polluted, denoised and labelled like any other. The model of a ship knows only her motion and her
-rudder: the other channels stand beside them and are not fitted.
+:func:`register_channel` adds a channel: its column is then read, scaled to the ship, written, polluted, denoised and
+labelled like any other. The equations of motion use the motion and the rudder only; auxiliary channels are not fitted.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from pymc_ship.trial.units import (
 
 @dataclass(frozen=True)
 class Channel:
-    """A quantity that a record may hold.
+    """A quantity that a record may have.
 
     Attributes
     ----------
@@ -37,25 +36,25 @@ class Channel:
     unit : Unit
         SI unit of its values.
     label : str
-        What it is in words, with its symbol.
+        Words and symbol.
     short : str
-        Label where there is little room; the label by default.
+        Short label; the label by default.
     headings : tuple of str
-        Words by which the heading of a file may name it, in small letters, beside its own name.
-    part : {"motion", "rudder", "beside"}
-        What it is to the model of a ship: a state of her motion, her rudder, or none of them.
+        Other names in the heading of a file, in lower case.
+    part : {"motion", "rudder", "auxiliary"}
+        A state of the motion, the rudder, or neither.
     rolling : bool
-        Whether it is of the roll, which a ship may be without.
+        Whether it belongs to roll, which a vessel may lack.
     fitted : bool
-        Whether a trajectory is fitted to it where no channels are named.
+        Whether trajectories are fitted to it by default.
     noise_factor : float or None
-        Factor k of its sensor noise, Xue et al. (2020), Eq. 22; None where the sensor is taken as exact.
+        Factor k of the sensor noise, Xue et al. (2020), Eq. 22; None for no noise.
     denoised : bool
-        Whether denoising a record denoises it.
+        Whether :func:`pymc_ship.denoise` denoises it.
     scored : bool
-        Whether a forecast is scored on it.
+        Whether forecasts are scored on it.
     size : float
-        Its size in hard manoeuvring, the standard deviation of a state that is not measured.
+        Prior standard deviation of a state that is not measured: its magnitude in hard manoeuvres.
     """
 
     name: str
@@ -76,17 +75,17 @@ class Channel:
 
     @property
     def short_label(self) -> str:
-        """Label where there is little room."""
+        """Short label."""
         return self.short or self.label
 
     @property
     def axis(self) -> str:
-        """Label of an axis, with the unit in which values are shown."""
+        """Label of an axis, with the display unit."""
         return f"{self.label} [{self.unit.display}]"
 
     @property
     def short_axis(self) -> str:
-        """Label of a small axis, with the unit in which values are shown."""
+        """Short label of an axis, with the display unit."""
         return f"{self.short_label} [{self.unit.display}]"
 
 
@@ -219,55 +218,54 @@ _WIND = (
 )
 
 CHANNELS = {channel.name: channel for channel in (*_MOTION, _RUDDER, *_PROPELLER, *_WIND)}
-"""Every channel by name, in the order of a file; the states of the motion in the order of a state array."""
+"""Channels by name, in the order of a file; the motion in the order of the state vector."""
 
 
 def register_channel(channel: Channel) -> None:
-    """Make a channel known to files, scaling, noise, denoising and pages, for this process.
+    """Add a channel to files, scaling, noise, denoising and pages, for this process.
 
     Parameters
     ----------
     channel : Channel
-        It comes after those that are known already.
+        Placed after the registered channels.
 
     Raises
     ------
     TrialError
-        When another channel has its name.
+        When its name is taken.
     """
     if channel.name in file_columns():
         raise TrialError(
-            f"Each channel has its own name, found another {channel.name!r} beside {', '.join(file_columns())}; "
-            "rename it."
+            f"The name of a channel must be new, found {channel.name!r} among {', '.join(file_columns())}; rename it."
         )
     CHANNELS[channel.name] = channel
 
 
 def channel_names(condition: Callable[[Channel], object]) -> tuple[str, ...]:
-    """Names of the channels that a condition picks, in the order of the table."""
+    """Names of the channels that satisfy a condition, in the order of the table."""
     return tuple(name for name, channel in CHANNELS.items() if condition(channel))
 
 
 def default_channels(*, rolling: bool = True) -> tuple[str, ...]:
-    """Channels that a trajectory is fitted to where none are named; those of the roll where the ship rolls."""
+    """Channels that a trajectory is fitted to by default, with those of roll if ``rolling``."""
     return channel_names(lambda channel: channel.fitted and (rolling or not channel.rolling))
 
 
 def unmodelled_roll_text(recorded: Iterable[str]) -> str:
-    """Sentence on the recorded channels that a model without roll leaves out; empty where there are none."""
-    left = [CHANNELS[name].label for name in recorded if name in CHANNELS and CHANNELS[name].rolling]
-    if not left:
+    """Sentence on recorded roll that a model without roll ignores; empty without recorded roll."""
+    labels = [CHANNELS[name].label for name in recorded if name in CHANNELS and CHANNELS[name].rolling]
+    if not labels:
         return ""
     return (
-        f"The record has {' and '.join(left)}, the vessel file has no roll: it is not modelled and not forecast; give "
-        "the vessel coefficients of roll to model it."
+        f"The record has {' and '.join(labels)}, but the vessel file has no coefficients of roll: roll is neither "
+        "modelled nor forecast; add [coefficients.roll] to model it."
     )
 
 
 def file_columns() -> dict[str, Channel]:
-    """What a column of a file may be: time and every channel, by name."""
+    """Time and every channel by name: the columns that a file may have."""
     return {TIME.name: TIME} | CHANNELS
 
 
 SIMULATED = channel_names(lambda channel: channel.part != "auxiliary")
-"""Channels of a simulated record: the motion of the ship and her rudder."""
+"""Channels of a simulated record: motion and rudder."""

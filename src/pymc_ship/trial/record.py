@@ -1,4 +1,4 @@
-"""The record of a trial: an xr.Dataset over time with SNAME names, SI units and rad; checked and written."""
+"""The record of a trial: an xr.Dataset over time with SNAME names and SI units; its checks and its CSV."""
 
 from __future__ import annotations
 
@@ -14,45 +14,48 @@ from pymc_ship.machine.files import staged_path
 from pymc_ship.trial.channels import CHANNELS
 
 OVER_GROUND = "over ground"
-"""Value of the attribute ``speeds`` of a trial whose u and v are over ground; without it they are through the water."""
+"""Attribute ``speeds`` of a trial with u and v over ground; by default they are through the water."""
 
 _SECOND_DIFFERENCE = 0.6744897501960817 * np.sqrt(6.0)
-"""Median magnitude of the second difference of white noise of sd 1: the normal quartile times the root of 6."""
+"""Median absolute second difference of white noise of sd 1: the normal quartile times sqrt(6)."""
 
 
 def as_trial(trial: object) -> xr.Dataset:
-    """Trial as it is; TrialError for a list of trials, or anything else that is no Dataset."""
+    """The trial itself; TrialError for anything else than one Dataset."""
     if isinstance(trial, xr.Dataset):
         return trial
-    found = f"{len(trial)} in a list" if isinstance(trial, list | tuple) else short_repr(type(trial))
-    raise TrialError(f"One trial is meant, a Dataset of xarray over time, found {found}; give one trial at a time.")
+    raise TrialError(f"A trial must be one xarray Dataset over time, found {_kind(trial)}; give one trial at a time.")
+
+
+def _kind(trials: object) -> str:
+    """Length of a list or type of anything else, for an error."""
+    return f"{len(trials)} in a list" if isinstance(trials, list | tuple) else short_repr(type(trials))
 
 
 def trial_list(trials: object) -> list[xr.Dataset]:
-    """Trials as a list, in which one trial stands alone; TrialError for anything that holds no trials."""
+    """Trials as a list, of one trial also; TrialError for anything else."""
     if isinstance(trials, xr.Dataset):
         return [trials]
     if not isinstance(trials, Iterable) or isinstance(trials, str | Mapping):
-        raise TrialError(f"A list of trials is meant, found {short_repr(type(trials))}; give Datasets in a list.")
+        raise TrialError(f"Trials must be a list of Datasets, found {short_repr(type(trials))}; give a list.")
     return [as_trial(trial) for trial in trials]
 
 
 def named_trials(trials: object) -> dict[str, xr.Dataset]:
-    """Trials by name; TrialError for anything that is no mapping of trials."""
+    """Trials by name; TrialError for anything else than a mapping of trials."""
     if isinstance(trials, xr.Dataset) or not isinstance(trials, Mapping):
-        found = f"{len(trials)} in a list" if isinstance(trials, list | tuple) else short_repr(type(trials))
-        raise TrialError(f"Trials by name are meant, Datasets of xarray in a dict, found {found}; give each its name.")
+        raise TrialError(f"Trials must be a dict of Datasets by name, found {_kind(trials)}; give each trial a name.")
     return {str(name): as_trial(trial) for name, trial in trials.items()}
 
 
 def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = True) -> xr.Dataset:
-    """Check that a trial holds finite channels over increasing, uniform time.
+    """Check that a trial has finite channels over increasing, uniform time.
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
     channels : iterable of str
-        Channels that must be there.
+        Required channels.
     uniform : bool, optional
         Whether the sampling interval must be constant (see :func:`is_uniform`).
 
@@ -64,8 +67,8 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
     Raises
     ------
     TrialError
-        For what is no trial, channels that are missing or depend on more than time, NaN or infinity, times that do not
-        increase or are not uniform.
+        For anything else than a Dataset, missing channels, channels with other dims than time, NaN or infinity, and
+        times that do not increase or are not uniform.
 
     Examples
     --------
@@ -80,7 +83,7 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
     pymc_ship.machine.errors.TrialError: The trial needs the channels u, psi; psi missing; add them.
     """
     if "time" not in as_trial(trial).coords:
-        raise TrialError("A trial is a Dataset over the coordinate time [s], found none; add it.")
+        raise TrialError("A trial must have the coordinate time [s], found none; add it.")
     missing = [name for name in channels if name not in trial]
     if missing:
         raise TrialError(f"The trial needs the channels {', '.join(channels)}; {', '.join(missing)} missing; add them.")
@@ -108,7 +111,7 @@ def check_trial(trial: xr.Dataset, channels: Iterable[str], *, uniform: bool = T
 
 
 def is_uniform(time: np.ndarray) -> bool:
-    """Whether increasing times have a constant step: within 1e-6 of it, or as rounding to the microsecond leaves it."""
+    """Whether times have a constant positive step, within 1e-6 of it or a rounding to the microsecond."""
     intervals = np.diff(time)
     if not intervals.size:
         return True
@@ -117,12 +120,12 @@ def is_uniform(time: np.ndarray) -> bool:
 
 
 def facility_of(trial: xr.Dataset) -> str:
-    """Name of the facility that a trial is of; empty where none is stated."""
+    """Facility at which a trial was run; empty if it is not stated."""
     return str(trial.attrs.get("facility", ""))
 
 
 def nonzero_channels(trial: xr.Dataset) -> list[str]:
-    """Names of the channels of a trial that are not 0 throughout."""
+    """Names of the channels of a trial that are not 0 at all times."""
     return [str(name) for name, values in trial.data_vars.items() if np.any(values.values)]
 
 
@@ -130,12 +133,12 @@ def sampling_interval(trial: xr.Dataset) -> float:
     """Mean sampling interval of a trial [s]."""
     time = trial["time"].values
     if time.size < 2:
-        raise TrialError(f"A trial has at least two samples, found {time.size}; check the record.")
+        raise TrialError(f"A trial must have at least two samples, found {time.size}; check the record.")
     return float((time[-1] - time[0]) / (time.size - 1))
 
 
 def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
-    """Write the channels of a trial to CSV, moved into place when complete; read back to the last digit.
+    """Write the channels of a trial to CSV, without loss of digits; the file appears when it is complete.
 
     Parameters
     ----------
@@ -153,8 +156,6 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
 
     Examples
     --------
-    A trial comes back as it was written:
-
     >>> import pymc_ship as ps
     >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=60, step=0.5)
     >>> path = ps.write_trial(trial, "trial.csv")
@@ -173,7 +174,7 @@ def write_trial(trial: xr.Dataset, path: str | Path) -> Path:
 def second_difference_sd(values: np.ndarray) -> np.ndarray:
     """Standard deviation of white noise on smooth channels, shape (n_channels,) from (n_channels, n_time).
 
-    The median magnitude of y_{k+1} - 2 y_k + y_{k-1} over 0.6745 sqrt(6): blind to a smooth signal and to outliers, too
-    small for noise that is correlated in time.
+    The median of |y_{k+1} - 2 y_k + y_{k-1}| over 0.6745 sqrt(6): robust to a smooth signal and to outliers; too small
+    for noise that is correlated in time.
     """
     return np.median(np.abs(np.diff(values, 2, axis=-1)), axis=-1) / _SECOND_DIFFERENCE

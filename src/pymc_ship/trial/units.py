@@ -1,4 +1,4 @@
-"""SI units of the channels: how a file may spell them, how they grow with the ship, and how values are shown."""
+"""SI units of the channels: spellings in files, Froude scaling and display units."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Unit:
     ----------
     name : str
     spellings : mapping of str to float
-        What a file may write in its place, as :func:`spelling` leaves it, and the factor to SI; its own among them.
+        Factor to SI of each unit that a file may state, spelled as by :func:`spelling`.
     froude : float
-        Power of the scale of lengths by which a value grows from a model to the ship at equal Froude numbers.
+        Exponent of the length scale from model to ship at equal Froude numbers.
     """
 
     name: str
@@ -28,22 +28,22 @@ class Unit:
     froude: float
 
     def factor(self, stated: str) -> float | None:
-        """Factor from a unit to this one; None where it is none of its spellings."""
+        """Factor from a stated unit to this one; None for another quantity."""
         return self.spellings.get(spelling(stated))
 
     @property
     def display(self) -> str:
-        """Unit in which people are shown values: degrees in the place of radians."""
+        """Unit on figures and tables: deg for rad."""
         return self.name.replace("rad", "deg")
 
     @property
     def display_factor(self) -> float:
-        """Factor from this unit to the one that is shown."""
+        """Factor from this unit to the display unit."""
         return math.degrees(1.0) if "rad" in self.name else 1.0
 
 
 def spelling(unit: str) -> str:
-    """Unit in small letters, without brackets, spaces and signs of multiplication."""
+    """Unit in lower case, without brackets, spaces and multiplication signs."""
     plain = unit.strip().strip("[](){}").lower().replace("°", "deg").replace("_per_", "/").replace("_", "/")
     return re.sub(r"[\s.·^*]", "", plain)
 

@@ -171,7 +171,7 @@ test_errors_of_rows = wording(
 
 test_trial_errors = wording(
     ps.TrialError,
-    ("One trial is meant, a Dataset of xarray", lambda container: ps.regression_data(["trial.csv"], container, "yaw")),
+    ("A trial must be one xarray Dataset", lambda container: ps.regression_data(["trial.csv"], container, "yaw")),
 )
 
 test_fit_errors = wording(
