@@ -21,7 +21,7 @@ test_unknown_part = wording(
             ([*AHEAD, "low-speed hull"], "one only for hull"),
         ]
     ),
-    ("wind and constant force alone, found hull", lambda: order_parts(["hull", "wind"], polynomial=True)),
+    ("must be wind or constant force, found hull", lambda: order_parts(["hull", "wind"], polynomial=True)),
 )
 
 test_value_errors = wording(
@@ -31,5 +31,5 @@ test_value_errors = wording(
 
 test_vessel_errors = wording(
     ps.VesselError,
-    ("Each part has its own name, found another 'hull' beside added mass", lambda: ps.register_part(PARTS["hull"])),
+    ("The name of a part must be new, found 'hull' among added mass", lambda: ps.register_part(PARTS["hull"])),
 )

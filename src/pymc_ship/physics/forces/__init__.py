@@ -1,15 +1,15 @@
-"""What acts on a ship, as functions of her motion and inputs. Imports no other wing.
+"""Forces on a ship as functions of its motion and inputs.
 
-- `terms`: polynomial terms such as Yv|v| and their one evaluator.
-- `prime_system`: the one non-dimensionalisation.
-- `propeller`: thrust and inflow of the rudder as functions of the speed.
-- `part`: what a part of a ship's force is.
-- `programs`: elementary operations, carried out and differentiated.
-- `expressions`: formulae, noted as programs.
-- `modular`: parts put together, and the table of them.
+- `terms`: polynomial terms such as Yv|v| and their evaluator.
+- `prime_system`: non-dimensional values (SNAME).
+- `propeller`: propeller loading of polynomial terms as a function of the speed.
+- `part`: the interface of a part of the force.
+- `programs`: evaluation and reverse-mode derivatives of traced formulae.
+- `expressions`: formulae, traced to programs.
+- `modular`: the table of parts and the accelerations of a set of parts.
 - `hull`: forces of the water on the hull.
-- `hull_database`: what captive tests of other ships say of a bare hull.
+- `hull_database`: hull coefficients from captive tests of other ships.
 - `screw`: thrust, wake, race and side force of the propeller.
-- `rudder`: its normal force and what the hull makes of it.
-- `surroundings`: wind, current and the unmeasured rest.
+- `rudder`: its normal force, flow straightening and interaction with the hull.
+- `surroundings`: wind, current and a constant residual force.
 """

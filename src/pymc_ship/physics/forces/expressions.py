@@ -1,8 +1,7 @@
-"""Formulae of forces, written once in Python and noted as programs.
+"""Formulae of forces in Python, traced to programs.
 
-A formula is traced: symbols go in, :class:`Expression` objects come out, and what was done to them is a list of
-elementary operations, a :class:`pymc_ship.physics.forces.programs.Program`. No derivative is written by hand, and a new
-formula needs no compilation.
+A formula is called with :class:`Expression` symbols; the recorded operations become a
+:class:`pymc_ship.physics.forces.programs.Program`, so that derivatives need no code and formulae no compilation.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ _COMMUTE = (ADD, MULTIPLY)
 
 
 class Expression:
-    """A quantity of a formula: what arithmetic and the functions of this module do to it is noted on its tape."""
+    """A symbolic quantity; arithmetic and the functions of this module are recorded in its trace."""
 
     __slots__ = ("node", "trace")
 
@@ -91,7 +90,7 @@ class Expression:
 
 
 def root(x: Expression) -> Expression:
-    """Square root; its argument must stay positive."""
+    """Square root of a positive quantity."""
     return x.trace.record(ROOT, x)
 
 
@@ -126,14 +125,14 @@ def step(x: Expression) -> Expression:
 
 
 class Trace:
-    """Operations noted while formulae are evaluated on symbols.
+    """Operations recorded while formulae are evaluated on symbols.
 
     Parameters
     ----------
     inputs : sequence of str
-        Names of the quantities that change from instant to instant.
+        Names of the quantities that vary in time.
     parameters : sequence of str
-        Names of those that do not.
+        Names of the constants.
     """
 
     def __init__(self, inputs: Sequence[str], parameters: Sequence[str]) -> None:
@@ -144,7 +143,7 @@ class Trace:
         self.parameters = {name: Expression(self, self._node(("parameter", name))) for name in parameters}
 
     def record(self, operation: int, left: Expression | float, right: Expression | float = 0.0) -> Expression:
-        """Result of an operation, noted once however often it is asked for."""
+        """Result of an operation; equal operations are recorded once, constants are folded."""
         a, b = (self._operand(side) for side in (left, right))
         values = [self._nodes[node][1] if self._nodes[node][0] == "constant" else None for node in (a, b)]
         unary = operation in (ROOT, EXPONENTIAL, SINE, COSINE, ABSOLUTE, RAMP, STEP)
@@ -178,82 +177,82 @@ class Trace:
         if key not in self._known:
             self._known[key] = len(self._nodes)
             self._nodes.append(key)
-            made = not isinstance(key[0], str)
-            self._moves.append(any(self._moves[node] for node in key[1:]) if made else key[0] == "input")
+            is_operation = not isinstance(key[0], str)
+            self._moves.append(any(self._moves[node] for node in key[1:]) if is_operation else key[0] == "input")
         return self._known[key]
 
     def program(self, results: Sequence[Expression | float]) -> Program:
-        """Program of what the results need, and no more."""
-        wanted = [self._operand(result) for result in results]
-        reached = [self._reached([node]) for node in wanted]
-        every = sorted(set().union(*reached))
-        lowered = self._lowered([node for node in every if not isinstance(self._nodes[node][0], str)], wanted)
+        """Program of the operations that the results depend on."""
+        outputs = [self._operand(result) for result in results]
+        dependencies = [self._dependencies([node]) for node in outputs]
+        every = sorted(set().union(*dependencies))
+        lowered = self._multiply_add_form(
+            [node for node in every if not isinstance(self._nodes[node][0], str)], outputs
+        )
         static, moving = ([node for node in lowered if self._moves[node] == moves] for moves in (False, True))
-        made = _grouped({node: lowered[node] for node in static}) + _grouped({node: lowered[node] for node in moving})
+        order = _schedule({node: lowered[node] for node in static}) + _schedule(
+            {node: lowered[node] for node in moving}
+        )
         operands = {operand for operation in lowered.values() for operand in operation[1:]}
-        constants = [node for node in sorted({*operands, *wanted}) if self._nodes[node][0] == "constant"]
+        constants = [node for node in sorted({*operands, *outputs}) if self._nodes[node][0] == "constant"]
         leaves = [expression.node for expression in (*self.inputs.values(), *self.parameters.values())]
-        row = {node: k for k, node in enumerate((*leaves, *constants, *made))}
-        needed = np.zeros((len(wanted), len(made)), dtype=bool)
-        for result, mine in enumerate(reached):
-            needed[result] = [node in mine for node in made]
-        operations = np.array([lowered[node][0] for node in made], dtype=np.int64)
+        row = {node: k for k, node in enumerate((*leaves, *constants, *order))}
+        needed = np.zeros((len(outputs), len(order)), dtype=bool)
+        for result, nodes in enumerate(dependencies):
+            needed[result] = [node in nodes for node in order]
+        kinds = np.array([lowered[node][0] for node in order], dtype=np.int64)
         left, right, added = (
-            np.array([row[lowered[node][side]] for node in made], dtype=np.uint32).reshape(-1) for side in (1, 2, 3)
+            np.array([row[lowered[node][side]] for node in order], dtype=np.uint32).reshape(-1) for side in (1, 2, 3)
         )
         return Program(
-            operation=operations,
+            operation=kinds,
             left=left,
             right=right,
             added=added,
             constants=np.array([self._nodes[node][1] for node in constants], dtype=float),
-            results=np.array([row[node] for node in wanted], dtype=np.int64),
+            results=np.array([row[node] for node in outputs], dtype=np.int64),
             needed=needed,
             n_inputs=len(self.inputs),
             n_parameters=len(self.parameters),
             n_static=len(static),
-            segments=_segments(operations, len(static)),
+            segments=_segments(kinds, len(static)),
         )
 
-    def _lowered(self, nodes: Sequence[int], wanted: Sequence[int]) -> dict[int, tuple[int, int, int, int]]:
-        """Operation, left, right and added node of each operation; sums and products are all left * right + added.
+    def _multiply_add_form(self, nodes: Sequence[int], outputs: Sequence[int]) -> dict[int, tuple[int, int, int, int]]:
+        """Operation, left, right and added node by node; sums and products have the form left * right + added.
 
-        A product that one sum alone needs is formed with that sum.
+        A product with one use, in a sum, is merged with that sum.
         """
         zero, one, minus_one = (self.constant(value).node for value in (0.0, 1.0, -1.0))
-        uses = Counter([*wanted, *(operand for node in nodes for operand in self._nodes[node][1:])])
-        found: dict[int, tuple[int, int, int, int]] = {}
+        uses = Counter([*outputs, *(operand for node in nodes for operand in self._nodes[node][1:])])
+        lowered: dict[int, tuple[int, int, int, int]] = {}
         for node in nodes:
             kind, a, b = self._nodes[node]
             if kind == ADD:
-                found[node] = (ADD, a, one, b)
+                lowered[node] = (ADD, a, one, b)
                 for product, other in ((a, b), (b, a)):
-                    alike = uses[product] == 1 and self._moves[product] == self._moves[node]
-                    if alike and found.get(product, (None,))[0] == MULTIPLY:
-                        found[node] = (MULTIPLY_ADD, *found.pop(product)[1:3], other)
+                    mergeable = uses[product] == 1 and self._moves[product] == self._moves[node]
+                    if mergeable and lowered.get(product, (None,))[0] == MULTIPLY:
+                        lowered[node] = (MULTIPLY_ADD, *lowered.pop(product)[1:3], other)
                         break
             else:
-                found[node] = (kind, b, minus_one, a) if kind == SUBTRACT else (kind, a, b, zero)
-        return found
+                lowered[node] = (kind, b, minus_one, a) if kind == SUBTRACT else (kind, a, b, zero)
+        return lowered
 
-    def _reached(self, begin: Sequence[int]) -> set[int]:
-        """Nodes that some nodes depend on, themselves included."""
-        found, waiting = set(), list(begin)
+    def _dependencies(self, begin: Sequence[int]) -> set[int]:
+        """Nodes that the given nodes depend on, with themselves."""
+        nodes, waiting = set(), list(begin)
         while waiting:
             node = waiting.pop()
-            if node not in found:
-                found.add(node)
+            if node not in nodes:
+                nodes.add(node)
                 waiting += [] if isinstance(self._nodes[node][0], str) else self._nodes[node][1:]
-        return found
+        return nodes
 
 
-def _grouped(operations: Mapping[int, tuple[int, int, int, int]]) -> list[int]:
-    """Nodes in an order in which operands come first and operations of one kind stand together.
-
-    Those that can be formed at the same time come before those that need them, so that no operation waits for the one
-    before it.
-    """
-    waiting, found, done = list(operations), [], set()
+def _schedule(operations: Mapping[int, tuple[int, int, int, int]]) -> list[int]:
+    """Topological order of the nodes, with operations of one kind in segments."""
+    waiting, order, done = list(operations), [], set()
 
     def ready(node: int) -> bool:
         return all(operand in done or operand not in operations for operand in operations[node][1:])
@@ -261,15 +260,15 @@ def _grouped(operations: Mapping[int, tuple[int, int, int, int]]) -> list[int]:
     while waiting:
         kinds = [segment_kind(operations[node][0]) for node in waiting if ready(node)]
         kind = max(dict.fromkeys(kinds), key=kinds.count)
-        taken = [node for node in waiting if segment_kind(operations[node][0]) == kind and ready(node)]
-        found += taken
-        done.update(taken)
+        segment = [node for node in waiting if segment_kind(operations[node][0]) == kind and ready(node)]
+        order += segment
+        done.update(segment)
         waiting = [node for node in waiting if node not in done]
-    return found
+    return order
 
 
 def _segments(operations: np.ndarray, n_static: int) -> np.ndarray:
-    """Kind, begin and end of stretches of one kind; the static operations end one."""
+    """Kind, begin and end of segments of one kind; a segment ends with the static operations."""
     kinds = [segment_kind(operation) for operation in operations.tolist()]
     cuts = [0, *(k for k in range(1, len(kinds)) if kinds[k] != kinds[k - 1] or k == n_static)]
     ends = [*cuts[1:], len(kinds)]

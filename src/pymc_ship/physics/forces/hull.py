@@ -1,8 +1,7 @@
-"""Forces of the water on the hull, as parts.
+"""Forces of the water on the hull, as three parts.
 
-Three parts: polynomials of drift and yaw of the MMG standard method, for a ship that makes way ahead; resistance ahead
-and astern, lift by speed and cross-flow drag along the length, from rest to full speed; and what a ship that heels has
-besides: righting and damping moments, and the heights at which the forces of sway and rudder act.
+The polynomials of the MMG standard method, for ahead speeds; resistance, lift and cross-flow drag, for all speeds; and
+roll: righting and damping moments, and the levers of the forces of hull and rudder.
 """
 
 from __future__ import annotations
@@ -20,13 +19,13 @@ MMG = "MMG standard method, Yasukawa & Yoshimura (2015), doi:10.1007/s00773-014-
 """Source of the modular formulae."""
 
 _FRICTION = 3.5e-3  # resistance over rho/2 U^2 times wetted surface, of merchant ships at service speed
-_PLACES, _WEIGHTS = leggauss(10)  # of the cross flow, over half the length
+_NODES, _WEIGHTS = leggauss(10)  # of the integral of the cross flow over the length
 
 
 def nominal_resistance(ship: Ship) -> tuple[float, float, str]:
-    """Resistance at the nominal speed, which the thrust (1 - t) T holds in balance: value, sd and source.
+    """Resistance at the nominal speed, equal to the thrust (1 - t) T: value, sd and source.
 
-    From the open-water curve where the propeller is known, else from the wetted surface of Denny and Mumford.
+    From the open-water curve of a known propeller, otherwise from the wetted surface of Denny and Mumford.
     """
     if ship.propeller_known:
         t, J = thrust_deduction(ship), (1.0 - ship.wake) * ship.J
@@ -89,10 +88,10 @@ def _hull_any_speed(ship: Ship, motion: Motion, p: Mapping[str, Expression], sha
     u, v, r = motion.u, motion.v, motion.r
     force: Expression | float = 0.0
     moment: Expression | float = 0.0
-    for place, weight in zip(_PLACES.tolist(), _WEIGHTS.tolist(), strict=True):
-        flow = v + 0.5 * place * r
+    for x, weight in zip(_NODES.tolist(), _WEIGHTS.tolist(), strict=True):
+        flow = v + 0.5 * x * r
         drag = 0.5 * weight * flow * abs(flow)
-        force, moment = force + drag, moment + 0.5 * place * drag
+        force, moment = force + drag, moment + 0.5 * x * drag
     cross = -(ship.d / ship.L) * p["C_D"]
     Y_cross = cross * force
     ahead = step(u)
@@ -105,7 +104,7 @@ def _hull_any_speed(ship: Ship, motion: Motion, p: Mapping[str, Expression], sha
 
 
 SWAY_CENTRE = "z_Y"
-"""Parameter of roll: depth of the centre of the added mass in sway below the origin."""
+"""Parameter of roll: depth of the centre of added mass in sway below the origin."""
 
 
 def _heeling(ship: Ship) -> tuple[Parameter, ...]:
@@ -130,7 +129,7 @@ def _heeling(ship: Ship) -> tuple[Parameter, ...]:
 
 
 def _stiffness(ship: Ship) -> float:
-    """Prime restoring moment of 1 m of righting arm."""
+    """Prime restoring moment of a righting arm of 1 m."""
     return 2.0 * GRAVITY * ship.volume / (ship.nominal_speed**2 * ship.L**3)
 
 

@@ -1,14 +1,13 @@
-"""What captive tests of other ships, and strips of a hull, say of forces beforehand.
+"""Priors of hull and rudder coefficients from captive tests of other ships and from cross-flow drag.
 
 Yoshimura & Masumoto (2012), Hydrodynamic database and manoeuvring prediction method with medium high-speed merchant
 ships and fishing vessels, Proc. MARSIM, fitted the forces on bare hulls about midship, X', Y', N' over rho/2 L d U^2
-(N' by L more) as polynomials of drift angle and yaw rate, with coefficients from C_B, L/B and d/L alone. They stand
-here as others have coded them, compared with each other and with captive tests of the KVLCC2.
+(N' by L more) as polynomials of drift angle and yaw rate, with coefficients from C_B, L/B and d/L. The formulae are
+those of published codes, which agree with each other except for Nvrr.
 
 Terms in squares are those of cross-flow drag by strips, -rho/2 d C_D (v + x r)|v + x r| (Faltinsen 1990, Sea Loads on
-Ships and Offshore Structures, section 6), to first order in r where v is large and in v where r is large; bow and stern
-differ by what the sd leaves. A rudder's normal force grows more than the sine of its angle, and a single screw
-straightens the flow to it less on one side than on the other.
+Ships and Offshore Structures, section 6), to first order in r for large v and in v for large r. The normal force of a
+rudder grows faster than the sine of its angle, and a single screw makes flow straightening differ by side.
 """
 
 from __future__ import annotations
@@ -16,16 +15,16 @@ from __future__ import annotations
 import math
 
 SOURCE = "hull database of Yoshimura & Masumoto (2012)"
-"""Source of a coefficient whose value and sd come from here."""
+"""Source of the coefficients of :func:`bare_hull`."""
 
 STRIPS = "cross-flow drag of strips, C_D 0.8"
-"""Source of the terms in squares."""
+"""Source of the quadratic terms."""
 
 TYPICAL_RUDDER = "typical rudder behind a single screw"
-"""Source of the terms of a rudder that is convex in its angle, and of the even terms in the yaw rate."""
+"""Source of the convex terms of the rudder and of the even terms in the yaw rate."""
 
 CROSS_FLOW = 0.8
-"""Drag coefficient of a strip of the hull, across it."""
+"""Cross-flow drag coefficient of a section."""
 
 CONVEXITY = 0.3, 0.4
 """Mean and standard deviation of f_2 in a rudder's normal force, F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|)."""
@@ -40,16 +39,13 @@ _SQUARES = {
     "Nr|v|": (-CROSS_FLOW / 6.0, 0.07),
     "Nr|r|": (-CROSS_FLOW / 32.0, 0.0125),
 }
-"""Mean and standard deviation over rho/2 L d U^2: what damps a motion is known to be negative to two sd."""
+"""Mean and standard deviation over rho/2 L d U^2; damping terms are negative within two sd."""
 
 _RUDDER = {"Y": 0.066, "N": -0.033}
 """Force by rudder angle over rho/2 L d U^2: an area of 1/55 of L d, a slope of 2.7, and a hull that adds a third."""
 
 _BY_RUDDER = {"|r|": (0.0, 0.2), "sincos|delta|": CONVEXITY}
-"""Mean and standard deviation over :data:`_RUDDER`.
-
-The flow there differs by side by 0.12 of a drift of 1.6 r'; the force is as convex as that of the parts.
-"""
+"""Mean and standard deviation over :data:`_RUDDER`; the convexity is that of the part rudder."""
 
 _SD = {
     "Xvv": 0.06,
@@ -68,11 +64,7 @@ _SD = {
     "Nvrr": 0.2,
     "Nrrr": 0.02,
 }
-"""Standard deviations over rho/2 L d U^2, set by judgement.
-
-Of the captive tests of the KVLCC2 (Yasukawa & Yoshimura 2015, doi:10.1007/s00773-014-0293-y) Yvvr is 1.9 sd from the
-formulae, the others 1.2 at most. Nvrr is taken as 0: codings of its formula at hand differ in its sign.
-"""
+"""Standard deviations over rho/2 L d U^2, by judgement; the mean of Nvrr is 0, since codes differ in its sign."""
 
 
 def bare_hull(L: float, B: float, d: float, volume: float) -> dict[str, tuple[float, float]]:
@@ -88,8 +80,8 @@ def bare_hull(L: float, B: float, d: float, volume: float) -> dict[str, tuple[fl
     Returns
     -------
     dict of str to (float, float)
-        Of Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. The added mass of
-        the steady turn (m_y v r, m_x u r), which the equations of motion leave to the coefficients, is in them.
+        Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. They include the
+        added mass of the steady turn (m_y v r, m_x u r).
     """
     fullness, slender, by_draught = volume / (L**2 * d), L / B, d / L
     block, aspect = fullness * slender, 2.0 * by_draught
@@ -114,15 +106,12 @@ def bare_hull(L: float, B: float, d: float, volume: float) -> dict[str, tuple[fl
 
 
 def cross_flow_terms(L: float, d: float) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of the terms in squares of v and r by name, prime values, for L and draught d [m]."""
+    """Mean and standard deviation of quadratic terms in v and r by name, prime values, for L and draught d [m]."""
     return {name: (value * d / L, sd * d / L) for name, (value, sd) in _SQUARES.items()}
 
 
 def typical_rudder(L: float, d: float) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of what a rudder adds, beside its sine, to sway and yaw, prime values.
-
-    L and draught d in m.
-    """
+    """Mean and standard deviation of even and convex rudder terms by name, prime values, for L and draught d [m]."""
     return {
         f"{letter}{term}": (force * value * d / L, abs(force) * sd * d / L)
         for letter, force in _RUDDER.items()

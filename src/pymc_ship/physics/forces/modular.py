@@ -1,7 +1,7 @@
-"""Parts put together: a ship's accelerations as one program, from her parts, their parameters and her inertia.
+"""The table of parts, and the accelerations of a set of parts as one program.
 
-A part made elsewhere is made known by :func:`register_part`: its parameters are then read from vessel files, estimated,
-drawn and shown, and its force is simulated, differentiated and forecast like any other.
+:func:`register_part` adds a part: its parameters are then read from vessel files and estimated, and its force is
+simulated, differentiated and forecast like any other.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from pymc_ship.physics.forces.surroundings import CONSTANT, CURRENT, CURRENT_COM
 
 _SOURCE = "vessel file or Motora's charts"
 _SPREAD = {"m_x": 0.3, "m_y": 0.15, "J_zz": 0.25}  # of added masses, over their values
-_ROLL_SPREAD = 0.2  # of the whole moment of inertia in roll: a radius of gyration is known to one part in ten
+_ROLL_SPREAD = 0.2  # of the total moment of inertia in roll: 10 % of the radius of gyration
 
 
 def _added_mass(ship: Ship) -> tuple[Parameter, ...]:
-    """Added masses of a ship; those of a surface ship in two steps come within these shares of captive tests."""
+    """Added masses, with relative sds from a comparison of Motora's charts with captive tests."""
     mass = ship.added_mass
-    found = [("m_x", -mass.Xudot), ("m_y", -mass.Yvdot), ("J_zz", -mass.Nrdot)]
-    parameters = [Parameter(name, value, _SPREAD[name] * value, _SOURCE) for name, value in found]
+    values = [("m_x", -mass.Xudot), ("m_y", -mass.Yvdot), ("J_zz", -mass.Nrdot)]
+    parameters = [Parameter(name, value, _SPREAD[name] * value, _SOURCE) for name, value in values]
     if ship.rolls:
         spread = _ROLL_SPREAD * (ship.I_xx - mass.Kpdot)
         parameters.append(Parameter("J_xx", -mass.Kpdot, spread, "vessel file, or a fifth of I_xx"))
@@ -43,88 +43,86 @@ ADDED_MASS = Part("added mass", "added masses and moments of inertia", _added_ma
 PARTS = {
     part.name: part for part in (ADDED_MASS, MANOEUVRING, LOW_SPEED, PROPELLER, RUDDER, ROLL, WIND, CURRENT, CONSTANT)
 }
-"""Parts by name, in the order in which their forces are formed: a rudder stands in the race of the propeller."""
+"""Parts by name, in the order of evaluation: the rudder needs the slipstream of the propeller."""
 
 MODULAR = ("added mass", "propeller", "rudder")
-"""Parts that a ship without polynomial terms must have, besides a hull."""
+"""Roles that a model without polynomial terms needs besides a hull."""
 
 
 Matrix = tuple[tuple[float, ...], ...]
 
 
 def register_part(part: Part) -> None:
-    """Make a part of a ship's force known to vessel files, the simulator, fits and forecasts, for this process.
+    """Add a part to vessel files, simulator, fits and forecasts, for this process.
 
     Parameters
     ----------
     part : Part
-        Its force is formed after those of the parts that are known already.
+        Evaluated after the registered parts.
 
     Raises
     ------
     VesselError
-        When another part has its name.
+        When its name is taken.
     """
     if part.name in PARTS:
-        raise VesselError(
-            f"Each part has its own name, found another {part.name!r} beside {', '.join(PARTS)}; rename it."
-        )
+        raise VesselError(f"The name of a part must be new, found {part.name!r} among {', '.join(PARTS)}; rename it.")
     PARTS[part.name] = part
 
 
 class UnknownPart(ValueError):
-    """A list of parts that makes no ship."""
+    """A list of parts that is unknown or incomplete."""
 
 
 def order_parts(names: Sequence[str], *, polynomial: bool) -> tuple[str, ...]:
-    """Names of parts in the order in which their forces are formed.
+    """Names of parts in the order of evaluation.
 
     Raises
     ------
     UnknownPart
-        For a part that is unknown or named twice, two of one place, or a set that makes no ship.
+        For an unknown or repeated part, two parts of one role, or a missing role.
     """
     unknown = [name for name in names if name not in PARTS]
     if unknown or len(set(names)) < len(names):
-        found = ", ".join(map(str, unknown or names))
         raise UnknownPart(
-            f"The parts of a ship are some of {', '.join(PARTS)}, each once, found {found}; correct them."
+            f"parts must be some of {', '.join(PARTS)}, each once, found {', '.join(map(str, unknown or names))}; "
+            "correct them."
         )
     roles = [PARTS[name].role for name in names]
     twice = sorted({role for role in roles if roles.count(role) > 1})
-    lacking = [role for role in ("hull", *MODULAR) if role not in roles]
+    missing = [role for role in ("hull", *MODULAR) if role not in roles]
     if polynomial:
-        of_waters = [name for name in names if PARTS[name].role in ("hull", *MODULAR, "roll", "current")]
-        if of_waters:
+        others = [name for name in names if PARTS[name].role in ("hull", *MODULAR, "roll", "current")]
+        if others:
             raise UnknownPart(
-                f"Beside coefficients of terms stand wind and constant force alone, found {', '.join(of_waters)}; "
-                "leave out the coefficients or these parts."
+                f"parts with [coefficients] must be wind or constant force, found {', '.join(others)}; leave out the "
+                "coefficients or these parts."
             )
-    elif twice or lacking:
+    elif twice or missing:
         raise UnknownPart(
-            f"A ship of parts has one hull, added mass, one propeller and one rudder, found "
-            f"{', '.join(names) or 'none'}; add {' and '.join(lacking) or 'one only for ' + ' and '.join(twice)}."
+            f"parts must have one hull, added mass, one propeller and one rudder, found "
+            f"{', '.join(names) or 'none'}; add {' and '.join(missing) or 'one only for ' + ' and '.join(twice)}."
         )
     return tuple(name for name in PARTS if name in names)
 
 
 def part_parameters(ship: Ship, names: Sequence[str]) -> tuple[Parameter, ...]:
-    """Parameters of parts, part after part, with what is typical of such a ship."""
+    """Parameters of parts, part after part, with typical values."""
     return tuple(parameter for name in names for parameter in PARTS[name].parameters(ship))
 
 
 @lru_cache(maxsize=64)
 def acceleration_program(ship: Ship, parts: tuple[Part, ...], J_inverse: Matrix | None = None) -> Program:
-    """Accelerations of a ship as a program.
+    """Program of the accelerations of a ship.
 
     Parameters
     ----------
     ship : Ship
     parts : tuple of Part
-        In order.
+        In the order of evaluation.
     J_inverse : tuple of four tuples of four floats, optional
-        Inverse of the inertia matrix where terms make forces, too; the accelerations are then those by the parts alone.
-        Without it inertia is that of the ship and of the part "added mass".
+        Inverse of the inertia matrix, for parts that add to polynomial terms: the accelerations are then those by the
+        parts. By default, inertia is that of the ship and of the part "added mass".
 
     Returns
     -------
@@ -166,7 +164,7 @@ def _sum(trace: Trace, values: Iterable[Expression | float]) -> Expression:
 def _accelerations(
     ship: Ship, motion: Motion, p: Mapping[str, Expression], total: list[Expression]
 ) -> list[Expression | float]:
-    """Rates of the velocities through the water by forces and the motion of the body's axes."""
+    """Accelerations through the water from forces and from the rotation of the body axes."""
     m, x_G, z_G, r = ship.m, ship.x_G, ship.z_G, motion.r
     X = total[0] + m * (motion.v * r + x_G * r * r - z_G * r * motion.p)
     centripetal = m * motion.u * r
@@ -179,12 +177,12 @@ def _accelerations(
         rows[0].append(coupling)
         rows[1].append(-ship.added_mass.Npdot)
         rows.append([coupling, -ship.added_mass.Krdot, ship.I_xx + p["J_xx"]])
-    solved = _solved(rows, sideways)
-    return [X / (m + p["m_x"]), *solved, *([] if ship.rolls else [0.0])]
+    solution = _solve(rows, sideways)
+    return [X / (m + p["m_x"]), *solution, *([] if ship.rolls else [0.0])]
 
 
-def _solved(matrix: list[list[Expression | float]], values: list[Expression]) -> list[Expression]:
-    """Solution of a small linear system by elimination; its pivots are masses and moments of inertia."""
+def _solve(matrix: list[list[Expression | float]], values: list[Expression]) -> list[Expression]:
+    """Solution of a small linear system by elimination, with masses and moments of inertia as pivots."""
     rows, right = [list(row) for row in matrix], list(values)
     n = len(rows)
     for k in range(n):
@@ -192,10 +190,10 @@ def _solved(matrix: list[list[Expression | float]], values: list[Expression]) ->
             factor = rows[j][k] / rows[k][k]
             rows[j] = [a - factor * b for a, b in zip(rows[j], rows[k], strict=True)]
             right[j] = right[j] - factor * right[k]
-    found = list(right)
+    solution = list(right)
     for k in range(n - 1, -1, -1):
         rest = right[k]
         for j in range(k + 1, n):
-            rest = rest - rows[k][j] * found[j]
-        found[k] = rest / rows[k][k]
-    return found
+            rest = rest - rows[k][j] * solution[j]
+        solution[k] = rest / rows[k][k]
+    return solution

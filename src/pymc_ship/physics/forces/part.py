@@ -1,8 +1,8 @@
-"""What a part of a ship's force is: its parameters and a formula that gives forces from motion, inputs and parameters.
+"""The interface of a part of the force: parameters, and a formula for forces from motion, inputs and parameters.
 
-Quantities are primes at the nominal speed: lengths over L, speeds over U_nom, rates times L / U_nom, forces over
-1/2 rho U_nom^2 L^2 and moments over 1/2 rho U_nom^2 L^3, so that a ship at rest or astern has forces, too. Axes point
-forward, to starboard and down; a positive rudder angle turns to port.
+Quantities are prime at the nominal speed, which holds at rest and astern, too: lengths over L, speeds over U_nom, rates
+times L / U_nom, forces over 1/2 rho U_nom^2 L^2, moments over 1/2 rho U_nom^2 L^3. Axes point forward, to starboard and
+down; a positive rudder angle turns to port.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from typing import NamedTuple
 from pymc_ship.physics.forces.expressions import Expression, root
 
 STATES = ("u", "v", "r", "p", "phi", "psi")
-"""States on which forces depend, in the order of the rows of a state array."""
+"""States on which forces depend, in the order of the state vector."""
 
 INPUTS = ("delta", "n", "wind_x", "wind_y")
-"""What a crew and the weather do: rudder [rad], revolutions over the nominal ones, velocity of the air to north and
-east over U_nom."""
+"""Inputs: rudder [rad], revolutions over nominal ones, velocity of the air to north and east over U_nom."""
 
 
 class AddedMass(NamedTuple):
@@ -37,13 +36,13 @@ class AddedMass(NamedTuple):
 
 
 class Ship(NamedTuple):
-    """Dimensions of a ship that forces depend on and that nobody estimates.
+    """Fixed dimensions of a ship for the formulae.
 
     Lengths ``L``, ``B``, ``d`` and propeller diameter ``D`` [m], ``volume`` [m3], ``nominal_speed`` [m/s], ``n``
     nominal revolutions [1/s]; ``block`` coefficient; open-water polynomial ``k_0``, ``k_1``, ``k_2``, ``wake``
     fraction; ``eta`` diameter over the height of the rudder; ``rudder_area`` over L^2 and its ``aspect_ratio``;
     ``frontal`` and ``lateral`` areas above the water over L^2; ``m``, ``x_G``, ``z_G``, ``I_zz``, ``I_xx`` and
-    ``added_mass`` prime; ``GM`` and ``BM`` [m]. What is not ``known`` is that of a usual ship.
+    ``added_mass`` prime; ``GM`` and ``BM`` [m]. Values that are not ``known`` are typical.
     """
 
     L: float
@@ -83,13 +82,13 @@ class Ship(NamedTuple):
 
     @property
     def J(self) -> float:
-        """Advance of the nominal revolutions without wake, U_nom / (n D)."""
+        """Advance ratio at nominal revolutions without wake, U_nom / (n D)."""
         return self.nominal_speed / (self.n * self.D)
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a part: what is known of it before a trial.
+    """A parameter of a part with its prior.
 
     ``unit`` is "prime" or the unit of the number. ``per_run``: every run has its own value; ``per_facility``: it may
     differ between facilities that test the same ship (revolutions, wake, asymmetry of propeller and rudder).
@@ -105,7 +104,7 @@ class Parameter:
 
 
 class Motion(NamedTuple):
-    """Motion through the water and inputs, as expressions; ``u_air``, ``v_air`` are relative to the air."""
+    """Motion through the water and inputs as expressions; ``u_air``, ``v_air`` are velocities relative to the air."""
 
     u: Expression
     v: Expression
@@ -119,7 +118,7 @@ class Motion(NamedTuple):
 
 
 class Force(NamedTuple):
-    """Forces and moments of a part, primes at the nominal speed."""
+    """Forces and moments of a part, prime at the nominal speed."""
 
     X: Expression | float = 0.0
     Y: Expression | float = 0.0
@@ -128,7 +127,7 @@ class Force(NamedTuple):
 
 
 Formula = Callable[[Ship, Motion, Mapping[str, Expression], dict[str, Expression]], Force]
-"""Force of a part from ship, motion, parameters, and what the parts before it made known, which it may add to."""
+"""Force of a part from ship, motion, parameters, and shared quantities of earlier parts, to which it may add."""
 
 
 @dataclass(frozen=True)
@@ -139,13 +138,13 @@ class Part:
     ----------
     name : str
     description : str
-        What it is, in words.
+        In words.
     parameters : callable
-        ``parameters(ship)`` gives the parameters with what is typical of such a ship.
+        ``parameters(ship)`` returns the parameters with typical values.
     force : callable
         A :data:`Formula`.
     role : str
-        What it stands for; a ship has at most one part of each place.
+        Such as ``"hull"`` or ``"rudder"``; a ship has at most one part of each role.
     """
 
     name: str
@@ -156,5 +155,5 @@ class Part:
 
 
 def speed(u: Expression, v: Expression) -> Expression:
-    """Speed sqrt(u^2 + v^2); a millionth at rest, so that it can be divided by."""
+    """Speed sqrt(u^2 + v^2 + 1e-12), positive at rest."""
     return root(u * u + v * v + 1e-12)

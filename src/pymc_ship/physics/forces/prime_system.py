@@ -1,4 +1,4 @@
-"""The prime system of SNAME: the only non-dimensionalisation in the package.
+"""The prime system of SNAME.
 
 Lengths are divided by L, speeds by the instantaneous speed U = sqrt(u^2 + v^2), times by L / U, forces by
 1/2 rho U^2 L^2 and moments by 1/2 rho U^2 L^3 (SNAME Technical and Research Bulletin 1-5, 1950). Angles are their own
@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 WATER_DENSITY = 1025.0
-"""Density of sea water [kg/m3], used only where a force or moment is wanted in N or N m."""
+"""Density of sea water [kg/m3], for forces in N and moments in N m."""
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s2]."""
@@ -49,7 +49,7 @@ def righting_arm(sin_phi: float, tan_phi: float, GM: float, BM: float) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def righting_moment(GZ: float, U: float, L: float, volume: float) -> float:
-    """Prime restoring moment 2 g V GZ / (U^2 L^3) of a righting arm GZ [m]."""
+    """Prime restoring moment 2 g V GZ / (U^2 L^3) of the righting arm GZ [m]."""
     return 2.0 * GRAVITY * volume * GZ / (U * U * L * L * L)
 
 
@@ -91,7 +91,7 @@ QUANTITIES = tuple(_KIND)
 
 
 def scale(quantity: str, U: float | np.ndarray, L: float, water_density: float = WATER_DENSITY) -> np.ndarray:
-    """Unit that one prime value of a quantity stands for.
+    """Divisor of a quantity in the prime system.
 
     Parameters
     ----------
@@ -112,10 +112,10 @@ def scale(quantity: str, U: float | np.ndarray, L: float, water_density: float =
     Raises
     ------
     ValueError
-        When the quantity has no prime value.
+        For an unknown quantity.
     """
     if quantity not in _KIND:
-        raise ValueError(f"Prime values exist for {', '.join(QUANTITIES)}; found {quantity!r}; use one of these.")
+        raise ValueError(f"Prime values exist for {', '.join(QUANTITIES)}, found {quantity!r}; use one of these.")
     return _SCALES[_KIND[quantity]](np.asarray(U, dtype=float), L, water_density)
 
 

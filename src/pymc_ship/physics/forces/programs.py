@@ -1,4 +1,4 @@
-"""Programs: elementary operations on rows of a workspace, carried out and differentiated by two kernels.
+"""Programs of elementary operations on rows of a workspace, evaluated and differentiated by two kernels.
 
 :func:`execute` evaluates a program, one lane for each instant or draw. :func:`sweep` runs it backwards and gives the
 derivatives of one result by every state, input and parameter (reverse mode of automatic differentiation, Griewank &
@@ -34,19 +34,18 @@ _ARITHMETIC = (ADD, SUBTRACT, MULTIPLY, MULTIPLY_ADD)
 
 
 def segment_kind(operation: int) -> int:
-    """Kind of the stretches that an operation stands in: sums and products are all one, left * right + added."""
+    """Kind of the segment of an operation; sums and products are of one kind, left * right + added."""
     return MULTIPLY_ADD if operation in _ARITHMETIC else operation
 
 
 class Program(NamedTuple):
     """Operations on the rows of a workspace of shape (n_rows, n_lanes).
 
-    Rows are the inputs, the parameters, the constants and the results of the operations, in this order. ``operation``,
-    ``left``, ``right``, ``added`` (n_operations,) say what makes each result; a sum a + b is a * 1 + b, a difference
-    a - b is b * -1 + a, and a product adds 0. The first ``n_static`` depend on parameters and constants alone.
-    ``results`` (n_results,) are the rows asked for and ``needed`` (n_results, n_operations) whether each of them
-    depends on an operation. ``segments`` (n_segments, 3) are kind, begin and end of operations of one kind, see
-    :func:`segment_kind`, one after the other, so that a processor foresees what comes next.
+    Rows are inputs, parameters, constants and results of the operations, in this order. ``operation``, ``left``,
+    ``right``, ``added`` (n_operations,) define each result: a + b is a * 1 + b, a - b is b * -1 + a, and a product
+    adds 0. The first ``n_static`` operations depend on parameters and constants only. ``results`` (n_results,) are the
+    output rows; ``needed`` (n_results, n_operations) marks the operations that each depends on. ``segments``
+    (n_segments, 3) are kind, begin and end of consecutive operations of one :func:`segment_kind`.
     """
 
     operation: np.ndarray
@@ -69,7 +68,7 @@ class Program(NamedTuple):
 
 @njit(**_SETTINGS | {"fastmath": {"contract", "arcp", "nsz"}}, forceinline=True)
 def sin_cos(angle: float) -> tuple[float, float]:
-    """Sine and cosine by the kernels of fdlibm after a three-part reduction; vectorises over lanes, good to 2 ulp."""
+    """Sine and cosine by the kernels of fdlibm after a three-part reduction; error at most 2 ulp."""
     turns = np.rint(angle * (2.0 / math.pi))
     x = (angle - turns * 1.57079632673412561417) - turns * 6.07710050630396597660e-11
     x -= turns * 2.02226624879595063154e-21
@@ -88,10 +87,7 @@ def sin_cos(angle: float) -> tuple[float, float]:
 
 @njit(**_SETTINGS | {"fastmath": {"contract", "arcp", "nsz"}}, forceinline=True)
 def exponential(x: float) -> float:
-    """Power of e by the kernel of Cephes after a two-part reduction; vectorises over lanes, good to 2 ulp.
-
-    An argument beyond -708 to 708 counts as that bound, so that a result is neither zero nor infinite.
-    """
+    """Exponential by the kernel of Cephes after a two-part reduction; error at most 2 ulp; clipped beyond +-708."""
     x = -708.0 if x < -708.0 else (708.0 if x > 708.0 else x)
     k = np.rint(x * 1.4426950408889634)
     r = (x - k * 6.93145751953125e-1) - k * 1.42860682030941723212e-6
@@ -104,7 +100,7 @@ def exponential(x: float) -> float:
 
 @njit(**_SETTINGS | {"fastmath": {"contract", "arcp"}}, forceinline=True)
 def arc_tangent(y: float, x: float) -> float:
-    """Angle of the direction (x, y) by the kernel of Cephes; vectorises over lanes, good to 3 ulp."""
+    """Angle of the direction (x, y) by the kernel of Cephes; error at most 3 ulp."""
     across, along = abs(y), abs(x)
     small, large = min(across, along), max(across, along)
     steep = small > 0.41421356237309503 * large
@@ -124,7 +120,7 @@ def arc_tangent(y: float, x: float) -> float:
 
 @njit(**_SETTINGS)
 def set_parameters(program: Program, parameters: np.ndarray, work: np.ndarray) -> None:
-    """Write parameters (n_parameters, n_lanes) and constants to a workspace, and what depends on them alone."""
+    """Write parameters (n_parameters, n_lanes), constants and static operations to a workspace."""
     n_lanes = work.shape[1]
     for j in range(program.n_parameters):
         for lane in range(n_lanes):
@@ -138,7 +134,7 @@ def set_parameters(program: Program, parameters: np.ndarray, work: np.ndarray) -
 
 @njit(**_SETTINGS, forceinline=True)
 def execute(program: Program, work: np.ndarray) -> None:
-    """Carry out a program on a workspace whose inputs are set, after :func:`set_parameters`."""
+    """Evaluate a program on a workspace with inputs, after :func:`set_parameters`."""
     _execute_range(program, work, program.n_static, program.operation.size)
 
 
@@ -207,7 +203,7 @@ def _execute_range(program: Program, work: np.ndarray, begin: int, end: int) -> 
 
 @njit(**_SETTINGS)
 def sweep(program: Program, work: np.ndarray, result: int, slope: np.ndarray) -> None:  # noqa: C901, one branch for each operation
-    """Derivatives of one result by every row, after :func:`execute`, written to ``slope`` (n_rows, n_lanes)."""
+    """Derivatives of one result by every row, after :func:`execute`, into ``slope`` (n_rows, n_lanes)."""
     operation, left, right, added = program.operation, program.left, program.right, program.added
     n_lanes, first = work.shape[1], work.shape[0] - operation.size
     for row in range(slope.shape[0]):

@@ -1,8 +1,8 @@
-"""Rudder behind a propeller as a part: normal force in the race, flow straightened by the hull, interaction with it.
+"""Rudder behind a propeller as a part: normal force, flow straightening and hull interaction.
 
 Yasukawa & Yoshimura (2015), Eq. 17 to 24: inflow by epsilon, kappa and eta, v_R = U gamma_R beta_R with beta_R = beta -
-l_R r', normal force F_N with its share on the hull (t_R, a_H, x_H). gamma_R may differ by side, and the force may grow
-faster than sin(alpha): F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|).
+l_R r', normal force F_N and hull interaction (t_R, a_H, x_H). gamma_R may differ by side, and the force may grow faster
+than sin(alpha): F_N ~ sin(alpha) (1 + f_2 |sin(alpha)|).
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from pymc_ship.physics.forces.hull_database import CONVEXITY
 from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship, speed
 
 SLOWEST = 1e-12
-"""Fourth power of a speed [U_nom] below which the inflow dies away, so that it turns without a jump."""
+"""Fourth power of a speed [U_nom] that keeps the inflow smooth at its reversal."""
 
 X_R = -0.5
-"""Place of the rudder [L]."""
+"""Longitudinal position of the rudder [L]."""
 
 
 def _parameters(ship: Ship) -> tuple[Parameter, ...]:

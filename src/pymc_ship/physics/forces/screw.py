@@ -1,10 +1,9 @@
-"""Propeller as a part: thrust by revolutions and inflow, wake by drift, the race on the rudder, side force and moment.
+"""Propeller as a part: thrust, wake by drift, slipstream at the rudder, side force and moment.
 
-Yasukawa & Yoshimura (2015), Eq. 10 to 16, with the wake by side, w_P = 1 - (1 - w_0) [1 + (1 - exp(-2 |beta_P|))
-(C_2 - 1)]. Thrust is measured in that of the straight course, which holds the resistance R_0 in balance. Astern,
-thrust goes as n^2 and n u with coefficients of its own, which are those of propellers that were tested in all four
-quadrants; the rudder meets no race and the stern is pushed aside: to port by a screw that turns to the right ahead, as
-that of nearly every ship with one does.
+Yasukawa & Yoshimura (2015), Eq. 10 to 16, with a wake that differs by side: w_P = 1 - (1 - w_0) [1 + (1 - exp(-2
+|beta_P|)) (C_2 - 1)]. Thrust is relative to that of the straight course, which equals the resistance R_0. Astern, the
+thrust is quadratic in n and u with coefficients from four-quadrant tests; the rudder has no slipstream, and a
+right-handed screw pushes the stern to port.
 """
 
 from __future__ import annotations
@@ -17,10 +16,10 @@ from pymc_ship.physics.forces.hull import MMG
 from pymc_ship.physics.forces.part import Force, Motion, Parameter, Part, Ship
 
 X_P = -0.48
-"""Place of the propeller [L]."""
+"""Longitudinal position of the propeller [L]."""
 
 NOMINAL_REVOLUTIONS = "n_0"
-"""Parameter that sets right the revolutions a vessel file states for the nominal speed."""
+"""Parameter that corrects the nominal revolutions of the vessel file."""
 
 _TURNING = "right-handed screw, by judgement"
 _B_SERIES = "ten propellers of the Wageningen B-series (Roddy, Hess & Faller 2006, NSWCCD-50-TR-2006/004)"
@@ -60,7 +59,7 @@ def _propeller(ship: Ship, motion: Motion, p: Mapping[str, Expression], shared: 
     u_0 = (1.0 - p["w0"]) * J
 
     def curve(n: Expression | float, advance: Expression) -> Expression:
-        """K_T times (n / n_0)^2 of an advance u_P / (n_0 D)."""
+        """K_T (n / n_0)^2 at the advance u_P / (n_0 D)."""
         return ship.k_0 * n * n + ship.k_1 * n * advance + ship.k_2 * advance * advance
 
     nominal = curve(1.0, u_0)

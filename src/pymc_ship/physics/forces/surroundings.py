@@ -1,9 +1,8 @@
-"""What wind, current and the unmeasured rest do to a ship, as parts.
+"""Wind, current and a constant residual force, as parts.
 
 The wind follows the law of Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, section 8.1: X
-goes with the cosine, Y with the sine of the relative direction, N with the sine of twice it, with his ranges of the
-three coefficients. The water at the surface drifts with a small share of the wind. A current is uniform: two constants
-of a run. A constant force stands for what nobody measured.
+is proportional to the cosine, Y to the sine and N to the sine of twice the relative direction, with his ranges of the
+coefficients. The surface drifts with a small part of the wind speed. A uniform current has two constants for each run.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ AIR_OVER_WATER = 1.225 / 1025.0
 """Density of air over that of sea water."""
 
 CURRENT_COMPONENTS = ("c_north", "c_east")
-"""Constants of a run that are the components of its current, over the nominal speed."""
+"""Parameters of the components of a current, over the nominal speed, for each run."""
 
 _FOSSEN = "Fossen (2011), Handbook of Marine Craft Hydrodynamics and Motion Control, section 8.1"
 

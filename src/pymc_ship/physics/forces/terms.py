@@ -1,10 +1,9 @@
-"""Polynomial terms of the hydrodynamic forces: names, factors and THE one evaluator.
+"""Polynomial terms of the hydrodynamic forces: names, factors and their evaluator.
 
 A term is a product of prime quantities written without operators: ``v|v|`` is v |v|, ``deltadeltau`` is delta^2 u_a,
-``pu|pu|`` is p u_a |p u_a|, ``0`` is the constant 1 and ``0u`` is u_a alone; ``sincos`` is sin(delta) cos(delta), the
-force across the ship of a rudder whose normal force goes as the sine of its angle; ``gsincos`` is that of a rudder in
-the propeller's slipstream and ``T`` the excess thrust of a ship that slows down. The simulator, the design matrix and
-the forecast all evaluate terms through :func:`fill_products`, from one multiplication plan.
+``pu|pu|`` is p u_a |p u_a|, ``0`` is 1 and ``0u`` is u_a; ``sincos`` is sin(delta) cos(delta), the lateral force of a
+rudder; ``gsincos`` is that in the slipstream and ``T`` the excess thrust, see :mod:`propeller
+<pymc_ship.physics.forces.propeller>`. Simulator, design matrix and forecast evaluate terms by :func:`fill_products`.
 """
 
 from __future__ import annotations
@@ -20,14 +19,13 @@ from numba import njit
 from pymc_ship.physics.forces.programs import sin_cos
 
 SYMBOLS = ("u", "v", "r", "p", "phi", "delta")
-"""Quantities a term may contain; ``u`` is the relative surge speed u_a = (U - U_nom) / U."""
+"""Quantities of a term; ``u`` is the relative surge speed u_a = (U - U_nom) / U."""
 
 RUDDER = ("sin", "cos")
-"""Functions of the rudder angle a term may contain."""
+"""Functions of the rudder angle in a term."""
 
 LOADING = ("g", "T")
-"""Functions of u_a a term may contain where the vessel states its propeller; see
-:mod:`pymc_ship.physics.forces.propeller`."""
+"""Functions of u_a in a term of a vessel with a propeller; see :mod:`pymc_ship.physics.forces.propeller`."""
 
 ROW_ONE = 0
 ROW_SYMBOL = 1
@@ -44,11 +42,11 @@ _TOKEN = re.compile(rf"(?P<symbol>{_SYMBOL})|(?P<function>{'|'.join(_FUNCTIONS)}
 
 
 class UnknownTerm(ValueError):
-    """A term name that is no product of the known symbols."""
+    """A term that is no product of the known symbols."""
 
 
 def factors(term: str) -> tuple[int, ...]:
-    """Split a term's name into the workspace rows that are multiplied.
+    """Workspace rows whose product is a term.
 
     Parameters
     ----------
@@ -58,8 +56,8 @@ def factors(term: str) -> tuple[int, ...]:
     Returns
     -------
     tuple of int
-        Rows of the workspace: symbols from ``ROW_SYMBOL``, absolute values from ``ROW_ABSOLUTE``, sine and cosine of
-        the rudder angle from ``ROW_RUDDER``, propeller loading from ``ROW_LOADING``; empty for ``"0"``.
+        Symbols from ``ROW_SYMBOL``, absolute values from ``ROW_ABSOLUTE``, sine and cosine of the rudder angle from
+        ``ROW_RUDDER``, propeller loading from ``ROW_LOADING``; empty for ``"0"``.
 
     Raises
     ------
@@ -96,18 +94,18 @@ def order(term: str) -> int:
 
 
 def needs_propeller(term: str) -> bool:
-    """Whether a term needs the vessel's propeller."""
+    """Whether a term contains propeller loading."""
     return any(row >= ROW_LOADING for row in factors(term))
 
 
 @dataclass(frozen=True)
 class TermPlan:
-    """How to build a set of terms with one multiplication for each new product.
+    """Plan of a set of terms, with one multiplication for each new product.
 
     Attributes
     ----------
     terms : tuple of str
-        The terms, in the order asked for.
+        Terms, in order.
     left, right : ndarray of int64, shape (n_products,)
         Workspace row ``N_BASE + k`` is row ``left[k]`` times row ``right[k]``.
     rows : ndarray of int64, shape (n_terms,)
@@ -127,7 +125,7 @@ class TermPlan:
 
 @lru_cache(maxsize=256)
 def plan(terms: tuple[str, ...]) -> TermPlan:
-    """Multiplication plan of a tuple of terms; products shared by several terms are formed once."""
+    """Multiplication plan of terms; common products are formed once."""
     row_of: dict[tuple[int, ...], int] = {(): ROW_ONE} | {(row,): row for row in range(N_BASE)}
     left: list[int] = []
     right: list[int] = []
@@ -146,9 +144,9 @@ def plan(terms: tuple[str, ...]) -> TermPlan:
 
 @njit(**_SETTINGS, forceinline=True)
 def fill_products(work: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
-    """Fill absolute values, functions of the rudder angle and products; symbol and loading rows are set.
+    """Fill absolute values, functions of the rudder angle and products, from symbol and loading rows.
 
-    ``work`` has shape (n_rows, n_lanes): one lane is one instant of one ship.
+    ``work`` has shape (n_rows, n_lanes): a lane is one instant of one draw.
     """
     n_lanes = work.shape[1]
     for lane in range(n_lanes):
@@ -166,7 +164,7 @@ def fill_products(work: np.ndarray, left: np.ndarray, right: np.ndarray) -> None
 
 @njit(**_SETTINGS)
 def fill_product_tangents(work: np.ndarray, left: np.ndarray, right: np.ndarray, tangent: np.ndarray) -> None:
-    """Fill the tangents of what :func:`fill_products` fills, those of symbols and loading being set."""
+    """Fill the tangents of the rows of :func:`fill_products`, from those of symbols and loading."""
     n_lanes = work.shape[1]
     for lane in range(n_lanes):
         tangent[ROW_ONE, lane] = 0.0
@@ -177,9 +175,9 @@ def fill_product_tangents(work: np.ndarray, left: np.ndarray, right: np.ndarray,
                 change if value > 0.0 else (-change if value < 0.0 else 0.0)
             )
     for lane in range(n_lanes):
-        turned = tangent[ROW_DELTA, lane]
-        tangent[ROW_RUDDER, lane] = work[ROW_RUDDER + 1, lane] * turned
-        tangent[ROW_RUDDER + 1, lane] = -work[ROW_RUDDER, lane] * turned
+        rudder_tangent = tangent[ROW_DELTA, lane]
+        tangent[ROW_RUDDER, lane] = work[ROW_RUDDER + 1, lane] * rudder_tangent
+        tangent[ROW_RUDDER + 1, lane] = -work[ROW_RUDDER, lane] * rudder_tangent
     for k in range(left.size):
         a, b, target = left[k], right[k], N_BASE + k
         for lane in range(n_lanes):
