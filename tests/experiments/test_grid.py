@@ -36,7 +36,11 @@ def test_the_shipped_grid_is_five_levels_four_methods_and_a_hundred_seeds():
             "ships must be a list of at least one text, found 'small.toml'; correct it.",
         ),
         ('["small.toml"]', '["small"]', "ships cannot have 'small': A vessel is one of container"),
-        ('["small.toml"]', f'["{TUTORIAL}"]', "my_ship.toml': 'my_ship' states no coefficients of sway; find them"),
+        (
+            '["small.toml"]',
+            f'["{TUTORIAL}"]',
+            "my_ship.toml': The model of 'my_ship' needs coefficients of sway, found none",
+        ),
         ('["small.toml"]', '["none.toml"]', "ships cannot have 'none.toml': The vessel file"),
         ('["small.toml"]', '["small.toml", "./small.toml"]', "different names, found 'small' twice; rename one."),
         ('"weak form"', '"weak"', "a method is one of paper's pipeline, central difference at 1 s"),

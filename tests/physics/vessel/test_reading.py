@@ -127,7 +127,7 @@ class TestErrors:
     @pytest.mark.parametrize("term", ["Yw", "Yv|v", "Y", "Yvbeta", '"Yv v"'])
     def test_an_unknown_term_is_named(self, vessel_file, term):
         message = error_of(vessel_file(r"^Yv =", f"{_quoted(term)} = 1.0\nYv ="))
-        assert f"coefficients.sway.{term.strip(chr(34))} is no coefficient" in message
+        assert f"coefficients.sway.{term.strip(chr(34))} must name a coefficient" in message
 
     def test_a_wrong_first_letter_is_named(self, vessel_file):
         message = error_of(vessel_file(r"^Yv =", "Nv ="))

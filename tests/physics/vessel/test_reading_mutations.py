@@ -56,7 +56,7 @@ def test_every_mutated_file_ends_in_a_ship_or_in_one_sentence(tmp_path):
         ),
         (b'"a\\nb" = 1', "unknown key 'a\\nb'"),
         (b'name = ""', "particulars is missing"),
-        (b'name = ""\n[particulars]', "name must be a line of 1 to 60 signs, found ''"),
+        (b'name = ""\n[particulars]', "name must be one line of 1 to 60 characters, found ''"),
     ],
 )
 def test_files_that_are_odd_as_a_whole_are_named_as_such(tmp_path, content, said):

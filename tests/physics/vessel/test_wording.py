@@ -30,19 +30,19 @@ def loaded(tmp_path, text):
 test_vessel_errors = wording(
     VesselError,
     (
-        r"^The prior from the hull database needs the draught of 'kvlcc2'; add d",
+        r"^The prior hull_database needs the draught d of 'kvlcc2', found none; add d",
         lambda: with_hull_database(replace(tanker(), particulars=replace(tanker().particulars, d=0.0))),
     ),
     *(
         (said, partial(loaded, text=particulars_toml(*ship)))
         for ship, said in [
-            ((320.0, 58.0, 0.0, 312622.0, 7.97), "lacks Xudot, Yvdot, Nrdot. .* need the draught; add d to"),
+            ((320.0, 58.0, 0.0, 312622.0, 7.97), "lacks Xudot, Yvdot, Nrdot. .* need the draught d, found none; add d"),
             ((40.0, 4.0, 1.8, 130.0, 6.0), "no hull with L/B = 10, B/d = 2.22 and a block coefficient of 0.451"),
         ]
     ),
     *(
         (
-            r"particulars\.L = .*, which must lie from 0\.1 to 1000",
+            r"particulars\.L = .*, which must lie between 0\.1 and 1000",
             partial(loaded, text=particulars_toml(length, *SHIPS["KVLCC2 tanker"][1:])),
         )
         for length in [0.0, 1e-200, 1e308]
@@ -54,18 +54,18 @@ test_vessel_errors = wording(
             ('parts = ["keel"]\n', PROPELLER, "found keel"),
             ('parts = "hull"\n', PROPELLER, "must be a list of texts"),
             (PARTS[:-2] + ', "wind"]\n', PROPELLER, "needs the areas above the water"),
-            (PARTS, f"{PROPELLER}[parameters]\nK_T = 1.0\n", "has no parameter K_T"),
+            (PARTS, f"{PROPELLER}[parameters]\nK_T = 1.0\n", "The parameters of .* are .*, found K_T; use"),
             (PARTS, f"{PROPELLER}[parameters]\nw0 = {{ value = 0.3, sd = -1.0 }}\n", "must be positive"),
             (PARTS, f"{PROPELLER}[rudder]\narea = -3.0\naspect_ratio = 1.8\n", "must be positive, found -3"),
             (PARTS, f"{PROPELLER}[rudder]\narea = 100.0\n", "aspect_ratio is missing"),
         ]
     ),
     (r"needs the draught|Motora", lambda tmp_path: vessel(tmp_path, particulars=PARTICULARS.replace("d = 20.8\n", ""))),
-    ("surge, sway, yaw; found 'roll'", lambda: ps.load_vessel("kvlcc2").coefficients("roll")),
+    ("surge, sway, yaw, found 'roll'", lambda: ps.load_vessel("kvlcc2").coefficients("roll")),
     (r"container.*found 'tanker'", lambda: ps.load_vessel("tanker")),
     *(
         (
-            rf"^The terms '{name}' need the propeller of 'container'; add .*\.$",
+            rf"^The terms '{name}' need the propeller of 'container', found none; add .*\.$",
             lambda container, name=name: with_terms(container, name),
         )
         for name in LOADED
@@ -75,7 +75,7 @@ test_vessel_errors = wording(
         lambda: with_terms(tanker(), "quartic"),
     ),
     (
-        r"The file of 'container' has no terms of .*sway and yaw; add some",
+        r"The set 'own terms' needs terms of .*sway and yaw of 'container', found none; add them",
         lambda container: with_terms(replace(container, forces=dict.fromkeys(("surge", "sway", "yaw"), ())), OWN),
     ),
     (
@@ -83,7 +83,7 @@ test_vessel_errors = wording(
         lambda container: container.with_coefficients({"yaw": np.zeros(3)}),
     ),
     (
-        "'container' states no coefficients of sway; find them with ",
+        "The model of 'container' needs coefficients of sway, found none; identify them with ",
         lambda container: replace(container, forces=container.forces | {"sway": ()}).terms("sway"),
     ),
 )

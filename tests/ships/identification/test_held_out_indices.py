@@ -184,5 +184,5 @@ class TestLeftOut:
         rolling = run.assign(phi=0.01 + run["phi"])
         assert unscored_run_remarks({"own": run}, [RUNS[0]], tanker()) == []
         (told,) = unscored_run_remarks({"own": rolling}, [RUNS[0]], tanker())
-        assert told.startswith("The record has roll angle φ, the vessel file has no roll: it is not modelled")
+        assert told.startswith("The record has roll angle φ, but the vessel file has no coefficients of roll")
         assert unscored_run_remarks({"own": rolling}, [RUNS[0]], ps.load_vessel("container")) == []

@@ -222,7 +222,8 @@ class TestOneRun:
         ship = replace(known(), derived={"inertia.m": "0.019 (2 volume/L^3)"})
         found = identify_ship(trials(0)[:1], ship, terms=(TRUE_TERMS,), draws=2, rng=np.random.default_rng(0))
         assert (
-            found.ship.remarks[0] == "Derived, since the vessel file leaves it out: inertia.m = 0.019 (2 volume/L^3)."
+            found.ship.remarks[0]
+            == "Estimated, because the vessel file does not state it: inertia.m = 0.019 (2 volume/L^3)."
         )
 
     def test_a_set_that_runs_away_is_left_out(self, monkeypatch):

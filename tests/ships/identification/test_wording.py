@@ -102,11 +102,11 @@ test_vessel_errors = wording(
         lambda: identified(trials(0)[:1], ("quartic",)),
     ),
     (
-        r"need the propeller of 'kvlcc2'; add the table \[propeller\]\.$",
+        r"need the propeller of 'kvlcc2', found none; add the table \[propeller\]\.$",
         lambda: ps.identify_ship(trials(0)[:1], replace(tanker(), propeller=None), terms=(POORER,), rng=0),
     ),
     (
-        "needs the draught of 'kvlcc2'; add d to",
+        "needs the draught d of 'kvlcc2', found none; add d",
         lambda: ps.with_terms(replace(KNOWN, particulars=replace(KNOWN.particulars, d=0.0)), WITH),
     ),
 )

@@ -1,11 +1,11 @@
-"""A ship as data: particulars, inertia, force terms with their coefficients, and what is known of hulls.
+"""A ship as data: particulars, inertia, force terms with coefficients, and priors of them.
 
-- `vessel`: a vessel.
+- `vessel`: the class `Vessel`.
 - `reading`: the vessel file, read key by key.
-- `inertia`: mass, inertia and added masses that a file leaves out.
-- `ranges`: what each number of a ship lies between.
-- `plausibility`: what is odd about the numbers of a vessel.
-- `parts`: parts of a vessel's force and what is typical of them.
-- `term_sets`: sets of force terms that a ship may be identified with.
-- `hull_database`: coefficients of a hull from regression formulae of captive tests.
+- `inertia`: estimates of mass, inertia and added mass from the particulars.
+- `ranges`: possible and usual ranges of the numbers of a vessel file.
+- `plausibility`: numbers outside these ranges.
+- `parts`: parts of the force of a vessel, with typical parameters.
+- `term_sets`: sets of force terms for an identification.
+- `hull_database`: prior of hull coefficients from regression formulae of captive tests.
 """

@@ -1,7 +1,6 @@
-"""What is known of a hull before she is tried: the hull database as prior of polynomial terms.
+"""Prior of polynomial hull coefficients from :mod:`pymc_ship.physics.forces.hull_database`.
 
-A few zigzags tell linear from cubic forces poorly, since v follows r in all of them; the formulae of
-:mod:`pymc_ship.physics.forces.hull_database` tell them apart.
+Zigzags alone hardly separate linear from cubic forces, since v follows r in all of them.
 """
 
 from __future__ import annotations
@@ -32,18 +31,18 @@ def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
     Returns
     -------
     dict of str to (float, float)
-        Of Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. The added mass of
-        the steady turn (m_y v r, m_x u r), which the equations of motion leave to the coefficients, is in them. The
-        formulae have a term in v^4 for surge that no term set has: the sd of Xvv covers it up to v' of 0.3.
+        Xvv, Xvr, Xrr, and the linear and cubic coefficients in v and r of Y and N, about midship. They include the
+        added mass of the steady turn (m_y v r, m_x u r). The sd of Xvv covers the term in v^4 of the formulae, which
+        no term set has, up to v' = 0.3.
 
     Raises
     ------
     VesselError
-        When the draught is not stated.
+        Without a draught.
 
     Examples
     --------
-    What captive tests of other hulls say of a tanker's yaw damping:
+    The yaw damping of a tanker from captive tests of other hulls:
 
     >>> import pymc_ship as ps
     >>> from pymc_ship.physics.vessel.hull_database import hull_coefficients
@@ -55,53 +54,51 @@ def hull_coefficients(vessel: VesselLike) -> dict[str, tuple[float, float]]:
     s = vessel.particulars
     if s.d <= 0.0:
         raise VesselError(
-            f"The prior from the hull database needs the draught of {vessel.name!r}; add d to [particulars], or choose "
-            "the prior order_damped."
+            f"The prior hull_database needs the draught d of {vessel.name!r}, found none; add d [m] to [particulars], "
+            "or choose the prior order_damped."
         )
     return bare_hull(s.L, s.B, s.d, s.volume)
 
 
 def with_hull_database(vessel: Vessel) -> Vessel:
-    """Vessel whose coefficients are known to what database, cross-flow drag and a typical rudder say.
+    """Vessel with values and sds from hull database, cross-flow drag and typical rudder.
 
-    A coefficient of which the vessel file states an sd stays as it is; so does a linear one of sway and yaw without a
-    partner by the propeller's loading (``gv`` of ``v``), since it holds the share of the rudder, too. Beside squares of
-    v and r, where the formulae have cubes, a linear force is another by less than its sd.
+    A coefficient with an sd in the vessel file stays unchanged. So does a linear one of sway and yaw without a partner
+    by propeller loading (``gv`` of ``v``), since it contains the force of the rudder, too.
 
     Raises
     ------
     VesselError
-        When the draught is not stated.
+        Without a draught.
     """
     names = {c.name for force in vessel.forces.values() for c in force}
-    shared = {f"{letter}{term}" for letter in "YN" for term in "vr" if f"{letter}g{term}" not in names}
-    hull = {name: law for name, law in hull_coefficients(vessel).items() if name not in shared}
+    with_rudder = {f"{letter}{term}" for letter in "YN" for term in "vr" if f"{letter}g{term}" not in names}
+    hull = {name: law for name, law in hull_coefficients(vessel).items() if name not in with_rudder}
     strips = cross_flow_terms(vessel.particulars.L, vessel.particulars.d)
-    return with_typical_rudder(_informed(_informed(vessel, hull, SOURCE), _loaded(strips), STRIPS))
+    return with_typical_rudder(_with_prior(_with_prior(vessel, hull, SOURCE), _with_loading(strips), STRIPS))
 
 
 def with_typical_rudder(vessel: Vessel) -> Vessel:
-    """Vessel whose even terms, and those by which a rudder is convex, are those of a typical rudder.
+    """Vessel with the even and convex terms of a typical rudder, which zigzags do not identify.
 
-    No two zigzags tell them; coefficients of which the vessel file states an sd stay as they are. Without a draught it
-    is a twentieth of the length.
+    Coefficients with an sd in the vessel file stay unchanged. A missing draught is taken as L/20.
     """
     s = vessel.particulars
-    return _informed(vessel, _loaded(typical_rudder(s.L, s.d or s.L / 20.0)), TYPICAL_RUDDER)
+    return _with_prior(vessel, _with_loading(typical_rudder(s.L, s.d or s.L / 20.0)), TYPICAL_RUDDER)
 
 
-def _loaded(known: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """The same laws with and without the propeller's loading, which is 1 at the nominal speed."""
+def _with_loading(known: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """The same laws with and without the factor g of propeller loading, which is 1 at the nominal speed."""
     return known | {f"{name[0]}g{name[1:]}": law for name, law in known.items()}
 
 
-def _informed(vessel: Vessel, known: dict[str, tuple[float, float]], source: str) -> Vessel:
-    """Vessel with value, sd and source of what is known, where she states no sd herself."""
+def _with_prior(vessel: Vessel, known: dict[str, tuple[float, float]], source: str) -> Vessel:
+    """Vessel with values, sds and source of the known coefficients that have no sd."""
 
-    def informed(c: Coefficient) -> Coefficient:
+    def with_law(c: Coefficient) -> Coefficient:
         if c.name not in known or c.sd > 0.0:
             return c
         value, sd = known[c.name]
         return replace(c, value=value, sd=sd, source=source)
 
-    return replace(vessel, forces={dof: tuple(informed(c) for c in force) for dof, force in vessel.forces.items()})
+    return replace(vessel, forces={dof: tuple(with_law(c) for c in force) for dof, force in vessel.forces.items()})

@@ -1,12 +1,9 @@
-"""Mass, moments of inertia, added masses and stability that a vessel file leaves out, from the ship's particulars.
+"""Mass, moments of inertia, added mass and stability from the particulars, where a vessel file leaves them out.
 
-A floating ship has the mass of the water she displaces. Her radius of gyration is near a quarter of her length (ITTC
-Recommended Procedure 7.5-02-07-02.1). Her added masses are those of Motora's charts (1959) in the regression of Zhou,
-Sheng & Feng (1983), which comes within 6 % of those of the KVLCC2 (Yasukawa & Yoshimura 2015,
-doi:10.1007/s00773-014-0293-y). The formulae of Clarke, Gedling & Hine (1983) have none for surge, and beamy hulls such
-as tugs get a negative added moment of inertia from them. In roll the radius of gyration is .35 to .4 B (ITTC, as
-above) and the added moment of inertia a fifth of it (Bhattacharyya 1978, Dynamics of Marine Vehicles, chapter 4); the
-waterplane's inertia is by Schneekluth & Bertram (1998, Ship Design for Efficiency and Economy, section 1.6).
+The mass is that of the displaced water; radii of gyration are 0.25 L in yaw and 0.35 to 0.40 B in roll (ITTC
+Recommended Procedure 7.5-02-07-02.1). Added masses follow Motora's charts (1959) in the regression of Zhou, Sheng &
+Feng (1983); in roll, Bhattacharyya (1978), Dynamics of Marine Vehicles, chapter 4. The inertia of the waterplane
+follows Schneekluth & Bertram (1998), Ship Design for Efficiency and Economy, section 1.6.
 """
 
 from __future__ import annotations
@@ -20,13 +17,13 @@ K_ZZ = 0.25
 """Radius of gyration of the yaw moment of inertia about the centre of gravity, over L."""
 
 DIAGONAL = ("Xudot", "Yvdot", "Nrdot")
-"""Added masses that are derived where a file leaves them out; couplings that it leaves out are 0."""
+"""Added masses that are estimated if a file leaves them out; missing couplings are 0."""
 
 K_XX = 0.375
 """Radius of gyration of the roll moment of inertia about the centre of gravity, over B."""
 
 TYPICAL_GM = 0.06
-"""Metacentric height over B of a usual merchant ship; most have .02 to .1."""
+"""GM/B of a usual merchant ship; most have 0.02 to 0.1."""
 
 _ADDED_ROLL = 0.2  # added moment of inertia in roll over I_xx
 _LEAST = 0.01  # a prolate spheroid of L/B = 14 has this added mass in surge (Lamb 1932)
@@ -38,12 +35,12 @@ def displaced_mass(s: Particulars) -> float:
 
 
 def yaw_inertia(s: Particulars, m: float) -> float:
-    """Prime moment of inertia in yaw about the origin of a ship of the prime mass ``m``."""
+    """Prime moment of inertia in yaw about the origin, for the prime mass ``m``."""
     return (K_ZZ**2 + (s.x_G / s.L) ** 2) * m
 
 
 def motora_added_mass(s: Particulars, m: float) -> dict[str, float]:
-    """Added masses from block coefficient, B/d and L/B.
+    """Added masses from the block coefficient, B/d and L/B.
 
     Parameters
     ----------
@@ -60,10 +57,10 @@ def motora_added_mass(s: Particulars, m: float) -> dict[str, float]:
     Raises
     ------
     VesselError
-        For a hull out of the charts' reach, or without a draught.
+        For a hull outside the charts, or without a draught.
     """
     if s.d <= 0.0:
-        raise VesselError("The added masses of Motora's charts need the draught; add d to [particulars].")
+        raise VesselError("Motora's charts of added mass need the draught d, found none; add d [m] to [particulars].")
     block, slender, flat = s.volume / (s.L * s.B * s.d), s.L / s.B, s.d / s.B
     surge = 0.01 * (
         0.398
@@ -89,22 +86,22 @@ def motora_added_mass(s: Particulars, m: float) -> dict[str, float]:
 
 
 def with_stability(vessel: Vessel) -> Vessel:
-    """Vessel with the quantities of roll: those that her file leaves out are derived, and ``derived`` says how."""
-    s, told = vessel.particulars, dict(vessel.derived)
+    """Vessel with GM, BM, I_xx and Kpdot; those that the file leaves out are estimated and recorded in ``derived``."""
+    s, derived = vessel.particulars, dict(vessel.derived)
     if not s.GM:
         s = replace(s, GM=TYPICAL_GM * s.B)
-        told["particulars.GM"] = f"{s.GM:.3g} m ({TYPICAL_GM} B)"
+        derived["particulars.GM"] = f"{s.GM:.3g} m ({TYPICAL_GM} B)"
     if not s.BM:
         waterplane = (1.0 + 2.0 * s.volume / (s.L * s.B * s.d)) / 3.0
         s = replace(s, BM=waterplane**2 * s.L * s.B**3 / (11.7 * s.volume))
-        told["particulars.BM"] = f"{s.BM:.3g} m (inertia of the waterplane over volume)"
+        derived["particulars.BM"] = f"{s.BM:.3g} m (inertia of the waterplane over volume)"
     if vessel.I_xx:
         I_xx = vessel.I_xx
     else:
         I_xx = ((K_XX * s.B / s.L) ** 2 + (s.z_G / s.L) ** 2) * vessel.m
-        told["inertia.I_xx"] = f"{I_xx:.3g} (a radius of gyration of {K_XX} B)"
+        derived["inertia.I_xx"] = f"{I_xx:.3g} (a radius of gyration of {K_XX} B)"
     added_mass = vessel.added_mass
     if not added_mass["Kpdot"]:
         added_mass = added_mass | {"Kpdot": -_ADDED_ROLL * I_xx}
-        told["added_mass.Kpdot"] = f"{added_mass['Kpdot']:.3g} ({_ADDED_ROLL:.0%} of I_xx)"
-    return replace(vessel, particulars=s, I_xx=I_xx, added_mass=added_mass, derived=told)
+        derived["added_mass.Kpdot"] = f"{added_mass['Kpdot']:.3g} ({_ADDED_ROLL:.0%} of I_xx)"
+    return replace(vessel, particulars=s, I_xx=I_xx, added_mass=added_mass, derived=derived)

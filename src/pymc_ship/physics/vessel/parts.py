@@ -1,4 +1,4 @@
-"""Parts of a vessel's force: which she has, and what is typical of their parameters where her file says nothing."""
+"""Parts of the force of a vessel, with typical parameters where the vessel file states none."""
 
 from __future__ import annotations
 
@@ -19,23 +19,17 @@ from pymc_ship.physics.vessel.inertia import with_stability
 from pymc_ship.physics.vessel.vessel import Coefficient, Particulars, Vessel
 
 FIXED_SD = 1e-9
-"""Standard deviation of a parameter that is held at its value."""
+"""Standard deviation of a parameter that is fixed at its value."""
 
 _DIAMETER = 0.65  # of a propeller, over the draught
 _OPEN_WATER = (0.33, -0.30, -0.13)  # of a four-bladed Wageningen propeller with a pitch of 0.75 diameters
-_RACE = 0.65  # diameter of a propeller over the height of a rudder
-_GROWTH = 0.55  # kappa
+_ETA = 0.65  # diameter of a propeller over the height of a rudder
+_KAPPA = 0.55  # contraction of the slipstream
 _ASPECT = 1.6  # of a rudder
 
 
 def ship_dimensions(vessel: Vessel) -> Ship:
-    """Dimensions of a vessel for her parts; what her file leaves out is that of a usual ship.
-
-    Raises
-    ------
-    VesselError
-        Without a draught.
-    """
+    """Dimensions that parts need, typical where the file leaves them out; VesselError without a draught."""
     s = vessel.particulars
     _check_draught(vessel)
     area, aspect = (vessel.rudder.area, vessel.rudder.aspect_ratio) if vessel.rudder else (_rudder_area(s), _ASPECT)
@@ -54,8 +48,8 @@ def ship_dimensions(vessel: Vessel) -> Ship:
         k_1=known.k_1 if known else _OPEN_WATER[1],
         k_2=known.k_2 if known else _OPEN_WATER[2],
         wake=known.wake_fraction if known else 0.5 * block - 0.05,
-        eta=known.eta if known else _RACE,
-        kappa=known.kappa if known else _GROWTH,
+        eta=known.eta if known else _ETA,
+        kappa=known.kappa if known else _KAPPA,
         propeller_known=known is not None,
         rudder_area=area / s.L**2,
         rudder_known=vessel.rudder is not None,
@@ -78,13 +72,15 @@ def ship_dimensions(vessel: Vessel) -> Ship:
 
 def _check_draught(vessel: Vessel) -> None:
     if vessel.particulars.d <= 0.0:
-        raise VesselError(f"A ship of parts needs the draught of {vessel.name!r}; add d to [particulars].")
+        raise VesselError(
+            f"A model of parts needs the draught d of {vessel.name!r}, found none; add d [m] to [particulars]."
+        )
 
 
 def with_parts(
     vessel: Vessel, names: Sequence[str], stated: Mapping[str, Coefficient] | None = None, fixed: Sequence[str] = ()
 ) -> Vessel:
-    """Vessel whose forces parts make.
+    """Vessel whose forces are sums of parts.
 
     Parameters
     ----------
@@ -92,19 +88,19 @@ def with_parts(
     names : sequence of str
         Of :data:`pymc_ship.physics.forces.modular.PARTS`.
     stated : mapping of str to Coefficient, optional
-        Parameters that are known; the others are typical of such a ship.
+        Known parameters; the others are typical.
     fixed : sequence of str, optional
-        Parameters that stay at their values, those of them that the parts have.
+        Parameters that are fixed at their values; names that the parts lack are ignored.
 
     Returns
     -------
     Vessel
-        With the part roll, her stability and her inertia in roll are derived where her file leaves them out.
+        With the part roll, missing stability and inertia in roll are estimated.
 
     Raises
     ------
     VesselError
-        For parts that make no ship, wind without areas above the water, unknown parameters, or no draught.
+        For an incomplete set of parts, wind without areas above the water, unknown parameters, or no draught.
     """
     polynomial = any(vessel.forces.values())
     try:
@@ -119,8 +115,8 @@ def with_parts(
             vessel = with_stability(vessel)
     if WIND.name in names and vessel.windage is None:
         raise VesselError(
-            f"The part wind needs the areas above the water of {vessel.name!r}; add frontal_area and lateral_area in "
-            "[windage]."
+            f"The part wind needs the areas above the water of {vessel.name!r}; add frontal_area and lateral_area "
+            "[m2] to [windage]."
         )
     typical = {
         p.name: Coefficient(
@@ -132,7 +128,7 @@ def with_parts(
     unknown = [name for name in stated if name not in typical]
     if unknown:
         raise VesselError(
-            f"{vessel.name!r} has no parameter {', '.join(unknown)}; her parts have {', '.join(typical)}."
+            f"The parameters of {vessel.name!r} are {', '.join(typical)}, found {', '.join(unknown)}; use these names."
         )
     for name, c in stated.items():
         sd = c.sd if c.sd > 0.0 else typical[name].sd
@@ -143,7 +139,7 @@ def with_parts(
 
 
 def part_program(vessel: Vessel) -> Program:
-    """Accelerations by the parts of a vessel as a program; one without results where she has none."""
+    """Program of the accelerations by the parts of a vessel; without results if it has no parts."""
     if not vessel.parts:
         return Trace((), ()).program(())
     J_inverse = None if vessel.modular else tuple(map(tuple, np.linalg.inv(vessel.inertia_matrix).tolist()))
@@ -151,24 +147,24 @@ def part_program(vessel: Vessel) -> Program:
 
 
 def _parts(vessel: Vessel) -> tuple[Part, ...]:
-    """Parts of a vessel as the table holds them now."""
+    """Registered parts of a vessel."""
     return tuple(PARTS[name] for name in vessel.parts)
 
 
 def force_program(vessel: Vessel) -> Program:
-    """Forces X, Y, N, K of the parts of a vessel, primes at the nominal speed; one without results without parts."""
+    """Program of the forces X, Y, N, K of the parts, prime at the nominal speed; empty without parts."""
     if not vessel.parts:
         return Trace((), ()).program(())
     return acceleration_program(ship_dimensions(vessel), _parts(vessel), tuple(map(tuple, np.eye(4).tolist())))
 
 
 def _rudder_area(s: Particulars) -> float:
-    """Least area of a rudder [m2] by the rule of Det Norske Veritas, d L / 100 (1 + 25 (B / L)^2)."""
+    """Smallest rudder area [m2] by the rule of Det Norske Veritas, d L / 100 (1 + 25 (B / L)^2)."""
     return s.d * s.L / 100.0 * (1.0 + 25.0 * (s.B / s.L) ** 2)
 
 
 def _revolutions(ship: Ship) -> float:
-    """Revolutions [1/s] at which a typical propeller holds the resistance in balance at the nominal speed."""
+    """Revolutions [1/s] at which the thrust of a typical propeller equals the resistance at the nominal speed."""
     resistance, _, _ = nominal_resistance(ship)
     thrust = 0.5 * resistance * (ship.L * ship.nominal_speed) ** 2 / (1.0 - thrust_deduction(ship))
     inflow = (1.0 - ship.wake) * ship.nominal_speed

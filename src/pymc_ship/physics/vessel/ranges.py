@@ -1,13 +1,12 @@
-"""The ranges of a vessel's numbers, each by itself and beside the others.
+"""Possible and usual ranges of the numbers of a vessel file.
 
-A number that no ship can have is impossible and is refused: it breaks a law (Archimedes; positive kinetic energy; a
-waterplane within its box), or it is so far from every ship, model or full scale, that only another unit explains it. A
-number that ships rarely have is doubtful: it is said and accepted. The usual ranges hold for tugs, tankers, container
-ships, naval ships and their models:
+A number outside the possible range is an error: it breaks a law (Archimedes; positive kinetic energy; a waterplane
+within its box) or has another unit. A number outside the usual range is doubtful and gives a remark. The usual ranges
+hold for tugs, tankers, container ships, naval ships and their models:
 
-- Froude number: displacement ships stay below 0.5 (Faltinsen 2005, Hydrodynamics of High-Speed Marine Vehicles). Beside
+- Froude number: below 0.5 for displacement ships (Faltinsen 2005, Hydrodynamics of High-Speed Marine Vehicles). With
   the block coefficient: Ayre's line C_B = 1.08 - 1.68 Fn (Schneekluth & Bertram 1998, Ship Design for Efficiency and
-  Economy); the limit is where a speed in knots comes nearer to the line than one in m/s, at sqrt(3600/1852).
+  Economy); the limit sqrt(3600/1852) is where a speed in knots is as likely as one in m/s.
 - Steering gear: 65 deg in 28 s (SOLAS II-1/29), some 40 to 100 deg in L/U at every scale.
 - Radii of gyration: 0.25 L and 0.35 to 0.40 B (ITTC Recommended Procedure 7.5-02-07-02.1).
 - BM = I/volume, where the waterplane's I is at most L B^3/12, that of its box.
@@ -33,9 +32,9 @@ Range = tuple[float, float]
 
 
 class Rule(NamedTuple):
-    """Ranges of the number that follows from a key: ``number`` of the ship, or what the key itself holds.
+    """Ranges of a number that follows from a key: ``number(ship)``, or the value itself without ``number``.
 
-    ``number`` gives None where it cannot be formed; ``what`` says what it is, ``perhaps`` what may explain an odd one.
+    ``number`` returns None if it is undefined; ``what`` is its name, ``hint`` a likely explanation of a wrong value.
     """
 
     key: str
@@ -43,11 +42,11 @@ class Rule(NamedTuple):
     number: Callable[..., float | None] | None
     possible: Range
     usual: Range
-    perhaps: str
+    hint: str
 
 
 def _over(a: float, b: float) -> float:
-    """Quotient; infinite where ``b`` is 0."""
+    """Quotient a / b; infinite for b = 0."""
     return a / b if b else math.inf
 
 
@@ -60,7 +59,7 @@ def _froude(s: Particulars) -> float:
 
 
 def _by_fullness(s: Particulars) -> float | None:
-    """Speed over that of Ayre's line, for the fullest hulls at C_B = 0.9; None for fast craft and without a draught."""
+    """Speed over that of Ayre's line, with C_B at most 0.9; None for fast craft and without a draught."""
     block, froude = _block(s), _froude(s)
     return None if block is None or froude > _FASTEST else froude * 1.68 / (1.08 - min(block, 0.9))
 
@@ -131,7 +130,7 @@ PARTICULARS = (
     ),
     Rule("particulars.z_G", "z_G/B", lambda s: s.z_G / s.B, (-1.0, 1.0), (-0.5, 0.5), _METRES),
 )
-"""Of :class:`Particulars`, in the order in which they build on each other; the others are of a :class:`Vessel`."""
+"""Rules of :class:`Particulars`, each of which relies on those before it; the other rules take a :class:`Vessel`."""
 
 
 def _mass_ratio(v: Vessel) -> float:
@@ -139,7 +138,7 @@ def _mass_ratio(v: Vessel) -> float:
 
 
 def _radius(square: float) -> float:
-    """Root of a square that may be negative, with its sign."""
+    """Square root with the sign of its argument."""
     return math.copysign(math.sqrt(abs(square)), square)
 
 
@@ -168,7 +167,7 @@ def _waterplane(v: Vessel) -> float | None:
 
 
 def _of_motora(name: str) -> Callable[[Vessel], float | None]:
-    """Added mass over that of Motora's charts, None for a hull that they do not have."""
+    """Added mass over that of Motora's charts; None for a hull outside the charts."""
 
     def number(v: Vessel) -> float | None:
         try:
@@ -180,7 +179,7 @@ def _of_motora(name: str) -> Callable[[Vessel], float | None]:
 
 
 def _coupling(name: str, rows: tuple[str, str]) -> Rule:
-    """Rule of an added mass that couples two motions: Schwarz's inequality of a positive kinetic energy."""
+    """Rule of a coupling added mass: Schwarz's inequality of a positive kinetic energy."""
 
     def inertia(v: Vessel, row: str) -> float:
         mass = {"Yvdot": v.m, "Nrdot": v.I_zz, "Kpdot": v.I_xx}[row]
@@ -253,13 +252,13 @@ INERTIA = (
     ),
     *(_coupling(name, ("Yvdot", "Nrdot")) for name in ("Yrdot", "Nvdot")),
 )
-"""Of inertia, stability and added masses."""
+"""Rules of inertia, stability and added mass."""
 
 ROLL_COUPLINGS = (
     *(_coupling(name, ("Yvdot", "Kpdot")) for name in ("Ypdot", "Kvdot")),
     *(_coupling(name, ("Nrdot", "Kpdot")) for name in ("Npdot", "Krdot")),
 )
-"""Of the added masses that only a ship that rolls has."""
+"""Rules of the added masses of roll."""
 
 
 def _advance(v: Vessel) -> float | None:
@@ -305,11 +304,11 @@ PROPELLER = (
     Rule("propeller.eta", "", None, (1e-3, 1.0), (0.3, 1.0), "perhaps it is the height over the diameter"),
     Rule("propeller.kappa", "", None, (0.0, 3.0), (0.0, 1.2), "perhaps it is in %"),
 )
-"""Of a propeller."""
+"""Rules of a propeller."""
 
 
 def coefficient_rules(vessel: Vessel) -> Iterator[Rule]:
-    """Rules of the coefficients: forces over rho/2 L^2 U^2 are a few hundredths where the motion is of order 1."""
+    """Rules of the coefficients: forces over rho/2 L^2 U^2 are a few hundredths for a motion of order 1."""
     for dof, force in vessel.forces.items():
         for c in force:
             usual = 1.0 if order(c.term) <= 1 else 100.0

@@ -1,6 +1,6 @@
-"""A vessel file, read key by key: docs/reference/vessel_toml.md describes it.
+"""Reader of vessel files (docs/reference/vessel_toml.md).
 
-Numbers that no ship has are refused; what follows from the particulars is derived where the file leaves it out.
+Impossible numbers are errors; missing inertia is estimated from the particulars.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ _OF_ROLL = ("z_G", "GM", "BM")
 _INERTIA = ("m", "I_zz", "I_xx")
 _TEXTS = ("source", "sign_source", "note")
 _LONGEST = 60
-"""Signs of the longest name of a vessel or a coefficient."""
+"""Largest number of characters of the name of a vessel or a coefficient."""
 
 _PACKAGE = Path(__file__).parents[2]
 SHIPPED = _PACKAGE / "models" if (_PACKAGE / "models").is_dir() else _PACKAGE.parents[1] / "models"
 
 VesselLike = Vessel | str | Path
-"""What public functions take as ``vessel``: a vessel, the name of a shipped one, or the path of a vessel file."""
+"""Argument ``vessel`` of public functions: a vessel, the name of a shipped one, or the path of a vessel file."""
 
 
 def shipped_vessels() -> tuple[str, ...]:
-    """Names of the vessels that come with the package.
+    """Names of the vessels in the package.
 
     Examples
     --------
@@ -63,9 +63,8 @@ def load_vessel(source: str | Path) -> Vessel:
     Raises
     ------
     VesselError
-        For an unknown vessel, an unreadable file, unknown or missing keys, unknown terms, non-finite values and values
-        that no ship has. Values that ships rarely have, and what was derived because the file leaves it out, are told
-        by :func:`pymc_ship.physics.vessel.plausibility.remarks`.
+        For an unknown vessel, an unreadable file, unknown or missing keys, unknown terms, and non-finite or impossible
+        values. :func:`pymc_ship.physics.vessel.plausibility.remarks` lists estimated and doubtful values.
 
     Examples
     --------
@@ -85,13 +84,7 @@ def load_vessel(source: str | Path) -> Vessel:
 
 
 def as_vessel(vessel: object) -> Vessel:
-    """Vessel of a :data:`VesselLike`; a vessel is returned as it is.
-
-    Raises
-    ------
-    VesselError
-        As :func:`load_vessel`, and for anything that is neither a vessel nor a text or path.
-    """
+    """Vessel of a :data:`VesselLike`; a Vessel is returned unchanged. VesselError as :func:`load_vessel`."""
     if isinstance(vessel, Vessel):
         return vessel
     if not isinstance(vessel, str | Path):
@@ -111,7 +104,7 @@ def _vessel(file: Entry) -> Vessel:
     particulars = _particulars(file.at("particulars"), rolls=rolls)
     inertia = _numbers(file.at("inertia", {}), _INERTIA, _INERTIA[2:] if rolls else ())
     added_mass = _numbers(file.at("added_mass", {}), ADDED_MASS)
-    derived = _derived(particulars, inertia, added_mass, file)
+    derived = _estimate_inertia(particulars, inertia, added_mass, file)
     vessel = Vessel(
         name=name,
         title=file.at("title", name).text(),
@@ -134,19 +127,20 @@ def _vessel(file: Entry) -> Vessel:
             vessel = with_parts(vessel, parts, _parameters(file.at("parameters", {})))
         except VesselError as error:
             raise VesselError(f"{file.file}: {error}") from None
-    idle = (
+    loaded = (
         [c.name for force in vessel.forces.values() for c in force if needs_propeller(c.term)]
         if not vessel.propeller
         else []
     )
-    if idle:
-        raise VesselError(f"{file.file}: {', '.join(idle)} need the propeller's loading; add the table [propeller].")
-    _refuse(findings(vessel), file)
+    if loaded:
+        raise VesselError(f"{file.file}: {', '.join(loaded)} need a propeller, found none; add the table [propeller].")
+    _check_possible(findings(vessel), file)
     return vessel
 
 
-def _refuse(found: Iterable[Finding], file: Entry) -> None:
-    for finding in found:
+def _check_possible(findings: Iterable[Finding], file: Entry) -> None:
+    """Raise VesselError for an impossible number."""
+    for finding in findings:
         if finding.impossible:
             raise VesselError(f"{file.file}: {finding.sentence}")
 
@@ -154,28 +148,30 @@ def _refuse(found: Iterable[Finding], file: Entry) -> None:
 def _name(entry: Entry) -> str:
     name = entry.text()
     if not 0 < len(name) <= _LONGEST or not name.isprintable():
-        entry.fail(f"must be a line of 1 to {_LONGEST} signs, found {short_repr(name)}; correct it.")
+        entry.fail(f"must be one line of 1 to {_LONGEST} characters, found {short_repr(name)}; correct it.")
     return name
 
 
-def _derived(s: Particulars, inertia: dict[str, float], added_mass: dict[str, float], file: Entry) -> dict[str, str]:
-    """Fill in inertia and added masses that a file leaves out; return how, by key."""
-    told = {}
+def _estimate_inertia(
+    s: Particulars, inertia: dict[str, float], added_mass: dict[str, float], file: Entry
+) -> dict[str, str]:
+    """Add estimates of missing inertia and added mass to both dicts; return the method by key."""
+    derived = {}
     if "m" not in inertia:
         inertia["m"] = displaced_mass(s)
-        told["inertia.m"] = f"{inertia['m']:.5g} (2 volume/L^3)"
+        derived["inertia.m"] = f"{inertia['m']:.5g} (2 volume/L^3)"
     if "I_zz" not in inertia:
         inertia["I_zz"] = yaw_inertia(s, inertia["m"])
-        told["inertia.I_zz"] = f"{inertia['I_zz']:.5g} (a radius of gyration of {K_ZZ} L)"
-    lacking = [name for name in DIAGONAL if name not in added_mass]
-    if lacking:
+        derived["inertia.I_zz"] = f"{inertia['I_zz']:.5g} (a radius of gyration of {K_ZZ} L)"
+    missing = [name for name in DIAGONAL if name not in added_mass]
+    if missing:
         try:
             charts = motora_added_mass(s, inertia["m"])
         except VesselError as error:
-            raise VesselError(f"{file.file}: added_mass lacks {', '.join(lacking)}. {error}") from None
-        added_mass |= {name: charts[name] for name in lacking}
-        told |= {f"added_mass.{name}": f"{charts[name]:.5g} (Motora's charts)" for name in lacking}
-    return told
+            raise VesselError(f"{file.file}: added_mass lacks {', '.join(missing)}. {error}") from None
+        added_mass |= {name: charts[name] for name in missing}
+        derived |= {f"added_mass.{name}": f"{charts[name]:.5g} (Motora's charts)" for name in missing}
+    return derived
 
 
 def _texts_of(entry: Entry) -> tuple[str, ...]:
@@ -187,7 +183,7 @@ def _texts_of(entry: Entry) -> tuple[str, ...]:
 def _particulars(table: Entry, *, rolls: bool) -> Particulars:
     required = (*_PARTICULARS, *(_OF_ROLL if rolls else ()))
     particulars = Particulars(**_numbers(table, [f.name for f in fields(Particulars)], required))
-    _refuse(particulars_findings(particulars), table)
+    _check_possible(particulars_findings(particulars), table)
     return particulars
 
 
@@ -197,44 +193,44 @@ def _propeller(table: Entry) -> Propeller:
 
 
 def _dimensions[T: (Rudder, Windage)](table: Entry, kind: type[T]) -> T:
-    """Table of positive numbers, all of them required."""
+    """Dataclass of a table of positive numbers, all required."""
     names = [field.name for field in fields(kind)]
-    found = _numbers(table, names, names)
-    for name, value in found.items():
+    numbers = _numbers(table, names, names)
+    for name, value in numbers.items():
         if value <= 0.0:
             table.at(name).fail(f"must be positive, found {value:g}; correct it.")
-    return kind(**found)
+    return kind(**numbers)
 
 
 def _parameters(table: Entry) -> dict[str, Coefficient]:
-    """Parameters of parts that the file states."""
+    """Stated parameters of parts, by name."""
     table.check_table()
-    found = {}
+    parameters = {}
     for name in table:
         entry = table.at(name)
         value, (sd, texts) = _value(entry, ("sd", "unit")), _details(entry)
-        found[name] = Coefficient(name, value, texts["source"], texts["sign_source"], texts["note"], sd=sd)
-    return found
+        parameters[name] = Coefficient(name, value, texts["source"], texts["sign_source"], texts["note"], sd=sd)
+    return parameters
 
 
 def _details(entry: Entry) -> tuple[float, dict[str, str]]:
-    """Standard deviation (NaN where none is stated) and texts of a number."""
+    """Standard deviation (NaN if not stated) and texts of a number."""
     more = entry if isinstance(entry.value, dict) else replace(entry, value={})
     sd = more.at("sd").number() if "sd" in more else math.nan
     if sd <= 0.0:
-        more.at("sd").fail(f"must be positive, found {sd:g}; leave out what is not known.")
+        more.at("sd").fail(f"must be positive, found {sd:g}; leave out an unknown sd.")
     return sd, _texts(more, _TEXTS)
 
 
 def _numbers(table: Entry, known: Sequence[str], required: Sequence[str] = ()) -> dict[str, float]:
-    """Numbers of a table by key, each of which may state its details; the table may state a source."""
+    """Numbers of a table by key; each may be a table with details, and the whole table may have a source."""
     table.check_keys((*known, "source"), required)
     _texts(table, ("source",))
     return {key: _value(table.at(key)) for key in table if key != "source"}
 
 
 def _value(entry: Entry, more: Sequence[str] = ()) -> float:
-    """Number that stands alone or in a table with its details."""
+    """Value of a number, or of a table with ``value`` and details."""
     if not isinstance(entry.value, dict):
         return entry.number()
     entry.check_keys(("value", *_TEXTS, *more), ("value",))
@@ -243,7 +239,7 @@ def _value(entry: Entry, more: Sequence[str] = ()) -> float:
 
 
 def _texts(table: Entry, names: Sequence[str]) -> dict[str, str]:
-    """Texts of a table by key, empty where they are missing."""
+    """Texts of a table by key; empty if missing."""
     return {name: table.at(name, "").text() for name in names}
 
 
@@ -260,11 +256,11 @@ def _coefficient(name: str, entry: Entry, dof: str, source: str) -> Coefficient:
     if not name.startswith(LETTER[dof]):
         entry.fail(f"must begin with {LETTER[dof]}, the letter of {dof}.")
     if len(name) > _LONGEST:
-        entry.fail(f"must have a name of at most {_LONGEST} signs; correct it.")
+        entry.fail(f"must be at most {_LONGEST} characters long; shorten it.")
     try:
         factors(name[1:])
     except UnknownTerm as error:
-        entry.fail(f"is no coefficient. {error}")
+        entry.fail(f"must name a coefficient. {error}")
     value = _value(entry, ("sd", "published", "published_error"))
     sd, texts = _details(entry)
     more = entry if isinstance(entry.value, dict) else replace(entry, value={})

@@ -1,10 +1,8 @@
-"""Term sets that hold up when they are trained on zigzags: compact, without free powers of the speed.
+"""Term sets for an identification from a few zigzags: about twenty terms, without free powers of the speed.
 
-A full polynomial of a container ship has a hundred coefficients, of which a few zigzags determine a third. These sets
-have about twenty: what a hull does in drift and yaw as squares (cross flow) or cubes, a rudder whose normal force grows
-with the sine of its angle and more, and one even term, |r|, by which a single screw makes the sides differ. Where the
-vessel states its propeller, forces scale with its loading g(u_a) and straight-line surge follows thrust and resistance,
-so that a turning circle, in which the ship loses half its speed, stays within what physics allows.
+Hull forces are linear and quadratic (cross flow) or cubic in v and r; the rudder force grows with the sine of its angle
+and its convexity; the even term |r| stands for the asymmetry of a single screw. With a propeller, forces scale with its
+loading g(u_a), and surge follows thrust and resistance, so that the model extrapolates to the speed loss of a turn.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import LETTER, Coefficient, Vessel
 
 OWN = "own terms"
-"""Name of the set that consists of the vessel file's own terms."""
+"""Name of the set of the terms in the vessel file."""
 
 _SQUARES = ("v|v|", "v|r|", "r|v|", "r|r|")
 _CUBES = ("vvv", "vvr", "vrr", "rrr")
@@ -31,7 +29,7 @@ _CUBES = ("vvv", "vvr", "vrr", "rrr")
 
 @dataclass(frozen=True)
 class PartSet:
-    """Parts that make all forces, and a sentence on what they stand for."""
+    """Parts of all forces, with a description."""
 
     parts: tuple[str, ...]
     description: str
@@ -39,7 +37,7 @@ class PartSet:
 
 @dataclass(frozen=True)
 class TermSet:
-    """Terms of surge, the terms that sway and yaw share, and a sentence on what they stand for."""
+    """Terms of surge, common terms of sway and yaw, and a description."""
 
     surge: tuple[str, ...]
     lateral: tuple[str, ...]
@@ -53,13 +51,13 @@ class TermSet:
         return {dof: [f"{LETTER[dof]}{term}" for term in row] for dof, row in rows.items()}
 
 
-def _loaded(hull: tuple[str, ...], description: str) -> TermSet:
+def _with_loading(hull: tuple[str, ...], description: str) -> TermSet:
     return TermSet(
         ("T", "vv", "vr", "rr", "gsinsin"), ("0", *hull, "g|r|", "gsincos", "gsincos|delta|"), True, description
     )
 
 
-def _by_g(terms: tuple[str, ...]) -> tuple[str, ...]:
+def _times_g(terms: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"g{term}" for term in terms)
 
 
@@ -76,16 +74,16 @@ TERM_SETS = {
         False,
         "linear and cubic in v and r, rudder by its sine and the speed loss",
     ),
-    "loading": _loaded(
-        _by_g(("v", "r", *_SQUARES)), "linear and quadratic in v and r, all of it by the propeller's loading"
+    "loading": _with_loading(
+        _times_g(("v", "r", *_SQUARES)), "linear and quadratic in v and r, all of it by the propeller's loading"
     ),
-    "hull and loading": _loaded(
-        ("v", "r", *_by_g(("v", "r", *_SQUARES))), "as `loading`, with linear forces that the propeller leaves alone"
+    "hull and loading": _with_loading(
+        ("v", "r", *_times_g(("v", "r", *_SQUARES))), "as `loading`, with linear forces that the propeller leaves alone"
     ),
-    "hull and loading, cubic": _loaded(
+    "hull and loading, cubic": _with_loading(
         ("v", "r", "gv", "gr", *_CUBES), "linear by the loading and beside it, cubic beside it"
     ),
-    "hull beside loading": _loaded(
+    "hull beside loading": _with_loading(
         ("v", "r", "gv", "gr", *_SQUARES), "linear by the loading and beside it, quadratic beside it"
     ),
 }
@@ -94,7 +92,7 @@ TERM_SETS = {
 _BODY = (ADDED_MASS.name, PROPELLER.name, RUDDER.name)
 
 AHEAD_SET, ANY_SPEED_SET, ROLL_SET = "modular", "modular at any speed", "modular with roll"
-"""Sets for a ship that makes way ahead, for one that stops, goes astern or sails from rest, and for one that heels."""
+"""Sets for ahead speeds, for all speeds (stopping, astern, from rest), and for ahead speeds with roll."""
 
 PART_SETS = {
     AHEAD_SET: PartSet((*_BODY, MANOEUVRING.name), "MMG standard method, wake and flow straightening differ by side"),
@@ -108,21 +106,20 @@ PART_SETS = {
 
 
 def valid_at_any_speed(vessel: Vessel) -> bool:
-    """Whether the forces of a vessel mean something at rest and astern, too."""
+    """Whether the forces of a vessel are valid at rest and astern, too."""
     return LOW_SPEED.name in vessel.parts
 
 
 def supports_part_sets(vessel: Vessel) -> bool:
-    """Whether sets of parts stand for a vessel: her draught is stated and she has no terms of roll."""
+    """Whether part sets suit a vessel: it has a draught and no terms of roll."""
     return vessel.particulars.d > 0.0 and "roll" not in vessel.forces
 
 
 def term_sets(vessel: VesselLike) -> tuple[str, ...]:
-    """Names of the sets a vessel can have.
+    """Names of the term sets that suit a vessel.
 
-    Those of parts where it states its draught and has no terms of roll; those by the propeller's loading where it
-    states its propeller, the plain ones else; before them its own terms where it has some of every degree of freedom
-    and no set holds them all: then the file is a model of its own.
+    Part sets need a draught and no terms of roll; sets with loading need a propeller, the others have none. The own
+    terms come first if they cover every degree of freedom and no set contains them all.
 
     Examples
     --------
@@ -136,38 +133,39 @@ def term_sets(vessel: VesselLike) -> tuple[str, ...]:
     hull beside loading
     """
     vessel = as_vessel(vessel)
-    wanted = vessel.propeller is not None
     modular = (AHEAD_SET,) if supports_part_sets(vessel) else ()
-    names = (*modular, *(name for name, terms in TERM_SETS.items() if terms.propeller == wanted))
+    names = (
+        *modular,
+        *(name for name, terms in TERM_SETS.items() if terms.propeller == (vessel.propeller is not None)),
+    )
     own = {c.name for force in vessel.forces.values() for c in force}
     if vessel.modular:
         return (OWN, *names)
     if not all(vessel.forces.values()):
         return names
-    held = any(own <= set().union(*TERM_SETS[name].coefficients.values()) for name in TERM_SETS)
-    return names if held else (OWN, *names)
+    covered = any(own <= set().union(*TERM_SETS[name].coefficients.values()) for name in TERM_SETS)
+    return names if covered else (OWN, *names)
 
 
 def with_terms(vessel: VesselLike, name: str) -> Vessel:
-    """Vessel with the terms of a set in place of its own.
+    """Vessel with the terms of a set instead of its own.
 
     Parameters
     ----------
     vessel : Vessel, str or Path
     name : str
-        One of :data:`TERM_SETS`, or :data:`OWN` for the vessel as it is.
+        One of :data:`TERM_SETS` or :data:`PART_SETS`, or :data:`OWN` for the unchanged vessel.
 
     Returns
     -------
     Vessel
-        With the terms of surge, sway and yaw alone, or with the parts of the set beside those that stand for something
-        else; a coefficient or parameter that the vessel has, too, keeps its value, its sd and its source, other
-        coefficients are 0 and other parameters typical.
+        With terms of surge, sway and yaw only, or with the parts of the set and own parts of other roles. Coefficients
+        and parameters of the vessel keep value, sd and source; other coefficients are 0, other parameters typical.
 
     Raises
     ------
     VesselError
-        For an unknown set, one that needs a propeller the vessel does not state, or own terms that the file lacks.
+        For an unknown set, a set that needs a missing propeller, or missing own terms.
 
     Examples
     --------
@@ -178,10 +176,11 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
     """
     vessel = as_vessel(vessel)
     if name == OWN:
-        lacking = [dof for dof, force in vessel.forces.items() if not force]
-        if lacking and not vessel.modular:
+        missing = [dof for dof, force in vessel.forces.items() if not force]
+        if missing and not vessel.modular:
             raise VesselError(
-                f"The file of {vessel.name!r} has no terms of {' and '.join(lacking)}; add some, or choose another set."
+                f"The set {OWN!r} needs terms of {' and '.join(missing)} of {vessel.name!r}, found none; add "
+                "them, or choose another set."
             )
         return vessel
     check_choice("A term set", name, (OWN, *TERM_SETS, *PART_SETS), VesselError)
@@ -189,19 +188,22 @@ def with_terms(vessel: VesselLike, name: str) -> Vessel:
         return _with_part_set(vessel, PART_SETS[name])
     chosen = TERM_SETS[name]
     if chosen.propeller and vessel.propeller is None:
-        raise VesselError(f"The terms {name!r} need the propeller of {vessel.name!r}; add the table [propeller].")
-    held = {c.name: c for force in vessel.forces.values() for c in force}
-    names = chosen.coefficients
-    forces = {dof: tuple(held.get(name, Coefficient(name, 0.0)) for name in row) for dof, row in names.items()}
+        raise VesselError(
+            f"The terms {name!r} need the propeller of {vessel.name!r}, found none; add the table [propeller]."
+        )
+    own = {c.name: c for force in vessel.forces.values() for c in force}
+    forces = {
+        dof: tuple(own.get(name, Coefficient(name, 0.0)) for name in row) for dof, row in chosen.coefficients.items()
+    }
     return replace(vessel, forces=forces, parts=(), parameters=())
 
 
 def _with_part_set(vessel: Vessel, chosen: PartSet) -> Vessel:
-    """Vessel whose forces a set's parts make, with her own parts of other places and wind where she states areas."""
+    """Vessel with the parts of a set, its own parts of other roles, and wind if it states areas."""
     roles = {PARTS[name].role for name in chosen.parts}
-    around = [name for name in vessel.parts if PARTS[name].role not in roles]
-    around += [WIND.name] if vessel.windage is not None and WIND.name not in around else []
-    parts = (*chosen.parts, *around)
+    others = [name for name in vessel.parts if PARTS[name].role not in roles]
+    others += [WIND.name] if vessel.windage is not None and WIND.name not in others else []
+    parts = (*chosen.parts, *others)
     bare = replace(vessel, forces=dict.fromkeys(vessel.forces, ()), parts=(), parameters=())
     known = {p.name for p in part_parameters(ship_dimensions(bare), parts)}
     return with_parts(bare, parts, {c.name: c for c in vessel.parameters if c.name in known})

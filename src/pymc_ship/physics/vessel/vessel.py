@@ -17,19 +17,18 @@ DOFS = ("surge", "sway", "yaw", "roll")
 """Degrees of freedom, in the order of the equations of motion."""
 
 LETTER = {"surge": "X", "sway": "Y", "yaw": "N", "roll": "K"}
-"""First letter of a coefficient's name: X and Y are forces, N and K are moments."""
+"""First letter of a coefficient by degree of freedom: X, Y forces, N, K moments."""
 
 ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Ypdot", "Nvdot", "Nrdot", "Npdot", "Kvdot", "Krdot", "Kpdot")
-"""Acceleration derivatives; those a vessel without roll does not have are zero."""
+"""Acceleration derivatives; those of roll are zero for a vessel without roll."""
 
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One hydrodynamic coefficient: name (``Yv|v|``), prime value and where both number and sign come from.
+    """A hydrodynamic coefficient, or a parameter of a part: name (``Yv|v|``), prime value and sources.
 
-    ``sd`` is the standard deviation of what is known of the value beforehand, NaN where nothing is. A parameter of a
-    part is one, too: ``unit`` says what its number stands for, ``per_run`` that every run has its own, ``per_facility``
-    that every facility may.
+    ``sd`` is the prior standard deviation, NaN if unknown; ``unit`` is that of a parameter. ``per_run``: each run has
+    its own value; ``per_facility``: each facility may have its own.
     """
 
     name: str
@@ -56,7 +55,7 @@ class Particulars:
 
     ``rudder_delay`` [s] is the time from the switching heading of a zigzag to the rudder's first movement.
     ``x_G`` forward and ``z_G`` below the origin [m], ``volume`` the displacement volume [m3], ``GM`` and ``BM`` [m],
-    ``d`` the draught [m], 0 where it is not stated.
+    ``d`` the draught [m], 0 if not stated.
     """
 
     L: float
@@ -73,7 +72,7 @@ class Particulars:
 
     @property
     def ship_time(self) -> float:
-        """Time in which the ship covers her length at the nominal speed, L/U [s]."""
+        """Ship lengths in time, L/U at the nominal speed [s]."""
         return self.L / self.nominal_speed
 
 
@@ -87,7 +86,7 @@ class Rudder:
 
 @dataclass(frozen=True)
 class Windage:
-    """Areas above the water [m2]: ``frontal_area`` meets a wind from ahead, ``lateral_area`` one from the side."""
+    """Frontal and lateral projected areas above the water [m2]."""
 
     frontal_area: float
     lateral_area: float
@@ -95,11 +94,11 @@ class Windage:
 
 @dataclass(frozen=True)
 class Vessel:
-    """A manoeuvring model: particulars, prime inertia, added mass, coefficients of each DOF, perhaps a propeller.
+    """A manoeuvring model: particulars, prime inertia, added mass, coefficients of each DOF, optional propeller.
 
-    A degree of freedom without coefficients is one to be identified, unless ``parts`` make the forces: names of
-    :data:`pymc_ship.physics.forces.modular.PARTS`, with their ``parameters``. ``derived`` says of each quantity that
-    the file leaves out, by its key, how it was derived.
+    Forces are polynomial terms with ``forces``, or sums of ``parts`` (names of
+    :data:`pymc_ship.physics.forces.modular.PARTS`) with ``parameters``. A DOF without both is to be identified.
+    ``derived`` has the method for each estimated quantity, by its key in the file.
     """
 
     name: str
@@ -129,16 +128,16 @@ class Vessel:
 
     @property
     def dofs(self) -> tuple[str, ...]:
-        """Degrees of freedom; roll may be missing."""
+        """Degrees of freedom, with or without roll."""
         return tuple(self.forces)
 
     @property
     def modular(self) -> bool:
-        """Whether parts make all her forces, so that she needs no terms."""
+        """Whether all forces are sums of parts, without terms."""
         return bool(self.parts) and not any(self.forces.values())
 
     def check_model(self) -> None:
-        """Raise VesselError unless every degree of freedom has coefficients, or parts make its force."""
+        """Raise VesselError unless every degree of freedom has coefficients or parts."""
         for dof in self.forces:
             self._force(dof)
 
@@ -161,7 +160,7 @@ class Vessel:
         Raises
         ------
         VesselError
-            When the vessel has no such DOF, or no coefficients of it.
+            Without this DOF, or coefficients of it.
         """
         force = self._force(dof)
         return xr.DataArray(
@@ -177,20 +176,22 @@ class Vessel:
         )
 
     def published_estimates(self, dof: str, which: str) -> np.ndarray:
-        """Published estimates of a DOF, shape (n_terms,); NaN where none is printed."""
+        """Published estimates of a DOF, shape (n_terms,); NaN if not published."""
         return np.array([coefficient.published.get(which, np.nan) for coefficient in self._force(dof)])
 
     def published_errors(self, dof: str, which: str) -> np.ndarray:
-        """Errors [%] printed beside the published estimates, shape (n_terms,); NaN where none is printed."""
+        """Published errors [%] of these estimates, shape (n_terms,); NaN if not published."""
         return np.array([coefficient.published_error.get(which, np.nan) for coefficient in self._force(dof)])
 
     def with_coefficients(self, values: dict[str, np.ndarray]) -> Vessel:
-        """Copy with other coefficient values: ``{"sway": array of shape (n_terms,)}``."""
+        """Copy with other values of coefficients, such as ``{"sway": array of shape (n_terms,)}``."""
         forces = dict(self.forces)
         for dof, row in values.items():
             force = self._force(dof)
             if len(row) != len(force):
-                raise VesselError(f"{dof} of {self.name!r} has {len(force)} coefficients, found {len(row)} values.")
+                raise VesselError(
+                    f"{dof} of {self.name!r} has {len(force)} coefficients, found {len(row)} values; give one for each."
+                )
             forces[dof] = tuple(replace(c, value=float(value)) for c, value in zip(force, row, strict=True))
         return replace(self, forces=forces)
 
@@ -218,44 +219,45 @@ class Vessel:
 
     @property
     def z_G(self) -> float:
-        """Prime z coordinate of the centre of gravity; 0 where the vessel has no roll."""
+        """Prime z coordinate of the centre of gravity; 0 without roll."""
         return self.particulars.z_G / self.particulars.L if "roll" in self.forces else 0.0
 
     def _force(self, dof: str) -> tuple[Coefficient, ...]:
         if dof not in self.forces:
-            raise VesselError(f"{self.name!r} has the degrees of freedom {', '.join(self.forces)}; found {dof!r}.")
+            raise VesselError(
+                f"{self.name!r} has the degrees of freedom {', '.join(self.forces)}, found {dof!r}; choose one of them."
+            )
         if not self.forces[dof] and not self.modular:
             raise VesselError(
-                f"{self.name!r} states no coefficients of {dof}; find them with `pymc-ship identify`, or add "
-                f"[coefficients.{dof}]."
+                f"The model of {self.name!r} needs coefficients of {dof}, found none; identify them with `pymc-ship "
+                f"identify`, or add [coefficients.{dof}]."
             )
         return self.forces[dof]
 
 
 def reference_coefficients(vessel: Vessel) -> np.ndarray:
-    """All coefficients of a vessel, shape (n_coefficients,): DOF after DOF, then the parameters of her parts."""
+    """All coefficients, shape (n_coefficients,): DOF after DOF, then the parameters of parts."""
     rows = [vessel.coefficients(dof).values for dof in vessel.dofs]
     return np.concatenate([*rows, [parameter.value for parameter in vessel.parameters]])
 
 
 def per_run_indices(vessel: Vessel) -> list[int]:
-    """Places among the coefficients of the parameters that every run has its own of."""
-    return _places(vessel, [parameter.per_run for parameter in vessel.parameters])
+    """Indices of the parameters with a value for each run, among all coefficients."""
+    return _parameter_indices(vessel, [parameter.per_run for parameter in vessel.parameters])
 
 
 def per_facility_indices(vessel: Vessel) -> list[int]:
-    """Places among the coefficients of the parameters that a facility may have its own of."""
-    return _places(vessel, [parameter.per_facility for parameter in vessel.parameters])
+    """Indices of the parameters that may differ between facilities, among all coefficients."""
+    return _parameter_indices(vessel, [parameter.per_facility for parameter in vessel.parameters])
 
 
-def _places(vessel: Vessel, chosen: Iterable[bool]) -> list[int]:
-    """Places among the coefficients of the chosen parameters."""
+def _parameter_indices(vessel: Vessel, mask: Iterable[bool]) -> list[int]:
     first = sum(len(force) for force in vessel.forces.values())
-    return [first + k for k, one in enumerate(chosen) if one]
+    return [first + k for k, chosen in enumerate(mask) if chosen]
 
 
 def most_dofs(vessels: Iterable[Vessel]) -> Vessel:
-    """Vessel with the most degrees of freedom, the first of several."""
+    """First vessel with the largest number of degrees of freedom."""
     return max(vessels, key=lambda vessel: len(vessel.dofs))
 
 
