@@ -14,7 +14,7 @@ from tests.sentences import refused
 
 pytestmark = pytest.mark.filterwarnings("error")
 TITLES = [
-    "Convergence gates",
+    "Convergence diagnostics",
     "Agreement with the exact posterior",
     "Coefficients",
     "Chains",
@@ -98,8 +98,8 @@ def test_the_page_states_its_defaults_and_shows_every_figure(page):
 def test_a_torn_posterior_heads_its_page_with_the_failing_gate_and_says_what_is_missing(page):
     _, bare, _ = page
     assert "1 a &lt; b</h2>" in bare
-    assert "(a gate fails)" in bare
-    assert re.search(r"<li>A convergence gate fails: largest R-hat [1-9.e]+.* \(Yv\), to be &lt; 1.01", bare)
+    assert "(a convergence diagnostic fails)" in bare
+    assert re.search(r"<li>A convergence diagnostic fails: largest R-hat [1-9.e]+.* \(Yv\), to be &lt; 1.01", bare)
     assert bare.count("Not shown: the tree has no") == 8
     assert "Not shown: no draws of the same data and prior by another method are given." in bare
     assert "the tree has no constant_data/design_matrix and no observed_data/response." in bare
@@ -134,7 +134,7 @@ def test_a_poor_posterior_is_still_reported(tmp_path, case):
         "stuck": "<td>does not vary</td>",
     }
     assert said[case] in page
-    assert ("(a gate fails)" in page) == (case != "one coefficient")
+    assert ("(a convergence diagnostic fails)" in page) == (case != "one coefficient")
 
 
 # several methods
@@ -155,8 +155,8 @@ def test_a_section_of_several_methods_has_their_gates_agreement_and_the_chains_o
     convergence_diagnostics = [row[:2] for row in cells if len(row) == 6 and row[0] in ("exact", "gibbs", "nuts")]
     assert [method for method, gate in convergence_diagnostics if gate == "largest R-hat"] == ["exact", "gibbs", "nuts"]
     assert [method for method, gate in convergence_diagnostics if gate == "divergences"] == ["nuts"]
-    verdicts = {row[0]: (row[2], row[-1]) for row in cells if len(row) == 8 and row[-1] in ("yes", "NO")}
-    assert verdicts == {"gibbs": ("4.15", "NO"), "nuts": ("4.15", "yes")}
+    verdicts = {row[0]: (row[2], row[-1]) for row in cells if len(row) == 8 and row[-1] in ("yes", "no")}
+    assert verdicts == {"gibbs": ("4.15", "no"), "nuts": ("4.15", "yes")}
     assert "The chains are those of nuts." in shared
     assert "Divergences and E-BFMI of exact and gibbs are not judged" in shared
     assert {f"posterior-1-{kind}" for kind in ("trace", "energy", "pit")} <= set(Tags(shared).ids)
@@ -165,7 +165,7 @@ def test_a_section_of_several_methods_has_their_gates_agreement_and_the_chains_o
 
 @pytest.mark.slow
 def test_a_disagreement_heads_the_section_and_the_contents(shared):
-    assert "<li>All convergence gates hold.</li>" in shared
+    assert "<li>All convergence diagnostics pass.</li>" in shared
     assert re.search(r"<li>Against the exact posterior: gibbs DISAGREES \(largest \|z\| .*; nuts agrees", shared)
     assert "a, b, c</a> (methods disagree)</li>" in shared
 

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.filterwarnings("error")
 
 def test_the_verdict_counts_what_the_data_determine(good):
     convergence_diagnostics, determined, white = verdict_on(good)
-    assert convergence_diagnostics == "All convergence gates hold."
+    assert convergence_diagnostics == "All convergence diagnostics pass."
     count, total = map(int, re.match(r"(\d+) of (\d+) coefficients are determined by the data", determined).groups())
     assert 10 <= count < total == 28
     assert white.startswith("Residuals pass for white noise (r1 = ")
@@ -63,7 +63,7 @@ def test_a_part_for_every_group_of_nuts(good):
     found = {part.title: part for part in REGRESSION.parts(Comparison("x", {"x": tree}), None, rng)}
     assert [image[0] for image in found["Energy"].images] == ["energy"]
     assert "as the tree holds them" in found["Prior and posterior predictive check"].text
-    assert found["Convergence gates"].text == ""
+    assert found["Convergence diagnostics"].text == ""
     assert "no vessel was given" in found["Coefficients"].images[0][2]
 
 

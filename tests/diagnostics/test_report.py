@@ -41,14 +41,14 @@ def test_a_failing_gate_is_status_3_and_the_page_is_written(good, tmp_path, caps
     assert main(words) == 3
     printed = capsys.readouterr()
     assert re.fullmatch(
-        r"pymc-ship: A convergence gate or the agreement with the exact posterior fails in 1 of 2 posteriors, first in "
+        r"pymc-ship: A convergence diagnostic or the agreement with the exact posterior fails in 1 of 2 posteriors, first in "
         r"\S+/a/x\.nc: largest R-hat [1-9.e+]+ \(Yv\), to be < 1\.01; .*; the page is written and names them all\.\n",
         printed.err,
     )
-    assert printed.out.count("A convergence gate fails: largest R-hat") == 1
+    assert printed.out.count("A convergence diagnostic fails: largest R-hat") == 1
     page = (tmp_path / "out" / "diagnostics.html").read_text(encoding="utf-8")
     assert page.count('<section id="posterior-') == 2
-    assert page.count("(a gate fails)") == 1
+    assert page.count("(a convergence diagnostic fails)") == 1
 
 
 @pytest.mark.usefixtures("quick")
@@ -60,9 +60,9 @@ def test_a_disagreement_is_status_3_and_the_page_is_written(tmp_path, capsys, wr
     paths = [str(write_posterior(tree, tmp_path / f"{name}.nc")) for name, tree in trees.items()]
     assert main(["report", *paths, "--quiet", "--out", str(tmp_path / "out")]) == (3 if wrong else 0)
     printed = capsys.readouterr()
-    assert printed.out.startswith("a, b, c\nAll convergence gates hold.\nAgainst the exact posterior: gibbs ")
+    assert printed.out.startswith("a, b, c\nAll convergence diagnostics pass.\nAgainst the exact posterior: gibbs ")
     said = re.fullmatch(
-        r"pymc-ship: A convergence gate or the agreement with the exact posterior fails in 1 of 1 posteriors, first in "
+        r"pymc-ship: A convergence diagnostic or the agreement with the exact posterior fails in 1 of 1 posteriors, first in "
         r"a, b, c: gibbs DISAGREES \(largest \|z\| [\d.]+, largest R-hat [\d.]+\); the page is written .* all\.\n",
         printed.err,
     )

@@ -18,7 +18,7 @@ from tests.diagnostics.cases import changed, hull, sampled, short_posterior, wit
 pytestmark = pytest.mark.filterwarnings("error")
 
 TITLES = [
-    "Gates",
+    "Convergence diagnostics",
     "Measured and fitted motion",
     "Residuals",
     "Coefficients",
@@ -64,7 +64,7 @@ def test_the_verdict_says_what_is_known_how_noise_was_treated_and_how_far_to_tru
     convergence_diagnostics, khat, determined, along, noise, white, starts = TRAJECTORIES.verdict(
         section(short_posterior())
     )
-    assert convergence_diagnostics == "All gates hold."
+    assert convergence_diagnostics == "All convergence diagnostics pass."
     assert khat == "Pareto k-hat 0.30 (limit 0.7): the normal approximation can be trusted."
     pattern = r"(\d+) of 53 coefficients are determined by the data; (\d+) follow the prior and (\d+) cannot be told"
     assert sum(map(int, re.match(pattern, determined).groups())) == 53
@@ -84,7 +84,7 @@ def test_the_verdict_on_a_normal_approximation_that_fails():
     failing = with_attrs(short_posterior(), pareto_khat=0.85, share_diverged=0.125)
     convergence_diagnostics, khat, *_, starts = TRAJECTORIES.verdict(section(failing))
     assert convergence_diagnostics == (
-        "A gate fails: Pareto k-hat 0.85 (importance weights of the draws), to be ≤ 0.7. The numbers below are not to "
+        "A convergence diagnostic fails: Pareto k-hat 0.85 (importance weights of the draws), to be ≤ 0.7. The numbers below are not to "
         "be relied on."
     )
     assert khat.startswith("Pareto k-hat 0.85 (limit 0.7): the normal approximation is not to be trusted")
@@ -119,12 +119,14 @@ def test_the_verdict_without_records_and_prior_says_so():
 
 def test_the_verdict_on_a_sampler_names_its_gates_and_no_khat():
     lines = TRAJECTORIES.verdict(section(sampled()))
-    assert (lines[0], len(lines)) == ("All gates hold.", 6)
+    assert (lines[0], len(lines)) == ("All convergence diagnostics pass.", 6)
     assert "k-hat" not in " ".join(lines)
     assert lines[-1].endswith("0 transitions of the sampler diverged.")
     torn = changed(sampled(), "posterior/coefficients", lambda v: v[3, :, 0].__iadd__(1.0))
     said = TRAJECTORIES.verdict(section(torn))[0]
-    assert re.match(r"A gate fails: largest R-hat [\d.e+]+ \(Xu\), to be < 1\.01; least bulk ESS", said)
+    assert re.match(
+        r"A convergence diagnostic fails: largest R-hat [\d.e+]+ \(Xu\), to be < 1\.01; least bulk ESS", said
+    )
 
 
 # the page
@@ -214,7 +216,11 @@ def test_a_part_whose_variables_are_missing_says_so_in_one_sentence():
     groups = ("log_likelihood", "log_prior", "observed_data", "constant_data")
     found = parts_of(without(short_posterior(), *groups))
     assert list(found) == TITLES
-    said = [found[title].text for title in TITLES if title not in ("Gates", "Correlation of the coefficients")]
+    said = [
+        found[title].text
+        for title in TITLES
+        if title not in ("Convergence diagnostics", "Correlation of the coefficients")
+    ]
     assert len(said) == 8
     assert all(re.fullmatch(r"Not shown: the tree has no [\w/]+( and no [\w/]+)*\.", text) for text in said)
     assert said[-2] == "Not shown: the tree has no log_prior/coefficients and no log_likelihood/response."
@@ -257,7 +263,7 @@ def test_a_failing_gate_is_status_3_and_the_page_is_written(monkeypatch, tmp_pat
     printed = capsys.readouterr()
     assert printed.out.splitlines() == ["trials", *TRAJECTORIES.verdict(section(tree))]
     sentence = (
-        "A convergence gate or the agreement with the exact posterior fails in 1 of 1 posteriors, first in trials: "
+        "A convergence diagnostic or the agreement with the exact posterior fails in 1 of 1 posteriors, first in trials: "
         "Pareto k-hat 0.85 (importance weights of the draws), to be ≤ 0.7; the page is written and names them all."
     )
     assert printed.err == ("" if khat < 0.7 else f"pymc-ship: {sentence}\n")

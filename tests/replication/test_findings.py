@@ -20,13 +20,13 @@ def test_what_draws_of_the_record_do_is_said_by_derivative():
         for wider, before, after in dofs
     ]
     said = findings._drawn(SimpleNamespace(tables={"drawn_coefficients": rows}))
-    assert "savgol intervals become 2.2 to 3.3 times as wide and hold 82 to 86 % by degree of freedom, 54 to" in said
+    assert "savgol intervals become 2.2 to 3.3 times as wide and cover 82 to 86 % by degree of freedom, 54 to" in said
 
 
 def test_ships_of_priors_and_of_posteriors_are_told_apart():
     numbers = [("chosen", 92.0, 0.5), ("published", 100.0, 0.0), ("posterior", 0.0, 80.0), ("posterior", 58.5, 33.0)]
     rows = [{"choice": choice, "diverged": away, "sailed": sailed} for choice, away, sailed in numbers]
     said = findings._prior_ships(SimpleNamespace(tables={"prior_ships": rows}))["text"]
-    assert "the priors hold 92 to 100 % run away" in said
-    assert "at most 0.5 % neither run away" in said
-    assert "the posteriors 0 to 58 % run away" in said
+    assert "the priors 92 to 100 % diverge" in said
+    assert "at most 0.5 % neither diverge" in said
+    assert "the posteriors 0 to 58 % diverge" in said

@@ -362,5 +362,5 @@ def test_a_study_whose_chains_fail_says_where_and_writes_both_pages(result, tmp_
     monkeypatch.setattr(report, "_trace_figures", lambda result: [])
     report.write_study(broken, tmp_path)
     pages = [(tmp_path / name).read_text(encoding="utf-8") for name in ("index.html", "diagnostics.html")]
-    assert "yaw, conjugate</a> (a gate fails)" in pages[1]
-    assert pages[1].count("a gate fails") == 1
+    assert "yaw, conjugate</a> (a convergence diagnostic fails)" in pages[1]
+    assert pages[1].count("a convergence diagnostic fails") == 1

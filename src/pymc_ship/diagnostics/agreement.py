@@ -267,6 +267,6 @@ def failure_sentence(compared: Sequence[Comparison]) -> str:
     if not failed:
         return ""
     return (
-        f"A convergence gate or the agreement with the exact posterior fails in {len(failed)} of {len(compared)} "
+        f"A convergence diagnostic or the agreement with the exact posterior fails in {len(failed)} of {len(compared)} "
         f"posteriors, first in {failed[0]}; the page is written and names them all."
     )

@@ -77,7 +77,7 @@ def _mixed(tree: xr.DataTree) -> str:
     ess = min(float(values.min()) for values in az.ess(posterior).data_vars.values())
     holds = r_hat < R_HAT_LIMIT and ess > ESS_LIMIT
     said = f"Largest R-hat of groups and their spread {r_hat:.3f}, least bulk ESS {ess:.0f}"
-    return f"{said}." if holds else f"{said}: these do NOT pass the gates; draw longer chains."
+    return f"{said}." if holds else f"{said}: these exceed the limits of convergence; draw longer chains."
 
 
 def _table(tree: xr.DataTree, found: xr.Dataset) -> Table:

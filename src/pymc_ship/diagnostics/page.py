@@ -11,7 +11,7 @@ import xarray as xr
 from pymc_ship.diagnostics import numbers
 from pymc_ship.diagnostics.agreement import Comparison, comparisons
 from pymc_ship.diagnostics.numbers import CI_PROB, PSENSE_LIMIT, WHITENESS_LEVEL
-from pymc_ship.diagnostics.parts import PosteriorKind
+from pymc_ship.diagnostics.parts import PosteriorKind, evidence_counts
 from pymc_ship.diagnostics.regression_parts import REGRESSION
 from pymc_ship.diagnostics.trajectory import METHODS
 from pymc_ship.diagnostics.trajectory_parts import TRAJECTORIES
@@ -20,7 +20,7 @@ from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages import drawing
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import percent
+from pymc_ship.pages.tables import Table, heads, percent, table
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 
@@ -40,8 +40,8 @@ SOURCES = (
 )
 
 _DEFAULTS = (
-    f"Intervals are equal-tailed (ci_kind eti) of {percent(CI_PROB)} (ci_prob {CI_PROB:g}). Gates: R-hat < "
-    f"{numbers.R_HAT_LIMIT:g}, bulk and tail ESS > {numbers.ESS_LIMIT:g}, no divergence, E-BFMI > "
+    f"Intervals are equal-tailed (ci_kind eti) of {percent(CI_PROB)} (ci_prob {CI_PROB:g}). Limits of convergence: "
+    f"R-hat < {numbers.R_HAT_LIMIT:g}, bulk and tail ESS > {numbers.ESS_LIMIT:g}, no divergence, E-BFMI > "
     f"{numbers.E_BFMI_LIMIT:g}. Agreement: |z| within the two-sided normal quantile at {LEVEL:g} over the "
     f"number of comparisons. Whiteness at the {percent(WHITENESS_LEVEL)} level, sensitivity above {PSENSE_LIMIT:g}."
 )
@@ -79,7 +79,7 @@ def diagnostic_report(
     Returns
     -------
     Path
-        The page, ``out/diagnostics.html``; a gate that fails is said there and does not stop the report.
+        The page, ``out/diagnostics.html``; it names a convergence diagnostic that fails.
 
     Raises
     ------
@@ -121,10 +121,26 @@ def diagnostic_content(
         "title": f"Diagnostics of {len(sections)} posterior{'s' * (len(sections) > 1)}",
         "defaults": " ".join(filter(None, (_DEFAULTS, *(subject.defaults for subject in subjects)))),
         "back": back,
+        "overview": _overview(compared),
         "sections": sections,
     }
     sources = (*SOURCES, *(source for subject in subjects for source in subject.sources))
     return Content(values, images, sources=sources)
+
+
+def _overview(compared: Sequence[Comparison]) -> Table:
+    """One row a posterior: convergence, agreement, and what determines its coefficients."""
+    rows = []
+    for one in compared:
+        contraction = posterior_kind(one.posterior).contraction(one.posterior)
+        counts = ("not known",) * 3 if contraction is None else evidence_counts(contraction)
+        agreement = "disagrees" if one.disagreements else "agrees"
+        row = {"posterior": one.name, "convergence": "fails" if one.failed_diagnostics else "passes"}
+        row["agreement"] = agreement if one.agreement is not None else "not compared"
+        rows.append(row | dict(zip(("determined", "prior", "zero"), counts, strict=True)))
+    columns = heads(str, posterior="posterior", convergence="convergence", agreement="exact posterior")
+    columns |= heads(str, determined="determined by the data", prior="follow the prior", zero="near zero")
+    return table(rows, columns)
 
 
 def check_posteriors(trees: Mapping[str, xr.DataTree], vessel: Vessel | None) -> None:
@@ -162,7 +178,9 @@ def _section(
             images[f"{identifier}-{kind}"] = drawing.html_image(figure, part.title)
             captions.append((f"{identifier}-{kind}", caption))
         shown.append({"title": part.title, "text": part.text, "tables": part.tables, "figures": captions})
-    failed = ["a gate fails"] * bool(one.failed_diagnostics) + ["methods disagree"] * bool(one.disagreements)
+    failed = ["a convergence diagnostic fails"] * bool(one.failed_diagnostics) + ["methods disagree"] * bool(
+        one.disagreements
+    )
     return {
         "id": identifier,
         "name": one.name,

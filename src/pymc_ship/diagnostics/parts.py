@@ -67,6 +67,8 @@ class PosteriorKind:
         (comparison): the sentences that head a section, and one on how the draws were made.
     parts : callable
         (comparison, vessel or None, generator): every part of a section, in order.
+    contraction : callable
+        (tree): contraction of the coefficients, or None where the tree lacks its prior or data.
     defaults : str
         What the page states of the limits of such a section, beyond those that all sections share.
     sources : tuple of str
@@ -78,6 +80,7 @@ class PosteriorKind:
     verdict: Callable[[Comparison], list[str]]
     origin: Callable[[Comparison], str]
     parts: Callable[[Comparison, Vessel | None, np.random.Generator], list[Part]]
+    contraction: Callable[[xr.DataTree], xr.Dataset | None] = lambda _: None
     defaults: str = ""
     sources: tuple[str, ...] = ()
 
@@ -104,16 +107,31 @@ def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
 
 
 def diagnostics_table(one: Comparison) -> Table:
-    """Worst value of every gate of every method against its limit."""
+    """Worst value of every convergence diagnostic of each method, and its limit."""
     columns = heads(str, method="method") if len(one.trees) > 1 else {}
-    columns |= heads(str, gate="gate") | heads(number(4), value="value")
-    columns |= heads(str, where="of", limit="limit", judged="holds")
+    columns |= heads(str, gate="diagnostic") | heads(number(4), value="value")
+    columns |= heads(str, where="of", limit="limit", judged="passes")
     rows = [
-        {"method": method, **gate, "judged": "yes" if gate["holds"] else "NO"}
+        {"method": method, **gate, "judged": "yes" if gate["holds"] else "no"}
         for method, convergence_diagnostics in one.convergence_diagnostics.items()
         for gate in convergence_diagnostics
     ]
     return table(rows, columns)
+
+
+def evidence_counts(contraction: xr.Dataset) -> tuple[int, int, int]:
+    """How many coefficients the data determine, how many follow the prior, and how many lie near zero."""
+    determined, prior = int(contraction["determined"].sum()), int((~contraction["narrowed"]).sum())
+    return determined, prior, contraction.sizes["coefficient"] - determined - prior
+
+
+def evidence_sentence(contraction: xr.Dataset) -> str:
+    """Sentence on what determines the coefficients."""
+    determined, prior, zero = evidence_counts(contraction)
+    rest = [f"{prior} follow{'s' * (prior == 1)} the prior"] if prior else []
+    rest += [f"{zero} cannot be distinguished from zero"] if zero else []
+    text = f"{determined} of {contraction.sizes['coefficient']} coefficients are determined by the data"
+    return f"{text}; {' and '.join(rest)}." if rest else f"{text}."
 
 
 def chain_images(tree: xr.DataTree, names: list[str]) -> list[tuple[str, Figure, str]]:

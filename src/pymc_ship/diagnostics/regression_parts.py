@@ -36,28 +36,17 @@ _PRIME = "Prime values times 1e5 (σ² times 1e10)"
 
 def _verdict(one: Comparison) -> list[str]:
     """What heads a section: gates and agreement, what the data determine, and whether the residuals are white."""
-    lines = ["All convergence gates hold."]
+    lines = ["All convergence diagnostics pass."]
     if failed := one.failed_diagnostics:
-        lines = [f"A convergence gate fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
+        lines = [f"A convergence diagnostic fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
     if one.agreement is not None:
         lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
     tree = one.posterior
     if lacking := parts.missing_sentence(tree, *regression.needed(tree)):
         lines.append(f"What the data determine and the residuals are not known: {lacking}")
     else:
-        lines += [_determined(tree), _white(tree)]
+        lines += [parts.evidence_sentence(regression.contraction(tree)), _white(tree)]
     return [*lines, *parts.record_remarks(tree)]
-
-
-def _determined(tree: xr.DataTree) -> str:
-    table = regression.contraction(tree)
-    total, count = table.sizes["coefficient"], int(table["determined"].sum())
-    prior = int((~table["narrowed"]).sum())
-    zero = total - count - prior
-    text = f"{count} of {total} coefficients are determined by the data"
-    rest = [f"{prior} follow{'s' * (prior == 1)} the prior"] if prior else []
-    rest += [f"{zero} cannot be told from zero"] if zero else []
-    return f"{text}; {' and '.join(rest)}." if rest else f"{text}."
 
 
 def _white(tree: xr.DataTree) -> str:
@@ -125,7 +114,7 @@ def _convergence(one: Comparison) -> Part:
     whose = f" of {' and '.join(unknown)}" if len(one.trees) > 1 else ""
     text = f"Divergences and E-BFMI{whose} are not judged: there are no sample_stats." if unknown else ""
     caption = "Worst value over all quantities against its limit."
-    return Part("Convergence gates", text, [(parts.diagnostics_table(one), caption)])
+    return Part("Convergence diagnostics", text, [(parts.diagnostics_table(one), caption)])
 
 
 def _agreement(one: Comparison) -> Part:
@@ -147,7 +136,7 @@ def _agreement(one: Comparison) -> Part:
 
 def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     dof, found = tree.attrs["dof"], numbers.summary(tree)
-    narrowing = None if numbers.missing(tree, *regression.needed(tree)) else regression.contraction(tree)
+    narrowing = _known_contraction(tree)
     reference = ship.coefficients(dof).values if ship else None
     published = {family: ship.published_estimates(dof, family) for family in FAMILIES} if ship else {}
     published = {family: values for family, values in published.items() if np.isfinite(values).any()}
@@ -171,6 +160,11 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
 def _of_coefficients(tree: xr.DataTree, found: xr.Dataset) -> xr.Dataset:
     """Part of a summary that is of the coefficients."""
     return found.isel(quantity=slice(tree["posterior"].sizes["coefficient"]))
+
+
+def _known_contraction(tree: xr.DataTree) -> xr.Dataset | None:
+    """Contraction of the coefficients; None where the tree lacks what it needs."""
+    return None if numbers.missing(tree, *regression.needed(tree)) else regression.contraction(tree)
 
 
 def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
@@ -338,5 +332,6 @@ REGRESSION = PosteriorKind(
     verdict=_verdict,
     origin=_origin,
     parts=_parts,
+    contraction=_known_contraction,
 )
 """The posterior of one degree of freedom."""

@@ -42,7 +42,7 @@ def agreement_rows(agreement: xr.Dataset) -> list[dict]:
             "ess_bulk": float(one["ess_bulk"].min()),
             "ess_tail": float(one["ess_tail"].min()),
             "divergences": float(one["divergences"]),
-            "agrees": "yes" if bool(one["agrees"]) else "NO",
+            "agrees": "yes" if bool(one["agrees"]) else "no",
         }
         for method in agreement["method"].values
         for one in [agreement.sel({"method": method})]

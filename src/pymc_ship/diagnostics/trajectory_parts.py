@@ -22,8 +22,8 @@ from pymc_ship.pages.tables import fixed_point, heads, number, percent, table
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 _DEFAULTS = (
-    f"Posteriors of whole trajectories: Pareto k-hat ≤ {KHAT_LIMIT:g} for draws of the normal approximation, the gates "
-    "of chains for a sampler; a direction is unknown where it keeps more than "
+    f"Posteriors of whole trajectories: Pareto k-hat ≤ {KHAT_LIMIT:g} for draws of the normal approximation, the "
+    "diagnostics of chains for a sampler; a direction is unknown where it keeps more than "
     f"{UNKNOWN:g} of its prior variance; whiteness at {percent(WHITENESS_LEVEL)} for all channels together."
 )
 
@@ -45,9 +45,9 @@ _n = number(3)
 def _verdict(one: Comparison) -> list[str]:
     """What heads a section: gates, what the records determine, the noise and the residuals, starts and divergences."""
     tree = one.posterior
-    lines = ["All gates hold."]
+    lines = ["All convergence diagnostics pass."]
     if failed := one.failed_diagnostics:
-        lines = [f"A gate fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
+        lines = [f"A convergence diagnostic fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
     if tree.attrs["method"] == "trajectory":
         khat = float(tree.attrs["pareto_khat"])
         lines.append(f"Pareto k-hat {khat:.2f} (limit {KHAT_LIMIT:g}): {khat_verdict(khat)}.")
@@ -60,13 +60,8 @@ def _verdict(one: Comparison) -> list[str]:
 
 
 def _determined(tree: xr.DataTree) -> list[str]:
-    found, along = trajectory.contraction(tree), trajectory.directions(tree)
-    total, count = found.sizes["coefficient"], int(found["determined"].sum())
-    prior = int((~found["narrowed"]).sum())
-    text = (
-        f"{count} of {total} coefficients are determined by the data; {prior} follow{'s' * (prior == 1)} the prior and "
-        f"{total - count - prior} cannot be told from zero."
-    )
+    contraction, along = trajectory.contraction(tree), trajectory.directions(tree)
+    text, total = parts.evidence_sentence(contraction), contraction.sizes["coefficient"]
     proper = total - along.attrs["n_flat"]
     if not proper:
         return [f"{text} Every coefficient has a flat prior, which nothing can follow."]
@@ -145,7 +140,7 @@ def _gates(one: Comparison) -> Part:
     )
     if one.posterior.attrs["method"] != "trajectory":
         text = "Over all coefficients, initial states and sensor offsets."
-    return Part("Gates", text, [(parts.diagnostics_table(one), "Worst value against its limit.")])
+    return Part("Convergence diagnostics", text, [(parts.diagnostics_table(one), "Worst value against its limit.")])
 
 
 def _chains(tree: xr.DataTree) -> Part:
@@ -316,6 +311,7 @@ TRAJECTORIES = PosteriorKind(
     verdict=_verdict,
     origin=_origin,
     parts=_parts,
+    contraction=lambda tree: None if numbers.missing(tree, *PRIOR) else trajectory.contraction(tree),
     defaults=_DEFAULTS,
     sources=_SOURCES,
 )

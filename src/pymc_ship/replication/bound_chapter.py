@@ -19,25 +19,33 @@ _n = number(2)
 _TRAJECTORY, _PAPER = "trajectory fit", "paper's pipeline"
 
 
-def level_told(result: StudyResult) -> float:
-    """Noise level that the sentences are on: the one shown, or the least with any noise."""
+def level_with_noise(result: StudyResult) -> float:
+    """Noise level of the sentences: the one shown, or the least with any noise."""
     levels = {row["level"] for row in result.tables["methods"]}
     return result.level if result.level in levels else min(levels)
 
 
 def short(result: StudyResult) -> list[str]:
-    """What the chapter adds to the summary that heads the page."""
-    said = [_published(result)] if result.tables["published_bound"] else []
-    level = level_told(result)
-    found = {row["method"]: _percent(row["median"]) for row in result.tables["methods"] if row["level"] == level}
-    flat, damped = (found[fit_name(prior)] for prior in TRAJECTORY_PRIORS)
-    text = (
-        f"At noise level {level:g} the bound leaves unbiased estimates a median error of {found[BOUND]}; on that "
-        f"record the trajectory fit has {flat} (flat prior) and {damped} (order-damped prior), the weak form "
-        f"{found['weak form']}, the best differencing {found['best differencing']} and the paper's pipeline "
-        f"{found[_PAPER]}."
+    """Sentences that head the page on the published errors, the methods and the forecasts."""
+    level = level_with_noise(result)
+    medians = {row["method"]: _percent(row["median"]) for row in result.tables["methods"] if row["level"] == level}
+    damped = medians[fit_name(TRAJECTORY_PRIORS[-1])]
+    methods = (
+        f"At noise level {level:g} the median error of a coefficient is {medians[_PAPER]} with the paper's method and "
+        f"{damped} with a fit of whole trajectories; the bound gives {medians[BOUND]} for unbiased estimates."
     )
-    return [*said, f"{text}{_forecasts(result, level)}"]
+    return [*_published_in_short(result), methods, *_forecasts(result, level)]
+
+
+def _published_in_short(result: StudyResult) -> list[str]:
+    rows = result.tables["published_bound"]
+    below, errors = (sum(row[name] for row in rows) for name in ("below", "errors"))
+    text = (
+        f"At the printed noise level of {LITERAL_LEVEL:.3f}, {below} of {errors} published errors are smaller than the "
+        f"Cramer-Rao bound, the least standard error of an unbiased estimate; {BELOW_ON_BOUND} % of normal errors on "
+        "the bound would be."
+    )
+    return [text] if rows else []
 
 
 def _percent(error: float) -> str:
@@ -50,9 +58,9 @@ def _published(result: StudyResult) -> str:
     levels = " and ".join(f"{_n(row['level'])} ({_shorter(row['family'])})" for row in rows)
     return (
         f"At the printed noise level of {LITERAL_LEVEL:.3f}, {below} of {errors} published errors lie below the "
-        f"Cramer-Rao bound, where {BELOW_ON_BOUND} % of those of an unbiased estimator on it would: it leaves a median "
-        f"error of {_n(rows[0]['on_bound'])} % from all samples. Errors of the published size are within reach of an "
-        f"unbiased estimator at noise levels of {levels} or less."
+        f"Cramer-Rao bound; {BELOW_ON_BOUND} % of normal errors on the bound would. The median error on the bound is "
+        f"{_n(rows[0]['on_bound'])} %. An unbiased estimator can reach the published errors at noise levels of "
+        f"{levels} or less."
     )
 
 
@@ -60,16 +68,21 @@ def _shorter(family: str) -> str:
     return {"semiconjugate": "semi-conjugate"}.get(family, family)
 
 
-def _forecasts(result: StudyResult, level: float) -> str:
-    """Sentence on the forecasts of the trajectory fit; empty where it failed."""
-    zigzag, turn = (_at(result.tables.get(f"trajectory_{name}", []), level) for name in ("zigzag", "turning_circle"))
-    if zigzag is None or turn is None:
-        return ""
-    return (
-        f" The trajectory fit forecasts the 10/10 zigzag within {_n(zigzag['error'])} % of the channels' range and the "
-        f"35 deg turn within {_n(turn['error'])} % (order-damped prior; {_n(zigzag['share_diverged'])} and "
-        f"{_n(turn['share_diverged'])} % of the draws diverged)."
+def _forecasts(result: StudyResult, level: float) -> list[str]:
+    """Sentence on the forecasts of the paper's pipeline and of the trajectory fit; without a fit that failed."""
+    rows = {row["method"]: row for row in forecast_rows(result) if row["level"] == level}
+    methods = [name for name in (_PAPER, _TRAJECTORY) if name in rows]
+    if not methods:
+        return []
+    errors = " and ".join(
+        f"{_n(rows[name]['zigzag_error'])} and {_n(rows[name]['turning_circle_error'])} % with the {name}"
+        for name in methods
     )
+    diverged = " and ".join(_n(rows[name]["turning_circle_share_diverged"]) for name in methods)
+    return [
+        f"Forecasts of the 10/10 zigzag and the 35 deg turn have errors of {errors} (of the channels' range); "
+        f"{diverged} % of the draws diverge in the turn."
+    ]
 
 
 def _at(rows: list[dict], level: float, **labels: str) -> dict | None:
@@ -80,17 +93,17 @@ def _at(rows: list[dict], level: float, **labels: str) -> dict | None:
 def beside_errors(result: StudyResult) -> str:
     """Sentences above Tables 2 and 3 on the columns of the bound."""
     text = (
-        "Beside the errors stands the Cramer-Rao bound: the least standard deviation, in percent of the reference, "
-        "that an unbiased estimate from all samples of u, v, r, p and phi can have, the initial state being unknown; "
-        f"at the printed noise level of {LITERAL_LEVEL:.3f} for the published errors, at {result.level:g} for ours. "
-        "Estimates that a prior pulls to the right place may lie below it."
+        "The Cramer-Rao bound is the least standard error, in percent of the reference, of an unbiased estimate "
+        "from all samples of u, v, r, p and phi with an unknown initial state. It is at the printed noise level of "
+        f"{LITERAL_LEVEL:.3f} for the published errors and at {result.level:g} for ours. A prior near the reference can "
+        "make errors smaller than the bound."
     )
     return f"{text} {_published(result)}" if result.tables["published_bound"] else text
 
 
 def chapter(result: StudyResult) -> dict:
     """Paragraphs, tables and the sentences on extrapolation of the chapter."""
-    level = level_told(result)
+    level = level_with_noise(result)
     outside = {
         MANOEUVRES[name].label: row["extrapolation"]
         for name in MANOEUVRES
@@ -108,31 +121,31 @@ def chapter(result: StudyResult) -> dict:
 
 def _method_text() -> str:
     return (
-        "The trajectory fit compares the simulated motion with the raw record and differentiates nothing; the weak "
-        "form integrates the equations of motion against test functions; best differencing is the one of four (central "
-        "or Savitzky-Golay, each second or every sample, on the denoised record) that turns out to have the smallest "
-        "median error; the paper's pipeline is that of section 5, conjugate family. The flat prior leaves the fit "
-        "unbiased to first order; the order-damped one is centred on zero, narrower for terms of higher order, its "
-        "scale found by evidence for each degree of freedom, and may pass the bound. No method knows the reference "
-        f"values. The record was made by Euler steps of {STEP:g} s, and trajectory fit, weak form and bound take the "
-        "same steps (method euler): the error of integration, which a record from the sea has, is left out."
+        "The trajectory fit compares the simulated motion with the raw record and uses no accelerations. The weak form "
+        "integrates the equations of motion against test functions. Best differencing is the one of four with the "
+        "smallest median error: central or Savitzky-Golay, each second or every sample, on the denoised record. The "
+        "paper's pipeline is that of section 5, conjugate family. With the flat prior the fit is unbiased to first "
+        "order. The order-damped prior has mean zero and is narrower for terms of higher order; its scale maximises the "
+        "evidence for each degree of freedom. With it errors can be smaller than the bound. No method uses the "
+        f"reference values. The record has Euler steps of {STEP:g} s; trajectory fit, weak form and bound use the same "
+        "steps, so there is no error of integration, which a measured record has."
     )
 
 
 def _draw_text() -> str:
     return (
-        "Each level is one draw of the noise. The errors of the coefficients of one draw are strongly correlated, so "
-        "its coverage says little of a method: that takes means over many draws, as make frontier forms them. To call "
-        "every coefficient zero is an error of 100 %: medians near it, or above, tell of the prior and not of the ship."
+        "Each level has one draw of the noise. The errors of its coefficients are strongly correlated, so coverage needs "
+        "means over many draws, as make frontier forms them. An estimate of zero has an error of 100 %; medians near "
+        "100 % or above follow the prior and not the data."
     )
 
 
 def _forecast_text() -> str:
     return (
-        "Forecasts of the trajectory fit (order-damped prior, normal approximation) beside those of the paper's "
-        "pipeline: error (RMSE of the median over the channels' range), coverage of the 90 % bands, share of the draws "
-        "that diverged, which the bands leave out, and share of the instants outside the motion of the record. Where "
-        f"Pareto k-hat exceeds {KHAT_LIMIT:g}, the normal approximation is not to be trusted."
+        "Forecasts of the trajectory fit (order-damped prior, normal approximation) and of the paper's pipeline. "
+        "Error: RMSE of the median over the channels' range. Coverage: of the 90 % bands, without the draws that "
+        "diverged. Outside: share of the instants outside the motion of the record. The normal approximation is not "
+        f"reliable where Pareto k-hat exceeds {KHAT_LIMIT:g}."
     )
 
 

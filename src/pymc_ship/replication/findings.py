@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pymc_ship.pages.tables import Columns, fixed_point, heads, number, table
 from pymc_ship.records.files.noise import LITERAL_LEVEL
 from pymc_ship.replication import bound_chapter, figures
-from pymc_ship.replication.measurements import level_of_error
+from pymc_ship.replication.measurements import PAPER_FAMILIES, level_of_error
 from pymc_ship.replication.prior_ships import POSTERIOR
 from pymc_ship.replication.study import StudyResult
 
@@ -37,31 +37,34 @@ def _forecast(result: StudyResult, name: str, level: float, family: str) -> dict
 
 
 def short(result: StudyResult) -> list[str]:
-    """The summary that heads the page."""
-    level, errors = result.level, result.tables["errors"]
-    clean = result.tables["discretisation"][0]
-    zigzag, circle = (_forecast(result, name, level, "conjugate") for name in ("zigzag", "turning_circle"))
+    """Five sentences that head the page: published errors, methods, forecasts and samplers."""
     worst = max(float(d["largest_z"].max()) for by_dof in result.agreement.values() for d in by_dof.values())
+    published = [_published_medians(result)] if _has_published(result) else []
     return [
-        f"On the clean record the equations close: least squares on Euler differences at the step returns every non-zero "
-        f"coefficient within {_n(clean['worst'])} %.",
-        f"At noise level {level:g} the median error of a coefficient is {_n(_median(errors, level, 'conjugate'))} % "
-        f"(conjugate) and {_n(_median(errors, level, 'semiconjugate'))} % (semi-conjugate).{_beside_published(result)}",
-        f"Forecasts at that level: the 10/10 zigzag is off by {_n(zigzag['error'])} % of the channels' range and the "
-        f"35 deg turn by {_n(circle['error'])} % (conjugate; {_n(zigzag['share_diverged'])} and "
-        f"{_n(circle['share_diverged'])} % of the draws diverged); their 90 % bands cover {_n(zigzag['coverage'])} % and "
-        f"{_n(circle['coverage'])} % of the instants.",
+        *published,
         *bound_chapter.short(result),
-        f"Exact posterior, Gibbs sampler and NUTS agree in {_count_agreeing(result)} comparisons of method, degree of "
-        f"freedom and family; the largest |z| is {worst:.2f}.",
+        f"Gibbs sampler and NUTS agree with the exact posterior in {_count_agreeing(result)} comparisons (largest |z| "
+        f"{worst:.2f}), so the choice of sampler does not explain the errors."
+        if _all_agree(result)
+        else f"Gibbs sampler and NUTS agree with the exact posterior in {_count_agreeing(result)} comparisons.",
     ]
 
 
-def _beside_published(result: StudyResult) -> str:
-    medians = [_median(result.tables["published"], "published", family) for family in ("conjugate", "semiconjugate")]
-    if not np.isfinite(medians).all():
-        return ""
-    return f" The published medians are {_n(medians[0])} % and {_n(medians[1])} %. {_where_published(result)}"
+def _has_published(result: StudyResult) -> bool:
+    medians = [_median(result.tables["published"], "published", family) for family in PAPER_FAMILIES]
+    return bool(np.isfinite(medians).all())
+
+
+def _published_medians(result: StudyResult) -> str:
+    first, second = (_median(result.tables["published"], "published", family) for family in PAPER_FAMILIES)
+    return (
+        f"The published median errors are {_n(first)} % (conjugate) and {_n(second)} % (semi-conjugate). "
+        f"{_where_published(result)}"
+    )
+
+
+def _all_agree(result: StudyResult) -> bool:
+    return all(bool(d["agrees"].all()) for by_dof in result.agreement.values() for d in by_dof.values())
 
 
 def _count_agreeing(result: StudyResult) -> str:
@@ -73,10 +76,10 @@ def _where_published(result: StudyResult) -> str:
     published = _median(result.tables["published"], "published", "conjugate")
     level = level_of_error(result.tables["sweep"], published)
     if not np.isfinite(level):
-        return "The published errors come out at no level within the sweep."
+        return "The paper's method does not reach them at any noise level of the sweep."
     return (
-        f"Errors of the published size come out at a level of about {_n(level)}, "
-        f"{_n(LITERAL_LEVEL / level)} times below the printed one of {LITERAL_LEVEL:.3f}."
+        f"The paper's method reaches them at a noise level of about {_n(level)}, {_n(LITERAL_LEVEL / level)} times below "
+        f"the printed one of {LITERAL_LEVEL:.3f}."
     )
 
 
@@ -84,7 +87,7 @@ def agreement(result: StudyResult) -> str:
     """Sentence above the agreement table."""
     comparisons = next(iter(next(iter(result.agreement.values())).values())).attrs["comparisons"]
     return (
-        f"For each degree of freedom and family the draws of a Gibbs sampler and of PyMC's NUTS are held against the exact "
+        f"For each degree of freedom and family the draws of a Gibbs sampler and of PyMC's NUTS are compared with the exact "
         f"posterior: means, standard deviations and quantiles of every coefficient and of the noise variance. The limit "
         f"on |z| is the two-sided normal quantile at 1e-3 over the number of comparisons in a block (for surge "
         f"{comparisons}). {_count_agreeing(result)} agree."
@@ -123,8 +126,8 @@ def _discretisation(result: StudyResult) -> dict:
     forward, central = rows[1], rows[2]
     dofs = result.vessel.dofs
     text = (
-        "With no noise at all, what remains is the error of differencing. The record is an Euler run, so its Euler "
-        "difference at the step is exact; the forward difference of the same record sampled each second has median errors "
+        "Without noise only the error of differencing remains. The record has Euler steps, so its Euler difference at the "
+        "step is exact. The forward difference of the same record sampled each second has median errors "
         f"of {_n(min(forward[d] for d in dofs))} to {_n(max(forward[d] for d in dofs))} % by degree of freedom, the "
         f"central difference {_n(min(central[d] for d in dofs))} to {_n(max(central[d] for d in dofs))} %."
     )
@@ -133,13 +136,13 @@ def _discretisation(result: StudyResult) -> dict:
         **_dof_columns(result, _n),
         "worst": ("worst coefficient %", _n),
     }
-    return _finding("What discretisation alone costs", text, table=table(rows, columns))
+    return _finding("Errors of discretisation alone", text, table=table(rows, columns))
 
 
 def _noise(result: StudyResult) -> dict:
     literal = _median(result.tables["errors"], LITERAL_LEVEL, "conjugate")
     at_literal = f" At the literal level the median error is {_n(literal)} %." if np.isfinite(literal) else ""
-    where = f" {_where_published(result)}" if _beside_published(result) else ""
+    where = f" {_where_published(result)}" if _has_published(result) else ""
     text = (
         "The sweep runs one pipeline (denoiser, Euler differences, conjugate posterior at the evidence maximum) at each "
         f"level.{where}{at_literal}"
@@ -197,8 +200,8 @@ def _forecasts(result: StudyResult) -> dict:
     shown = next(row for row in rows if row["level"] == result.level)
     text = (
         f"At the level shown a coefficient is off by {_n(shown['coefficients'])} % in the median, the forecast of a "
-        f"10/10 zigzag by {_n(shown['zigzag'])} % of the range of its channels: collinear terms trade against each other "
-        f"without moving the ship. The 35 deg turn, an extrapolation, is off by {_n(shown['turn'])} %, with "
+        f"10/10 zigzag by {_n(shown['zigzag'])} % of the range of its channels: errors of collinear terms cancel in the "
+        f"motion. The 35 deg turn, an extrapolation, is off by {_n(shown['turn'])} %, with "
         f"{_n(shown['diverged'])} % of the draws diverged."
     )
     columns = heads(number(3), level="noise level") | heads(str, family="family")
@@ -212,12 +215,12 @@ def _coverage(result: StudyResult) -> dict:
     row = next(row for row in rows if row["level"] == result.level and row["family"] == "conjugate")
     zigzag = _forecast(result, "zigzag", result.level, "conjugate")
     text = (
-        f"At the level shown the 90 % intervals of the conjugate family hold {_n(row['coverage'])} % of the reference "
-        f"coefficients, and the 90 % bands of the 10/10 zigzag {_n(zigzag['coverage'])} % of its instants. Where "
-        "that is far from 90 %, it is the model that fails and not the samplers (section 6): the regression takes "
-        f"denoised rows for independent and the columns for exact. {_drawn(result)}"
+        f"At the level shown the 90 % intervals of the conjugate family cover {_n(row['coverage'])} % of the reference "
+        f"coefficients, and the 90 % bands of the 10/10 zigzag {_n(zigzag['coverage'])} % of its instants. The "
+        "samplers agree with the exact posterior (section 6), so a difference from 90 % is due to the model: the "
+        f"regression assumes independent denoised rows and exact columns. {_drawn(result)}"
     )
-    return _finding("Do the regression's intervals hold what they promise?", text)
+    return _finding("Coverage of the regression's intervals", text)
 
 
 def _drawn(result: StudyResult) -> str:
@@ -227,7 +230,7 @@ def _drawn(result: StudyResult) -> str:
         mine = [row for row in rows if row["derivative"] == derivative]
         wider, before, after = (_range(mine, key) for key in ("widened", "coverage", "coverage_pooled"))
         said.append(
-            f"{derivative} intervals become {wider} times as wide and hold {after} % by degree of freedom, {before} % before"
+            f"{derivative} intervals become {wider} times as wide and cover {after} % by degree of freedom, {before} % before"
         )
     return f"With draws of the denoised record in the rows, {'; '.join(said)} (section 5)."
 
@@ -240,12 +243,12 @@ def _prior_ships(result: StudyResult) -> dict:
     after = [row for row in result.tables["prior_ships"] if row["choice"] == POSTERIOR]
     before = [row for row in result.tables["prior_ships"] if row["choice"] != POSTERIOR]
     text = (
-        f"Of the ships that the priors hold {_range(before, 'diverged')} % run away in a standard manoeuvre, and at most "
-        f"{_n(max(row['sailed'] for row in before))} % neither run away nor turn the wrong way nor are course-unstable "
-        f"(section 4): as priors of ships they say little. Of the ships of the posteriors {_range(after, 'diverged')} % "
-        "run away in its 40 L/U, and fewer in the forecasts of section 7, which end earlier."
+        f"Of the ships drawn from the priors {_range(before, 'diverged')} % diverge in a standard manoeuvre, and at most "
+        f"{_n(max(row['sailed'] for row in before))} % neither diverge nor turn the wrong way nor are course-unstable "
+        f"(section 4). Of the ships drawn from the posteriors {_range(after, 'diverged')} % diverge within 40 L/U; the "
+        "forecasts of section 7 end earlier, so fewer diverge there."
     )
-    return _finding("What ships the priors hold", text)
+    return _finding("Ships drawn from the priors", text)
 
 
 def _eq15(result: StudyResult) -> dict:
@@ -254,7 +257,7 @@ def _eq15(result: StudyResult) -> dict:
     right = max(abs(row["z_marginal"]) for row in rows)
     text = (
         "Eq. 15 of the paper, offered as the marginal of the noise variance, has the shape A + (n + c)/2 of its full "
-        "conditional; the marginal has A + n/2. NUTS, which knows neither, decides: against the marginal its means of "
+        "conditional; the marginal has A + n/2. NUTS uses neither formula: against the marginal its means of "
         f"sigma2 lie within |z| = {right:.1f}, against the other shape at least {slip:.1f} Monte-Carlo errors away."
     )
     columns: Columns = {
