@@ -41,8 +41,9 @@ def test_a_failing_gate_is_status_3_and_the_page_is_written(good, tmp_path, caps
     assert main(words) == 3
     printed = capsys.readouterr()
     assert re.fullmatch(
-        r"pymc-ship: A convergence diagnostic or the agreement with the exact posterior fails in 1 of 2 posteriors, first in "
-        r"\S+/a/x\.nc: largest R-hat [1-9.e+]+ \(Yv\), to be < 1\.01; .*; the page is written and names them all\.\n",
+        r"pymc-ship: A convergence diagnostic or the agreement with the exact posterior fails in 1 of 2 posteriors, "
+        r"first in \S+/a/x\.nc: largest R-hat [1-9.e+]+ \(Yv\), to be < 1\.01; .*; the page is written and names them "
+        r"all\.\n",
         printed.err,
     )
     assert printed.out.count("A convergence diagnostic fails: largest R-hat") == 1
@@ -62,8 +63,9 @@ def test_a_disagreement_is_status_3_and_the_page_is_written(tmp_path, capsys, wr
     printed = capsys.readouterr()
     assert printed.out.startswith("a, b, c\nAll convergence diagnostics pass.\nAgainst the exact posterior: gibbs ")
     said = re.fullmatch(
-        r"pymc-ship: A convergence diagnostic or the agreement with the exact posterior fails in 1 of 1 posteriors, first in "
-        r"a, b, c: gibbs DISAGREES \(largest \|z\| [\d.]+, largest R-hat [\d.]+\); the page is written .* all\.\n",
+        r"pymc-ship: A convergence diagnostic or the agreement with the exact posterior fails in 1 of 1 posteriors, "
+        r"first in a, b, c: gibbs DISAGREES \(largest \|z\| [\d.]+, largest R-hat [\d.]+\); the page is written .* "
+        r"all\.\n",
         printed.err,
     )
     assert bool(said) == wrong

@@ -78,7 +78,7 @@ def test_the_prior_group_of_a_tree_goes_before_what_it_records(sway, container):
 
 
 def test_why_no_ships_are_shown_is_said(good, container):
-    assert of_regression(good, None, rng()).text.startswith("Not shown: no vessel was given, whose hull")
+    assert of_regression(good, None, rng()).text.startswith("Not shown: the simulation needs a vessel")
     bare = replace(container, forces=container.forces | {"roll": ()})
     assert of_regression(good, bare, rng()).text.startswith(
         "Not shown: The model of 'container' needs coefficients of roll"

@@ -220,8 +220,8 @@ def test_a_slow_wave_in_the_residuals_is_found_and_a_channel_that_is_not_there_l
 
 def test_draws_that_diverged_are_left_out_of_what_weighs_draws():
     tree = short_posterior()
-    assert d.ships_that_ran(tree) is tree
-    fewer = d.ships_that_ran(changed(tree, "log_likelihood/response", lambda v: v[1, 3:5].fill(np.nan)))
+    assert d.without_diverged_draws(tree) is tree
+    fewer = d.without_diverged_draws(changed(tree, "log_likelihood/response", lambda v: v[1, 3:5].fill(np.nan)))
     kept = np.delete(tree["posterior"]["coefficients"].values.reshape(400, -1), [103, 104], axis=0)
     assert fewer["posterior"]["coefficients"].dims == ("chain", "draw", "coefficient")
     np.testing.assert_array_equal(fewer["posterior"]["coefficients"].values, kept[None])

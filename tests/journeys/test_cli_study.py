@@ -43,8 +43,8 @@ def test_a_study_whose_check_fails_writes_its_pages_and_ends_with_status_3(tmp_p
     assert main(["study", "--quiet", "--out", str(tmp_path)]) == (3 if failed else 0)
     printed = capsys.readouterr()
     sentence = (
-        "pymc-ship: A convergence diagnostic or the agreement with the exact posterior fails in 1 of 2 posteriors, first in "
-        "b: nuts: largest R-hat 1.02 (Yv), to be < 1.01; the page is written and names them all.\n"
+        "pymc-ship: A convergence diagnostic or the agreement with the exact posterior fails in 1 of 2 posteriors, "
+        "first in b: nuts: largest R-hat 1.02 (Yv), to be < 1.01; the page is written and names them all.\n"
     )
     assert (printed.out, printed.err) == ("", sentence if failed else "")
     pages = [(tmp_path / name).read_text() for name in ("index.html", "diagnostics.html")]

@@ -77,8 +77,8 @@ def test_the_sentences_of_the_head_have_the_numbers_of_the_level_shown():
         "least standard error of an unbiased estimate; 68 % of normal errors on the bound would be.",
         "At noise level 0.01 the median error of a coefficient is 60 % with the paper's method and 8 % with a fit of "
         "whole trajectories; the bound gives 13 % for unbiased estimates.",
-        "Forecasts of the 10/10 zigzag and the 35 deg turn have errors of 2 and 5 % with the paper's pipeline and 0.2 and "
-        "0.5 % with the trajectory fit (of the channels' range); 1.5 and 1.5 % of the draws diverge in the turn.",
+        "Forecasts of the 10/10 zigzag and the 35 deg turn have errors of 2 and 5 % with the paper's pipeline and 0.2 "
+        "and 0.5 % with the trajectory fit (of the channels' range); 1.5 and 1.5 % of the draws diverge in the turn.",
     ]
 
 

@@ -19,7 +19,7 @@ def test_what_draws_of_the_record_do_is_said_by_derivative():
         for derivative, dofs in numbers.items()
         for wider, before, after in dofs
     ]
-    said = findings._drawn(SimpleNamespace(tables={"drawn_coefficients": rows}))
+    said = findings._coverage_of_draws(SimpleNamespace(tables={"drawn_coefficients": rows}))
     assert "savgol intervals become 2.2 to 3.3 times as wide and cover 82 to 86 % by degree of freedom, 54 to" in said
 
 

@@ -135,7 +135,7 @@ def test_the_trajectory_fit_forecasts_better_than_the_pipeline(result):
 def test_levels_families_and_dofs_are_all_there(result):
     found = {(row["level"], row["family"], row["dof"]) for row in result.tables["errors"]}
     assert found == {(level, family, dof) for level in SHOWN for family in FAMILIES for dof in (*DOFS, "all")}
-    assert set(result.noisy) == set(result.smooth) == set(result.found) == set(SHOWN)
+    assert set(result.noisy) == set(result.smooth) == set(result.identifications) == set(SHOWN)
 
 
 def test_errors_grow_with_the_noise(result):

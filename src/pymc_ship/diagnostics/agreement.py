@@ -1,4 +1,4 @@
-"""Do draws agree with the exact posterior? z-scores of their means, spreads and quantiles, with one limit for all."""
+"""z-scores of draws against the exact posterior, with one limit for all comparisons."""
 
 from __future__ import annotations
 
@@ -82,18 +82,20 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
     exact_values = _exact_values(exact, [*names, *(["noise_variance"] if known else [])])
     rows = [_compare(tree, exact_values) for tree in posteriors.values()]
     table = xr.concat(rows, xr.DataArray(list(posteriors), dims="method", name="method"))
-    return _judge(xr.merge([exact_values, table]))
+    return _with_verdict(xr.merge([exact_values, table]))
 
 
 def _coefficient_names(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> list[str]:
     if not posteriors:
         raise ValueError("An agreement needs at least one posterior, found none; give draws by the name of the method.")
-    found = {method: list(tree["posterior"].dataset["coefficient"].values) for method, tree in posteriors.items()}
-    names = list(getattr(exact, "coefficients", next(iter(found.values()))))
-    for method, given in found.items():
+    names_by_method = {
+        method: list(tree["posterior"].dataset["coefficient"].values) for method, tree in posteriors.items()
+    }
+    names = list(getattr(exact, "coefficients", next(iter(names_by_method.values()))))
+    for method, given in names_by_method.items():
         if errors_of(posteriors[method]) != "normal":
             raise ValueError(
-                "An agreement is held against the exact posterior, which is of normal errors, found "
+                "An agreement compares with the exact posterior, which is of normal errors, found "
                 f"{errors_of(posteriors[method])} errors in "
                 f"{method!r}; leave it out."
             )
@@ -140,7 +142,7 @@ def _compare(tree: xr.DataTree, exact: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(values).assign(divergences=divergences)
 
 
-def _judge(table: xr.Dataset) -> xr.Dataset:
+def _with_verdict(table: xr.Dataset) -> xr.Dataset:
     """Limit and verdict over all the comparisons of a table; a z-score that is NaN fails."""
     scores = [table[name].stack(comparison=["quantity"]) for name in ("z_mean", "z_sd")]
     if "z_quantile" in table:
@@ -151,13 +153,13 @@ def _judge(table: xr.Dataset) -> xr.Dataset:
     r_hat = table["r_hat"].max("quantity", skipna=False)
     agrees = (largest <= limit) & (r_hat <= R_HAT_LIMIT) & ~(table["divergences"] > 0)
     table = table.assign(largest_z=("method", largest), agrees=agrees)
-    verdict = "; ".join(_said(table.isel(method=k)) for k in range(table.sizes["method"]))
+    verdict = "; ".join(_verdict_text(table.isel(method=k)) for k in range(table.sizes["method"]))
     return table.assign_attrs(
         z_limit=limit, level=LEVEL, comparisons=z.size, r_hat_limit=R_HAT_LIMIT, verdict=f"{verdict}; limit {limit:.2f}"
     )
 
 
-def _said(one: xr.Dataset) -> str:
+def _verdict_text(one: xr.Dataset) -> str:
     """Verdict on one method."""
     r_hat, count = float(one["r_hat"].max(skipna=False)), float(one["divergences"])
     counted = "" if np.isnan(count) else f", divergences {count:.0f}"
@@ -167,7 +169,7 @@ def _said(one: xr.Dataset) -> str:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One posterior by one method or several, and what fails in it.
+    """One posterior by one method or several.
 
     Attributes
     ----------
@@ -194,12 +196,12 @@ class Comparison:
 
     @cached_property
     def convergence_diagnostics(self) -> dict[str, list[dict]]:
-        """Gates of every method."""
+        """Convergence diagnostics of every method."""
         return {method: convergence_diagnostics(tree) for method, tree in self.trees.items()}
 
     @property
     def failed_diagnostics(self) -> list[str]:
-        """The gates that fail, in words."""
+        """Sentences on the convergence diagnostics that fail."""
         return [
             f"{f'{method}: ' if len(self.trees) > 1 else ''}{gate['gate']} {_value(gate['value'])} ({gate['where']}), "
             f"to be {gate['limit']}"
@@ -210,11 +212,11 @@ class Comparison:
 
     @property
     def disagreements(self) -> list[str]:
-        """The methods that disagree with the exact posterior, in words."""
+        """Sentences on the methods that disagree with the exact posterior."""
         if self.agreement is None:
             return []
         methods = (self.agreement.isel(method=k) for k in range(self.agreement.sizes["method"]))
-        return [_said(one) for one in methods if not one["agrees"]]
+        return [_verdict_text(one) for one in methods if not one["agrees"]]
 
 
 def _value(value: float) -> str:
@@ -222,16 +224,15 @@ def _value(value: float) -> str:
 
 
 def comparisons(trees: Mapping[str, xr.DataTree]) -> list[Comparison]:
-    """Posteriors by name, each beside the exact one of the same data and prior where that is among them.
-
-    The exact posterior behind an agreement is computed from the data and the prior that its draws record.
-    """
+    """Posteriors by name, grouped with the exact posterior of the same data and prior where it is given."""
     exact = [name for name, tree in trees.items() if tree.attrs["method"] in FAMILIES]
     groups: dict[str, list[str]] = {}
     for name, tree in trees.items():
         same = (other for other in exact if name not in exact and _same_posterior(trees[other], tree))
         groups.setdefault(next(same, name), []).append(name)
-    return [_compared({name: trees[name] for name in dict.fromkeys([first, *rest])}) for first, rest in groups.items()]
+    return [
+        _comparison({name: trees[name] for name in dict.fromkeys([first, *rest])}) for first, rest in groups.items()
+    ]
 
 
 def _same_posterior(exact: xr.DataTree, other: xr.DataTree) -> bool:
@@ -244,7 +245,7 @@ def _same_posterior(exact: xr.DataTree, other: xr.DataTree) -> bool:
     return labels and names[0] == names[1] and data
 
 
-def _compared(trees: Mapping[str, xr.DataTree]) -> Comparison:
+def _comparison(trees: Mapping[str, xr.DataTree]) -> Comparison:
     name = ", ".join(trees)
     if len(trees) == 1:
         return Comparison(name, trees)
@@ -252,18 +253,18 @@ def _compared(trees: Mapping[str, xr.DataTree]) -> Comparison:
     methods = ["exact", *(tree.attrs["method"] for tree in rest)]
     labels = methods if len(set(methods)) == len(methods) else list(trees)
     prior = prior_of(first)
-    beside = dict(zip(labels[1:], rest, strict=True))
+    others = dict(zip(labels[1:], rest, strict=True))
     return Comparison(
         name,
         dict(zip(labels, trees.values(), strict=True)),
-        None if prior is None else agreement(prior.exact(data_of(first)), beside),
+        None if prior is None else agreement(prior.exact(data_of(first)), others),
     )
 
 
 def failure_sentence(compared: Sequence[Comparison]) -> str:
-    """One sentence that says where a convergence gate or the agreement fails; empty where all holds."""
+    """Sentence on the first convergence diagnostic or agreement that fails; empty where none does."""
     faults = [(one.name, [*one.failed_diagnostics, *one.disagreements]) for one in compared]
-    failed = [f"{name}: {'; '.join(said)}" for name, said in faults if said]
+    failed = [f"{name}: {'; '.join(faults)}" for name, faults in faults if faults]
     if not failed:
         return ""
     return (

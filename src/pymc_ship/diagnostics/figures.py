@@ -60,7 +60,7 @@ def arviz_figure(plot: str, subject: object, size: tuple[float, float], **settin
     return fig
 
 
-def _labelled(fig: Figure, x: str, y: str) -> Figure:
+def _label_axes(fig: Figure, x: str, y: str) -> Figure:
     for ax in fig.axes:
         ax.set(xlabel=x, ylabel=y)
     return fig
@@ -109,13 +109,13 @@ def forest(tree: xr.DataTree, reference: np.ndarray | None, published: Mapping[s
         unit, label = draws.std(("chain", "draw"), ddof=1).values, "coefficient / posterior sd"
     else:
         unit, label = np.asarray(reference, dtype=float), "coefficient / reference"
-    kept = np.flatnonzero(unit != 0.0)
-    fig, ax, heights = forest_of(draws.isel(coefficient=kept) / unit[kept])
+    nonzero = np.flatnonzero(unit != 0.0)
+    fig, ax, heights = forest_of(draws.isel(coefficient=nonzero) / unit[nonzero])
     ax.axvline(0.0, color=NOISE, lw=0.8, zorder=0)
     if reference is not None:
         ax.axvline(1.0, color=REFERENCE, ls="--", lw=0.9, label="reference")
         for (family, values), colour, marker in zip(published.items(), (RUST, REFERENCE), "dx", strict=False):
-            ratio = np.asarray(values, dtype=float)[kept] / unit[kept]
+            ratio = np.asarray(values, dtype=float)[nonzero] / unit[nonzero]
             ax.plot(ratio, heights, marker, color=colour, ms=4.5, ls="none", label=f"published, {family}")
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
     ax.set_xlabel(f"{label} (linear between −3 and 3, logarithmic beyond)")
@@ -162,7 +162,7 @@ def noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Figure:
         "posterior": xr.Dataset({"log10 σ²": posterior}),
     }
     together = xr.DataTree.from_dict(groups)
-    return _labelled(
+    return _label_axes(
         arviz_figure("plot_prior_posterior", together, (8.0, 3.2), kind="kde"),
         "log10 σ² of the prime response",
         "density",
@@ -172,7 +172,7 @@ def noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Figure:
 def predictive(tree: xr.DataTree) -> Figure:
     """Density of the response and of predictive data sets."""
     fig = arviz_figure("plot_ppc_dist", tree, (8.0, 3.2), num_samples=PREDICTIVE_SAMPLES, kind="kde")
-    return _labelled(fig, "prime response", "density")
+    return _label_axes(fig, "prime response", "density")
 
 
 def pair(tree: xr.DataTree, names: Sequence[str]) -> Figure:
@@ -233,7 +233,7 @@ def loo_pit(tree: xr.DataTree) -> Figure:
     fig = arviz_figure("plot_loo_pit", tree, (8.0, 3.2), var_names=["response"], envelope_prob=numbers.ENVELOPE)
     low, high = fig.axes[0].get_ylim()
     fig.axes[0].set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
-    return _labelled(fig, "LOO-PIT", "ECDF minus uniform")
+    return _label_axes(fig, "LOO-PIT", "ECDF minus uniform")
 
 
 def residuals(values: xr.DataArray, band: float) -> Figure:

@@ -33,10 +33,10 @@ def group_differences(tree: xr.DataTree) -> xr.Dataset:
     """
     draws = tree["posterior"].dataset["group_coefficients"]
     pairs = list(combinations(draws["group"].values.tolist(), 2))
-    apart = xr.concat([draws.sel(group=a, drop=True) - draws.sel(group=b, drop=True) for a, b in pairs], "pair")
-    apart = apart.assign_coords(pair=[f"{a} - {b}" for a, b in pairs])
-    low, high = (apart.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in TAILS)
-    moments = {"mean": apart.mean(_SAMPLE), "sd": apart.std(_SAMPLE, ddof=1), "lower": low, "upper": high}
+    difference = xr.concat([draws.sel(group=a, drop=True) - draws.sel(group=b, drop=True) for a, b in pairs], "pair")
+    difference = difference.assign_coords(pair=[f"{a} - {b}" for a, b in pairs])
+    low, high = (difference.quantile(tail, _SAMPLE).drop_vars("quantile") for tail in TAILS)
+    moments = {"mean": difference.mean(_SAMPLE), "sd": difference.std(_SAMPLE, ddof=1), "lower": low, "upper": high}
     return xr.Dataset(moments).assign(differs=(low > 0.0) | (high < 0.0))
 
 
@@ -44,31 +44,31 @@ def groups_part(tree: xr.DataTree) -> list[Part]:
     """What differs between groups, for a posterior that has groups; nothing for others."""
     if not has(tree, "posterior/group_coefficients"):
         return []
-    found, draws = group_differences(tree), tree["posterior"].dataset["group_coefficients"]
-    said = [
+    differences, draws = group_differences(tree), tree["posterior"].dataset["group_coefficients"]
+    sentences = [
         f"{name}: {', '.join(differing)} differ{'s' * (len(differing) == 1)}"
-        for name in found["pair"].values.tolist()
-        if (differing := found["coefficient"].values[found["differs"].sel(pair=name).values].tolist())
+        for name in differences["pair"].values.tolist()
+        if (differing := differences["coefficient"].values[differences["differs"].sel(pair=name).values].tolist())
     ]
     interval = percent(CI_PROB)
     text = (
-        f"Intervals of {interval} of the differences that do not hold zero: {'; '.join(said)}. "
-        if said
+        f"Intervals of {interval} of the differences that do not hold zero: {'; '.join(sentences)}. "
+        if sentences
         else f"Every interval of {interval} of a difference between groups holds zero. "
     )
-    count = found["differs"].size
+    count = differences["differs"].size
     text += (
         f"Of {count} intervals of {interval}, about {count * (1.0 - CI_PROB):.1f} would miss zero by chance if no "
-        f"group differed and nothing were pooled; pooling makes that rarer. {_mixed(tree)}"
+        f"group differed and nothing were pooled; pooling makes that rarer. {_convergence_text(tree)}"
     )
     caption = (
         "Prime values times 1e5: mean ± sd of each group, sd between groups, and differences with their intervals."
     )
     figure = ("groups", _figure(draws), f"Mean and {interval} interval of each group over the sd of their mean.")
-    return [Part("Groups", text, [(_table(tree, found), caption)], [figure])]
+    return [Part("Groups", text, [(_table(tree, differences), caption)], [figure])]
 
 
-def _mixed(tree: xr.DataTree) -> str:
+def _convergence_text(tree: xr.DataTree) -> str:
     """Whether the chains of the groups have mixed."""
     import arviz as az
 
@@ -76,11 +76,11 @@ def _mixed(tree: xr.DataTree) -> str:
     r_hat = max(float(values.max()) for values in az.rhat(posterior).data_vars.values())
     ess = min(float(values.min()) for values in az.ess(posterior).data_vars.values())
     holds = r_hat < R_HAT_LIMIT and ess > ESS_LIMIT
-    said = f"Largest R-hat of groups and their spread {r_hat:.3f}, least bulk ESS {ess:.0f}"
-    return f"{said}." if holds else f"{said}: these exceed the limits of convergence; draw longer chains."
+    sentences = f"Largest R-hat of groups and their spread {r_hat:.3f}, least bulk ESS {ess:.0f}"
+    return f"{sentences}." if holds else f"{sentences}: these exceed the limits of convergence; draw longer chains."
 
 
-def _table(tree: xr.DataTree, found: xr.Dataset) -> Table:
+def _table(tree: xr.DataTree, differences: xr.Dataset) -> Table:
     posterior = tree["posterior"].dataset
     groups = posterior["group"].values.tolist()
     mean = 1e5 * posterior["group_coefficients"].mean(_SAMPLE)
@@ -92,13 +92,15 @@ def _table(tree: xr.DataTree, found: xr.Dataset) -> Table:
         for group in groups:
             at = {"group": group, "coefficient": name}
             one[f"of {group}"] = f"{n(float(mean.sel(at)))} ± {n(float(sd.sel(at)))}"
-        for pair in found["pair"].values.tolist():
-            apart = found.sel(pair=pair, coefficient=name)
-            low, high = (n(1e5 * float(apart[side])) for side in ("lower", "upper"))
-            one[pair] = f"{n(1e5 * float(apart['mean']))} ({low} to {high}){' *' * bool(apart['differs'])}"
+        for pair in differences["pair"].values.tolist():
+            difference = differences.sel(pair=pair, coefficient=name)
+            low, high = (n(1e5 * float(difference[side])) for side in ("lower", "upper"))
+            one[pair] = f"{n(1e5 * float(difference['mean']))} ({low} to {high}){' *' * bool(difference['differs'])}"
         rows.append(one)
     columns: Columns = {"coefficient": ("coefficient", str)} | {f"of {group}": (group, str) for group in groups}
-    columns |= {"between": ("sd between groups", n)} | {pair: (pair, str) for pair in found["pair"].values.tolist()}
+    columns |= {"between": ("sd between groups", n)} | {
+        pair: (pair, str) for pair in differences["pair"].values.tolist()
+    }
     return table(rows, columns)
 
 

@@ -30,7 +30,7 @@ E_BFMI_LIMIT = 0.3
 """E-BFMI of every chain of a Hamiltonian sampler lies above (Betancourt 2018)."""
 
 CONTRACTION_LIMIT = 0.9
-"""Share of the prior variance that the data of a determined coefficient have taken away."""
+"""Contraction of a determined coefficient is larger."""
 
 SD_LIMIT = 1.96
 """Standard deviations between zero and the mean of a determined coefficient."""
@@ -75,10 +75,9 @@ def missing(tree: xr.DataTree, *wanted: str) -> list[str]:
 
 
 def quantities(tree: xr.DataTree) -> xr.DataArray:
-    """Draws of every coefficient and of what was estimated beside them, dims (chain, draw, quantity).
+    """Draws of all estimated quantities, dims (chain, draw, quantity).
 
-    Beside the coefficients of a regression stands its noise variance; beside those of whole trajectories stand the
-    initial states and the sensor offsets of every run.
+    Coefficients; noise variance of a regression; initial states and sensor offsets of the runs of a trajectory fit.
     """
     posterior = tree["posterior"].dataset
     values = [posterior["coefficients"].transpose(*_SAMPLE, "coefficient").values]
@@ -86,13 +85,13 @@ def quantities(tree: xr.DataTree) -> xr.DataArray:
     if "noise_variance" in posterior:
         values.append(posterior["noise_variance"].transpose(*_SAMPLE).values[:, :, None])
         names.append("noise_variance")
-    for name, of, said in (("initial_state", "state", "initial {}"), ("sensor_offset", "channel", "offset of {}")):
+    for name, of, template in (("initial_state", "state", "initial {}"), ("sensor_offset", "channel", "offset of {}")):
         if name not in posterior:
             continue
         draws = posterior[name].transpose(*_SAMPLE, "run", of)
         for run, label in np.argwhere(np.isfinite(draws.values).all((0, 1))):
             values.append(draws.values[:, :, run, label, None])
-            names.append(f"{said.format(draws[of].values[label])}, run {run + 1}")
+            names.append(f"{template.format(draws[of].values[label])}, run {run + 1}")
     coords = {name: posterior[name].values for name in _SAMPLE} | {"quantity": names}
     return xr.DataArray(np.concatenate(values, axis=2), coords, (*_SAMPLE, "quantity"))
 
@@ -126,9 +125,9 @@ def summary(tree: xr.DataTree) -> xr.Dataset:
 
 
 def convergence_diagnostics(tree: xr.DataTree) -> list[dict]:
-    """Gates of a posterior: what is measured, its worst value, where, the limit, and whether the gate holds.
+    """Convergence diagnostics: name, worst value, where, limit, and whether it passes.
 
-    Independent draws of a normal approximation have one gate, Pareto k-hat. Chains have R-hat below 1.01 and bulk and
+    Independent draws of a normal approximation have one, Pareto k-hat. Chains have R-hat below 1.01 and bulk and
     tail ESS above 400 for every one of :func:`quantities`; where ``sample_stats`` has ``diverging`` and ``energy``,
     also no divergence and E-BFMI above 0.3. NaN (a single chain, one that stands still) fails.
     """
@@ -151,20 +150,20 @@ def _chain_diagnostics(tree: xr.DataTree) -> list[dict]:
         return float(values[k]), str(names[k])
 
     value, where = worst("r_hat", 1.0)
-    found = [_diagnostic("largest R-hat", value, where, f"< {R_HAT_LIMIT:g}", value < R_HAT_LIMIT)]
+    results = [_diagnostic("largest R-hat", value, where, f"< {R_HAT_LIMIT:g}", value < R_HAT_LIMIT)]
     for name, label in (("ess_bulk", "least bulk ESS"), ("ess_tail", "least tail ESS")):
         value, where = worst(name, -1.0)
-        found.append(_diagnostic(label, value, where, f"> {ESS_LIMIT:g}", value > ESS_LIMIT))
+        results.append(_diagnostic(label, value, where, f"> {ESS_LIMIT:g}", value > ESS_LIMIT))
     stats = tree["sample_stats"].dataset if "sample_stats" in tree.children else xr.Dataset()
     if "diverging" in stats:
         count = int(stats["diverging"].sum())
-        found.append(_diagnostic("divergences", float(count), "all chains", "= 0", count == 0))
+        results.append(_diagnostic("divergences", float(count), "all chains", "= 0", count == 0))
     if "energy" in stats:
         bfmi = np.atleast_1d(az.bfmi(tree)["energy"].values)
         k = int(np.argmin(np.where(np.isnan(bfmi), -np.inf, bfmi)))
         value = float(bfmi[k])
-        found.append(_diagnostic("least E-BFMI", value, f"chain {k}", f"> {E_BFMI_LIMIT:g}", value > E_BFMI_LIMIT))
-    return found
+        results.append(_diagnostic("least E-BFMI", value, f"chain {k}", f"> {E_BFMI_LIMIT:g}", value > E_BFMI_LIMIT))
+    return results
 
 
 def _diagnostic(label: str, value: float, where: str, limit: str, holds: bool) -> dict:
@@ -243,18 +242,23 @@ def prior_sensitivity(tree: xr.DataTree) -> list[dict]:
     """Power-scaling sensitivity of every quantity to prior and likelihood; needs log_prior and log_likelihood."""
     import arviz as az
 
-    scalars, found = [name for name in ("noise_variance",) if has(tree, f"posterior/{name}")], {}
+    scalars, results = [name for name in ("noise_variance",) if has(tree, f"posterior/{name}")], {}
     for group in ("prior", "likelihood"):
         moved = az.psense(tree, group=group, var_names=["coefficients", *scalars])
-        found[group] = [*map(float, moved["coefficients"].values), *(float(moved[name]) for name in scalars)]
+        results[group] = [*map(float, moved["coefficients"].values), *(float(moved[name]) for name in scalars)]
     names = [*map(str, tree["posterior"].dataset["coefficient"].values), *scalars]
     return [
-        {"quantity": name, "prior": prior, "likelihood": likelihood, "diagnosis": _sensed(prior, likelihood)}
-        for name, prior, likelihood in zip(names, found["prior"], found["likelihood"], strict=True)
+        {
+            "quantity": name,
+            "prior": prior,
+            "likelihood": likelihood,
+            "diagnosis": _sensitivity_diagnosis(prior, likelihood),
+        }
+        for name, prior, likelihood in zip(names, results["prior"], results["likelihood"], strict=True)
     ]
 
 
-def _sensed(prior: float, likelihood: float) -> str:
+def _sensitivity_diagnosis(prior: float, likelihood: float) -> str:
     if np.isnan(prior):
         return "does not vary"
     if prior <= PSENSE_LIMIT:
@@ -265,7 +269,7 @@ def _sensed(prior: float, likelihood: float) -> str:
 
 
 def narrowing(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
-    """How far the data have narrowed each coefficient, and which coefficients they determine.
+    """Contraction of each coefficient from prior to posterior, and which coefficients the data determine.
 
     The contraction is 1 - (posterior variance)/(prior variance), 1 under a flat prior. A coefficient is determined when
     it exceeds 0.9 and the mean lies more than 1.96 posterior standard deviations from zero.
@@ -282,9 +286,9 @@ def narrowing(draws: xr.DataArray, prior_sd: xr.DataArray) -> xr.Dataset:
     return xr.Dataset({**values, "determined": narrowed & (np.abs(mean) > SD_LIMIT * sd)})
 
 
-def evidence_words(found: xr.Dataset) -> np.ndarray:
+def evidence_words(results: xr.Dataset) -> np.ndarray:
     """Word for each coefficient of a contraction: "determined", "not from zero" or "prior", shape (n_coefficients,)."""
-    return np.where(found["determined"], "determined", np.where(found["narrowed"], "not from zero", "prior"))
+    return np.where(results["determined"], "determined", np.where(results["narrowed"], "not from zero", "prior"))
 
 
 def loadings(vector: np.ndarray, names: Sequence[str], count: int) -> str:

@@ -1,4 +1,4 @@
-"""Diagnostic report of posteriors: one self-contained HTML page, a section for each and the methods that drew it."""
+"""The diagnostic page of posteriors: an overview, then a section for each."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def diagnostic_content(
     progress: Callable[[str], None],
     back: str = "",
 ) -> Content:
-    """What the page shows, one section a comparison; ``back`` is the page that it belongs to."""
+    """Content of the page, a section a comparison; ``back`` is the page it belongs to."""
     images: dict[str, str] = {}
     sections = []
     for k, one in enumerate(compared):

@@ -35,7 +35,7 @@ SHIPS = 200
 """Ships of the prior, and of the posterior, in each manoeuvre of a section: a share of a half is known to 3.5 %."""
 
 SHIPS_TITLE = "Ships of the prior and of the posterior"
-"""Title of the part on the ships that a prior holds."""
+"""Title of the part on ships drawn from the prior."""
 
 _SHARES = heads(str, manoeuvre="manoeuvre", of="ships of the") | ENDS
 _BANDS = heads(str, index="index", manoeuvre="manoeuvre", prior="prior") | heads(
@@ -47,12 +47,12 @@ EVIDENCE_WORDS = (
     f"Determined: contraction > {CONTRACTION_LIMIT:g} and |mean| > {SD_LIMIT:g} sd; prior: contraction not above "
     f"{CONTRACTION_LIMIT:g}; not from zero: narrowed by the data, yet within {SD_LIMIT:g} sd of zero."
 )
-"""What the words of :func:`pymc_ship.diagnostics.numbers.evidence_words` mean."""
+"""Meaning of the words of :func:`pymc_ship.diagnostics.numbers.evidence_words`."""
 
 
 @dataclass(frozen=True)
 class PosteriorKind:
-    """What a section can be about: a kind of posterior, and how the page speaks of it.
+    """A kind of posterior and the sections of its page.
 
     A new kind of posterior is one file that makes its ``PosteriorKind``, and one entry in
     :data:`pymc_ship.diagnostics.page.POSTERIOR_KINDS`.
@@ -60,19 +60,19 @@ class PosteriorKind:
     Attributes
     ----------
     check : callable
-        (tree, name): raises a ValueError that says what the tree lacks to be such a posterior.
+        (tree, name): raises a ValueError for a tree that is no such posterior.
     coefficient_names : callable
-        (vessel, tree): names of the coefficients that such a posterior of the vessel holds, in order.
+        (vessel, tree): names of its coefficients, in order.
     verdict, origin : callable
-        (comparison): the sentences that head a section, and one on how the draws were made.
+        (comparison): sentences at the head of a section; sentence on the origin of the draws.
     parts : callable
         (comparison, vessel or None, generator): every part of a section, in order.
     contraction : callable
         (tree): contraction of the coefficients, or None where the tree lacks its prior or data.
     defaults : str
-        What the page states of the limits of such a section, beyond those that all sections share.
+        Limits of such a section, beyond those of all sections.
     sources : tuple of str
-        Works that such a section rests on, beyond those of all sections.
+        Literature of such a section, beyond that of all sections.
     """
 
     check: Callable[[xr.DataTree, str], None]
@@ -96,12 +96,12 @@ class Part:
 
 
 def record_remarks(tree: xr.DataTree) -> list[str]:
-    """What the checks said of the records that a posterior was fitted to: a sentence for each doubt."""
+    """Remarks of the checks on the records of a posterior."""
     return tree.attrs.get("record_remarks", "").splitlines()
 
 
 def missing_sentence(tree: xr.DataTree, *wanted: str) -> str:
-    """Sentence that says which variables a part lacks; empty when it has them all."""
+    """Sentence on the missing variables; empty where all are there."""
     lacking = numbers.missing(tree, *wanted)
     return f"the tree has no {' and no '.join(lacking)}." if lacking else ""
 
@@ -193,12 +193,12 @@ def ships_part(
     prior: CoefficientPrior | dict[str, RegressionPrior],
     rng: np.random.Generator,
 ) -> Part:
-    """How ships of the prior and of the posterior end in the standard manoeuvres, and bands of their indices.
+    """Draws of prior and posterior in the standard manoeuvres: how they end, and bands of their indices.
 
     The degrees of freedom that a regression does not have keep the vessel's reference values on both sides.
     """
     if ship is None:
-        return Part(SHIPS_TITLE, "Not shown: no vessel was given, whose hull and inertia ships are made with.")
+        return Part(SHIPS_TITLE, "Not shown: the simulation needs a vessel; give it by --vessel.")
     try:
         ship.check_model()
     except VesselError as error:
@@ -215,13 +215,13 @@ def ships_part(
         for name in names:
             one = {of: index_row(ships, name, ship.particulars.L, ci_prob=CI_PROB) for of, ships in both.items()}
             label = f"{name.replace('_', ' ')} [{one['prior']['unit']}]"
-            bands.append({"index": label, "manoeuvre": manoeuvre.label} | _beside(one))
+            bands.append({"index": label, "manoeuvre": manoeuvre.label} | _band_cells(one))
             drawn.append((f"{label}\n{manoeuvre.label}", one))
-    held = both["prior"].attrs["held"].split()
-    beside = f" {', '.join(held).capitalize()} keep the reference values of the vessel." if held else ""
+    fixed_dofs = both["prior"].attrs["held"].split()
+    fixed_text = f" {', '.join(fixed_dofs).capitalize()} keep the reference values of the vessel." if fixed_dofs else ""
     text = (
         f"One ship for each of {SHIPS} draws. Course-unstable: a small disturbance of the straight course grows. Wrong "
-        f"way: the heading changes against the rudder first.{beside}"
+        f"way: the heading changes against the rudder first.{fixed_text}"
     )
     tables = [
         (table(shares, _SHARES), "Shares of the ships; one may count in several of the first three."),
@@ -231,7 +231,7 @@ def ships_part(
     return Part(SHIPS_TITLE, text, tables, [("ships", figures.index_bands(drawn), caption)])
 
 
-def _beside(one: dict[str, dict]) -> dict:
+def _band_cells(one: dict[str, dict]) -> dict:
     """Band of an index under prior and posterior as the cells of one row."""
     n = number(3)
     cells: dict[str, Any] = {}

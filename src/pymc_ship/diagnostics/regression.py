@@ -1,8 +1,4 @@
-"""What a saved posterior says about itself: convergence, what the data determine, residuals, cross-validation.
-
-Every function takes a posterior laid out by :func:`~pymc_ship.inference.regression.tree.draws_tree` and returns
-numbers.
-"""
+"""Contraction, directions, residuals and predictive draws of the posterior of a regression."""
 
 from __future__ import annotations
 
@@ -41,21 +37,21 @@ DESIGN = ("constant_data/design_matrix", "observed_data/response")
 """Variables of a tree that its regression data are made from."""
 
 
-def needed(tree: xr.DataTree, *wanted: str) -> tuple[str, ...]:
-    """Variables that a part needs: regression data, noise variance, and prior draws where only a model states it."""
+def required_variables(tree: xr.DataTree, *wanted: str) -> tuple[str, ...]:
+    """Variables of a part: regression data, noise variance and, for a model with its own prior, prior draws."""
     drawn = ("prior/coefficients", "prior/noise_variance") if prior_of(tree) is None else ()
     return (*DESIGN, "posterior/noise_variance", *drawn, *wanted)
 
 
-def needed_to_predict(tree: xr.DataTree) -> tuple[str, ...]:
-    """Variables that predictions need: as :func:`needed`, or the predictions of a model that states its own prior."""
+def required_to_predict(tree: xr.DataTree) -> tuple[str, ...]:
+    """Variables for predictions; of a model with its own prior the predictions themselves."""
     if prior_of(tree) is None:
         return (*DESIGN, "prior_predictive/response", "posterior_predictive/response")
-    return needed(tree)
+    return required_variables(tree)
 
 
 def prior_of(tree: xr.DataTree) -> Prior | None:
-    """Prior that a posterior records; None where only its own model states it."""
+    """Prior recorded in a posterior; None for a model with its own prior."""
     hyperparameters = json.loads(tree.attrs["prior"])
     if hyperparameters["family"] == OWN:
         return None
@@ -88,9 +84,8 @@ def data_of(tree: xr.DataTree) -> RegressionData:
 def contraction(tree: xr.DataTree) -> xr.Dataset:
     """:func:`~pymc_ship.diagnostics.numbers.narrowing` of a regression, on the original scale.
 
-    A family whose prior variance depends on sigma2, such as the conjugate one, takes it at the posterior mean of
-    sigma2, since the marginal one may be infinite. Of a prior that only a model states it is that of a normal prior
-    with the same central 95 %: a prior that shrinks has a narrow core and wide tails.
+    A prior variance that depends on sigma2, as in the conjugate family, is taken at the posterior mean of sigma2. For a
+    model with its own prior it is the variance of a normal prior with the same central 95 %.
     """
     data, draws = data_of(tree), tree["posterior"].dataset["coefficients"]
     _, T = data.transformation

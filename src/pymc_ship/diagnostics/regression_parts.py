@@ -1,7 +1,4 @@
-"""Parts of a section of the diagnostic report: what each says, tabulates and draws of one posterior.
-
-Of a posterior by several methods the first is what is said of it, and the sampler's chains are what is drawn of them.
-"""
+"""Parts of the section on a regression: the first method gives the posterior, the sampler gives the chains."""
 
 from __future__ import annotations
 
@@ -35,14 +32,14 @@ _PRIME = "Prime values times 1e5 (σ² times 1e10)"
 
 
 def _verdict(one: Comparison) -> list[str]:
-    """What heads a section: gates and agreement, what the data determine, and whether the residuals are white."""
+    """Sentences at the head: convergence, agreement, contraction and whiteness of the residuals."""
     lines = ["All convergence diagnostics pass."]
     if failed := one.failed_diagnostics:
-        lines = [f"A convergence diagnostic fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
+        lines = [f"A convergence diagnostic fails: {'; '.join(failed)}. Do not rely on the numbers below."]
     if one.agreement is not None:
         lines.append(f"Against the exact posterior: {one.agreement.attrs['verdict']}.")
     tree = one.posterior
-    if lacking := parts.missing_sentence(tree, *regression.needed(tree)):
+    if lacking := parts.missing_sentence(tree, *regression.required_variables(tree)):
         lines.append(f"What the data determine and the residuals are not known: {lacking}")
     else:
         lines += [parts.evidence_sentence(regression.contraction(tree)), _white(tree)]
@@ -54,14 +51,14 @@ def _white(tree: xr.DataTree) -> str:
     if values.size < 10:
         return f"Whiteness of the residuals needs ten rows, found {values.size}."
     test = numbers.whiteness(values)
-    said = f"r1 = {_n(test['r1'])}, Ljung-Box p = {_n(test['p_value'])} over {test['lags']} lags"
+    summary_text = f"r1 = {_n(test['r1'])}, Ljung-Box p = {_n(test['p_value'])} over {test['lags']} lags"
     if test["p_value"] >= WHITENESS_LEVEL:
-        return f"Residuals pass for white noise ({said})."
+        return f"Residuals pass for white noise ({summary_text})."
     strong = test["r1"] > test["band"]
-    effect = "intervals are too narrow" if strong else "intervals are not to be taken at face value"
+    effect = "intervals are too narrow" if strong else "intervals are not reliable"
     return (
-        f"Residuals are autocorrelated ({said}): {effect}; leave-future-out or block folds are the right tool for "
-        "serially correlated rows."
+        f"Residuals are autocorrelated ({summary_text}): {effect}; leave-future-out or block folds are the right tool "
+        "for serially correlated rows."
     )
 
 
@@ -135,14 +132,14 @@ def _agreement(one: Comparison) -> Part:
 
 
 def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
-    dof, found = tree.attrs["dof"], numbers.summary(tree)
+    dof, summary = tree.attrs["dof"], numbers.summary(tree)
     narrowing = _known_contraction(tree)
     reference = ship.coefficients(dof).values if ship else None
     published = {family: ship.published_estimates(dof, family) for family in FAMILIES} if ship else {}
     published = {family: values for family, values in published.items() if np.isfinite(values).any()}
     marks = {} if reference is None else {"reference": reference}
     marks |= {f"publ. {family}": values for family, values in published.items()}
-    rows = coefficient_table(found.rename(quantity="coefficient"), narrowing, marks)
+    rows = coefficient_table(summary.rename(quantity="coefficient"), narrowing, marks)
     relative = (
         "Coefficients over their posterior standard deviation, since no vessel was given"
         if reference is None
@@ -150,21 +147,21 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     )
     note = f"{relative}; mean, 50 % and {_CI} equal-tailed (eti) intervals."
     images = []
-    if np.any(_of_coefficients(tree, found)["sd"] if reference is None else reference):
+    if np.any(_of_coefficients(tree, summary)["sd"] if reference is None else reference):
         images = [("forest", figures.forest(tree, reference, published), note)]
     caption = f"{_PRIME}; equal-tailed (eti) intervals of {_CI}."
-    text = " ".join(_contraction(tree, narrowing) + _held(_of_coefficients(tree, found), reference))
+    text = " ".join(_contraction(tree, narrowing) + _reference_coverage(_of_coefficients(tree, summary), reference))
     return Part("Coefficients", text, [(rows, caption)], images)
 
 
-def _of_coefficients(tree: xr.DataTree, found: xr.Dataset) -> xr.Dataset:
+def _of_coefficients(tree: xr.DataTree, summary: xr.Dataset) -> xr.Dataset:
     """Part of a summary that is of the coefficients."""
-    return found.isel(quantity=slice(tree["posterior"].sizes["coefficient"]))
+    return summary.isel(quantity=slice(tree["posterior"].sizes["coefficient"]))
 
 
 def _known_contraction(tree: xr.DataTree) -> xr.Dataset | None:
     """Contraction of the coefficients; None where the tree lacks what it needs."""
-    return None if numbers.missing(tree, *regression.needed(tree)) else regression.contraction(tree)
+    return None if numbers.missing(tree, *regression.required_variables(tree)) else regression.contraction(tree)
 
 
 def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
@@ -177,28 +174,28 @@ def _contraction(tree: xr.DataTree, narrowing: xr.Dataset | None) -> list[str]:
     return [f"Contraction is 1 − posterior variance / prior variance (that {variance}). {parts.EVIDENCE_WORDS}"]
 
 
-def _held(found: xr.Dataset, reference: np.ndarray | None) -> list[str]:
+def _reference_coverage(summary: xr.Dataset, reference: np.ndarray | None) -> list[str]:
     """How many reference values the intervals hold."""
     if reference is None:
         return []
-    inside = int(np.sum((found["lower"].values <= reference) & (reference <= found["upper"].values)))
-    return [f"The {_CI} intervals hold {inside} of {reference.size} reference values."]
+    inside = int(np.sum((summary["lower"].values <= reference) & (reference <= summary["upper"].values)))
+    return [f"The {_CI} intervals cover {inside} of {reference.size} reference values."]
 
 
-def _chosen(tree: xr.DataTree) -> list[str]:
+def _quantities_to_draw(tree: xr.DataTree) -> list[str]:
     """Quantities that are drawn: largest R-hat, the most correlated pair, the noise variance; those that vary."""
-    found = numbers.summary(tree)
-    names = [str(name) for name in found["quantity"].values]
+    summary = numbers.summary(tree)
+    names = [str(name) for name in summary["quantity"].values]
     pairs = numbers.correlated_pairs(tree, 1)
-    wanted = [names[int(np.argmax(np.nan_to_num(_of_coefficients(tree, found)["r_hat"].values)))]]
+    wanted = [names[int(np.argmax(np.nan_to_num(_of_coefficients(tree, summary)["r_hat"].values)))]]
     wanted += [pairs[0]["first"], pairs[0]["second"]] if pairs else []
-    varies = dict(zip(names, found["sd"].values > 0.0, strict=True))
+    varies = dict(zip(names, summary["sd"].values > 0.0, strict=True))
     return [name for name in dict.fromkeys([*wanted, "noise_variance"]) if varies.get(name, False)]
 
 
 def _chains(tree: xr.DataTree, method: str) -> Part:
     """Chains of one method, named where there are several."""
-    names, errors = _chosen(tree), f"{_PRIME}; Monte Carlo errors of the chains."
+    names, errors = _quantities_to_draw(tree), f"{_PRIME}; Monte Carlo errors of the chains."
     tables = [(chain_table(numbers.summary(tree)), errors)]
     whose = f"The chains are those of {method}. " if method else ""
     if not names:
@@ -213,7 +210,7 @@ def _chains(tree: xr.DataTree, method: str) -> Part:
 
 def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Prior and posterior of the noise variance"
-    if lacking := parts.missing_sentence(tree, *regression.needed(tree)):
+    if lacking := parts.missing_sentence(tree, *regression.required_variables(tree)):
         return Part(title, f"Not shown: {lacking}")
     if float(tree["posterior"].dataset["noise_variance"].std()) == 0.0:
         return Part(title, "Not drawn: the noise variance does not vary.")
@@ -227,11 +224,11 @@ def _noise_variance(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 
 def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Prior and posterior predictive check"
-    if lacking := parts.missing_sentence(tree, *regression.needed_to_predict(tree)):
+    if lacking := parts.missing_sentence(tree, *regression.required_to_predict(tree)):
         return Part(title, f"Not shown: {lacking}")
     low, middle, high = regression.prior_predictive_ratio(tree, rng)
-    held = numbers.has(tree, "posterior_predictive/response")
-    made = "as the tree holds them" if held else "drawn from posterior and design"
+    in_tree = numbers.has(tree, "posterior_predictive/response")
+    made = "as the tree holds them" if in_tree else "drawn from posterior and design"
     text = (
         f"Under the prior the root mean square of the response is {_n(middle)} times that of the record "
         f"(5 to 95 % of 400 draws: {_n(low)} to {_n(high)}). Posterior predictive responses, {made}:"
@@ -243,15 +240,17 @@ def _predictive(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 
 def _directions(tree: xr.DataTree) -> Part:
     title = "Singular directions of the design"
-    if lacking := parts.missing_sentence(tree, *regression.needed(tree)):
+    if lacking := parts.missing_sentence(tree, *regression.required_variables(tree)):
         return Part(title, f"Not shown: {lacking}")
     rows = regression.singular_directions(tree)
     open_ = sum(row["share"] <= CONTRACTION_LIMIT for row in rows)
     condition = regression.data_of(tree).condition_number
-    said = f"leave {open_} of {len(rows)} directions to the prior" if open_ else f"determine all {len(rows)} directions"
+    summary_text = (
+        f"leave {open_} of {len(rows)} directions to the prior" if open_ else f"determine all {len(rows)} directions"
+    )
     text = (
-        f"The data {said}; a direction is left to the prior where the data's share of the posterior precision does not "
-        f"exceed {CONTRACTION_LIMIT:g}. The condition number of the scaled design is {_n(condition)}."
+        f"The data {summary_text}; a direction is left to the prior where the data's share of the posterior precision "
+        f"does not exceed {CONTRACTION_LIMIT:g}. The condition number of the scaled design is {_n(condition)}."
     )
     columns = heads(_n, singular_value="singular value") | heads(fixed_point(4), share="share of the data")
     columns |= heads(str, direction="largest loadings, scaled columns over prior sd")
@@ -261,7 +260,7 @@ def _directions(tree: xr.DataTree) -> Part:
 
 
 def _residuals(tree: xr.DataTree) -> Part:
-    if lacking := parts.missing_sentence(tree, *regression.needed(tree)):
+    if lacking := parts.missing_sentence(tree, *regression.required_variables(tree)):
         return Part("Residuals", f"Not shown: {lacking}")
     values = regression.residuals(tree)
     if values.size < 10:
@@ -280,15 +279,15 @@ def _residuals(tree: xr.DataTree) -> Part:
 
 def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
     title = "Leave-one-out cross-validation"
-    if lacking := parts.missing_sentence(tree, "log_likelihood/response", *regression.needed_to_predict(tree)):
+    if lacking := parts.missing_sentence(tree, "log_likelihood/response", *regression.required_to_predict(tree)):
         return Part(title, f"Not shown: {lacking}")
     loo = numbers.cross_validation(tree)
     full = regression.with_posterior_predictive(tree, rng)
     half, most = regression.loo_pit_coverage(full)
     text = (
         f"{parts.loo_sentences(loo, 'row', 3)} "
-        f"Leave-one-out intervals of 50 and {_CI} hold {100 * half:.0f} and {100 * most:.0f} % of the rows. "
-        "With serially correlated rows leave-one-out flatters, since the neighbours of a row stay in."
+        f"Leave-one-out intervals of 50 and {_CI} cover {100 * half:.0f} and {100 * most:.0f} % of the rows. "
+        "Leave-one-out is optimistic for serially correlated rows, since the neighbours of a row stay in."
     )
     caption = (
         "LOO-PIT, its distribution function minus the uniform one; orange: what most tells it from uniform "
@@ -300,7 +299,7 @@ def _leave_one_out(tree: xr.DataTree, rng: np.random.Generator) -> Part:
 def _sensitivity(tree: xr.DataTree) -> Part:
     title = "Sensitivity to prior and likelihood"
     if numbers.has(tree, "posterior/group_coefficients"):
-        return Part(title, "Not shown: to power the priors of groups would power what pools them.")
+        return Part(title, "Not shown: power-scaling the priors of groups would change the pooling.")
     stated = next(iter(tree["log_prior"].data_vars), "coefficients") if "log_prior" in tree.children else "coefficients"
     if lacking := parts.missing_sentence(tree, f"log_prior/{stated}", "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
@@ -315,7 +314,7 @@ def _ships(tree: xr.DataTree, ship: Vessel | None, rng: np.random.Generator) -> 
     """Ships of the prior: that of the tree's own group where there is one, otherwise that which it records."""
     if numbers.has(tree, "prior/coefficients"):
         return parts.ships_part(tree, ship, {tree.attrs["dof"]: tree}, rng)
-    prior, lacking = regression.prior_of(tree), parts.missing_sentence(tree, *regression.needed(tree))
+    prior, lacking = regression.prior_of(tree), parts.missing_sentence(tree, *regression.required_variables(tree))
     if prior is None or lacking:
         return Part(parts.SHIPS_TITLE, f"Not shown: {lacking}")
     return parts.ships_part(tree, ship, {tree.attrs["dof"]: (regression.data_of(tree), prior)}, rng)

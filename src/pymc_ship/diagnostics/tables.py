@@ -55,7 +55,7 @@ def agreement_table(agreement: xr.Dataset) -> Table:
     methods = [str(method) for method in agreement["method"].values]
     rows = []
     for quantity in agreement["quantity"].values:
-        one, (label, scale) = agreement.sel(quantity=quantity), _scaled(str(quantity))
+        one, (label, scale) = agreement.sel(quantity=quantity), _label_and_scale(str(quantity))
         row: dict[str, Any] = {"quantity": label}
         row |= {name: scale * float(one[f"exact_{name}"]) for name in ("mean", "sd")}
         for method in methods:
@@ -76,25 +76,25 @@ def agreement_table(agreement: xr.Dataset) -> Table:
     return table(rows, columns)
 
 
-def coefficient_table(found: xr.Dataset, narrowing: xr.Dataset | None, marks: Mapping[str, np.ndarray]) -> Table:
+def coefficient_table(summary: xr.Dataset, narrowing: xr.Dataset | None, marks: Mapping[str, np.ndarray]) -> Table:
     """Posterior of every coefficient beside other values and, where known, what determines it.
 
-    The noise variance may follow the coefficients in ``found``. Of a prior only a mean other than zero is shown.
+    The noise variance may follow the coefficients in ``summary``. Of a prior only a mean other than zero is shown.
     """
     shown = {"prior_mean": "prior mean", "prior_sd": "prior sd", "mean": "mean", "sd": "sd"}
     shown |= {"lower": f"{50 - 50 * CI_PROB:g} %", "upper": f"{50 + 50 * CI_PROB:g} %"}
-    shown = {key: head for key, head in shown.items() if key in found}
-    if "prior_mean" in found and not found["prior_mean"].values.any():
+    shown = {key: head for key, head in shown.items() if key in summary}
+    if "prior_mean" in summary and not summary["prior_mean"].values.any():
         del shown["prior_mean"]
     columns: Columns = heads(str, coefficient="coefficient") | {name: (name, number(4)) for name in marks}
     columns |= {key: (head, number(3 if key.endswith("sd") else 4)) for key, head in shown.items()}
     if narrowing is not None:
         columns |= heads(fixed_point(3), contraction="contraction") | heads(str, judged="evidence")
     rows, words = [], [] if narrowing is None else evidence_words(narrowing).tolist()
-    for k, name in enumerate(map(str, found["coefficient"].values)):
-        label, scale = _scaled(name)
+    for k, name in enumerate(map(str, summary["coefficient"].values)):
+        label, scale = _label_and_scale(name)
         row: dict[str, Any] = {"coefficient": label, "contraction": np.nan, "judged": ""}
-        row |= {key: scale * float(found[key].values[k]) for key in shown}
+        row |= {key: scale * float(summary[key].values[k]) for key in shown}
         row |= {mark: scale * float(values[k]) if k < len(values) else np.nan for mark, values in marks.items()}
         if narrowing is not None and k < len(words):
             row |= {"contraction": float(narrowing["contraction"].values[k]), "judged": words[k]}
@@ -108,13 +108,13 @@ def chain_table(summary: xr.Dataset, *, errors: bool = True) -> Table:
     mixed = heads(fixed_point(4), r_hat="R-hat") | heads(fixed_point(0), ess_bulk="bulk ESS", ess_tail="tail ESS")
     rows = []
     for k, name in enumerate(map(str, summary["quantity"].values)):
-        label, scale = _scaled(name)
+        label, scale = _label_and_scale(name)
         row = {key: scale * float(summary[key].values[k]) for key in scaled}
         rows.append({"quantity": label} | row | {key: float(summary[key].values[k]) for key in mixed})
     return table(rows, heads(str, quantity="quantity") | (scaled if errors else {}) | mixed)
 
 
-def _scaled(quantity: str) -> tuple[str, float]:
+def _label_and_scale(quantity: str) -> tuple[str, float]:
     """What a quantity is called in a table, and what its prime value is multiplied with there."""
     return ("σ²", 1e10) if quantity == "noise_variance" else (quantity, 1e5)
 

@@ -1,8 +1,4 @@
-"""What a posterior of whole trajectories says about itself: gates, what the records determine, residuals by channel.
-
-Every function takes a tree laid out by :func:`~pymc_ship.inference.trajectory.posterior.trajectory_tree` and returns
-numbers.
-"""
+"""Contraction, directions and residuals by channel of the posterior of a trajectory fit."""
 
 from __future__ import annotations
 
@@ -20,7 +16,7 @@ from pymc_ship.physics.vessel.vessel import LETTER
 from pymc_ship.trial.channels import CHANNELS
 
 PARTS = "parts"
-"""Where the parameters of a ship of parts stand, which act in several degrees of freedom."""
+"""Group of the parameters of a ship of parts, which act in several degrees of freedom."""
 
 METHODS = ("trajectory", "trajectory_nuts")
 """Methods whose posteriors are of whole trajectories: the normal approximation, and the sampler."""
@@ -30,7 +26,7 @@ RECORDS = (*RECORDS, "observed_data/response")
 """Variables of a tree that residuals are made from."""
 
 PRIOR = ("constant_data/prior_sd",)
-"""Variables of a tree that the posterior is compared with its prior by."""
+"""Variables of a tree for the comparison of posterior and prior."""
 
 _SAMPLE = ("chain", "draw")
 _ATTRS = ("dof", "vessel", "prior", "integrator", "noise_model", "noise_sentence", "starts", "starts_agreeing")
@@ -55,9 +51,9 @@ def check_trajectory(tree: xr.DataTree, name: str = "The tree") -> None:
 
 def contraction(tree: xr.DataTree) -> xr.Dataset:
     """:func:`~pymc_ship.diagnostics.numbers.narrowing`, with the ``prior_mean`` and the coordinate ``dof``."""
-    found = numbers.narrowing(tree["posterior"].dataset["coefficients"], tree["constant_data"].dataset["prior_sd"])
-    found = found.assign(prior_mean=("coefficient", json.loads(tree.attrs["prior"])["mean"]))
-    return found.assign_coords(dof=("coefficient", dofs(tree)))
+    dataset = numbers.narrowing(tree["posterior"].dataset["coefficients"], tree["constant_data"].dataset["prior_sd"])
+    dataset = dataset.assign(prior_mean=("coefficient", json.loads(tree.attrs["prior"])["mean"]))
+    return dataset.assign_coords(dof=("coefficient", dofs(tree)))
 
 
 def prior_of(tree: xr.DataTree) -> CoefficientPrior:
@@ -75,11 +71,10 @@ def dofs(tree: xr.DataTree) -> list[str]:
 
 
 def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
-    """Directions of the coefficients from the least known, and what is left of the prior variance along each.
+    """Directions of the coefficients, the least known first, with the remaining prior variance along each.
 
-    The principal directions of one half of the draws, in prior standard deviations, with the variance of the other
-    half along them: the draws that choose a direction do not judge it, so that a share is not too extreme. Coefficients
-    with a flat prior, which have no unit, are left out.
+    Principal directions of one half of the draws, in prior standard deviations, and the variance of the other half
+    along them, which keeps the shares from being too extreme. Coefficients with a flat prior are left out.
 
     Returns
     -------
@@ -92,17 +87,17 @@ def directions(tree: xr.DataTree, loadings: int = 4) -> xr.Dataset:
     Lam (2016), Annals of Statistics 44(3):928, doi:10.1214/15-AOS1393; MacKay (1992), doi:10.1162/neco.1992.4.3.415,
     for the effective number of directions.
     """
-    found = contraction(tree)
-    proper = np.isfinite(found["prior_sd"].values)
-    names = found["coefficient"].values[proper].tolist()
+    dataset = contraction(tree)
+    proper = np.isfinite(dataset["prior_sd"].values)
+    names = dataset["coefficient"].values[proper].tolist()
     draws = tree["posterior"].dataset["coefficients"].stack(sample=_SAMPLE).transpose("sample", "coefficient").values
-    scaled = (draws[:, proper] - draws[:, proper].mean(axis=0)) / found["prior_sd"].values[proper]
+    scaled = (draws[:, proper] - draws[:, proper].mean(axis=0)) / dataset["prior_sd"].values[proper]
     _, _, right = np.linalg.svd(scaled[::2], full_matrices=True)
     share = np.var(scaled[1::2] @ right.T, axis=0, ddof=1)
     order = np.argsort(-share, kind="stable")
     attrs = {
         "n_unknown": int(np.sum(share > UNKNOWN)),
-        "n_effective": float(found["contraction"].values[proper].sum()),
+        "n_effective": float(dataset["contraction"].values[proper].sum()),
         "n_flat": int(np.sum(~proper)),
     }
     text = [numbers.loadings(right[k], names, loadings) for k in order]
@@ -144,11 +139,11 @@ def channel_rows(tree: xr.DataTree) -> list[dict]:
         1.96; ``r1``, ``p_value`` and ``lags`` of their Ljung-Box test; ``largest`` residual in standard deviations, and
         ``at`` [s].
     """
-    found, constant = residuals(tree), tree["constant_data"].dataset
+    dataset, constant = residuals(tree), tree["constant_data"].dataset
     offset = tree["posterior"].dataset.get("sensor_offset")
     rows = []
     for k, c in np.ndindex(constant["block_sd"].transpose("run_index", "channel").shape):
-        mine = found.isel(row=found["run"].values == k, channel=c)
+        mine = dataset.isel(row=dataset["run"].values == k, channel=c)
         if np.isnan(mine["white"].values).any():
             continue
         name, white, size = str(mine["channel"].item()), mine["white"].values, np.abs(mine["residual"].values)
@@ -167,12 +162,12 @@ def channel_rows(tree: xr.DataTree) -> list[dict]:
     return rows
 
 
-def ships_that_ran(tree: xr.DataTree) -> xr.DataTree:
-    """Draws whose ship did not diverge on the records, as one chain; the tree itself where none did."""
+def without_diverged_draws(tree: xr.DataTree) -> xr.DataTree:
+    """Draws whose simulation did not diverge on the records, as one chain."""
     running = np.isfinite(tree["log_likelihood"].dataset["response"].transpose(*_SAMPLE, "row").values).all(axis=-1)
     if running.all():
         return tree
-    chain, draw = (xr.DataArray(place, dims="draw") for place in np.nonzero(running))
+    chain, draw = (xr.DataArray(position, dims="draw") for position in np.nonzero(running))
     groups = {name: node.to_dataset() for name, node in tree.children.items() if set(_SAMPLE) <= set(node.dims)}
     groups = {name: group.isel(chain=chain, draw=draw).drop_vars(_SAMPLE) for name, group in groups.items()}
     return xr.DataTree.from_dict({name: group.expand_dims(chain=[0]) for name, group in groups.items()})

@@ -23,14 +23,14 @@ LAGS = 40
 QUANTILES = 400
 """Quantiles drawn of the residuals of a channel."""
 
-_JUDGED = {"determined": BLUE, "not from zero": "#8fb7d8", "prior": RUST}
+_EVIDENCE_COLOURS = {"determined": BLUE, "not from zero": "#8fb7d8", "prior": RUST}
 
 
 def motion(tree: xr.DataTree, run: int) -> Figure:
     """Measured and fitted block means of every channel of a run, residuals below, and the rudder."""
-    found, constant = trajectory.residuals(tree), tree["constant_data"].dataset
-    rows = np.flatnonzero(found["run"].values == run)
-    one, time = found["residual"].isel(row=rows), found["time"].values[rows]
+    dataset, constant = trajectory.residuals(tree), tree["constant_data"].dataset
+    rows = np.flatnonzero(dataset["run"].values == run)
+    one, time = dataset["residual"].isel(row=rows), dataset["time"].values[rows]
     names = [str(name) for name in one["channel"].values if np.isfinite(one.sel(channel=name)).all()]
     shifted = ", sensor offset included" if "sensor_offset" in tree["posterior"] else ""
     with matplotlib.rc_context(STYLE):
@@ -68,9 +68,9 @@ def _motion_panels(n_channels: int) -> tuple[Figure, list[tuple], Axes]:
     return fig, pairs[:n_channels], rudder
 
 
-def _channel_panels(found: xr.Dataset, height: float, label: str) -> tuple[Figure, list[tuple]]:
+def _channel_panels(dataset: xr.Dataset, height: float, label: str) -> tuple[Figure, list[tuple]]:
     """Figure with a panel for each channel, three in a row that share their label, and (axes, channel)."""
-    names = [str(name) for name in found["channel"].values]
+    names = [str(name) for name in dataset["channel"].values]
     count = (len(names) + 2) // 3
     fig, axes = subplots(9.0, height * count, count, min(3, len(names)), sharey=True)
     for ax in axes.flat[len(names) :]:
@@ -82,22 +82,22 @@ def _channel_panels(found: xr.Dataset, height: float, label: str) -> tuple[Figur
     return fig, list(zip(axes.flat, names, strict=False))
 
 
-def _series(found: xr.Dataset, name: str) -> Iterator[tuple[int, np.ndarray]]:
+def _series(dataset: xr.Dataset, name: str) -> Iterator[tuple[int, np.ndarray]]:
     """Run and whitened residuals of a channel, of every run that has it."""
-    for run in np.unique(found["run"].values):
-        values = found["white"].sel(channel=name).values[found["run"].values == run]
+    for run in np.unique(dataset["run"].values):
+        values = dataset["white"].sel(channel=name).values[dataset["run"].values == run]
         if np.isfinite(values).all():
             yield int(run), values
 
 
-def autocorrelation(found: xr.Dataset) -> Figure:
+def autocorrelation(dataset: xr.Dataset) -> Figure:
     """Autocorrelation of the whitened residuals of every channel, a line for each run, with the band of white noise."""
     with matplotlib.rc_context(STYLE):
-        fig, panels = _channel_panels(found, 2.0, "autocorrelation")
+        fig, panels = _channel_panels(dataset, 2.0, "autocorrelation")
         for ax, name in panels:
-            for run, values in _series(found, name):
+            for run, values in _series(dataset, name):
                 lags = min(LAGS, values.size - 2)
-                interval = float(np.diff(found["time"].values[found["run"].values == run]).mean())
+                interval = float(np.diff(dataset["time"].values[dataset["run"].values == run]).mean())
                 seconds = interval * np.arange(1, lags + 1)
                 band = 1.96 / np.sqrt(values.size)
                 ax.fill_between(seconds, -band, band, color=NOISE, alpha=0.35, lw=0, label="white noise, 95 %")
@@ -110,14 +110,14 @@ def autocorrelation(found: xr.Dataset) -> Figure:
     return fig
 
 
-def quantiles(found: xr.Dataset) -> Figure:
+def quantiles(dataset: xr.Dataset) -> Figure:
     """Quantiles of the whitened residuals of every channel against those of the standard normal."""
     from scipy.stats import norm
 
     with matplotlib.rc_context(STYLE):
-        fig, panels = _channel_panels(found, 2.4, "residual quantile [sd]")
+        fig, panels = _channel_panels(dataset, 2.4, "residual quantile [sd]")
         for ax, name in panels:
-            for run, values in _series(found, name):
+            for run, values in _series(dataset, name):
                 points = (np.arange(min(values.size, QUANTILES)) + 0.5) / min(values.size, QUANTILES)
                 ax.plot(norm.ppf(points), np.quantile(values, points), ".", ms=3, label=f"run {run + 1}")
             ax.axline((0.0, 0.0), slope=1.0, color=REFERENCE, ls="--", lw=0.9, label="normal")
@@ -132,9 +132,9 @@ def forest(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figu
     Coefficients with a flat prior are divided by their posterior standard deviation. ``marks`` are other values of the
     coefficients by name, drawn beside them.
     """
-    found = trajectory.contraction(tree)
-    mine = np.flatnonzero(found["dof"].values == dof)
-    one, draws = found.isel(coefficient=mine), tree["posterior"].dataset["coefficients"].isel(coefficient=mine)
+    dataset = trajectory.contraction(tree)
+    mine = np.flatnonzero(dataset["dof"].values == dof)
+    one, draws = dataset.isel(coefficient=mine), tree["posterior"].dataset["coefficients"].isel(coefficient=mine)
     flat = np.isinf(one["prior_sd"].values)
     unit = np.where(flat, one["sd"].values, one["prior_sd"].values)
     fig, ax, heights = forest_of((draws - one["prior_mean"].values) / unit)
@@ -155,40 +155,40 @@ def forest(tree: xr.DataTree, dof: str, marks: Mapping[str, np.ndarray]) -> Figu
     return fig
 
 
-def contraction(found: xr.Dataset) -> Figure:
+def contraction(dataset: xr.Dataset) -> Figure:
     """Contraction of every coefficient, a row of bars for each DOF."""
-    dofs = list(dict.fromkeys(found["dof"].values))
-    most = max(int(np.sum(found["dof"].values == dof)) for dof in dofs)
-    words = numbers.evidence_words(found)
+    dofs = list(dict.fromkeys(dataset["dof"].values))
+    most = max(int(np.sum(dataset["dof"].values == dof)) for dof in dofs)
+    words = numbers.evidence_words(dataset)
     with matplotlib.rc_context(STYLE | {"axes.grid": False}):
         fig, axes = subplots(9.0, 2.3 * len(dofs), len(dofs))
         for ax, dof in zip(axes[:, 0], dofs, strict=True):
-            mine = found["dof"].values == dof
-            place, height = np.arange(mine.sum()), np.maximum(found["contraction"].values[mine], 0.0)
-            for word, colour in _JUDGED.items():
+            mine = dataset["dof"].values == dof
+            position, height = np.arange(mine.sum()), np.maximum(dataset["contraction"].values[mine], 0.0)
+            for word, colour in _EVIDENCE_COLOURS.items():
                 which = words[mine] == word
-                ax.bar(place[which], height[which], color=colour, label=word)
+                ax.bar(position[which], height[which], color=colour, label=word)
             ax.axhline(CONTRACTION_LIMIT, color=REFERENCE, ls="--", lw=0.8)
-            ax.set_xticks(place, found["coefficient"].values[mine], rotation=90, fontsize=7)
+            ax.set_xticks(position, dataset["coefficient"].values[mine], rotation=90, fontsize=7)
             ax.set_xlim(-0.6, most - 0.4)
             ax.set_ylim(0.0, 1.02)
             ax.set_ylabel(f"{dof}: contraction")
-        colours = {word: matplotlib.patches.Patch(color=colour) for word, colour in _JUDGED.items()}
+        colours = {word: matplotlib.patches.Patch(color=colour) for word, colour in _EVIDENCE_COLOURS.items()}
         fig.legend(colours.values(), colours, loc="outside upper center", ncols=3)
     return fig
 
 
-def directions(found: xr.Dataset) -> Figure:
+def directions(dataset: xr.Dataset) -> Figure:
     """Share of the prior variance left along every direction, the least known first."""
-    share = found["share"].values
+    share = dataset["share"].values
     with matplotlib.rc_context(STYLE):
         fig, axes = subplots(8.0, 2.6)
-        ax, place = axes[0, 0], np.arange(1, share.size + 1)
+        ax, position = axes[0, 0], np.arange(1, share.size + 1)
         for which, colour, label in (
             (share > UNKNOWN, RUST, "stays unknown"),
-            (share <= UNKNOWN, BLUE, "told by the records"),
+            (share <= UNKNOWN, BLUE, "determined by the records"),
         ):
-            ax.semilogy(place[which], share[which], ".", color=colour, ms=5, label=label)
+            ax.semilogy(position[which], share[which], ".", color=colour, ms=5, label=label)
         ax.axhline(UNKNOWN, color=REFERENCE, ls="--", lw=0.9)
         ax.set(xlabel="direction, the least known first", ylabel="prior variance left [share]")
         ax.legend()

@@ -1,4 +1,4 @@
-"""Section of the diagnostic report for a posterior of whole trajectories: what each part says, tabulates and draws."""
+"""Parts of the section on a trajectory fit."""
 
 from __future__ import annotations
 
@@ -43,23 +43,23 @@ _n = number(3)
 
 
 def _verdict(one: Comparison) -> list[str]:
-    """What heads a section: gates, what the records determine, the noise and the residuals, starts and divergences."""
+    """Sentences at the head: convergence, contraction, noise, residuals, starts and divergences."""
     tree = one.posterior
     lines = ["All convergence diagnostics pass."]
     if failed := one.failed_diagnostics:
-        lines = [f"A convergence diagnostic fails: {'; '.join(failed)}. The numbers below are not to be relied on."]
+        lines = [f"A convergence diagnostic fails: {'; '.join(failed)}. Do not rely on the numbers below."]
     if tree.attrs["method"] == "trajectory":
         khat = float(tree.attrs["pareto_khat"])
         lines.append(f"Pareto k-hat {khat:.2f} (limit {KHAT_LIMIT:g}): {khat_verdict(khat)}.")
     lacking = parts.missing_sentence(tree, *PRIOR)
-    lines += [f"What the records determine is not known: {lacking}"] if lacking else _determined(tree)
+    lines += [f"What the records determine is not known: {lacking}"] if lacking else _evidence_lines(tree)
     lines += [tree.attrs["noise_sentence"], _white(tree)]
     agreeing, starts = int(tree.attrs["starts_agreeing"]), int(tree.attrs["starts"])
-    lines.append(f"{agreeing} of {starts} starts of the fit ended at this mode; {_diverged(tree)}.")
+    lines.append(f"{agreeing} of {starts} starts of the fit ended at this mode; {_divergence_text(tree)}.")
     return [*lines, *parts.record_remarks(tree)]
 
 
-def _determined(tree: xr.DataTree) -> list[str]:
+def _evidence_lines(tree: xr.DataTree) -> list[str]:
     contraction, along = trajectory.contraction(tree), trajectory.directions(tree)
     text, total = parts.evidence_sentence(contraction), contraction.sizes["coefficient"]
     proper = total - along.attrs["n_flat"]
@@ -90,7 +90,7 @@ def _white(tree: xr.DataTree) -> str:
     return f"Under this noise the residuals are still autocorrelated ({numbers}): intervals are too narrow."
 
 
-def _diverged(tree: xr.DataTree) -> str:
+def _divergence_text(tree: xr.DataTree) -> str:
     if numbers.has(tree, "sample_stats/diverging"):
         return f"{int(tree['sample_stats']['diverging'].sum())} transitions of the sampler diverged"
     if "share_diverged" in tree.attrs:
@@ -134,9 +134,9 @@ def _parts(one: Comparison, ship: Vessel | None, rng: np.random.Generator) -> li
 
 def _gates(one: Comparison) -> Part:
     text = (
-        "The draws are independent, so chains have nothing to show. Pareto k-hat is the shape of the tail of the "
-        f"importance weights from the normal approximation to the posterior: up to {KHAT_LIMIT:g} its means and "
-        "intervals can be trusted, above it the posterior is of another shape."
+        "The draws are independent, so there are no chains to test. Pareto k-hat is the shape of the tail of the "
+        f"importance weights from the normal approximation to the posterior. Up to {KHAT_LIMIT:g} its means and "
+        "intervals are reliable."
     )
     if one.posterior.attrs["method"] != "trajectory":
         text = "Over all coefficients, initial states and sensor offsets."
@@ -144,15 +144,15 @@ def _gates(one: Comparison) -> Part:
 
 
 def _chains(tree: xr.DataTree) -> Part:
-    found = numbers.summary(tree)
-    names = [str(name) for name in found["quantity"].values]
-    worst = np.argsort(-np.nan_to_num(found["r_hat"].values, nan=np.inf), kind="stable")[:_LISTED]
+    dataset = numbers.summary(tree)
+    names = [str(name) for name in dataset["quantity"].values]
+    worst = np.argsort(-np.nan_to_num(dataset["r_hat"].values, nan=np.inf), kind="stable")[:_LISTED]
     coefficients = set(map(str, tree["posterior"].dataset["coefficient"].values))
     chosen = [names[k] for k in worst if names[k] in coefficients][:1]
     pair = numbers.correlated_pairs(tree, 1)[:1]
     chosen = list(dict.fromkeys([*chosen, *(name for one in pair for name in (one["first"], one["second"]))]))
     text = "Drawn are the coefficient of largest R-hat and the most correlated pair (prime values times 1e5)."
-    rows, caption = chain_table(found.isel(quantity=worst), errors=False), "The {} quantities of largest R-hat."
+    rows, caption = chain_table(dataset.isel(quantity=worst), errors=False), "The {} quantities of largest R-hat."
     return Part("Chains", text, [(rows, caption.format(len(worst)))], parts.chain_images(tree, chosen))
 
 
@@ -169,7 +169,7 @@ def _motion(tree: xr.DataTree) -> Part:
 def _residuals(tree: xr.DataTree) -> Part:
     if lacking := parts.missing_sentence(tree, *RECORDS):
         return Part("Residuals", f"Not shown: {lacking}")
-    found, rows = trajectory.residuals(tree), trajectory.channel_rows(tree)
+    dataset, rows = trajectory.residuals(tree), trajectory.channel_rows(tree)
     columns = heads(number(4), run="run") | heads(str, channel="channel") | heads(number(6), blocks="blocks")
     columns |= heads(_n, block_sd="sd of a block", offset="offset") | heads(str, unit="unit")
     columns |= heads(fixed_point(3), correlation="correlation", chi2="χ²", inside=f"within {SD_LIMIT:g} sd", r1="r1")
@@ -190,8 +190,8 @@ def _residuals(tree: xr.DataTree) -> Part:
     text = _white(tree) + (student if tree.attrs["noise_model"].startswith("student_t") else "")
     band = "Their autocorrelation; band of each run ± 1.96/√n."
     against = "Quantiles of these residuals against those of the normal."
-    images = [("autocorrelation", trajectory_figures.autocorrelation(found), band)]
-    images.append(("quantiles", trajectory_figures.quantiles(found), against))
+    images = [("autocorrelation", trajectory_figures.autocorrelation(dataset), band)]
+    images.append(("quantiles", trajectory_figures.quantiles(dataset), against))
     return Part("Residuals", text, [(table(rows, columns), caption)], images)
 
 
@@ -199,12 +199,12 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
     title = "Coefficients"
     if lacking := parts.missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
-    found = trajectory.contraction(tree)
+    dataset = trajectory.contraction(tree)
     tails = tree["posterior"].dataset["coefficients"].quantile(TAILS, ("chain", "draw"))
-    found = found.assign(lower=tails[0].drop_vars("quantile"), upper=tails[1].drop_vars("quantile"))
+    dataset = dataset.assign(lower=tails[0].drop_vars("quantile"), upper=tails[1].drop_vars("quantile"))
     tables, images, inside, total = [], [], 0, 0
-    for dof in dict.fromkeys(map(str, found["dof"].values)):
-        one = found.isel(coefficient=found["dof"].values == dof)
+    for dof in dict.fromkeys(map(str, dataset["dof"].values)):
+        one = dataset.isel(coefficient=dataset["dof"].values == dof)
         marks = _marks(ship, dof, [str(name) for name in one["coefficient"].values])
         if ship:
             within = (one["lower"].values <= marks["reference"]) & (marks["reference"] <= one["upper"].values)
@@ -214,8 +214,8 @@ def _coefficients(tree: xr.DataTree, ship: Vessel | None) -> Part:
         tables.append((coefficient_table(one, one, marks), caption))
         intervals = f"{dof.capitalize()}: mean, 50 % and {_CI} eti."
         images.append((f"forest-{dof}", trajectory_figures.forest(tree, dof, marks), intervals))
-    held = f" The {_CI} intervals hold {inside} of {total} reference values." if ship else ""
-    return Part(title, f"{parts.EVIDENCE_WORDS}{held}", tables, images)
+    coverage_text = f" The {_CI} intervals cover {inside} of {total} reference values." if ship else ""
+    return Part(title, f"{parts.EVIDENCE_WORDS}{coverage_text}", tables, images)
 
 
 def _marks(ship: Vessel | None, dof: str, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -244,11 +244,11 @@ def _directions(tree: xr.DataTree) -> Part:
     title = "Directions that stay unknown"
     if lacking := parts.missing_sentence(tree, *PRIOR):
         return Part(title, f"Not shown: {lacking}")
-    found = trajectory.directions(tree)
-    if not found.sizes["direction"]:
+    dataset = trajectory.directions(tree)
+    if not dataset.sizes["direction"]:
         return Part(title, "Not shown: every coefficient has a flat prior, which gives a direction no unit.")
-    count = min(max(_WEAKEST, found.attrs["n_unknown"]), found.sizes["direction"])
-    rows = [{"share": float(found["share"][k]), "direction": str(found["text"].values[k])} for k in range(count)]
+    count = min(max(_WEAKEST, dataset.attrs["n_unknown"]), dataset.sizes["direction"])
+    rows = [{"share": float(dataset["share"][k]), "direction": str(dataset["text"].values[k])} for k in range(count)]
     columns = heads(fixed_point(3), share="prior variance left") | heads(str, direction="largest loadings, in prior sd")
     text = (
         "Principal directions of one half of the draws in prior standard deviations, and the variance of the other "
@@ -256,7 +256,7 @@ def _directions(tree: xr.DataTree) -> Part:
     )
     caption = f"The {len(rows)} least known directions."
     left = f"Prior variance left along every direction; dashed: {UNKNOWN:g}."
-    image = ("directions", trajectory_figures.directions(found), left)
+    image = ("directions", trajectory_figures.directions(dataset), left)
     return Part(title, text, [(table(rows, columns), caption)], [image])
 
 
@@ -264,11 +264,11 @@ def _leave_one_out(tree: xr.DataTree) -> Part:
     title = "Leave-one-out by block"
     if lacking := parts.missing_sentence(tree, "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
-    loo = numbers.cross_validation(trajectory.ships_that_ran(tree))
+    loo = numbers.cross_validation(trajectory.without_diverged_draws(tree))
     text = (
-        f"{parts.loo_sentences(loo, 'block', 6)} Neighbouring blocks of a trajectory are not exchangeable: those that "
-        "stay in tell the motion of the one left out. elpd compares models of the same record; for the forecast of a "
-        "manoeuvre leave out whole runs, or the future of one."
+        f"{parts.loo_sentences(loo, 'block', 6)} Neighbouring blocks of a trajectory are not exchangeable, so the "
+        "elpd compares models of the same record only. For the forecast of a manoeuvre leave out whole runs, or the "
+        "future of one."
     )
     return Part(title, text, [], [parts.pareto_image(loo, "block")])
 
@@ -277,9 +277,9 @@ def _sensitivity(tree: xr.DataTree) -> Part:
     title = "Sensitivity to prior and likelihood"
     if lacking := parts.missing_sentence(tree, "log_prior/coefficients", "log_likelihood/response"):
         return Part(title, f"Not shown: {lacking}")
-    rows = numbers.prior_sensitivity(trajectory.ships_that_ran(tree))
+    rows = numbers.prior_sensitivity(trajectory.without_diverged_draws(tree))
     moved = sum(row["prior"] > PSENSE_LIMIT for row in rows)
-    text = f"{moved} of {len(rows)} coefficients move with the prior. Its factors tau are held at their values."
+    text = f"{moved} of {len(rows)} coefficients move with the prior. Its factors tau are fixed."
     shown = sorted(rows, key=lambda row: -row["prior"])[:_LISTED]
     caption = (
         f"The {len(shown)} most sensitive to the prior. Power-scaling by 0.99 and 1.01 (psense); above "

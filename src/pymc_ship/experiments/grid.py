@@ -151,11 +151,11 @@ class Grid:
     def columns(self, rows: Sequence[Mapping]) -> dict[str, str]:
         """Heads of the columns that a terminal shows: what tells the cells apart, scores, tasks that end badly."""
         keys = ("ship", "manoeuvre", "noise", "level", "method")
-        found = {key: key for key in keys if key == "method" or len({row[key] for row in rows}) > 1}
+        result = {key: key for key in keys if key == "method" or len({row[key] for row in rows}) > 1}
         heads = ("error %", "coverage %", "tactical diameter error %")
         for name, head in zip(SCORES, heads, strict=True):
-            found |= {name: head, f"{name}_se": "± se"}
-        return found | {"diverged": "diverged", "failed": "failed"}
+            result |= {name: head, f"{name}_se": "± se"}
+        return result | {"diverged": "diverged", "failed": "failed"}
 
 
 def record_difference(
@@ -265,15 +265,15 @@ def _methods(entry: Entry, own: Mapping[str, Method]) -> tuple[str, ...]:
 def _noise(table: Entry) -> dict[str, tuple[float, ...]]:
     if not isinstance(table.value, Mapping) or not table.value:
         table.fail(f"must be a table such as white = [0.01], found {table.value!r}; correct it.")
-    found = {}
+    result = {}
     for kind in table:
         levels = table.at(kind)
         check_choice(f"{table.file}: a kind of noise", kind, NOISES, StudyError)
         if not isinstance(levels.value, list | tuple) or not levels.value:
             levels.fail(f"must be a list of levels, found {levels.value!r}; write [0.01].")
-        found[kind] = tuple(replace(levels, value=level).number(least=0.0) for level in levels.value)
-        _check_once(levels, found[kind])
-    return found
+        result[kind] = tuple(replace(levels, value=level).number(least=0.0) for level in levels.value)
+        _check_once(levels, result[kind])
+    return result
 
 
 def _ships(entry: Entry, folder: Path) -> dict[str, Vessel]:
@@ -292,7 +292,7 @@ def _ships(entry: Entry, folder: Path) -> dict[str, Vessel]:
 
 def manoeuvres_of(entry: Entry) -> dict[str, Manoeuvre]:
     """Manoeuvres of a list of labels by label, each once."""
-    found: dict[str, Manoeuvre] = {}
+    result: dict[str, Manoeuvre] = {}
     for text in texts(entry):
         try:
             manoeuvre = written_manoeuvre(text)
@@ -303,6 +303,6 @@ def manoeuvres_of(entry: Entry) -> dict[str, Manoeuvre]:
             raise StudyError(
                 f"{entry.file}: a manoeuvre is {examples} or one of them with its side, found {text!r}; write it so."
             )
-        _check_once(entry, [*found, manoeuvre.label])
-        found[manoeuvre.label] = manoeuvre
-    return found
+        _check_once(entry, [*result, manoeuvre.label])
+        result[manoeuvre.label] = manoeuvre
+    return result

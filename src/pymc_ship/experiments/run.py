@@ -94,7 +94,7 @@ def reported_montecarlo(
     with locked_store(out, found) as store:
         if store.missing():
             with executor:
-                _run(store, executor, work or found.work, progress)
+                _complete_tasks(store, executor, work or found.work, progress)
         progress("tables and page")
         return found.report(store)
 
@@ -124,7 +124,7 @@ def _kind(entry: Entry) -> type[StudyKind]:
     return kind
 
 
-def _run(
+def _complete_tasks(
     store: Store, executor: LocalCores | Cluster, work: Callable[[Any], dict], progress: Callable[[str], None]
 ) -> None:
     """Do all tasks that are missing; start again with new workers where some were lost."""
@@ -137,8 +137,8 @@ def _run(
         return _tasks(store, missing) if missing else None
 
     try:
-        session["parent"] = _rehearsed(store, executor)
-        for result in run_tasks(executor, work, remaining):
+        session["parent"] = _handling_seconds(store, executor)
+        for result in completed(executor, work, remaining):
             clock = {"wall": time.perf_counter() - start, "workers": executor.workers}
             store.add(result | session | clock)
             shown.one_more()
@@ -149,10 +149,10 @@ def _run(
         ) from None
 
 
-def _rehearsed(store: Store, executor: LocalCores | Cluster) -> float:
+def _handling_seconds(store: Store, executor: LocalCores | Cluster) -> float:
     """Seconds in which the parent hands out a task and keeps its result, from tasks that do nothing."""
     none = {"session": 0, "executor": "", "workers": 0, "wall": 0.0, "parent": 0.0}
-    folder, kept = store.out / ".rehearsal", []
+    folder, arrivals = store.out / ".rehearsal", []
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
     stage = Store(folder, replace(store.study, seeds=REHEARSED))
     first = stage.missing()[0]
@@ -164,10 +164,10 @@ def _rehearsed(store: Store, executor: LocalCores | Cluster) -> float:
     try:
         for result in run_tasks(executor, store.study.empty, remaining):
             stage.add(result | none)
-            kept.append(time.perf_counter())
+            arrivals.append(time.perf_counter())
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    late = kept[len(kept) // 2 :]  # all workers are there
+    late = arrivals[len(arrivals) // 2 :]  # all workers are there
     return (late[-1] - late[0]) / (len(late) - 1)
 
 
@@ -180,26 +180,24 @@ def _tasks(store: Store, missing: list) -> Iterator:
 class _Progress:
     """Bar, number of tasks, rate and time left, told once a second at most."""
 
-    def __init__(self, total: int, tell: Callable[[str], None]):
-        self.total, self.tell = total, tell
+    def __init__(self, total: int, show: Callable[[str], None]):
+        self.total, self.show = total, show
         self.done = self.fresh = 0
-        self.start = self.told = time.perf_counter()
+        self.start = self.last_shown = time.perf_counter()
 
     def begin(self, done: int) -> None:
         """Say what is there already."""
         self.done = done
-        self.tell(f"{progress_bar(done, self.total)} {done} of {self.total} tasks")
+        self.show(f"{bar(done, self.total)} {done} of {self.total} tasks")
 
     def one_more(self) -> None:
         """Count a task."""
         self.done, self.fresh, now = self.done + 1, self.fresh + 1, time.perf_counter()
-        if now - self.told < _SHOWN_EVERY and self.done < self.total:
+        if now - self.last_shown < _SHOWN_EVERY and self.done < self.total:
             return
-        self.told, rate = now, self.fresh / (now - self.start)
+        self.last_shown, rate = now, self.fresh / (now - self.start)
         left = _duration((self.total - self.done) / rate)
-        self.tell(
-            f"{progress_bar(self.done, self.total)} {self.done} of {self.total} tasks, {rate:.3g} a second, {left} left"
-        )
+        self.show(f"{bar(self.done, self.total)} {self.done} of {self.total} tasks, {rate:.3g} a second, {left} left")
 
 
 def _duration(seconds: float) -> str:

@@ -1,9 +1,8 @@
-"""Results of a Monte-Carlo study on disk: nothing that was measured is lost or measured again.
+"""Results of a Monte-Carlo study on disk.
 
-Each result is appended to the journal of its part (a line of JSON) the moment it is there. A part that has all its
-results becomes a Parquet file with a checksum under ``parts/ship=.../manoeuvre=.../noise=.../level=.../method=.../``,
-and its journal goes. A line that a kill cut off is dropped and its task done again; of a result that stands twice the
-first counts.
+Each result is a line of JSON in the journal of its part. A complete part becomes a Parquet file with a checksum under
+``parts/ship=.../manoeuvre=.../noise=.../level=.../method=.../``. An incomplete line is dropped; of two results of one
+task the first counts.
 """
 
 from __future__ import annotations

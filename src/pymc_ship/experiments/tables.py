@@ -1,7 +1,4 @@
-"""Tables of a Monte-Carlo study: scores by cell, what the tasks cost, and what a study of many more would take.
-
-Scores come with standard errors from bootstrap samples of the seeds.
-"""
+"""Tables of a Monte-Carlo study: scores by cell with bootstrap standard errors, costs, and a plan of a larger study."""
 
 from __future__ import annotations
 

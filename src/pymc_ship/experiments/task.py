@@ -1,7 +1,6 @@
-"""One task of a Monte-Carlo study: one ship, manoeuvre, noise and seed are measured by one method, and timed.
+"""One task of a Monte-Carlo study: one method on one ship, manoeuvre, noise and seed, with its scores and seconds.
 
-A task depends on what it is and on nothing else, whatever process measures it: its noise is named by ship, manoeuvre,
-kind, level and number of the data set, so that all methods have the same records.
+The noise depends on ship, manoeuvre, kind, level and number of the data set, so that all methods have the same records.
 """
 
 from __future__ import annotations
@@ -150,7 +149,7 @@ def measure_task(task: Task) -> dict:
     with one_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            status, sentence = _measured(task, parts, scores)
+            status, sentence = _fit_and_score(task, parts, scores)
         except (*MACHINE, StudyError):  # says nothing of how well the method does
             raise
         except Exception as error:  # whatever goes wrong in a method is what the study is to find out
@@ -166,7 +165,7 @@ def empty_result(task: Task) -> dict:
     return {"block": task.block, "seed": task.seed, "status": "ok", "sentence": ""} | empty
 
 
-def _measured(task: Task, parts: dict[str, float], scores: dict[str, float]) -> tuple[str, str]:
+def _fit_and_score(task: Task, parts: dict[str, float], scores: dict[str, float]) -> tuple[str, str]:
     """Fill in seconds and scores; return status and sentence."""
     with stopwatch(parts, "simulate"):
         clean = simulate(task.vessel, task.manoeuvre, duration=task.duration)

@@ -5,9 +5,9 @@
 - `scores`: errors, coverages and their standard errors.
 - `denoisers`: methods of denoising, and draws of the denoised record carried into the regression.
 - `measurements`: discretisation, methods, published errors.
-- `prior_ships`: the ships that the study's own priors hold.
-- `findings`: what the study found, in sentences.
-- `bound_chapter`: the published errors beside the bound.
+- `prior_ships`: ships drawn from the study's priors.
+- `findings`: results of the study, in sentences.
+- `bound_chapter`: all methods compared with the Cramer-Rao bound.
 - `tables`: tables of the page and as CSV.
 - `figures`: figures of the study.
 - `page`: the page of the study.

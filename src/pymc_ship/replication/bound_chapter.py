@@ -95,8 +95,8 @@ def beside_errors(result: StudyResult) -> str:
     text = (
         "The Cramer-Rao bound is the least standard error, in percent of the reference, of an unbiased estimate "
         "from all samples of u, v, r, p and phi with an unknown initial state. It is at the printed noise level of "
-        f"{LITERAL_LEVEL:.3f} for the published errors and at {result.level:g} for ours. A prior near the reference can "
-        "make errors smaller than the bound."
+        f"{LITERAL_LEVEL:.3f} for the published errors and at {result.level:g} for ours. A prior near the reference "
+        "can make errors smaller than the bound."
     )
     return f"{text} {_published(result)}" if result.tables["published_bound"] else text
 
@@ -125,8 +125,8 @@ def _method_text() -> str:
         "integrates the equations of motion against test functions. Best differencing is the one of four with the "
         "smallest median error: central or Savitzky-Golay, each second or every sample, on the denoised record. The "
         "paper's pipeline is that of section 5, conjugate family. With the flat prior the fit is unbiased to first "
-        "order. The order-damped prior has mean zero and is narrower for terms of higher order; its scale maximises the "
-        "evidence for each degree of freedom. With it errors can be smaller than the bound. No method uses the "
+        "order. The order-damped prior has mean zero and is narrower for terms of higher order; its scale maximises "
+        "the evidence for each degree of freedom. With it errors can be smaller than the bound. No method uses the "
         f"reference values. The record has Euler steps of {STEP:g} s; trajectory fit, weak form and bound use the same "
         "steps, so there is no error of integration, which a measured record has."
     )
@@ -134,9 +134,9 @@ def _method_text() -> str:
 
 def _draw_text() -> str:
     return (
-        "Each level has one draw of the noise. The errors of its coefficients are strongly correlated, so coverage needs "
-        "means over many draws, as make frontier forms them. An estimate of zero has an error of 100 %; medians near "
-        "100 % or above follow the prior and not the data."
+        "Each level has one draw of the noise. The errors of its coefficients are strongly correlated, so coverage "
+        "needs means over many draws, as make frontier forms them. An estimate of zero has an error of 100 %; medians "
+        "near 100 % or above follow the prior and not the data."
     )
 
 
@@ -167,9 +167,9 @@ def forecast_rows(result: StudyResult) -> list[dict]:
     rows = []
     for level in dict.fromkeys(row["level"] for row in result.tables["methods"]):
         for method, prefix, labels in ((_TRAJECTORY, "trajectory", {}), (_PAPER, "forecast", {"family": "conjugate"})):
-            found = {name: _at(result.tables.get(f"{prefix}_{name}", []), level, **labels) for name in MANOEUVRES}
-            known = {name: row for name, row in found.items() if row is not None}
-            if len(known) < len(found):
+            scored = {name: _at(result.tables.get(f"{prefix}_{name}", []), level, **labels) for name in MANOEUVRES}
+            known = {name: row for name, row in scored.items() if row is not None}
+            if len(known) < len(scored):
                 continue
             scores = {
                 f"{name}_{key}": row[key]
@@ -199,7 +199,7 @@ def figure(result: StudyResult) -> Figure:
     rows = result.tables["methods"]
     levels = sorted({row["level"] for row in rows})
     by_method = {name: {row["level"]: row["median"] for row in rows if row["method"] == name} for name in _names(rows)}
-    errors = {name: np.array([found.get(level, np.nan) for level in levels]) for name, found in by_method.items()}
+    errors = {name: np.array([medians.get(level, np.nan) for level in levels]) for name, medians in by_method.items()}
     published = {_shorter(row["family"]): row["median"] for row in result.tables["published_bound"]}
     return figures.errors_by_method(np.array(levels), errors, published, LITERAL_LEVEL)
 

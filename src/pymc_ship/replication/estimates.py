@@ -74,8 +74,8 @@ def regression_estimate(
     trial: xr.Dataset, vessel: Vessel, *, derivative: str = "euler", interval: float | None = 1.0
 ) -> Estimate:
     """Conjugate posterior at the evidence maximum; trial, derivative and interval as :func:`pymc_ship.identify`."""
-    found = identify(trial, vessel, families=("conjugate",), derivative=derivative, interval=interval)
-    return exact_estimate(found.exact["conjugate"])
+    identification = identify(trial, vessel, families=("conjugate",), derivative=derivative, interval=interval)
+    return exact_estimate(identification.exact["conjugate"])
 
 
 def differencing_estimates(smooth: xr.Dataset, vessel: Vessel) -> dict[str, Estimate]:

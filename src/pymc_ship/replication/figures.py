@@ -20,8 +20,8 @@ from pymc_ship.ships.forecasting.forecast import draws_and_shares
 from pymc_ship.trial.channels import CHANNELS, default_channels
 
 
-def _shown(name: str, values: np.ndarray) -> np.ndarray:
-    return CHANNELS[name].unit.display_factor * values
+def _in_shown_unit(name: str, values: np.ndarray) -> np.ndarray:
+    return CHANNELS[name].unit.shown_factor * values
 
 
 @house_style
@@ -36,9 +36,9 @@ def denoising(clean: xr.Dataset, noisy: xr.Dataset, smooth: xr.Dataset, zoom: tu
     for row, name in zip(axes, names, strict=True):
         for ax, view in zip(row, views, strict=True):
             time = clean["time"].values[view]
-            ax.plot(time, _shown(name, noisy[name].values[view]), color=NOISE, lw=0.6, label="polluted")
-            ax.plot(time, _shown(name, clean[name].values[view]), color=REFERENCE, lw=1.6, label="clean")
-            ax.plot(time, _shown(name, smooth[name].values[view]), color=RUST, label="denoised")
+            ax.plot(time, _in_shown_unit(name, noisy[name].values[view]), color=NOISE, lw=0.6, label="polluted")
+            ax.plot(time, _in_shown_unit(name, clean[name].values[view]), color=REFERENCE, lw=1.6, label="clean")
+            ax.plot(time, _in_shown_unit(name, smooth[name].values[view]), color=RUST, label="denoised")
         row[0].set_ylabel(CHANNELS[name].short_axis)
     for ax, title in zip(axes[0], ("whole record", "enlarged"), strict=True):
         ax.set_title(title)
@@ -56,19 +56,19 @@ def noise_variance(exact: Mapping[str, Any], dof: str) -> Figure:
         low, high = posterior.noise_variance_quantiles([1e-6, 1.0 - 1e-6])
         values = np.geomspace(low / 30.0, high * 30.0, 20000)
         prior = values * posterior.prior_noise_variance_density(values)
-        seen = values[(prior > 0.01 * prior.max()) | ((values > low) & (values < high))]
+        visible = values[(prior > 0.01 * prior.max()) | ((values > low) & (values < high))]
         for density, label, style in (
             (posterior.prior_noise_variance_density, "prior", "--"),
             (posterior.noise_variance_density, "posterior", "-"),
         ):
             ax.plot(values, values * density(values), style, color=prior_family(family).colour, label=label)
-        if seen[-1] > 10.0 * seen[0]:
+        if visible[-1] > 10.0 * visible[0]:
             ax.set_xscale("log")
             ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
             ax.xaxis.set_minor_formatter(NullFormatter())
         else:
             ax.locator_params(axis="x", nbins=5)
-        ax.set_xlim(seen[0] / 1.02, seen[-1] * 1.02)
+        ax.set_xlim(visible[0] / 1.02, visible[-1] * 1.02)
         ax.set(xlabel="σ² of the prime response", ylabel="density of log σ²")
         ax.set_title(f"{dof}, {family}")
         ax.legend()
@@ -100,7 +100,9 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
     for ax, name in zip(axes.flat, panels, strict=False):
         for family, tree in forecasts.items():
             _band(ax, tree["bands"].to_dataset(), name, prior_family(family).colour, family)
-        ax.plot(reference["time"], _shown(name, reference[name].values), "--", color=REFERENCE, label="reference")
+        ax.plot(
+            reference["time"], _in_shown_unit(name, reference[name].values), "--", color=REFERENCE, label="reference"
+        )
         ax.set_ylabel(CHANNELS[name].short_axis)
         ax.set_xlabel("time [s]")
     _track(axes.flat[-1], reference, forecasts, equal=turning)
@@ -111,7 +113,9 @@ def forecast_channels(reference: xr.Dataset, forecasts: Mapping[str, xr.DataTree
 
 
 def _band(ax: Axes, bands: xr.Dataset, name: str, colour: str, family: str) -> None:
-    lower, median, upper = (_shown(name, bands[name].sel(band=band).values) for band in ("lower", "median", "upper"))
+    lower, median, upper = (
+        _in_shown_unit(name, bands[name].sel(band=band).values) for band in ("lower", "median", "upper")
+    )
     ax.fill_between(bands["time"], lower, upper, color=colour, alpha=0.22, lw=0, label=f"{family}: band")
     ax.plot(bands["time"], median, color=colour, label=f"{family}: median")
 

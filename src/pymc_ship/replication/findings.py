@@ -1,4 +1,4 @@
-"""What the study found, in words, each with its figures from the run."""
+"""Results of the study in sentences, tables and figures."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _n = number(2)
 
 def _median(rows: list[dict], level: float | str, family: str, dof: str = "all") -> float:
     """Median error of a row of an error table; NaN where there is no such row."""
-    found = (r["median"] for r in rows if r["level"] == level and r["family"] == family and r["dof"] == dof)
-    return next(found, float("nan"))
+    medians = (r["median"] for r in rows if r["level"] == level and r["family"] == family and r["dof"] == dof)
+    return next(medians, float("nan"))
 
 
 def _forecast(result: StudyResult, name: str, level: float, family: str) -> dict:
@@ -107,10 +107,10 @@ def sweep_figure(result: StudyResult) -> Figure:
 
 def all_findings(result: StudyResult) -> list[dict]:
     """Title, text and, where there is one, table or figure of each finding."""
-    found = [_discretisation, _noise, _differencing, _forecasts, _coverage, _prior_ships]
+    sections = [_discretisation, _noise, _differencing, _forecasts, _coverage, _prior_ships]
     if any(row["printed"] for row in result.tables["printed_errors"]):
-        found += [_eq15, _printed_errors, _other_slips]
-    return [finding(result) for finding in found]
+        sections += [_eq15, _printed_errors, _other_slips]
+    return [section(result) for section in sections]
 
 
 def _finding(title: str, text: str, **more: object) -> dict:
@@ -172,12 +172,12 @@ def _differencing(result: StudyResult) -> dict:
 
 
 def _denoisers(result: StudyResult) -> str:
-    """What other denoisers do to the coefficients, in one sentence."""
+    """Sentence on the errors of the coefficients by denoiser."""
     errors = {row["method"].replace("_", " "): row["median"] for row in result.tables["denoisers"]}
     raw = errors.pop("none")
-    said = ", ".join(f"{method} {_n(error)} %" for method, error in errors.items())
+    sentences = ", ".join(f"{method} {_n(error)} %" for method, error in errors.items())
     return (
-        f"With these differences the median error depends on the denoiser, too ({said}; none {_n(raw)} %), and not as "
+        f"With these differences the median error depends on the denoiser, too ({sentences}; none {_n(raw)} %), and not as "
         "its signal-to-noise ratio does (section 2)."
     )
 
@@ -218,21 +218,21 @@ def _coverage(result: StudyResult) -> dict:
         f"At the level shown the 90 % intervals of the conjugate family cover {_n(row['coverage'])} % of the reference "
         f"coefficients, and the 90 % bands of the 10/10 zigzag {_n(zigzag['coverage'])} % of its instants. The "
         "samplers agree with the exact posterior (section 6), so a difference from 90 % is due to the model: the "
-        f"regression assumes independent denoised rows and exact columns. {_drawn(result)}"
+        f"regression assumes independent denoised rows and exact columns. {_coverage_of_draws(result)}"
     )
     return _finding("Coverage of the regression's intervals", text)
 
 
-def _drawn(result: StudyResult) -> str:
-    """What draws of the denoised record do to the intervals, by derivative, in one sentence each."""
-    rows, said = result.tables["drawn_coefficients"], []
+def _coverage_of_draws(result: StudyResult) -> str:
+    """Sentences on intervals from draws of the denoised record, by derivative."""
+    rows, sentences = result.tables["drawn_coefficients"], []
     for derivative in dict.fromkeys(row["derivative"] for row in rows):
         mine = [row for row in rows if row["derivative"] == derivative]
         wider, before, after = (_range(mine, key) for key in ("widened", "coverage", "coverage_pooled"))
-        said.append(
+        sentences.append(
             f"{derivative} intervals become {wider} times as wide and cover {after} % by degree of freedom, {before} % before"
         )
-    return f"With draws of the denoised record in the rows, {'; '.join(said)} (section 5)."
+    return f"With draws of the denoised record in the rows, {'; '.join(sentences)} (section 5)."
 
 
 def _range(rows: list[dict], key: str) -> str:
@@ -300,14 +300,16 @@ def _other_slips(result: StudyResult) -> dict:
     return _finding("Slips settled by reading", text)
 
 
-def gained(result: StudyResult) -> str:
-    """What Bayesian optimisation gained over the evidence maximum, in one sentence."""
+def optimisation_gain(result: StudyResult) -> str:
+    """Sentence on the gain of Bayesian optimisation over the evidence maximum."""
     gains = [
         tuned.score - tuned.evidence_score
-        for by_dof in result.found[result.level].tuned.values()
+        for by_dof in result.identifications[result.level].tuned.values()
         for tuned in by_dof.values()
     ]
-    errors = [tuned.score_se for by_dof in result.found[result.level].tuned.values() for tuned in by_dof.values()]
+    errors = [
+        tuned.score_se for by_dof in result.identifications[result.level].tuned.values() for tuned in by_dof.values()
+    ]
     return (
         f"What the optimisation gained over the evidence maximum: between {min(gains):.4f} and {max(gains):.4f} nats per "
         f"row over degrees of freedom and families, where the standard error over folds is {min(errors):.2f} or more."

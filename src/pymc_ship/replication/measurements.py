@@ -1,4 +1,4 @@
-"""What the replication finds: the cost of discretisation and noise, and the slips of the print, each as a table."""
+"""Tables of the study: errors of discretisation and noise, methods, and misprints of the paper."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def published_prior(vessel: Vessel, family: str, dof: str) -> Prior | None:
     return prior_family(family)(kappa=kappa, shape=shape, scale=1.0 / reciprocal)
 
 
-def prior_rows(vessel: Vessel, found: Identification) -> list[dict]:
+def prior_rows(vessel: Vessel, identification: Identification) -> list[dict]:
     """Table 4: hyperparameters by how they were chosen, each with its cross-validated score and its log evidence.
 
     Parameters
     ----------
     vessel : Vessel
         The published choice is shown where the vessel has published estimates.
-    found : Identification
+    identification : Identification
         Tuned by Bayesian optimisation.
 
     Returns
@@ -74,7 +74,7 @@ def prior_rows(vessel: Vessel, found: Identification) -> list[dict]:
         family, dof, choice, shape, scale, kappa, score and its standard error (per held-out row), log_evidence.
     """
     rows = []
-    for family, by_dof in found.tuned.items():
+    for family, by_dof in identification.tuned.items():
         for dof, tuned in by_dof.items():
             choices = {
                 "best point evaluated": tuned.evaluated_prior,
@@ -83,11 +83,11 @@ def prior_rows(vessel: Vessel, found: Identification) -> list[dict]:
             }
             if (published := published_prior(vessel, family, dof)) is not None:
                 choices["published"] = published
-            validation = cross_validation(found.data[dof])
+            validation = cross_validation(identification.data[dof])
             for choice, prior in choices.items():
                 score = validation.score(prior)
                 values = {name: getattr(prior, name) for name in ("shape", "scale", "kappa")}
-                evidence = prior.exact(found.data[dof]).log_evidence
+                evidence = prior.exact(identification.data[dof]).log_evidence
                 more = {"score": score.mean, "score_se": score.se, "log_evidence": evidence}
                 rows.append({"family": family, "dof": dof, "choice": choice, **values, **more})
     return rows
@@ -136,9 +136,9 @@ def differencing_rows(
     rows = []
     for derivative in derivatives:
         for interval in intervals:
-            found = identify(smooth, vessel, families=("conjugate",), derivative=derivative, interval=interval)
+            identification = identify(smooth, vessel, families=("conjugate",), derivative=derivative, interval=interval)
             label = "every sample" if interval is None else f"{interval:g} s"
-            rows += summary_rows(vessel, found.exact, derivative=derivative, interval=label)
+            rows += summary_rows(vessel, identification.exact, derivative=derivative, interval=label)
     return [row for row in rows if row["dof"] == "all"]
 
 
@@ -155,8 +155,8 @@ def level_rows(
     for level in levels:
         progress(f"noise level {level:.0e}")
         smooth = denoise(pollute(trial, level=level, rng=rng))
-        found = identify(smooth, vessel, families=("conjugate",))
-        rows += summary_rows(vessel, found.exact, level=level)
+        identification = identify(smooth, vessel, families=("conjugate",))
+        rows += summary_rows(vessel, identification.exact, level=level)
     return rows
 
 
@@ -179,7 +179,7 @@ def method_rows(
     bound: np.ndarray,
     noisy: xr.Dataset,
     smooth: xr.Dataset,
-    found: Identification,
+    identification: Identification,
     modes: Mapping[str, TrajectoryMode | None],
     **labels: Any,
 ) -> list[dict]:
@@ -192,7 +192,7 @@ def method_rows(
         Cramer-Rao bound at the noise of the trial.
     noisy, smooth : Dataset, dims (time,)
         The trial in Euler steps of its sampling interval as it was measured, and denoised.
-    found : Identification
+    identification : Identification
         By the paper's pipeline.
     modes : mapping of str to TrajectoryMode or None
         Trajectory fit by prior; None where it failed.
@@ -215,7 +215,7 @@ def method_rows(
     rest = {
         "weak form": (weak_form_estimate(noisy, vessel, method="euler"), "window of 10 s each 4 s"),
         "best differencing": (rivals[best], best),
-        "paper's pipeline": (exact_estimate(found.exact["conjugate"]), "forward difference at 1 s"),
+        "paper's pipeline": (exact_estimate(identification.exact["conjugate"]), "forward difference at 1 s"),
     }
     expected = errors_on_bound(relative_bound(vessel, bound)) | {"coverage": float("nan"), "detail": "unbiased, normal"}
     return [{**labels, "method": BOUND, **expected}] + [
@@ -303,12 +303,12 @@ def _fits(printed: np.ndarray, recomputed: np.ndarray) -> int:
         return int((np.abs(printed - recomputed) <= np.maximum(0.6, 0.1 * recomputed)).sum())
 
 
-def full_conditional_rows(found: Identification, trees: dict[str, xr.DataTree]) -> list[dict]:
+def full_conditional_rows(identification: Identification, trees: dict[str, xr.DataTree]) -> list[dict]:
     """sigma2 of the conjugate family against MCMC draws, with its marginal shape and with that of the paper's Eq. 15.
 
     Parameters
     ----------
-    found : Identification
+    identification : Identification
     trees : dict of str to DataTree
         MCMC draws of the conjugate family by DOF.
 
@@ -321,7 +321,7 @@ def full_conditional_rows(found: Identification, trees: dict[str, xr.DataTree]) 
 
     rows = []
     for dof, tree in trees.items():
-        posterior: Any = found.exact["conjugate"][dof]
+        posterior: Any = identification.exact["conjugate"][dof]
         draws = tree["posterior"].dataset["noise_variance"]
         mean, error = float(draws.mean()), float(mcse(draws.values, method="mean"))
         slip = posterior.scale / (posterior.shape + 0.5 * len(posterior.coefficients) - 1.0)

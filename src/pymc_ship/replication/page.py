@@ -115,7 +115,7 @@ def write_study(result: StudyResult, out: Path, *, progress: Callable[[str], Non
 
 def study_content(result: StudyResult, diagnosed: str) -> Content:
     """What the page shows and, beside it, the diagnostic page as text: a function of the result alone."""
-    exact, trace = result.found[result.level].exact, _trace_figures(result)
+    exact, trace = result.identifications[result.level].exact, _trace_figures(result)
     values = {
         "title": f"{result.vessel.name.capitalize()} ship: coefficients and forecasts from a noisy 20/20 zigzag",
         "subtitle": (
@@ -129,8 +129,8 @@ def study_content(result: StudyResult, diagnosed: str) -> Content:
         "side": result.trial.attrs["side"],
         "signs": _signs(result),
         "level": f"{result.level:g}",
-        "rows": next(iter(result.found[result.level].data.values())).n_rows,
-        "gained": findings.gained(result),
+        "rows": next(iter(result.identifications[result.level].data.values())).n_rows,
+        "gained": findings.optimisation_gain(result),
         "bound_text": bound_chapter.beside_errors(result),
         "dofs": [dof_block(result, dof, exact) for dof in result.vessel.dofs],
         "tables": page_tables(result),
@@ -176,13 +176,13 @@ def _signs(result: StudyResult) -> str:
 
 def _figures(result: StudyResult) -> dict[str, Figure]:
     level = result.level
-    found = result.found[level]
+    identification = result.identifications[level]
     return {
         "denoising": figures.denoising(result.trial, result.noisy[level], result.smooth[level], (100.0, 130.0)),
         "noise_variance": figures.noise_variance(
-            {family: found.exact[family]["surge"] for family in PAPER_FAMILIES}, "surge"
+            {family: identification.exact[family]["surge"] for family in PAPER_FAMILIES}, "surge"
         ),
-        "tuning": figures.tuning(found.tuned["conjugate"]),
+        "tuning": figures.tuning(identification.tuned["conjugate"]),
         "sample_paths": _sample_paths(result),
         "sweep": findings.sweep_figure(result),
         "methods": bound_chapter.figure(result),

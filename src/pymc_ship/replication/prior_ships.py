@@ -1,4 +1,4 @@
-"""The study's own priors, judged by the ships that they hold."""
+"""Ships drawn from the study's priors and posteriors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ POSTERIOR = "posterior"
 
 
 def study_priors(
-    vessel: Vessel, found: Identification, trial: xr.Dataset
+    vessel: Vessel, identification: Identification, trial: xr.Dataset
 ) -> dict[tuple[str, str], CoefficientPrior | Mapping[str, RegressionPrior]]:
     """Priors of all degrees of freedom that the study uses or compares, as :func:`pymc_ship.prior_ships` takes them.
 
@@ -41,7 +41,7 @@ def study_priors(
     ----------
     vessel : Vessel
         The published choice is among them where every DOF has published estimates.
-    found : Identification
+    identification : Identification
         Tuned by Bayesian optimisation.
     trial : Dataset, dims (time,)
         Gives the order-damped prior of the trajectory fits the size of each coefficient.
@@ -52,14 +52,14 @@ def study_priors(
         By family and choice.
     """
     priors: dict[tuple[str, str], CoefficientPrior | Mapping[str, RegressionPrior]] = {}
-    for family, by_dof in found.tuned.items():
+    for family, by_dof in identification.tuned.items():
         choices: dict[str, Mapping[str, Prior | None]] = {
-            "chosen": found.priors[family],
+            "chosen": identification.priors[family],
             "evidence maximum": {dof: tuned.evidence_prior for dof, tuned in by_dof.items()},
             "published": {dof: published_prior(vessel, family, dof) for dof in by_dof},
         }
         for choice, chosen in choices.items():
-            known = {dof: (found.data[dof], prior) for dof, prior in chosen.items() if prior is not None}
+            known = {dof: (identification.data[dof], prior) for dof, prior in chosen.items() if prior is not None}
             if len(known) == len(chosen):
                 priors[family, choice] = known
     priors["trajectory fit", "order-damped, factors 1"] = coefficient_prior([trial], vessel, "order_damped")
@@ -68,7 +68,7 @@ def study_priors(
 
 def prior_ship_rows(
     vessel: Vessel,
-    found: Identification,
+    identification: Identification,
     trial: xr.Dataset,
     rng: Callable[[str, str], np.random.Generator],
     *,
@@ -93,21 +93,21 @@ def prior_ship_rows(
         :func:`pymc_ship.ships.forecasting.prior_ships.index_row`.
     """
     rows = []
-    for (family, choice), prior in study_priors(vessel, found, trial).items():
+    for (family, choice), prior in study_priors(vessel, identification, trial).items():
         generator = rng(family, choice)
-        held = {of: prior_ships(vessel, prior, of, draws=ships, rng=generator) for of in STANDARD}
-        rows += _rows(vessel, held, family, choice)
-    for family in found.exact:
+        ships_by_manoeuvre = {of: prior_ships(vessel, prior, of, draws=ships, rng=generator) for of in STANDARD}
+        rows += _rows(vessel, ships_by_manoeuvre, family, choice)
+    for family in identification.exact:
         generator = rng(family, POSTERIOR)
-        drawn = coefficient_draws(vessel, found.posteriors(family, draws=400, rng=generator), ships, generator)
-        held = {of: simulate_draws(vessel, drawn, of, generator) for of in STANDARD}
-        rows += _rows(vessel, held, family, POSTERIOR)
+        drawn = coefficient_draws(vessel, identification.posteriors(family, draws=400, rng=generator), ships, generator)
+        ships_by_manoeuvre = {of: simulate_draws(vessel, drawn, of, generator) for of in STANDARD}
+        rows += _rows(vessel, ships_by_manoeuvre, family, POSTERIOR)
     return rows
 
 
-def _rows(vessel: Vessel, held: dict, family: str, choice: str) -> list[dict]:
+def _rows(vessel: Vessel, ships_by_manoeuvre: dict, family: str, choice: str) -> list[dict]:
     L, rows = vessel.particulars.L, []
-    for manoeuvre, ships in held.items():
+    for manoeuvre, ships in ships_by_manoeuvre.items():
         index = STANDARD[manoeuvre][0]
         band = index_row(ships, index, L, ci_prob=CI_PROB)
         rows.append({"family": family, "choice": choice, **share_row(ships), "index": index.replace("_", " "), **band})

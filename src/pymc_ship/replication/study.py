@@ -39,13 +39,13 @@ LEVELS = (0.0, 0.001, 0.01, 0.05, LITERAL_LEVEL)
 """Noise levels of the study; the last is the paper's literal one."""
 
 SWEEP = tuple(10.0 ** (0.5 * k) for k in range(-14, -1))
-"""Noise levels between which the published errors are looked for."""
+"""Noise levels of the sweep, in which the published errors are located."""
 
 DURATION, STEP, INTERVAL = 400.0, 0.02, 1.0
 """The paper's record: 400 s in Euler steps of 0.02 s, one row of the regression each second."""
 
 MANOEUVRES = {"zigzag": zigzag(10, 10), "turning_circle": turning_circle(35)}
-"""What is forecast."""
+"""Manoeuvres that are forecast."""
 
 TRAJECTORY_PRIORS = ("flat", "order_damped")
 """Priors of the trajectory fits; the last one forecasts."""
@@ -53,7 +53,7 @@ TRAJECTORY_PRIORS = ("flat", "order_damped")
 
 @dataclass
 class StudyResult:
-    """What the study found; the report draws it and computes nothing.
+    """Results of the study, from which the report is drawn.
 
     ``bound``, dims (coefficient,), is the Cramer-Rao bound of the trial at a noise level of 1, to which it is
     proportional.
@@ -66,7 +66,7 @@ class StudyResult:
     bound: xr.DataArray
     noisy: dict[float, xr.Dataset] = field(default_factory=dict)
     smooth: dict[float, xr.Dataset] = field(default_factory=dict)
-    found: dict[float, Identification] = field(default_factory=dict)
+    identifications: dict[float, Identification] = field(default_factory=dict)
     draws: dict[str, dict[str, dict[str, xr.DataTree]]] = field(default_factory=dict)
     agreement: dict[str, dict[str, xr.Dataset]] = field(default_factory=dict)
     references: dict[str, xr.Dataset] = field(default_factory=dict)
@@ -120,7 +120,7 @@ def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -
     noisy = pollute(result.trial, level=level, rng=generator(result.seed, "noise", level))
     smooth = denoise(noisy)
     optimised = level in (result.level, LITERAL_LEVEL)
-    found = identify(
+    identification = identify(
         smooth,
         result.vessel,
         interval=INTERVAL,
@@ -128,12 +128,12 @@ def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -
         rng=generator(result.seed, "prior", level),
         progress=lambda text: progress(f"noise level {level:.3g}: {text}"),
     )
-    result.noisy[level], result.smooth[level], result.found[level] = noisy, smooth, found
-    summary = summary_rows(result.vessel, found.exact, level=level)
+    result.noisy[level], result.smooth[level], result.identifications[level] = noisy, smooth, identification
+    summary = summary_rows(result.vessel, identification.exact, level=level)
     result.tables.setdefault("errors", []).extend(summary)
     for name, manoeuvre in MANOEUVRES.items():
         progress(f"noise level {level:.3g}: forecast of the {manoeuvre.label}")
-        trees = {family: _forecast(result, found, family, manoeuvre, level) for family in PAPER_FAMILIES}
+        trees = {family: _forecast(result, identification, family, manoeuvre, level) for family in PAPER_FAMILIES}
         truth = indices(result.references[name])
         rows = [
             forecast_row(result.references[name], truth, tree, level=level, family=family)
@@ -145,23 +145,23 @@ def _level(result: StudyResult, level: float, progress: Callable[[str], None]) -
 
 
 def _forecast(
-    result: StudyResult, found: Identification, family: str, manoeuvre: Manoeuvre, level: float
+    result: StudyResult, identification: Identification, family: str, manoeuvre: Manoeuvre, level: float
 ) -> xr.DataTree:
     rng = generator(result.seed, "forecast", level, family, manoeuvre.kind)
-    ship = Ship.from_posterior(result.vessel, found.posteriors(family, draws=400, rng=rng), rng=rng)
+    ship = Ship.from_posterior(result.vessel, identification.posteriors(family, draws=400, rng=rng), rng=rng)
     return forecast(ship, manoeuvre, rng=rng, duration=DURATION, **AS_PUBLISHED)
 
 
 def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
     """Exact, Gibbs and NUTS draws of every DOF and family at the level shown, side by side."""
-    found = result.found[result.level]
+    identification = result.identifications[result.level]
     samplers = {"gibbs": gibbs_posterior, "nuts": nuts_posterior}
     for family in PAPER_FAMILIES:
-        exact = found.posteriors(family, draws=4000, rng=generator(result.seed, "exact", family))
+        exact = identification.posteriors(family, draws=4000, rng=generator(result.seed, "exact", family))
         result.draws[family] = {"exact": exact, **{name: {} for name in samplers}}
         result.agreement[family] = {}
-        for dof, data in found.data.items():
-            prior = found.priors[family][dof]
+        for dof, data in identification.data.items():
+            prior = identification.priors[family][dof]
             trees = {}
             for name, sampler in samplers.items():
                 progress(f"{name}: {dof}, {family}")
@@ -169,7 +169,7 @@ def _cross_check(result: StudyResult, progress: Callable[[str], None]) -> None:
                 # the exact draws carry the log likelihood of the rows; it is large
                 tree = sampler(data, prior, draws=2000, chains=4, rng=rng).drop_nodes("log_likelihood")
                 result.draws[family][name][dof] = trees[name] = tree
-            result.agreement[family][dof] = agreement(found.exact[family][dof], trees)
+            result.agreement[family][dof] = agreement(identification.exact[family][dof], trees)
 
 
 def _denoisers(result: StudyResult, progress: Callable[[str], None]) -> None:
@@ -185,8 +185,8 @@ def _denoisers(result: StudyResult, progress: Callable[[str], None]) -> None:
 
 
 def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable[[str], None]) -> None:
-    """Tables of what the replication found."""
-    vessel, found = result.vessel, result.found[result.level]
+    """Tables that compare with the paper."""
+    vessel, identification = result.vessel, result.identifications[result.level]
     progress("cost of discretisation")
     result.tables["discretisation"] = replication.discretisation_rows(result.trial, vessel, interval=INTERVAL)
     result.tables["differencing"] = replication.differencing_rows(
@@ -195,14 +195,16 @@ def _replication(result: StudyResult, sweep: Sequence[float], progress: Callable
     result.tables["sweep"] = replication.level_rows(
         result.trial, vessel, sweep, rng=generator(result.seed, "sweep"), progress=progress
     )
-    result.tables["priors"] = replication.prior_rows(vessel, found)
+    result.tables["priors"] = replication.prior_rows(vessel, identification)
     progress("ships of the priors")
     result.tables["prior_ships"] = prior_ship_rows(
-        vessel, found, result.noisy[result.level], lambda *words: generator(result.seed, "prior ships", *words)
+        vessel, identification, result.noisy[result.level], lambda *words: generator(result.seed, "prior ships", *words)
     )
     result.tables["published"] = published_rows(vessel, PAPER_FAMILIES)
     result.tables["printed_errors"] = replication.printed_error_rows(vessel, PAPER_FAMILIES)
-    result.tables["full_conditional"] = replication.full_conditional_rows(found, result.draws["conjugate"]["nuts"])
+    result.tables["full_conditional"] = replication.full_conditional_rows(
+        identification, result.draws["conjugate"]["nuts"]
+    )
 
 
 def _from_the_bound(result: StudyResult, progress: Callable[[str], None]) -> None:
@@ -215,7 +217,7 @@ def _from_the_bound(result: StudyResult, progress: Callable[[str], None]) -> Non
         noisy = result.noisy[level]
         modes = trajectory_modes(noisy, vessel, TRAJECTORY_PRIORS, method="euler")  # as the trial was made
         tables["methods"] += replication.method_rows(
-            vessel, level * bound, noisy, result.smooth[level], result.found[level], modes, level=level
+            vessel, level * bound, noisy, result.smooth[level], result.identifications[level], modes, level=level
         )
         if (mode := modes[TRAJECTORY_PRIORS[-1]]) is not None:
             _trajectory_forecasts(result, level, mode, progress)

@@ -44,7 +44,7 @@ def dof_block(result: StudyResult, dof: str, exact: Mapping) -> dict:
 
 def csv_tables(result: StudyResult) -> dict[str, list[dict]]:
     """Every table of the study as rows, by the name of its file."""
-    exact = result.found[result.level].exact
+    exact = result.identifications[result.level].exact
     coefficients = [{"dof": dof, **row} for dof in result.vessel.dofs for row in _coefficient_rows(result, dof, exact)]
     own = {"coefficients": coefficients, "agreement": _agreement_rows(result)}
     tables = own | {"denoising": _denoising_rows(result), "data": _data_rows(result)} | result.tables
@@ -166,9 +166,9 @@ def _index_table(result: StudyResult) -> Table:
     runs = {"zigzag 20/20": result.trial} | {MANOEUVRES[name].label: run for name, run in result.references.items()}
     L = result.vessel.particulars.L
     for label, run in runs.items():
-        found = indices(run)
-        limits = {row["criterion"].replace(" ", "_"): row for row in imo_criteria(found, result.vessel)}
-        for name, value in found.data_vars.items():
+        run_indices = indices(run)
+        limits = {row["criterion"].replace(" ", "_"): row for row in imo_criteria(run_indices, result.vessel)}
+        for name, value in run_indices.data_vars.items():
             if not np.isfinite(value):
                 continue
             unit = value.attrs["units"]
@@ -204,7 +204,7 @@ def _denoising_rows(result: StudyResult) -> list[dict]:
 
 def _data_rows(result: StudyResult) -> list[dict]:
     rows = []
-    for dof, data in result.found[result.level].data.items():
+    for dof, data in result.identifications[result.level].data.items():
         inflation = data.variance_inflation_factors
         rows.append(
             {
