@@ -88,7 +88,7 @@ test_trial_errors = wording(
             ("time,u\n0,1\n1,2,3\n", r"line 3: the header has 2 columns, found 3"),
             ("time,u\n0,1\n1\n2,3\n", r"line 3: the header has 2 columns, found 1"),
             ("time,u\n0,1\n1\n", r"at least two rows, found 1 complete"),
-            ("time,u,heel\n0,1,2\n1,2,3\n", r"column 'heel': its unit is not stated; call it 'heel \[deg\]' or"),
+            ("time,u,heel\n0,1,2\n1,2,3\n", r"column 'heel': its unit is not stated; state it, such as 'heel \[deg\]'"),
             ("u,v\n0,1\n1,2\n", r"found 'u, v' without time"),
             ("time,u,u\n0,1,1\n1,2,2\n", r"u is to be read from one column, found 'u', 'u'"),
             ("time|u\n0|1\n1|2\n", r"found 'time\|u' without time"),

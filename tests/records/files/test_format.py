@@ -86,7 +86,7 @@ class TestFrame:
         trial = read(table, {"columns": wanted, "frame": {"wind": "relative"}})
         np.testing.assert_allclose(trial["wind_speed"], 7.0, rtol=1e-6)
         np.testing.assert_allclose(trial["wind_direction"], np.deg2rad(60.0), rtol=1e-6)
-        assert "The true wind found from the relative one, u, v and psi." in trial.attrs["reading"]
+        assert "True wind calculated from relative wind, u, v and psi." in trial.attrs["reading"]
 
     def test_senses_of_heading_and_rudder(self, run, read):
         table = columns(run)

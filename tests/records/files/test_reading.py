@@ -100,7 +100,7 @@ class TestMissingCells:
         said = trial.attrs["reading"].splitlines()
         assert said[0] == "v: 30 cells missing in longer runs or at an end, their rows left out."
         assert said[1].startswith(
-            "1 gap of more than 2 s, the longest from 9.9 to 13 s: the longest piece kept, 270 of"
+            "1 gap of more than 2 s, the longest from 9.9 to 13 s: the longest piece is used, 270 of"
         )
         assert_same(trial, run.isel(time=slice(130, None)))
 

@@ -76,7 +76,7 @@ class TestRoundedStamps:
         time, _, (said,) = regularised(np.round(true, decimals), signal(true))
         assert np.diff(time).mean() == pytest.approx(STEP, rel=1e-3)
         np.testing.assert_allclose(time, true, atol=0.5 * 10.0**-decimals)
-        assert "as rounding makes them" in said
+        assert "probably rounded by the logger" in said
 
     def test_a_clock_that_ticks_more_slowly_than_the_samples(self):
         true = np.arange(2000) * 0.01
@@ -117,7 +117,7 @@ class TestGaps:
         np.testing.assert_array_equal(time, every[kept])
         assert len(notes) == 1
         assert f"1 gap of more than 2 s, the longest from {every[begin - 1]:g} to {every[begin + 40]:g} s" in notes[0]
-        assert f"the longest piece kept, {time.size} of 960 rows" in notes[0]
+        assert f"the longest piece is used, {time.size} of 960 rows" in notes[0]
 
     def test_rows_without_a_time_are_gaps(self):
         time = np.arange(200) * 0.5
@@ -171,7 +171,7 @@ class TestOrder:
         assert set(kept["u"]) == {1.0 if first == 500 else 2.0}
         assert len(notes) == 1
         assert (
-            f"Time goes back 1 time, the first at t = {(first - 1) * 0.1:g} s: the longest run kept, 500 of 800"
+            f"Time goes back 1 time, the first at t = {(first - 1) * 0.1:g} s: the longest run is used, 500 of 800"
             in notes[0]
         )
 

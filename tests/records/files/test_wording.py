@@ -46,7 +46,7 @@ test_trial_errors = wording(
     ps.TrialError,
     *(
         (
-            rf"run.csv, column '{heading}': its unit is not stated; call it '{heading} \[",
+            rf"run.csv, column '{heading}': its unit is not stated; state it, such as '{heading} \[",
             lambda heading=heading: matched("phi", heading),
         )
         for heading in ["heading", "Rudder", "yaw rate", "surge", "Northing", "propeller"]
@@ -66,7 +66,7 @@ test_trial_errors = wording(
         for headings in [["u", "v"], ["time"], ["time", "engine"], ["time|u|v"]]
     ),
     (
-        r"reads v from a column 'sway' that stands there once, found 0 among time, u",
+        r"reads v from one column 'sway', found 0 of this name among time, u",
         lambda run, read: read(written(columns(run)), format={"columns": {"v": "sway"}}),
     ),
     *(

@@ -1,6 +1,6 @@
 """Linearisation of the equations of motion: derivatives of the rates by states, coefficients and parameters.
 
-Those of terms are products of tangents along a change of one state; those of parts are swept from their program.
+Terms by forward differentiation along each state, parts by reverse differentiation of their program.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ def linearise(instants: Instants, coefficients: np.ndarray, scheme: Scheme, work
 
 @njit(**PART)
 def _take_parts_off(instants: Instants, scheme: Scheme, work: Work) -> None:
-    """Leave in the rates what the terms make of them: they alone grow with the square of the speed."""
+    """Subtract the accelerations by parts from the rates, so that those by terms remain."""
     for k in range(scheme.program.results.size):
         result, scale = scheme.program.results[k], part_scale(scheme, k)
         for lane in range(instants.state.shape[1]):
@@ -217,7 +217,7 @@ def _add_parts(instants: Instants, scheme: Scheme, work: Work, tangent: Work) ->
 
 @njit(**KERNEL)
 def forcing_gain(scheme: Scheme, n_columns: int) -> np.ndarray:
-    """Accelerations at unit speed by the prime force each column stands for, (4, n_columns)."""
+    """Accelerations at unit speed by a unit prime force of each column, (4, n_columns)."""
     gain = np.zeros((4, n_columns))
     for j in range(scheme.dof.size):
         for k in range(4):
@@ -229,7 +229,7 @@ def forcing_gain(scheme: Scheme, n_columns: int) -> np.ndarray:
 
 @njit(**KERNEL, forceinline=True)
 def instants_of(n_states: int, scheme: Scheme, gain: np.ndarray) -> Instants:
-    """Instants of a ship that sails straight ahead, which stand for those that no step has reached."""
+    """Instants on a straight course, as defaults for those not yet integrated."""
     state = np.zeros((STATE_ROWS, INSTANTS))
     state[0] = scheme.hull.nominal_speed
     inputs, rate = np.zeros((N_INPUTS, INSTANTS)), np.empty((STATE_ROWS, INSTANTS))

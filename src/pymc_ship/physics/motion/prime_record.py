@@ -1,4 +1,4 @@
-"""The motion of a record as the force terms take it: prime quantities at every instant."""
+"""Prime quantities of a record at every instant."""
 
 from __future__ import annotations
 

@@ -1,10 +1,7 @@
-"""Forward sensitivities: how the simulated motion changes with every coefficient and with the initial state.
+"""Forward sensitivities: derivatives of the simulated motion by coefficients and initial state.
 
-The states obey x' = f(x, delta; theta) with f linear in theta, so S = dx/d(theta, x_0) obeys S' = f_x S + f_theta. The
-integrator is applied to both together, which makes S the exact derivative of the simulated record. f itself comes from
-:mod:`pymc_ship.physics.motion.equations` and :mod:`pymc_ship.physics.forces.terms`; here are only the derivatives of
-its parts along a change of one state. A stretch of the motion comes first, then f_x and f_theta at all its instants,
-then S along it.
+The states obey x' = f(x, delta; theta), so S = dx/d(theta, x_0) obeys S' = f_x S + f_theta. One integrator for both
+makes S the exact derivative of the simulated record.
 """
 
 from __future__ import annotations
@@ -42,7 +39,7 @@ class Record(NamedTuple):
 
 
 class Tangents(NamedTuple):
-    """Sensitivities ``S`` (n_states, n_columns) and what one step of them needs; ``block`` sums them over a block."""
+    """Sensitivities ``S`` (n_states, n_columns), work arrays of one step, and the sum over a ``block``."""
 
     S: np.ndarray
     begin: np.ndarray
@@ -55,7 +52,7 @@ class Tangents(NamedTuple):
 def _march(
     ship: Lanes, coefficients: np.ndarray, scheme: Scheme, record: Record, steps: tuple[int, int], instants: Instants
 ) -> bool:
-    """Integrate some steps, noting state and rudder at each evaluation; False when the ship diverged."""
+    """Integrate some steps and record state and inputs at each evaluation; False if the ship diverges."""
     inputs, substeps, stages = record.inputs, record.integration.substeps, record.integration.stages
     instant = 0
     for k in range(steps[0], steps[1]):
@@ -101,9 +98,9 @@ def _sensitivity_rate(S: np.ndarray, instants: Instants, instant: int, rate: np.
             for j in range(n_columns):
                 rate[k, j] += instants.by_parts[k, instant, j]
             if S.shape[0] > 5:
-                turned = f_x[k, 5, instant]
+                by_heading = f_x[k, 5, instant]
                 for j in range(n_columns):
-                    rate[k, j] += turned * S[5, j]
+                    rate[k, j] += by_heading * S[5, j]
     for j in range(n_columns):
         rate[4, j] = S[3, j]
     if S.shape[0] > 5:
@@ -212,7 +209,7 @@ def sensitivities(
     Returns
     -------
     motion : ndarray, shape (n_states, n_blocks)
-        Block means of the states, SI units and rad; NaN where the ship left the model's range.
+        Block means of the states, SI units and rad; NaN if the ship diverges.
     jacobian : ndarray, shape (n_states, n_blocks, n_coefficients + n_states)
         Derivatives of ``motion``, columns first by the coefficients, then by the initial state.
 

@@ -1,4 +1,4 @@
-"""Columns of a trial file: which channel a heading names, in which unit, and the factor to SI."""
+"""Columns of a trial file: channel, unit and factor to SI of each heading."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pymc_ship.trial.channels import CHANNELS, TIME, Channel, file_columns
 from pymc_ship.trial.units import RADIAN, spelling
 
 _OTHER_UNITS = frozenset(("kw", "mw", "degc", "pa", "kpa", "bar", "%", "kg", "m/s2", "deg/s2", "rad/s2", "g", "volt"))
-"""Units of quantities that are none of a trial's channels: power P, temperature T, ..."""
+"""Units of quantities that are not channels of a trial, such as power P or temperature T."""
 
 
 @dataclass(frozen=True)
@@ -41,21 +41,21 @@ def is_unit(text: str) -> bool:
     return known or spelling(text) in _OTHER_UNITS
 
 
-def _named(heading: str) -> list[Channel]:
-    """Channels that a heading in small letters and without its unit may name."""
+def _channels_named(heading: str) -> list[Channel]:
+    """Channels that a lower-case heading without unit may name."""
     return [one for one in file_columns().values() if heading == _plain(one.name) or heading in one.headings]
 
 
 def _name_and_unit(heading: str) -> tuple[str, str | None]:
-    """Name in small letters with single spaces, and the unit the heading states: ``u [m/s]``, ``r_deg/s``, ``U kn``."""
+    """Lower-case name and unit of a heading such as ``u [m/s]``, ``r_deg/s``, ``U kn``."""
     bracketed = re.fullmatch(r"(.*?)\s*[\[({]([^\])}]*)[\])}]\s*", heading)
     if bracketed:
         return _plain(bracketed[1]), bracketed[2].strip() or None
-    if _named(_plain(heading)):
+    if _channels_named(_plain(heading)):
         return _plain(heading), None
-    for place in re.finditer(r"[_\s,/]+", heading):
-        name, unit = _plain(heading[: place.start()]), heading[place.end() :]
-        if _named(name) and is_unit(unit):
+    for separator in re.finditer(r"[_\s,/]+", heading):
+        name, unit = _plain(heading[: separator.start()]), heading[separator.end() :]
+        if _channels_named(name) and is_unit(unit):
             return name, unit
     return _plain(heading), None
 
@@ -78,71 +78,79 @@ def matched_columns(
     headings : sequence of str
         Header of the file.
     units : sequence of str
-        Row of units below it; empty texts where there is none.
+        Row of units below it; empty texts without one.
     chosen : mapping
-        Channel -> ``{"column": ..., "unit": ..., "sign": ..., "offset": ...}``, before what the headings say.
+        Channel -> ``{"column": ..., "unit": ..., "sign": ..., "offset": ...}``, with priority over the headings.
     where : str
         Name of the file, for errors.
     unstated : mapping of str, optional
-        Unit of a channel where none is stated and it is not the SI unit.
+        Unit of a channel without a stated unit, if not the SI unit.
 
     Returns
     -------
     dict of Column, list of str
-        Columns by channel, time first; sentences on headings that had to be interpreted or are left out.
+        Columns by channel, time first; sentences on interpreted and unused headings.
 
     Raises
     ------
     TrialError
         For a column that is missing, ambiguous or without a unit that can be read.
     """
-    found = {}
+    matched = {}
     for channel, choice in chosen.items():
-        found[channel] = _chosen_column(file_columns()[channel], choice, headings, units, unstated.get(channel), where)
-    left_out, offers = _offers(headings, units, found, where, unstated)
-    for channel, columns in offers.items():
-        found[channel] = _one_of(channel, columns, where)
-        left_out += [column.heading for column in columns if column is not found[channel]]
-    if "time" not in found or len(found) < 2:
-        lacking = "time" if "time" not in found else f"any of {', '.join(CHANNELS)}"
+        matched[channel] = _chosen_column(
+            file_columns()[channel], choice, headings, units, unstated.get(channel), where
+        )
+    left_out, candidates_by_channel = _candidates(headings, units, matched, where, unstated)
+    for channel, columns in candidates_by_channel.items():
+        matched[channel] = _single_column(channel, columns, where)
+        left_out += [column.heading for column in columns if column is not matched[channel]]
+    if "time" not in matched or len(matched) < 2:
+        lacking = "time" if "time" not in matched else f"any of {', '.join(CHANNELS)}"
         raise TrialError(
             f"{where}: columns are time and any of {', '.join(CHANNELS)}, found {', '.join(headings)!r} without "
             f"{lacking}; rename one or name it in a format file."
         )
-    ordered = {name: found[name] for name in file_columns() if name in found}
-    return ordered, _interpreted(ordered, left_out)
+    ordered = {name: matched[name] for name in file_columns() if name in matched}
+    return ordered, _reading_notes(ordered, left_out)
 
 
-def _offers(
-    headings: Sequence[str], units: Sequence[str], found: Mapping[str, Column], where: str, unstated: Mapping[str, str]
+def _candidates(
+    headings: Sequence[str],
+    units: Sequence[str],
+    matched: Mapping[str, Column],
+    where: str,
+    unstated: Mapping[str, str],
 ) -> tuple[list[str], dict[str, list[Column]]]:
-    """Headings of no use, and the columns that offer each channel that is not found yet.
+    """Unused headings, and the candidate columns of channels that the format does not name.
 
-    A column whose unit cannot be told is an error where no other has its channel.
+    A column without a readable unit is an error if it is the only one of its channel.
     """
-    taken = {column.index for column in found.values()}
+    taken = {column.index for column in matched.values()}
     left_out: list[str] = []
-    offers: dict[str, list[Column]] = {}
+    candidates_by_channel: dict[str, list[Column]] = {}
     errors: dict[str, TrialError] = {}
     for index, heading in enumerate(headings):
         if index in taken or not heading:
             continue
         column = None
         try:
-            column = _recognised(index, heading, units[index], where, unstated)
+            column = _column_of_heading(index, heading, units[index], where, unstated)
         except TrialError as error:
             errors[heading] = error
-        if column and column.channel not in found:
-            offers.setdefault(column.channel, []).append(column)
+        if column and column.channel not in matched:
+            candidates_by_channel.setdefault(column.channel, []).append(column)
         else:
             left_out.append(heading)
     for heading, unreadable in errors.items():
-        if {*found, *offers}.isdisjoint(one.name for one in _named(_name_and_unit(heading)[0])):
+        if {*matched, *candidates_by_channel}.isdisjoint(
+            one.name for one in _channels_named(_name_and_unit(heading)[0])
+        ):
             raise unreadable
-    return left_out, offers
+    return left_out, candidates_by_channel
 
 
-def _interpreted(columns: Mapping[str, Column], left_out: list[str]) -> list[str]:
+def _reading_notes(columns: Mapping[str, Column], left_out: list[str]) -> list[str]:
     read = [
         f"{c.channel} from {c.heading!r} in {c.unit}"
         for c in columns.values()
@@ -152,7 +160,7 @@ def _interpreted(columns: Mapping[str, Column], left_out: list[str]) -> list[str
     return [*notes, f"Columns left out: {', '.join(left_out)}."] if left_out else notes
 
 
-def _one_of(channel: str, columns: list[Column], where: str) -> Column:
+def _single_column(channel: str, columns: list[Column], where: str) -> Column:
     exact = [column for column in columns if column.heading == channel]
     candidates = exact or columns
     if len(candidates) > 1:
@@ -163,10 +171,12 @@ def _one_of(channel: str, columns: list[Column], where: str) -> Column:
     return candidates[0]
 
 
-def _recognised(index: int, heading: str, unit_below: str, where: str, unstated: Mapping[str, str]) -> Column | None:
-    """Column that a heading names; None for one of another quantity."""
+def _column_of_heading(
+    index: int, heading: str, unit_below: str, where: str, unstated: Mapping[str, str]
+) -> Column | None:
+    """Column of a heading; None for another quantity."""
     name, stated = _name_and_unit(heading)
-    channels = _named(name)
+    channels = _channels_named(name)
     if not channels:
         return None
     unit = stated or unit_below or (name if channels[0].unit.factor(name) else None)
@@ -183,7 +193,7 @@ def _recognised(index: int, heading: str, unit_below: str, where: str, unstated:
 def _without_unit(
     index: int, heading: str, channels: Sequence[Channel], where: str, unstated: Mapping[str, str]
 ) -> Column:
-    """Column whose unit nothing states: the one the format implies, or the SI unit of a channel called by its name."""
+    """Column without a stated unit: the unit of the format, or SI if the heading is the name of the channel."""
     channel = next((one for one in channels if one.name in unstated), channels[0])
     unit = unstated.get(channel.name, channel.unit.name)
     factor = channel.unit.factor(unit)
@@ -191,8 +201,8 @@ def _without_unit(
     if factor is None or not (by_name or channel.name in unstated):
         last = channels[-1].unit
         raise TrialError(
-            f"{where}, column {heading!r}: its unit is not stated; call it "
-            f"'{heading} [{'deg' if last is RADIAN else last.name}]' or as it is."
+            f"{where}, column {heading!r}: its unit is not stated; state it, such as "
+            f"'{heading} [{'deg' if last is RADIAN else last.name}]'."
         )
     return Column(channel=channel.name, index=index, heading=heading, unit=unit, factor=factor)
 
@@ -211,16 +221,16 @@ def _chosen_column(
     where: str,
 ) -> Column:
     wanted = choice["column"].strip()
-    found = [index for index, heading in enumerate(headings) if heading == wanted]
-    if len(found) != 1:
+    matched = [index for index, heading in enumerate(headings) if heading == wanted]
+    if len(matched) != 1:
         raise TrialError(
-            f"{where}: the format reads {channel.name} from a column {wanted!r} that stands there once, found "
-            f"{len(found)} among {', '.join(headings)}; correct the format."
+            f"{where}: the format reads {channel.name} from one column {wanted!r}, found "
+            f"{len(matched)} of this name among {', '.join(headings)}; correct the format."
         )
-    stated = choice.get("unit") or _name_and_unit(wanted)[1] or units[found[0]]
+    stated = choice.get("unit") or _name_and_unit(wanted)[1] or units[matched[0]]
     unit = stated or unstated or channel.unit.name
     factor = channel.unit.factor(unit)
     if factor is None:
         raise TrialError(_unknown_unit(where, wanted, channel, unit))
     signs = {key: choice[key] for key in ("sign", "offset") if key in choice}
-    return Column(channel=channel.name, index=found[0], heading=wanted, unit=unit, factor=factor, **signs)
+    return Column(channel=channel.name, index=matched[0], heading=wanted, unit=unit, factor=factor, **signs)

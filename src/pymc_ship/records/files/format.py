@@ -29,35 +29,35 @@ _FRAME = {
 
 @dataclass(frozen=True)
 class TrialFormat:
-    """How a trial file is to be read; the default is a file in the package's own units and signs.
+    """Format of a trial file; the default has the units and signs of the package.
 
     Attributes
     ----------
     columns : dict
-        Channel -> ``{"column", "unit", "sign", "offset"}``; the headings say the rest.
+        Channel -> ``{"column", "unit", "sign", "offset"}``; other columns are recognised by their headings.
     velocities : {"body", "earth"}
-        Whether u and v are along the ship or along the axes of x and y.
+        Axes of u and v: those of the ship, or of x and y.
     reference : float
-        Point whose velocity u and v are, forward of the origin [m].
+        Point of u and v, forward of the origin [m].
     heading : {"clockwise", "counterclockwise", "compass"}
-        Positive sense of psi; a compass heading is clockwise and in deg where nothing else is stated.
+        Positive sense of psi; a compass heading is clockwise, and in deg unless stated.
     rudder_positive : {"port", "starboard"}
         Side to which a positive rudder angle turns the ship.
     speeds : {"through water", "over ground"}
-        What u and v are measured against; it matters where the water moves.
+        Reference of u and v; it matters in a current.
     wind : {"true", "relative"}
-        Whether wind_speed and wind_direction are of the true wind, or as an anemometer on board reads them: the
-        direction from the bow, and with the wind of the ship's own motion.
+        Whether wind_speed and wind_direction are true, or relative as of an anemometer on board, with the direction
+        from the bow.
     forces : {"L2", "Ld"}
         Area over which the forces of captive tests are prime: L^2 or L d; moments by L more.
     froude : float
-        Length of the ship over that of the model.
+        Scale: length of the ship over that of the model.
     delimiter : str or None
         One of :data:`DELIMITERS`; found from the header by default.
     skip_rows : int
         Lines before the header.
     facility : str
-        Name of the basin or ship whose steering gear and sensors the file is of; empty where there is one alone.
+        Name of the basin or ship with its own steering gear and sensors; empty for a single one.
     """
 
     columns: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -75,7 +75,7 @@ class TrialFormat:
 
     @property
     def unstated_units(self) -> dict[str, str]:
-        """Units of channels where neither heading nor format states one and it is not the SI unit."""
+        """Default units of channels that are not the SI unit."""
         return {"psi": "deg"} if self.heading == "compass" else {}
 
 
@@ -122,7 +122,7 @@ def _format(file: Entry) -> TrialFormat:
 
 
 def _column(entry: Entry, channel: str) -> dict[str, Any]:
-    """How a channel is read: ``column``, ``sign``, ``offset`` and perhaps ``unit``."""
+    """Entry of a channel: ``column``, ``sign``, ``offset`` and optionally ``unit``."""
     if not isinstance(entry.value, Mapping):
         entry = replace(entry, value={"column": entry.value})
     entry.check_keys(("column", "unit", "sign", "offset"))
@@ -139,7 +139,7 @@ def _column(entry: Entry, channel: str) -> dict[str, Any]:
 
 
 def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Channels with psi clockwise and without jumps of a full turn, a positive delta to port; sentences on it."""
+    """Channels with psi clockwise and continuous, delta positive to port; sentences on the changes."""
     signed, notes = dict(channels), []
     if layout.heading == "counterclockwise" and "psi" in signed:
         signed["psi"] = -signed["psi"]
@@ -154,26 +154,26 @@ def with_signs(channels: dict[str, np.ndarray], layout: TrialFormat) -> tuple[di
 
 
 def _without_jumps(psi: np.ndarray) -> tuple[np.ndarray, int]:
-    """Heading that runs through, where it is given within one turn, and the number of jumps taken out."""
+    """Continuous heading and the number of jumps removed, for a heading within one turn."""
     known = np.isfinite(psi)
     inside = psi[known]
     jumps = int((np.abs(np.diff(inside)) > 1.5 * np.pi).sum())
     if not jumps or np.ptp(inside) > 2.0 * np.pi * 1.001:
         return psi, 0
-    through = psi.copy()
-    through[known] = np.unwrap(inside, discont=1.5 * np.pi)
-    return through, jumps
+    continuous = psi.copy()
+    continuous[known] = np.unwrap(inside, discont=1.5 * np.pi)
+    return continuous, jumps
 
 
 def at_origin(
     channels: dict[str, np.ndarray], layout: TrialFormat, where: str
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Channels with u and v along the ship and at the origin; sentences on what was done.
+    """Channels with u and v in ship axes at the origin; sentences on the changes.
 
     Raises
     ------
     TrialError
-        When a channel that this needs is missing.
+        For a missing channel.
     """
     moved, notes = dict(channels), []
     if layout.velocities == "earth":
@@ -192,30 +192,33 @@ def at_origin(
 def with_true_wind(
     channels: dict[str, np.ndarray], layout: TrialFormat, where: str
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Channels with the speed of the true wind and the direction it comes from, clockwise from north; a sentence on it.
+    """Channels with true wind speed and direction, from which it blows, clockwise from north; a sentence on it.
 
     Raises
     ------
     TrialError
-        When a relative wind lacks one of its channels, or u, v or psi.
+        For a relative wind without one of its channels, u, v or psi.
     """
     if layout.wind == "true":
         return channels, []
     _check_channels(channels, ("wind_speed", "wind_direction", "u", "v", "psi"), "wind = 'relative'", where)
     flow = true_air(*(channels[name] for name in ("wind_speed", "wind_direction", "u", "v", "psi")))
     moved = channels | {"wind_speed": np.abs(flow), "wind_direction": np.angle(-flow) % (2.0 * np.pi)}
-    return moved, ["The true wind found from the relative one, u, v and psi."]
+    return moved, ["True wind calculated from relative wind, u, v and psi."]
 
 
 def true_air(speed: np.ndarray, bow: np.ndarray, u: np.ndarray, v: np.ndarray, psi: np.ndarray) -> np.ndarray:
-    """Velocity of the air to north + i east, from a relative wind and the direction from the bow that it comes from."""
+    """Velocity of the air, north + i east, from relative wind speed and direction from the bow."""
     return (u + 1j * v - speed * np.exp(1j * bow)) * np.exp(1j * psi)
 
 
 def _check_channels(channels: dict[str, Any], needed: tuple[str, ...], setting: str, where: str) -> None:
     missing = [name for name in needed if name not in channels]
     if missing:
-        raise TrialError(f"{where}: {setting} needs the channels {', '.join(needed)}; {', '.join(missing)} missing.")
+        raise TrialError(
+            f"{where}: {setting} needs the channels {', '.join(needed)}; {', '.join(missing)} missing; "
+            "add them or change the format."
+        )
 
 
 def full_scale(

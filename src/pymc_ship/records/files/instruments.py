@@ -1,4 +1,4 @@
-"""Instruments as they read a motion: noise, resolution, missing samples and a clock that jitters; presets by type."""
+"""Instruments: noise, resolution, missing samples and jitter of the clock; presets by type."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Noise(Protocol):
 
 @dataclass(frozen=True)
 class Instrument:
-    """What one instrument makes of the channels that it measures; channels that a trial does not have are left out.
+    """Readings of one instrument; channels that a trial lacks are ignored.
 
-    A sample is the clean channel at the instant at which the clock really took it, plus white noise, rounded to the
-    resolution. Its time stamp is the nominal one. Missing samples come in runs of geometric length and are NaN in all
+    A reading is the clean channel at the true instant of the clock, plus white noise, rounded to the resolution; its
+    time stamp is nominal. Missing samples come in runs of geometric length and are NaN in all
     channels of the instrument.
 
     Attributes
@@ -91,13 +91,13 @@ class Instrument:
         check_trial(clean, names, uniform=False)
         read, time = clean.copy(), clean["time"].values
         instants = time + self.jitter * rng.standard_normal(time.size)
-        gone = _missing(time.size, self.missing, self.run, rng)
+        missing = _missing(time.size, self.missing, self.run, rng)
         for name in names:
             values = _at(instants, time, clean[name].values) if self.jitter else clean[name].values
             values = values + self.sd[name] * rng.standard_normal(time.size)
             if step := self.resolution.get(name, 0.0):
                 values = step * np.round(values / step)
-            read[name] = ("time", np.where(gone, np.nan, values), clean[name].attrs)
+            read[name] = ("time", np.where(missing, np.nan, values), clean[name].attrs)
             read.attrs[f"noise_sd_{name}"] = float(self.sd[name])
         return read
 
@@ -128,8 +128,10 @@ INSTRUMENTS = {
 """
 
 
-def measured(clean: xr.Dataset, noise: str | Noise | Sequence[str | Noise], rng: np.random.Generator) -> xr.Dataset:
-    """Trial as kinds of noise leave it: names of :data:`INSTRUMENTS`, or functions of a trial and a generator.
+def simulate_readings(
+    clean: xr.Dataset, noise: str | Noise | Sequence[str | Noise], rng: np.random.Generator
+) -> xr.Dataset:
+    """Trial with noise: by names of :data:`INSTRUMENTS`, or functions of a trial and a generator.
 
     Raises
     ------
@@ -164,15 +166,15 @@ def _at(instants: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarra
     return CubicSpline(time, values)(instants)
 
 
-def _missing(n_time: int, share: float, run: float, rng: np.random.Generator) -> np.ndarray:
-    """Samples that are missing: a two-state chain with the share and the mean length of its runs."""
-    gone = np.zeros(n_time, dtype=bool)
-    if not share:
-        return gone
-    begins, ends = share / (run * (1.0 - share)), 1.0 / run
+def _missing(n_time: int, fraction: float, run: float, rng: np.random.Generator) -> np.ndarray:
+    """Mask of missing samples, from a two-state Markov chain."""
+    missing = np.zeros(n_time, dtype=bool)
+    if not fraction:
+        return missing
+    begins, ends = fraction / (run * (1.0 - fraction)), 1.0 / run
     draws = rng.random(n_time + 1)
-    state = bool(draws[-1] < share)
+    state = bool(draws[-1] < fraction)
     for k in range(n_time):
-        gone[k] = state
+        missing[k] = state
         state = bool(draws[k] >= ends) if state else bool(draws[k] < begins)
-    return gone
+    return missing

@@ -9,7 +9,7 @@ import xarray as xr
 
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
-from pymc_ship.records.files.instruments import Noise, measured
+from pymc_ship.records.files.instruments import Noise, simulate_readings
 from pymc_ship.trial.channels import CHANNELS, SIMULATED, default_channels
 from pymc_ship.trial.record import as_trial, check_trial
 
@@ -128,7 +128,7 @@ def pollute(
     """
     rng, trial = random_generator(rng), as_trial(trial)
     if noise is not None and level is None and factors is None:
-        return measured(trial, noise, rng)
+        return simulate_readings(trial, noise, rng)
     if noise is not None or level is None:
         raise TrialError("A trial is polluted by a level (with factors) or by kinds of noise; give one of the two.")
     size, known = noise_sd(level), noise_factors()

@@ -26,15 +26,15 @@ from pymc_ship.trial.record import OVER_GROUND
 _COMMENTS = ("#", "%")
 _MISSING = frozenset(("", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none"))
 _LARGEST = 1e30
-"""Numbers from here up, and infinity, stand for missing cells; one over it and less is zero, in any unit of a ship."""
+"""Numbers from here up count as missing, numbers below its inverse as zero."""
 
 
 def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read a trial from a text file, plain or gzip.
 
-    Columns are told by their headings: the names of this package's channels, in SI units where none is stated
-    (``u``, ``psi [deg]``, ``n_rpm``), or words such as ``Heading (deg)``; a format says what they do not. What is not
-    uniform or missing is mended where the gap is short, and told.
+    Columns are recognised by their headings: names of channels, in SI units unless stated (``u``, ``psi [deg]``,
+    ``n_rpm``), or words such as ``Heading (deg)``; a format states the rest. Uneven time and short gaps are
+    interpolated, and reported.
 
     Parameters
     ----------
@@ -46,8 +46,7 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     Returns
     -------
     Dataset, dims (time,)
-        Finite channels over uniform time. ``attrs["reading"]`` has a line for each thing that was interpreted or
-        changed, and is empty where the file was taken as it is.
+        Finite channels over uniform time. ``attrs["reading"]`` has a line for each interpretation or change.
 
     Raises
     ------
@@ -74,12 +73,12 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     time, quantum = columns["time"].si(cells["time"]), columns["time"].factor * rounding(cells["time"])
     channels = {name: column.si(cells[name]) for name, column in columns.items() if name != "time"}
     channels, said = with_signs(channels, layout)
-    time, channels, more = regular(time, quantum, channels, str(path))
-    channels, moved = at_origin(channels, layout, str(path))
-    channels, calmed = with_true_wind(channels, layout, str(path))
+    time, channels, time_notes = regular(time, quantum, channels, str(path))
+    channels, origin_notes = at_origin(channels, layout, str(path))
+    channels, wind_notes = with_true_wind(channels, layout, str(path))
     time, channels, scaled = full_scale(time, channels, layout.froude)
     variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in channels.items()}
-    attrs = {"reading": "\n".join([*notes, *said, *more, *moved, *calmed, *scaled])}
+    attrs = {"reading": "\n".join([*notes, *said, *time_notes, *origin_notes, *wind_notes, *scaled])}
     if layout.speeds == OVER_GROUND:
         attrs["speeds"] = OVER_GROUND
     if layout.facility:
@@ -89,7 +88,7 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
 
 @dataclass(frozen=True)
 class TextTable:
-    """Headings, units below them, rows of cells, the line number of each row, and what was noticed."""
+    """Headings, units, rows of cells, line number of each row, and notes."""
 
     headings: list[str]
     units: list[str]
@@ -114,7 +113,7 @@ def _text(path: Path) -> str:
 
 
 def text_table(path: Path, layout: TrialFormat) -> TextTable:
-    """Header, units and rows of a file; TrialError where it cannot be read or is no table."""
+    """Header, units and rows of a file; TrialError if it cannot be read or is not a table."""
     lines = re.split(r"\r\n|\n|\r", _text(path))
     skipped = layout.skip_rows
     numbered = [(number, line) for number, line in enumerate(lines, 1) if number > skipped and line.strip()]
@@ -135,7 +134,7 @@ def text_table(path: Path, layout: TrialFormat) -> TextTable:
 
 
 def _with_header(content: list[tuple[int, str]], comments: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """Lines with the header first, which may stand in the last comment before the numbers."""
+    """Lines with the header first; it may be the last comment before the numbers."""
     if not content or not _is_number(_split(content[0][1], _delimiter(content[0][1]))[0]):
         return content
     before = [(number, line.strip(" \t#%")) for number, line in comments if number < content[0][0]]
@@ -157,7 +156,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _headings(line: str, delimiter: str, n_cells: int) -> list[str]:
-    """Names in the header; between white space a unit in brackets belongs to the name before it."""
+    """Names in the header; in a table with white space a bracketed unit belongs to the name before it."""
     if delimiter != " ":
         headings = [heading.strip() for heading in _split(line, delimiter)]
     else:
@@ -183,7 +182,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[list[tuple[int, list[str]]], list[str]]:
-    """Rows with a cell for each heading: empty ones and a last one that breaks off are left out."""
+    """Rows with a cell for each heading, without empty rows and an incomplete last one."""
     filled = [(number, cells) for number, cells in rows if any(map(str.strip, cells))]
     notes = [f"{len(rows) - len(filled)} empty rows left out."] if len(filled) < len(rows) else []
     if filled and len(filled[-1][1]) < n:
@@ -199,7 +198,7 @@ def _whole_rows(rows: list[tuple[int, list[str]]], n: int, path: Path) -> tuple[
 
 
 def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Numbers of each column, NaN where a cell is missing."""
+    """Numbers of each column, NaN for missing cells."""
     texts = {name: [row[column.index].strip() for row in table.rows] for name, column in columns.items()}
     joined = {name: "".join(cells) for name, cells in texts.items()}
     comma = any("," in text for text in joined.values()) and not any("." in text for text in joined.values())
@@ -209,10 +208,10 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
     for name, cells in texts.items():
         values = _numbers(cells)
         if None in values:
-            place = values.index(None)
+            position = values.index(None)
             raise TrialError(
-                f"{path}, line {table.lines[place]}, column {columns[name].heading}: a number is needed, found "
-                f"{cells[place]!r}; correct or empty the cell."
+                f"{path}, line {table.lines[position]}, column {columns[name].heading}: a number is needed, found "
+                f"{cells[position]!r}; correct or empty the cell."
             )
         numbers[name] = np.array(values)
         numbers[name][~(np.abs(numbers[name]) < _LARGEST)] = np.nan
@@ -224,7 +223,7 @@ def table_cells(table: TextTable, columns: dict[str, Column], path: Path) -> tup
 
 
 def _numbers(cells: list[str]) -> list[float | None]:
-    """Numbers of cells; those of most files at once."""
+    """Numbers of cells, fast if all are plain numbers."""
     joined = "".join(cells)
     if joined.isascii() and "_" not in joined:
         with suppress(ValueError):
@@ -233,7 +232,7 @@ def _numbers(cells: list[str]) -> list[float | None]:
 
 
 def _number(cell: str) -> float | None:
-    """Number of a cell, NaN where it is missing, None where it is neither."""
+    """Number of a cell, NaN for a missing one, None for text."""
     if cell.lower() in _MISSING:
         return np.nan
     if not cell.isascii() or "_" in cell:

@@ -1,6 +1,6 @@
-"""A uniform time base for a recorded trial: rounded and repeated stamps, jitter, gaps and missing cells.
+"""Uniform time base of a recorded trial: rounded and repeated stamps, jitter, gaps and missing cells.
 
-Everything that is changed is told in a sentence with its numbers; what cannot be mended is cut or refused.
+Each change is reported in a sentence with its numbers; what cannot be repaired is cut or is an error.
 """
 
 from __future__ import annotations
@@ -16,36 +16,36 @@ from pymc_ship.trial.channels import SIMULATED
 from pymc_ship.trial.record import is_uniform
 
 FILLED_SAMPLES, FILLED_SECONDS = 5, 2.0
-"""Longest run of missing samples that is interpolated: whichever of the two is longer."""
+"""Longest run of missing samples that is interpolated, the longer of the two."""
 
-_STRAY_SHARE = 0.01
-"""Rows whose stamps go back that are left out singly; more of them are another run."""
+_STRAY_FRACTION = 0.01
+"""Largest fraction of rows out of order that are dropped one by one; more are a new run."""
 
-_TICKING_SHARE = 0.1
-"""Repeated stamps from which a coarse clock is the explanation."""
+_REPEATED_FRACTION = 0.1
+"""Fraction of repeated stamps from which the clock is coarse."""
 
 _FEWEST_DIGITS = 3
-"""Significant digits that stamps have at least; those of whole tens of seconds are not rounded to one."""
+"""Least number of significant digits of a stamp."""
 
 _MOST_SAMPLES = 10
-"""Samples after resampling over those before, at most."""
+"""Largest ratio of samples after and before resampling."""
 
 Channels = dict[str, np.ndarray]
 Rows = tuple[np.ndarray, np.ndarray, Channels]
 
 
 def rounding(cells: np.ndarray) -> np.ndarray:
-    """Unit in the last place to which time stamps are rounded, from their decimals and significant digits.
+    """Resolution of time stamps, from their decimals and significant digits.
 
     Parameters
     ----------
     cells : ndarray, shape (n_time,)
-        Stamps as printed; NaN where there is none.
+        Stamps as printed; NaN for a missing one.
 
     Returns
     -------
     ndarray, shape (n_time,)
-        The coarser of the last decimal and the last significant digit that any stamp uses; 0 where there is none.
+        The coarser of last decimal and last significant digit of all stamps; 0 for a missing stamp.
     """
     known = np.isfinite(cells)
     printed = [Decimal(repr(value)).normalize().as_tuple() for value in cells[known].tolist()]
@@ -65,9 +65,9 @@ def regular(
     Parameters
     ----------
     time : ndarray, shape (n_time,)
-        Stamps [s]; NaN where there is none.
+        Stamps [s]; NaN for a missing one.
     quantum : ndarray, shape (n_time,)
-        What each stamp is rounded to [s].
+        Resolution of each stamp [s].
     channels : dict of str to ndarray, shape (n_time,)
         NaN where a cell is missing.
     where : str
@@ -76,12 +76,12 @@ def regular(
     Returns
     -------
     ndarray, dict of ndarray, list of str
-        Time, channels and a sentence on each thing that was done.
+        Time, channels and a sentence on each change.
 
     Raises
     ------
     TrialError
-        When fewer than two samples are left or the sampling is too uneven.
+        For fewer than two complete samples, or very uneven sampling.
     """
     notes: list[str] = []
     keep = np.isfinite(time)
@@ -89,8 +89,8 @@ def regular(
         notes.append(f"{_count((~keep).sum(), 'row')} without a time left out.")
         time, quantum, channels = _rows(keep, time, quantum, channels)
     for step in (_increasing, _filled, _longest_piece):
-        time, quantum, channels, said = step(time, quantum, channels)
-        notes += said
+        time, quantum, channels, note = step(time, quantum, channels)
+        notes += note
     if time.size < 2 or not channels:
         raise TrialError(f"{where}: a trial has at least two complete rows, found {time.size}; check its cells.")
     if is_uniform(time):
@@ -108,47 +108,47 @@ def _rows(keep: np.ndarray | slice, time: np.ndarray, quantum: np.ndarray, chann
 
 
 def _increasing(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
-    """Rows whose stamps never go back: strays left out, or the longest run between two jumps back."""
+    """Rows with non-decreasing stamps: without stray rows, or the longest run between two jumps back."""
     back = np.flatnonzero(np.diff(time) < 0.0)
     if not back.size:
         return time, quantum, channels, []
     keep = _longest_increasing(time.tolist())
-    if keep.size >= (1.0 - _STRAY_SHARE) * time.size - 1.0:
+    if keep.size >= (1.0 - _STRAY_FRACTION) * time.size - 1.0:
         stray = _count(time.size - keep.size, "row")
-        said = f"{stray} out of the order of time left out, the first near t = {time[back[0]]:g} s."
+        note = f"{stray} out of the order of time left out, the first near t = {time[back[0]]:g} s."
     else:
         bounds = np.concatenate([[0], back + 1, [time.size]])
         longest = int(np.argmax(np.diff(bounds)))
         keep = np.arange(bounds[longest], bounds[longest + 1])
-        said = (
+        note = (
             f"Time goes back {_count(back.size, 'time')}, the first at t = {time[back[0]]:g} s: the longest run "
-            f"kept, {keep.size} of {time.size} rows, t = {time[keep[0]]:g} to {time[keep[-1]]:g} s; split the file "
+            f"is used, {keep.size} of {time.size} rows, t = {time[keep[0]]:g} to {time[keep[-1]]:g} s; split the file "
             "for the rest."
         )
-    return *_rows(keep, time, quantum, channels), [said]
+    return *_rows(keep, time, quantum, channels), [note]
 
 
 def _longest_increasing(stamps: list[float]) -> np.ndarray:
-    """Indices of the longest subsequence that never goes back (patience sorting)."""
+    """Indices of the longest non-decreasing subsequence (patience sorting)."""
     ends: list[float] = []
-    places: list[int] = []
+    positions: list[int] = []
     before = []
     for index, stamp in enumerate(stamps):
         pile = bisect_right(ends, stamp)
-        before.append(places[pile - 1] if pile else -1)
+        before.append(positions[pile - 1] if pile else -1)
         if pile == len(ends):
             ends.append(stamp)
-            places.append(index)
+            positions.append(index)
         else:
-            ends[pile], places[pile] = stamp, index
-    chain = [places[-1]]
+            ends[pile], positions[pile] = stamp, index
+    chain = [positions[-1]]
     while before[chain[-1]] >= 0:
         chain.append(before[chain[-1]])
     return np.array(chain[::-1])
 
 
 def typical_step(time: np.ndarray) -> float:
-    """Step of increasing stamps that may be repeated and may have gaps [s]."""
+    """Sampling interval [s] of stamps with repetitions and gaps."""
     steps = np.diff(time)
     if (steps > 0.0).all():
         return float(np.median(steps))
@@ -161,7 +161,7 @@ def _longest_fill(time: np.ndarray) -> float:
 
 
 def _filled(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
-    """Short runs of missing cells interpolated; channels that miss most are left out, rows of long runs dropped."""
+    """Short runs of missing cells interpolated; rows of long runs and channels that miss most cells dropped."""
     if time.size < 2:
         return time, quantum, channels, []
     keep, filled, notes = np.ones(time.size, dtype=bool), {}, []
@@ -186,7 +186,7 @@ def _filled(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[
 
 
 def _short_runs(missing: np.ndarray, time: np.ndarray, longest: float) -> np.ndarray:
-    """Missing samples in runs between two that are there and not too far apart."""
+    """Mask of missing samples in runs short enough to be interpolated."""
     there = np.flatnonzero(~missing)
     if there.size < 2:
         return np.zeros_like(missing)
@@ -197,7 +197,7 @@ def _short_runs(missing: np.ndarray, time: np.ndarray, longest: float) -> np.nda
 
 
 def _longest_piece(time: np.ndarray, quantum: np.ndarray, channels: Channels) -> tuple[*Rows, list[str]]:
-    """Longest piece between two gaps that are too long to be filled."""
+    """Longest piece between two gaps too long to be interpolated."""
     if time.size < 2:
         return time, quantum, channels, []
     limit = _longest_fill(time)
@@ -207,45 +207,45 @@ def _longest_piece(time: np.ndarray, quantum: np.ndarray, channels: Channels) ->
     bounds = np.concatenate([[0], cuts, [time.size]])
     first, last = max(zip(bounds[:-1], bounds[1:] - 1, strict=True), key=lambda piece: time[piece[1]] - time[piece[0]])
     gap = cuts[np.argmax(time[cuts] - time[cuts - 1])]
-    said = (
+    note = (
         f"{_count(cuts.size, 'gap')} of more than {limit:.3g} s, the longest from {time[gap - 1]:g} "
-        f"to {time[gap]:g} s: the longest piece kept, {last - first + 1} of {time.size} rows, t = {time[first]:g} to "
-        f"{time[last]:g} s; split the file for the rest."
+        f"to {time[gap]:g} s: the longest piece is used, {last - first + 1} of {time.size} rows, t = {time[first]:g} "
+        f"to {time[last]:g} s; split the file for the rest."
     )
-    return *_rows(slice(first, last + 1), time, quantum, channels), [said]
+    return *_rows(slice(first, last + 1), time, quantum, channels), [note]
 
 
 def _uniform(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str) -> tuple[np.ndarray, Channels, str]:
-    """Channels on a uniform grid: the stamps' own, where rounding explains them, or the mean step."""
+    """Channels on a uniform grid: that of the rounded stamps if it exists, or of the mean step."""
     steps, n = np.diff(time), time.size
     found = f"steps from {steps.min():.4g} to {steps.max():.4g} s"
     repeated = int((steps == 0.0).sum())
-    for places, tolerance in _explanations(time, quantum):
-        line = _line(places, time, tolerance)
+    for positions, tolerance in _explanations(time, quantum):
+        line = _line(positions, time, tolerance)
         if line is None:
             continue
         begin, step = line
-        grid = np.arange(places[-1] + 1)
-        resampled = {name: np.interp(grid, places, values) for name, values in channels.items()}
-        change = np.abs(begin + step * places - time).max()
-        said = []
+        grid = np.arange(positions[-1] + 1)
+        resampled = {name: np.interp(grid, positions, values) for name, values in channels.items()}
+        change = np.abs(begin + step * positions - time).max()
+        note = []
         if change > 1e-3 * step:
             again = f"{repeated} of {n} time stamps repeated, " if repeated else ""
-            said.append(
-                f"{again}{found}, as rounding makes them: replaced by a uniform step of {step:.7g} s (largest change "
-                f"{change:.2g} s)"
+            note.append(
+                f"{again}{found}, probably rounded by the logger: replaced by a uniform step of {step:.7g} s (largest "
+                f"change {change:.2g} s)"
             )
         if grid.size > n:
-            said.append(
-                f"{_count(int((np.diff(places) > 1).sum()), 'gap')} of up to "
-                f"{_count(int(np.diff(places).max()) - 1, 'sample')}: {grid.size - n} filled by interpolation"
+            note.append(
+                f"{_count(int((np.diff(positions) > 1).sum()), 'gap')} of up to "
+                f"{_count(int(np.diff(positions).max()) - 1, 'sample')}: {grid.size - n} filled by interpolation"
             )
-        return begin + step * grid, resampled, "; ".join(said or [f"{found} made uniform"]) + "."
+        return begin + step * grid, resampled, "; ".join(note or [f"{found} made uniform"]) + "."
     return _resampled(time, channels, where, found)
 
 
 def _resampled(time: np.ndarray, channels: Channels, where: str, found: str) -> tuple[np.ndarray, Channels, str]:
-    """Channels interpolated at the mean step without gaps, so that jitter leaves every sample near its place."""
+    """Channels interpolated to the mean step of the intervals without gaps."""
     first = np.concatenate([[True], np.diff(time) > 0.0])
     time, repeated = time[first], int((~first).sum())
     if time.size < 2:
@@ -257,12 +257,12 @@ def _resampled(time: np.ndarray, channels: Channels, where: str, found: str) -> 
         raise TrialError(f"{where}: the sampling is too uneven to be resampled, found {found}; correct its time.")
     grid = time[0] + step * np.arange(int(count + 1e-6) + 1)
     resampled = {name: np.interp(grid, time, values[first]) for name, values in channels.items()}
-    said = f"{_count(repeated, 'row')} with repeated time stamps left out; " if repeated else ""
-    return grid, resampled, f"{said}{found}: resampled to the mean step of {step:.7g} s by interpolation."
+    note = f"{_count(repeated, 'row')} with repeated time stamps left out; " if repeated else ""
+    return grid, resampled, f"{note}{found}: resampled to the mean step of {step:.7g} s by interpolation."
 
 
 def _explanations(time: np.ndarray, quantum: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Places of the samples on a uniform grid and how far their stamps may be off, the likeliest first."""
+    """Positions of the samples on a uniform grid and tolerances of the stamps, the most probable first."""
     every, steps = np.arange(time.size), np.diff(time)
     positive = steps[steps > 0.0]
     if not positive.size:
@@ -276,20 +276,20 @@ def _explanations(time: np.ndarray, quantum: np.ndarray) -> Iterator[tuple[np.nd
     yield every, tolerance
     if with_gaps[-1] > every[-1] and with_gaps[-1] < _MOST_SAMPLES * time.size:
         yield with_gaps.astype(int), tolerance
-    if positive.size < (1.0 - _TICKING_SHARE) * steps.size:
+    if positive.size < (1.0 - _REPEATED_FRACTION) * steps.size:
         yield every, np.maximum(tolerance, step)
 
 
-def _line(places: np.ndarray, time: np.ndarray, tolerance: np.ndarray) -> tuple[float, float] | None:
-    """Begin and step of a line that misses no stamp by more than its tolerance; None where there is none."""
-    step = (time[-1] - time[0]) / places[-1]
+def _line(positions: np.ndarray, time: np.ndarray, tolerance: np.ndarray) -> tuple[float, float] | None:
+    """Begin and step of a line within the tolerance of every stamp; None without one."""
+    step = (time[-1] - time[0]) / positions[-1]
     tolerance = tolerance + 1e-6 * step
-    if step > 0.0 and (np.abs(time[0] + step * places - time) <= tolerance).all():
+    if step > 0.0 and (np.abs(time[0] + step * positions - time) <= tolerance).all():
         return float(time[0]), float(step)
     from scipy.optimize import linprog
 
     ones = np.ones(time.size)
-    table = np.column_stack([ones, places, -tolerance])
+    table = np.column_stack([ones, positions, -tolerance])
     found = linprog(
         [0.0, 0.0, 1.0],
         A_ub=np.vstack([table, table * [-1.0, -1.0, 1.0]]),
