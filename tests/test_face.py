@@ -16,7 +16,7 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.inference.captive.statement import CaptiveFit
+from pymc_ship.inference.captive.fit import CaptiveFit
 from pymc_ship.inference.regression.identify import Identification
 from pymc_ship.inference.trajectory.prior import CoefficientPrior
 from pymc_ship.physics.forces.modular import PARTS

@@ -1,7 +1,7 @@
 from pymc_ship.diagnostics.agreement import agreement as agreement
 from pymc_ship.diagnostics.page import diagnostic_report as diagnostic_report
 from pymc_ship.experiments.run import montecarlo as montecarlo
-from pymc_ship.inference.captive.statement import fit_captive as fit_captive
+from pymc_ship.inference.captive.fit import fit_captive as fit_captive
 from pymc_ship.inference.captive.table import read_captive as read_captive
 from pymc_ship.inference.identifiability.information import identifiability as identifiability
 from pymc_ship.inference.regression.calibration import simulation_based_calibration as simulation_based_calibration
@@ -23,9 +23,9 @@ from pymc_ship.inference.regression.tree import write_posterior as write_posteri
 from pymc_ship.inference.regression.tune import maximise_evidence as maximise_evidence
 from pymc_ship.inference.rows.data import RegressionData as RegressionData
 from pymc_ship.inference.rows.from_trials import regression_data as regression_data
+from pymc_ship.inference.sampling.from_pymc import posterior_tree as posterior_tree
 from pymc_ship.inference.sampling.gibbs import gibbs_posterior as gibbs_posterior
 from pymc_ship.inference.sampling.hierarchical_model import hierarchical_posterior as hierarchical_posterior
-from pymc_ship.inference.sampling.own_tree import posterior_tree as posterior_tree
 from pymc_ship.inference.sampling.predictive import predict as predict
 from pymc_ship.inference.sampling.predictive import with_predictive as with_predictive
 from pymc_ship.inference.sampling.prior_laws import horseshoe as horseshoe

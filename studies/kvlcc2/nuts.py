@@ -20,8 +20,8 @@ import numpy as np
 import pymc_ship as ps
 from pymc_ship.inference.rows.weak_form import weak_form_start
 from pymc_ship.inference.sampling.trajectory_model import mode_nuts_posterior
-from pymc_ship.inference.trajectory.carried import carried_draws
 from pymc_ship.inference.trajectory.posterior import laplace_posterior
+from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.windows import fit_windows, normal_draws, prepared_windows, thinned, window_mode
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.ships.forecasting.forecast import pooled_forecast
@@ -60,7 +60,7 @@ def main(paths: Sequence[str]) -> None:
     chains = found.stack(sample=("chain", "draw")).transpose("sample", "coefficient").values
     drawn = {
         "normal": normal_draws(law, DRAWS, np.random.default_rng(3)),
-        "carried": carried_draws(law, DRAWS, np.random.default_rng(3)),
+        "carried": randomize_then_optimize(law, DRAWS, np.random.default_rng(3)),
         "NUTS": np.random.default_rng(3).permutation(chains)[:DRAWS],
     }
     print(f"\n{'index':44s} " + " ".join(f"{name:>22s}" for name in drawn))

@@ -49,7 +49,7 @@ def with_statements(
     known: Mapping[str, Constant], numbers: tuple[int, int], **provenance: object
 ) -> dict[str, Constant]:
     """The constants with statements that held and were made, and ``study``, ``seeds``, ``commit``, ``date`` of both."""
-    names = ("statements_held", "statements_made")
+    names = ("calibration_hits", "calibration_trials")
     new = {name: replace(known[name], value=number, **provenance) for name, number in zip(names, numbers, strict=True)}
     return {**known, **new}
 

@@ -18,8 +18,8 @@ from scipy.stats import norm, t
 from pymc_ship.physics.manoeuvre.kinds import SCORED_QUANTITIES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.ships.ensemble import motion_error
-from pymc_ship.ships.ensemble.index_error import BEYOND, TOGETHER, TYPICAL
-from pymc_ship.ships.ensemble.motion_error import GROWTH, risen, size_law
+from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, LIKELIHOOD_WEIGHT, TYPICAL
+from pymc_ship.ships.ensemble.motion_error import MOTION_EXTRAPOLATION_SD, growth_with_lead_time, size_law
 
 Columns = Mapping[str, np.ndarray]
 """Rows of :data:`studies.population.judged_ship.INDEX` or `INSTANT` of all ships by column, with ``ship``, a number,
@@ -148,8 +148,8 @@ def fitted_growth(columns: Columns, counted: float, far: str = "beyond") -> floa
 def growth_rows(indices: Columns, instants: Columns) -> list[dict]:
     """The growth that the ships of each half would choose, beside the one that is used."""
     rows = []
-    cases = [("index", where(indices, _grows(indices)), BEYOND, "beyond")]
-    for name, growth in GROWTH.items():
+    cases = [("index", where(indices, _grows(indices)), EXTRAPOLATION_SD, "beyond")]
+    for name, growth in MOTION_EXTRAPOLATION_SD.items():
         mine = where(instants, instants["state"] == name)
         cases.append((name, mine, growth, "far"))
     for name, mine, used, far in cases:
@@ -160,7 +160,7 @@ def growth_rows(indices: Columns, instants: Columns) -> list[dict]:
 
 
 def _grows(columns: Columns) -> np.ndarray:
-    """Whether the error of an index grows by :data:`pymc_ship.ships.ensemble.index_error.BEYOND`."""
+    """Whether the error of an index grows by :data:`pymc_ship.ships.ensemble.index_error.EXTRAPOLATION_SD`."""
     return np.isin(_quantities(columns), SCORED_QUANTITIES)
 
 
@@ -169,8 +169,10 @@ def law_rows(indices: Columns, held: Columns, instants: Columns) -> list[dict]:
     halves = []
     for first in (True, False):
         mine = [where(columns, columns["first"] == first) for columns in (indices, held, instants)]
-        halves.append([*fitted_law(*mine[:2]), *(fitted_motion(mine[2], name) for name in GROWTH)])
-    used = {f"typical error, {kind}": value for kind, value in TYPICAL.items()} | {"weight of an index": TOGETHER}
+        halves.append([*fitted_law(*mine[:2]), *(fitted_motion(mine[2], name) for name in MOTION_EXTRAPOLATION_SD)])
+    used = {f"typical error, {kind}": value for kind, value in TYPICAL.items()} | {
+        "weight of an index": LIKELIHOOD_WEIGHT
+    }
     used |= {f"typical error of the motion, {name}": value for name, value in motion_error.TYPICAL.items()}
     first, second = halves
     return [{"of": of, "used": used[of], "first": first[k], "second": second[k]} for k, of in enumerate(used)]
@@ -182,12 +184,12 @@ def fitted_motion(instants: Columns, name: str) -> float:
     Each ship counts as one.
     """
     mine = where(instants, (instants["state"] == name) & np.isfinite(instants["error"] + instants["draws_sd"]))
-    known = mine["draws_sd"] ** 2 + (GROWTH[name] * mine["far"]) ** 2
+    known = mine["draws_sd"] ** 2 + (MOTION_EXTRAPOLATION_SD[name] * mine["far"]) ** 2
     none = np.empty(0)
     law = size_law(none, none, none, 1.0)
 
     def surprise(log_typical: float) -> float:
-        typical = math.exp(log_typical) * risen(name, mine["lead"])
+        typical = math.exp(log_typical) * growth_with_lead_time(name, mine["lead"])
         return -over_ships(_log_densities(mine["error"], known, typical, law), mine["ship"])[0]
 
     if not mine["ship"].size:
@@ -201,7 +203,7 @@ def fitted_law(indices: Columns, held: Columns) -> np.ndarray:
     Each ship's size has the law of her held-out runs, and each ship counts as one; NaN of a kind without an index.
     """
     mine = where(indices, _grows(indices) & np.isfinite(indices["error"]))
-    kind, variance = _places(_quantities(mine)), mine["draws_sd"] ** 2 + (BEYOND * mine["beyond"]) ** 2
+    kind, variance = _places(_quantities(mine)), mine["draws_sd"] ** 2 + (EXTRAPOLATION_SD * mine["beyond"]) ** 2
     forecasts = {"kind": kind, "error": mine["error"], "known": variance}
     told = {"kind": _places(held["kind"]), "error": held["error"], "known": held["known"]}
     ships = [
@@ -209,13 +211,13 @@ def fitted_law(indices: Columns, held: Columns) -> np.ndarray:
     ]
 
     def surprise(unknowns: np.ndarray) -> float:
-        typical, together, total = np.exp(unknowns[:-1]), expit(unknowns[-1]), 0.0
+        typical, likelihood_weight, total = np.exp(unknowns[:-1]), expit(unknowns[-1]), 0.0
         for seen, ahead in ships:
-            law = size_law(seen["error"], seen["known"], typical[seen["kind"]], together)
+            law = size_law(seen["error"], seen["known"], typical[seen["kind"]], likelihood_weight)
             total -= np.mean(_log_densities(ahead["error"], ahead["known"], typical[ahead["kind"]], law))
         return total
 
-    begin = np.append(np.log(list(TYPICAL.values())), logit(TOGETHER))
+    begin = np.append(np.log(list(TYPICAL.values())), logit(LIKELIHOOD_WEIGHT))
     simplex = np.vstack([begin, begin + _STRIDE * np.eye(begin.size)])
     settings = {"initial_simplex": simplex, "xatol": _CHOSEN_TO, "fatol": _CHOSEN_TO}
     found = minimize(surprise, begin, method="Nelder-Mead", options=settings).x
@@ -277,7 +279,7 @@ def _conformal_by_kind(chosen: Columns, probability: float) -> dict[str, float]:
 
 
 def _without_growth(columns: Columns) -> np.ndarray:
-    less = columns["sd"] ** 2 - np.where(_grows(columns), BEYOND * columns["beyond"], 0.0) ** 2
+    less = columns["sd"] ** 2 - np.where(_grows(columns), EXTRAPOLATION_SD * columns["beyond"], 0.0) ** 2
     return np.sqrt(np.maximum(less, columns["draws_sd"] ** 2))
 
 

@@ -190,7 +190,7 @@ def of_foreign_ships():
         f"Intervals of 95 % hold {share(every, 95, 1)} % of {every['indices']} indices, those of 50 % hold "
         f"{share(every, 50, 1)} %",
         f"the angle of roll in circles is worst, {share(roll, 95)} % of {roll['indices']}",
-        f"Of {MADE} statements of 99 % beyond the motion of the runs, {HELD} held, {statement('0.99'):.1f} %",
+        f"Of {TRIALS} statements of 99 % beyond the motion of the runs, {HITS} held, {statement('0.99'):.1f} %",
         f"a median error of {number(rows('stops')['track reach'], 'median_error', 1)} L and a half width of "
         f"{number(rows('stops')['track reach'], 'half_width', 1)} L",
     ]
@@ -210,11 +210,11 @@ def of_model_error():
         f"| time | L/U | {time} |",
         f"| distance | L | {distance} |",
         f"| angle of roll | itself | {constants()['index_typical'].value['roll']:.3f} |",
-        f"an error with an sd of {value('index_growth')} more",
+        f"an error with an sd of {value('index_extrapolation_sd')} more",
         f"{share(near, 95)} % of the indices that lie 1 to 3 ranges beyond the runs and {share(far, 95)} % of those "
         "further on.",
-        f'Of {MADE} statements "at most" or "at least"',
-        f"{HELD} were right. A forecast therefore states at most {SUREST}",
+        f'Of {TRIALS} statements "at most" or "at least"',
+        f"{HITS} were right. A forecast therefore states at most {SUREST}",
         f"are {u} of the nominal speed for u and {v} for v. For the yaw rate they are {r} U/L, for the heading {psi} "
         f"rad and for the track {x} L",
         f"is {float(table('kvlcc2/tables/model_error')[0]['median']):.3f} of the swing of the heading",
@@ -224,12 +224,12 @@ def of_model_error():
 
 def of_your_ship():
     """Sentences of the tutorial."""
-    return [f"of {MADE} statements of 99 %", f"{HELD} held. No probability is stated above {SUREST}."]
+    return [f"of {TRIALS} statements of 99 %", f"{HITS} held. No probability is stated above {SUREST}."]
 
 
 PIPELINE = "paper's pipeline"
-HELD, MADE = (constants()[f"statements_{word}"].value for word in ("held", "made"))
-SUREST = f"{(HELD + 1) / (MADE + 2):.3f}"
+HITS, TRIALS = (constants()[f"calibration_{word}"].value for word in ("hits", "trials"))
+SUREST = f"{(HITS + 1) / (TRIALS + 2):.3f}"
 PAGES = {
     "case_studies/esso_osaka": of_esso_osaka,
     "case_studies/foreign_ships": of_foreign_ships,

@@ -56,7 +56,7 @@ def _plain(tree):
 def read_ship(out):
     ship = load_ship(out)
     models = [(vessel.name, reference_coefficients(vessel).tolist(), rows.tolist()) for vessel, rows in ship.models]
-    said = [(name, one.statement.values.tolist(), one.log_density.tolist()) for name, one in ship.likelihoods.items()]
+    said = [(name, one.gaussian.response.tolist(), one.log_density.tolist()) for name, one in ship.likelihoods.items()]
     return [
         models,
         ship.motion.values.tolist(),

@@ -40,7 +40,7 @@ def agreement(exact: ExactPosterior, posteriors: Mapping[str, xr.DataTree]) -> x
         and ``noise_variance_quantiles``.
     posteriors : mapping of str to DataTree
         Posteriors by the name of their method, laid out by :func:`~pymc_ship.inference.regression.tree.draws_tree` or,
-        where they are of a model of your own, by :func:`~pymc_ship.inference.sampling.own_tree.posterior_tree`. The
+        where they are of a model of your own, by :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`. The
         noise variance is compared where all have it.
 
     Returns

@@ -15,7 +15,7 @@ from pymc_ship.inference.regression.families import prior_family
 from pymc_ship.inference.regression.priors import Prior
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling.error_laws import errors_of
-from pymc_ship.inference.sampling.own_tree import OWN
+from pymc_ship.inference.sampling.from_pymc import OWN
 from pymc_ship.inference.sampling.predictive import predictive, prior_draws
 
 REQUIRED = {"coefficients": ("chain", "draw", "coefficient")}

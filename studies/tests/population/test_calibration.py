@@ -22,7 +22,7 @@ def test_the_file_is_what_the_study_writes():
 
 
 def test_the_statements_are_those_of_the_report():
-    numbers = constants()["statements_held"].value, constants()["statements_made"].value
+    numbers = constants()["calibration_hits"].value, constants()["calibration_trials"].value
     assert counted(REPORT) == numbers
 
 
@@ -30,8 +30,12 @@ def test_only_the_statements_are_written_anew():
     provenance = {"study": "mine", "seeds": (5,), "commit": "abcdefg", "date": datetime.date(2030, 1, 1)}
     new = with_statements(constants(), (7, 9), **provenance)
     assert list(new) == list(constants())
-    assert (new["statements_held"].value, new["statements_made"].value, new["statements_made"].seeds) == (7, 9, (5,))
-    assert {name for name in new if new[name] != constants()[name]} == {"statements_held", "statements_made"}
+    assert (new["calibration_hits"].value, new["calibration_trials"].value, new["calibration_trials"].seeds) == (
+        7,
+        9,
+        (5,),
+    )
+    assert {name for name in new if new[name] != constants()[name]} == {"calibration_hits", "calibration_trials"}
 
 
 @pytest.fixture

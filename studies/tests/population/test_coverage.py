@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from pymc_ship.ships.ensemble.index_error import BEYOND, TOGETHER, TYPICAL
+from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, LIKELIHOOD_WEIGHT, TYPICAL
 from pymc_ship.ships.ensemble.motion_error import TYPICAL as OF_MOTION
 from studies.population import coverage
 from studies.population.figures import coverage_by_index, motion_by_lead, reliability
@@ -116,7 +116,7 @@ class TestLaw:
         forecasts["error"] = np.where(late, 20.0 * forecasts["error"], forecasts["error"])
         rows = {row["of"]: row for row in coverage.law_rows(forecasts, held, moving())}
         assert rows["typical error, angle"]["used"] == TYPICAL["angle"]
-        assert rows["weight of an index"]["used"] == TOGETHER
+        assert rows["weight of an index"]["used"] == LIKELIHOOD_WEIGHT
         assert rows["typical error, distance"]["second"] > 3.0 * rows["typical error, distance"]["first"]
         assert rows["typical error of the motion, u"]["used"] == OF_MOTION["u"]
         assert np.isnan(rows["typical error of the motion, r"]["first"])
@@ -179,8 +179,8 @@ class TestAlternatives:
             assert row["score"] < package["score"]
 
     def test_without_growth_the_interval_is_narrower_beyond(self):
-        found = columns(n=2000, growth=BEYOND)
-        found["sd"] = np.hypot(found["sd"], BEYOND * found["beyond"])
+        found = columns(n=2000, growth=EXTRAPOLATION_SD)
+        found["sd"] = np.hypot(found["sd"], EXTRAPOLATION_SD * found["beyond"])
         rows = {row["intervals"]: row for row in coverage.alternative_rows(found)}
         assert rows["no growth beyond the runs"]["half_width"] < rows[next(iter(rows))]["half_width"]
 

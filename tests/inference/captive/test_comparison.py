@@ -6,7 +6,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.inference.captive.comparison import captive_bands, captive_figure, comparison_page_table, comparison_rows
 from pymc_ship.inference.trajectory.prior import coefficient_prior
-from tests.inference.captive.test_statement import PARTS, program
+from tests.inference.captive.test_fit import PARTS, program
 
 
 @pytest.fixture(scope="module")

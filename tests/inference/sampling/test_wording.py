@@ -8,15 +8,16 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
+from tests.inference.sampling.test_own_tree import DATA, plain_model, sampled
 
 import pymc_ship as ps
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior
 from pymc_ship.inference.rows.data import RegressionData
+from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.gibbs import gibbs, gibbs_posterior
 from pymc_ship.inference.sampling.hierarchical_model import group_of_rows, hierarchical_model, hierarchical_posterior
-from pymc_ship.inference.sampling.own_tree import posterior_tree
 from pymc_ship.inference.sampling.predictive import predict, prior_draws, with_predictive
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
 from pymc_ship.inference.sampling.trajectory_model import (
@@ -30,7 +31,6 @@ from tests.inference.rows.frames import motion
 from tests.inference.sampling.cases import regression
 from tests.inference.sampling.test_gibbs import case
 from tests.inference.sampling.test_hierarchical_model import PRIOR, data_of
-from tests.inference.sampling.test_own_tree import DATA, plain_model, sampled
 from tests.inference.sampling.test_predictive import tree_of
 from tests.inference.sampling.test_trajectory_model import mode, trial
 from tests.sentences import wording

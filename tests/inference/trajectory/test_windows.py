@@ -290,7 +290,7 @@ class TestSandwich:
     @pytest.mark.consistency
     def test_that_of_independent_residuals_is_not(self, many_fits):
         """Broken twin: errors of a correlation of 0.9 count as independent."""
-        ratio = self.ratios(*many_fits, lambda fit: np.linalg.inv(fit.information) / fit.dispersion)
+        ratio = self.ratios(*many_fits, lambda fit: np.linalg.inv(fit.information) / fit.design_effect)
         assert np.max(ratio) < 1.0 - 4.0 * self.MONTE_CARLO - self.FEW_WINDOWS
 
     @pytest.mark.consistency
@@ -361,7 +361,7 @@ class TestBesideAPrior:
 
     def test_counted_as_independent_they_leave_little_to_the_prior(self, container, many_fits, monkeypatch):
         """Broken twin."""
-        monkeypatch.setattr(window_fit, "_dispersion", lambda fit: 0.0)
+        monkeypatch.setattr(window_fit, "_design_effect", lambda fit: 0.0)
         assert self.kept(container, many_fits) > 0.7
 
 
@@ -370,11 +370,11 @@ def test_the_dispersion_is_that_of_the_windows_however_much_the_prior_knows(know
     """Gradients that scatter three times as much as their curvature says, and a prior of half the coefficients."""
     root = np.random.default_rng(3).standard_normal((6, 6))
     curvature, precision = root @ root.T, known * np.repeat([0.0, 1.0], 3)
-    problem = SimpleNamespace(n_shared=6, precision=precision, unit=np.ones(6), stated=np.empty((0, 6)))
+    problem = SimpleNamespace(n_shared=6, precision=precision, unit=np.ones(6), likelihood_design=np.empty((0, 6)))
     covariance = np.linalg.inv(curvature + np.diag(precision))
     fit = SimpleNamespace(square_root=np.linalg.cholesky(covariance), problem=problem)
     monkeypatch.setattr(window_fit, "_squared_gradients", lambda fit: 3.0 * curvature)
-    assert window_fit._dispersion(fit) == pytest.approx(3.0, rel=1e-6)
+    assert window_fit._design_effect(fit) == pytest.approx(3.0, rel=1e-6)
 
 
 @pytest.mark.consistency

@@ -59,7 +59,7 @@ def test_ships_that_diverge_or_do_not_arrive_do_not_pass(container):
 
 def test_a_probability_is_bounded_by_what_is_known_of_statements_like_it(container):
     tree = zigzag([12.0, 14.0, 15.0, 15.1, 30.0])
-    tree.attrs["surest"] = 0.98
+    tree.attrs["calibration_cap"] = 0.98
     first, second, _ = ps.imo_probabilities(tree, container)
     assert (first["probability"], second["probability"]) == (0.6, 0.98)
     assert (second["conformity"], "with probability 0.98." in second["verdict"]) == ("passes", True)

@@ -12,7 +12,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.standard import STANDARD
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
-from pymc_ship.ships.design.next_run import CANDIDATES, _Run, design, share_left
+from pymc_ship.ships.design.next_run import CANDIDATES, _Run, design, remaining_variance
 from pymc_ship.ships.design.outlook import outlook
 from pymc_ship.ships.ensemble.index_error import model_error
 from pymc_ship.ships.ensemble.index_table import index_table
@@ -72,8 +72,8 @@ def test_what_is_left_is_that_of_the_conditional_normal_law():
     Broken twin: the noise of the measurement left out.
     """
     tolerance = 0.03 + 5.0 * np.sqrt(2.0 / N)
-    np.testing.assert_allclose(share_left(ASKED, SEEN, NOISE), exact(), atol=tolerance)
-    twin = share_left(ASKED, SEEN, 0.0 * NOISE)
+    np.testing.assert_allclose(remaining_variance(ASKED, SEEN, NOISE), exact(), atol=tolerance)
+    twin = remaining_variance(ASKED, SEEN, 0.0 * NOISE)
     assert (twin < exact() - tolerance).any()
 
 
@@ -81,7 +81,9 @@ def test_draws_that_reach_no_index_do_not_count():
     asked, seen = ASKED.copy(), SEEN.copy()
     asked[::7, 0], seen[::5, 1] = np.nan, np.nan
     whole = (np.arange(N) % 7 > 0) & (np.arange(N) % 5 > 0)
-    np.testing.assert_allclose(share_left(asked, seen, NOISE), share_left(ASKED[whole], SEEN[whole], NOISE), rtol=1e-12)
+    np.testing.assert_allclose(
+        remaining_variance(asked, seen, NOISE), remaining_variance(ASKED[whole], SEEN[whole], NOISE), rtol=1e-12
+    )
 
 
 def test_which_draws_reach_an_index_is_no_measurement():
@@ -89,7 +91,7 @@ def test_which_draws_reach_an_index_is_no_measurement():
     rng = np.random.default_rng(5)
     asked, seen = rng.standard_normal((N, 1)), rng.standard_normal((N, 1))
     seen[asked[:, 0] > np.quantile(asked, 0.9)] = np.nan
-    assert share_left(asked, seen, np.ones(1))[0] == pytest.approx(1.0, abs=5.0 / np.sqrt(N))
+    assert remaining_variance(asked, seen, np.ones(1))[0] == pytest.approx(1.0, abs=5.0 / np.sqrt(N))
 
 
 @pytest.mark.parametrize("noise", [1e-6, 1.0])
@@ -101,7 +103,7 @@ def test_a_few_draws_explain_nothing_by_chance(noise):
     rng, left, plain = np.random.default_rng(3), [], []
     for _ in range(300):
         asked, seen = rng.standard_normal((30, 1)), rng.standard_normal((30, 9))
-        left.append(share_left(asked, seen, np.full(9, noise))[0])
+        left.append(remaining_variance(asked, seen, np.full(9, noise))[0])
         a, s = asked - asked.mean(), seen - seen.mean(axis=0)
         gain = np.linalg.solve(s.T @ s + 30 * noise**2 * np.eye(9), s.T @ a)
         plain.append(1.0 - float(np.sum(a * (s @ gain)) / np.sum(a**2)))
@@ -110,9 +112,9 @@ def test_a_few_draws_explain_nothing_by_chance(noise):
 
 
 def test_nothing_is_told_by_nothing_by_what_is_the_same_for_all_or_by_too_few_draws():
-    np.testing.assert_array_equal(share_left(ASKED, np.empty((N, 0)), np.empty(0)), np.ones(5))
-    np.testing.assert_allclose(share_left(ASKED, np.ones((N, 1)), np.zeros(1)), np.ones(5), rtol=1e-3)
-    np.testing.assert_array_equal(share_left(ASKED[:6], ENSEMBLE[:6], np.full(9, 1e-9)), np.ones(5))
+    np.testing.assert_array_equal(remaining_variance(ASKED, np.empty((N, 0)), np.empty(0)), np.ones(5))
+    np.testing.assert_allclose(remaining_variance(ASKED, np.ones((N, 1)), np.zeros(1)), np.ones(5), rtol=1e-3)
+    np.testing.assert_array_equal(remaining_variance(ASKED[:6], ENSEMBLE[:6], np.full(9, 1e-9)), np.ones(5))
 
 
 # the choice -----------------------------------------------------------------------------------------------------------

@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.inference.trajectory.prior import Statement
-from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.inference.trajectory.prior import GaussianLikelihood
+from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
 from pymc_ship.physics.forces.terms import SYMBOLS
 from pymc_ship.physics.motion.prime_record import motion_record, prime_record
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
@@ -40,7 +40,9 @@ def with_likelihoods(ship: ps.Ship) -> ps.Ship:
 
     def likelihood(member):
         values, names = member.estimate, tuple(coefficient_names(member.vessel))
-        return Earlier(names, Statement(np.eye(values.size), values), np.ones(2), values, np.ones(values.size))
+        return EarlierLikelihood(
+            names, GaussianLikelihood(np.eye(values.size), values), np.ones(2), values, np.ones(values.size)
+        )
 
     return replace(ship, members=tuple(replace(one, likelihood=likelihood(one)) for one in ship.members))
 

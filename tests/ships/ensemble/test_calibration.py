@@ -22,12 +22,12 @@ def test_every_constant_says_what_it_is_and_who_chose_it(name):
 
 
 def test_a_number_and_a_table_are_not_taken_for_each_other():
-    assert calibrated("index_growth") == 0.003
+    assert calibrated("index_extrapolation_sd") == 0.003
     assert calibrated_by("index_typical")["time"] == 0.0021
     with pytest.raises(TypeError):
         calibrated("index_typical")
     with pytest.raises(TypeError):
-        calibrated_by("index_growth")
+        calibrated_by("index_extrapolation_sd")
 
 
 def test_what_is_changed_in_an_answer_changes_no_other():

@@ -12,7 +12,7 @@ import pytest
 import pymc_ship as ps
 from pymc_ship.ships.ensemble.files import FORMAT, MIGRATIONS
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
-from pymc_ship.ships.ensemble.motion_error import ERRING, TYPICAL, motion_error
+from pymc_ship.ships.ensemble.motion_error import motion_error
 from tests.sentences import refused
 from tests.ships.ensemble.cases import motion_of, ship_of, with_likelihoods
 from tests.ships.forecasting.cases import scattered
@@ -53,10 +53,14 @@ class TestWrittenAndRead:
         for one, other in zip(ship.members, again.members, strict=True):
             np.testing.assert_array_equal(other.draws, one.draws)
             np.testing.assert_array_equal(other.estimate, one.estimate)
-            assert (other.weight, other.inflation, other.dispersion) == (one.weight, one.inflation, one.dispersion)
-            for name in ("names", "log_density", "mean", "scale"):
+            assert (other.weight, other.inflation, other.design_effect) == (
+                one.weight,
+                one.inflation,
+                one.design_effect,
+            )
+            for name in ("names", "log_density", "prior_mean", "prior_scale"):
                 np.testing.assert_array_equal(getattr(other.likelihood, name), getattr(one.likelihood, name))
-            np.testing.assert_array_equal(other.likelihood.statement.rows, one.likelihood.statement.rows)
+            np.testing.assert_array_equal(other.likelihood.gaussian.design, one.likelihood.gaussian.design)
 
     def test_laws_motion_and_held_out_indices_are_kept(self, ship, again):
         np.testing.assert_array_equal(again.motion.values, ship.motion.values)
@@ -99,10 +103,10 @@ class TestEarlierFormats:
         ((name, likelihood),) = ship.likelihoods.items()
         assert name == ship.members[0].name == "hull and loading"
         assert likelihood.log_density.tolist() == [9.989009648832024, 8.596577658306643]
-        assert np.linalg.norm(likelihood.statement.rows) == pytest.approx(576825.7929365315, rel=1e-13)
-        assert likelihood.statement.values.sum() == pytest.approx(-331.09544008862537, rel=1e-12)
-        assert likelihood.mean.sum() == pytest.approx(-0.10847942803775153, rel=1e-14)
-        assert likelihood.scale.sum() == pytest.approx(0.23488497698815936, rel=1e-14)
+        assert np.linalg.norm(likelihood.gaussian.design) == pytest.approx(576825.7929365315, rel=1e-13)
+        assert likelihood.gaussian.response.sum() == pytest.approx(-331.09544008862537, rel=1e-12)
+        assert likelihood.prior_mean.sum() == pytest.approx(-0.10847942803775153, rel=1e-14)
+        assert likelihood.prior_scale.sum() == pytest.approx(0.23488497698815936, rel=1e-14)
 
     @pytest.mark.parametrize("number", sorted(MIGRATIONS))
     def test_what_is_known_beside_them_is_read_under_its_present_names(self, number):
@@ -117,21 +121,13 @@ class TestEarlierFormats:
         assert rows[0] == ROW
         assert repr(ship) == "Ship(kvlcc2: 1 model, 8 draws, errors beyond the draws from 2 held-out runs)"
 
-    def test_format_2_keeps_the_error_of_the_motion(self):
-        ship = ps.load_ship(SAVED / "format_2")
+    @pytest.mark.parametrize("number", sorted(MIGRATIONS))
+    def test_the_error_of_the_motion_is_that_of_the_version_that_wrote_it(self, number):
+        ship = ps.load_ship(SAVED / f"format_{number}")
         assert ship.remarks == ()
         expected = {"u": 0.00039709111117237125, "r": 0.0005084025119169836, "x": 0.0024960773299353717}
         for name, size in expected.items():
             assert np.median(ship.motion_error[name]) == pytest.approx(size, rel=1e-14)
-
-    def test_format_1_has_the_error_of_the_motion_that_is_typical_and_says_so(self):
-        ship = ps.load_ship(SAVED / "format_1")
-        (remark,) = ship.remarks
-        assert remark.startswith("The report is of an earlier version: the error of the motion is the one typical of")
-        assert remark.endswith("Run `pymc-ship identify` again for that of this ship.")
-        assert set(ship.motion_error) == set(ERRING)
-        for name, sizes in ship.motion_error.items():
-            assert np.median(sizes) == pytest.approx(TYPICAL[name], rel=0.01)
 
     @pytest.mark.parametrize("number", sorted(MIGRATIONS))
     def test_a_migrated_ship_is_forecast_and_saved_in_the_present_format(self, number, tmp_path):
@@ -146,7 +142,7 @@ class TestEarlierFormats:
 
     def test_an_earlier_ship_is_the_prior_of_new_runs(self):
         runs = [trial(ps.zigzag(10, 10, side="starboard"), seed=3, level=0.005)]
-        found = ps.identify_ship(runs, tanker(), prior=ps.load_ship(SAVED / "format_2"), draws=8, rng=1)
+        found = ps.identify_ship(runs, tanker(), prior=ps.load_ship(SAVED / "format_3"), draws=8, rng=1)
         density = found.ship.likelihoods["hull and loading"].log_density
         assert density.size == 2 + 3  # windows of a lone run are held out in three parts
         assert density[:2].tolist() == [9.989009648832024, 8.596577658306643]

@@ -15,10 +15,10 @@ from pymc_ship.physics.manoeuvre.turning_circles import TURNING_CIRCLE
 from pymc_ship.physics.manoeuvre.zigzags import ZIGZAG
 from pymc_ship.ships.ensemble.draws import robust_sd
 from pymc_ship.ships.ensemble.index_error import (
-    BEYOND,
-    HELD,
-    MADE,
-    TOGETHER,
+    CALIBRATION_HITS,
+    CALIBRATION_TRIALS,
+    EXTRAPOLATION_SD,
+    LIKELIHOOD_WEIGHT,
     TYPICAL,
     index_sd,
     model_error,
@@ -27,7 +27,7 @@ from pymc_ship.ships.ensemble.index_error import (
     steady_error,
     with_model_error,
 )
-from pymc_ship.ships.ensemble.motion_error import GROWTH, SIZES, size_law
+from pymc_ship.ships.ensemble.motion_error import MOTION_EXTRAPOLATION_SD, SIZES, size_law
 from tests.ships.identification.cases import tanker
 
 N = 20_000
@@ -60,7 +60,7 @@ def root_mean_square(rows, **law):
     """Of the size, in typical errors, from :func:`size_law`."""
     error, known = np.array([scaled(one) for one in rows]).T
     size, log_weight = size_law(
-        error, known, np.array([TYPICAL[one["kind"]] for one in rows]), **{"together": TOGETHER} | law
+        error, known, np.array([TYPICAL[one["kind"]] for one in rows]), **{"likelihood_weight": LIKELIHOOD_WEIGHT} | law
     )
     return float(np.sqrt(np.exp(log_weight) @ size**2))
 
@@ -120,9 +120,10 @@ class TestModelError:
     def test_an_index_counts_for_a_part_as_it_errs_with_the_others_of_its_run(self):
         """Four copies of an index, each a quarter, say as much as one that counts whole."""
         one = [row("time", 0.5, parameter_sd=0.1, scale=10.0)]
-        assert root_mean_square(4 * one, together=0.25) == pytest.approx(root_mean_square(one, together=1.0), rel=1e-9)
-        assert root_mean_square(4 * one, together=1.0) != pytest.approx(root_mean_square(one, together=1.0), rel=0.1)
-        assert TOGETHER < 1.0
+        whole = root_mean_square(one, likelihood_weight=1.0)
+        assert root_mean_square(4 * one, likelihood_weight=0.25) == pytest.approx(whole, rel=1e-9)
+        assert root_mean_square(4 * one, likelihood_weight=1.0) != pytest.approx(whole, rel=0.1)
+        assert LIKELIHOOD_WEIGHT < 1.0
 
     def test_one_large_error_of_a_single_run_is_not_taken_at_its_word(self):
         """A circle forecast wrongly by 0.3 L from a single zigzag, whose draws say 0.15 L."""
@@ -198,8 +199,8 @@ class TestWithModelError:
 
     def test_errors_of_two_indices_are_independent(self):
         after = with_model_error(ships(ZIGZAG, heading_deg=20.0), ERRORS, tanker(), RNG(2))
-        together = np.corrcoef(after["first_overshoot_angle"], after["second_overshoot_angle"])[0, 1]
-        assert abs(together) < 4.0 / np.sqrt(N)
+        likelihood_weight = np.corrcoef(after["first_overshoot_angle"], after["second_overshoot_angle"])[0, 1]
+        assert abs(likelihood_weight) < 4.0 / np.sqrt(N)
 
     def test_without_errors_nothing_changes(self):
         before = ships(ZIGZAG, heading_deg=20.0)
@@ -212,18 +213,20 @@ class TestWithModelError:
         before = ships(TURNING_CIRCLE)
         after = with_model_error(before, errors, tanker(), RNG(2), beyond=20.0)
         for name, kind in (("advance", "distance"), ("time_to_90", "time")):
-            wanted = np.hypot(errors.get(kind, 0.0), 20.0 * BEYOND) * UNIT[kind]
+            wanted = np.hypot(errors.get(kind, 0.0), 20.0 * EXTRAPOLATION_SD) * UNIT[kind]
             assert float(after[name].std()) == pytest.approx(wanted, rel=MONTE_CARLO), name
-        assert float(after["steady_speed"].std()) == pytest.approx(20.0 * GROWTH["u"] * 7.974, rel=MONTE_CARLO)
+        assert float(after["steady_speed"].std()) == pytest.approx(
+            20.0 * MOTION_EXTRAPOLATION_SD["u"] * 7.974, rel=MONTE_CARLO
+        )
         diameter = np.log(after["steady_turning_diameter"] / before["steady_turning_diameter"])
         speed, rate = (
             7.974 / float(before["steady_speed"][0]),
             np.rad2deg(7.974 / 320.0 / float(before["steady_yaw_rate"][0])),
         )
-        wanted = 20.0 * np.hypot(GROWTH["u"] * speed, GROWTH["r"] * rate)
+        wanted = 20.0 * np.hypot(MOTION_EXTRAPOLATION_SD["u"] * speed, MOTION_EXTRAPOLATION_SD["r"] * rate)
         assert float(diameter.std()) == pytest.approx(wanted, rel=MONTE_CARLO)
         roll = float(before["maximum_roll_angle"][0])
-        wanted = np.hypot(errors.get("roll", 0.0), 20.0 * BEYOND) * roll
+        wanted = np.hypot(errors.get("roll", 0.0), 20.0 * EXTRAPOLATION_SD) * roll
         assert float(after["maximum_roll_angle"].std()) == pytest.approx(wanted, rel=MONTE_CARLO)
         within = with_model_error(before, errors, tanker(), RNG(2), beyond=0.0)
         assert float(within["maximum_roll_angle"].std()) == pytest.approx(
@@ -231,7 +234,7 @@ class TestWithModelError:
         )
         assert (
             float(within["advance"].std())
-            < 0.9 * np.hypot(errors.get("distance", 0.0), 20.0 * BEYOND) * UNIT["distance"]
+            < 0.9 * np.hypot(errors.get("distance", 0.0), 20.0 * EXTRAPOLATION_SD) * UNIT["distance"]
         )
 
     def test_steady_values_err_as_the_motion_of_held_out_runs_does_once_it_has_settled(self):
@@ -278,9 +281,12 @@ class TestWithModelError:
 def test_no_probability_is_stated_beyond_the_runs_that_others_did_not_bear_out():
     assert reliability(0.0) == {}
     found = reliability(0.3)
-    assert found["surest"] == pytest.approx((HELD + 1) / (MADE + 2))
-    assert 0.95 < found["surest"] < 0.995
-    assert f"of {MADE} statements of 99 % that were made so on foreign ships, {HELD} held" in found["reliability"]
+    assert found["calibration_cap"] == pytest.approx((CALIBRATION_HITS + 1) / (CALIBRATION_TRIALS + 2))
+    assert 0.95 < found["calibration_cap"] < 0.995
+    assert (
+        f"of {CALIBRATION_TRIALS} statements of 99 % that were made so on foreign ships, {CALIBRATION_HITS} held"
+        in found["reliability"]
+    )
 
 
 def test_the_tables_of_the_population_bear_the_bound_out():
@@ -292,5 +298,5 @@ def test_the_tables_of_the_population_bear_the_bound_out():
             for row in csv.DictReader(file)
             if (row["forecasts"], row["stated"]) == ("beyond the motion of the runs", "0.99")
         ]
-    assert int(row["statements"]) == MADE
-    assert round(float(row["share"]) * MADE) == HELD
+    assert int(row["statements"]) == CALIBRATION_TRIALS
+    assert round(float(row["share"]) * CALIBRATION_TRIALS) == CALIBRATION_HITS

@@ -61,7 +61,7 @@ def changed_by_hand(tmp_path, number):
 
 
 def without_a_part(tmp_path, part):
-    at = edited(SAVED / "format_2", tmp_path / "at", **{part: None})
+    at = edited(SAVED / "format_3", tmp_path / "at", **{part: None})
     path = at / "model" / "ship.json"
     index = json.loads(path.read_text(encoding="utf-8"))
     del index[part], index["sha256"]
@@ -118,7 +118,7 @@ test_ship_errors = wording(
             "was written by another version of pymc_ship",
             lambda tmp_path, part=part: without_a_part(tmp_path, part),
         )
-        for part in ["index_rows", "held_tests", "motion_error", "facilities"]
+        for part in ["held_out_indices", "uses_captive_tests", "motion_error", "facilities"]
     ),
     ("holds no identified ship: No such file or directory; run", lambda tmp_path: ps.load_ship(tmp_path)),
 )

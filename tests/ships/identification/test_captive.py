@@ -9,7 +9,7 @@ import pymc_ship as ps
 from pymc_ship.inference.captive.comparison import comparison_rows
 from pymc_ship.physics.vessel.vessel import reference_coefficients
 from pymc_ship.ships.identification.model import captive_comparison
-from tests.inference.captive.test_statement import PARTS, program
+from tests.inference.captive.test_fit import PARTS, program
 from tests.ships.identification.cases import tanker, trials
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.inference.trajectory.prior import Statement
-from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.inference.trajectory.prior import GaussianLikelihood
+from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.ships.ensemble.index_table import index_rows
 from tests.sentences import refused
@@ -84,7 +84,7 @@ def test_what_earlier_runs_showed_counts_on(first, second):
     assert second.ship.held_out_indices.sizes["run"] == 2 * SPLIT
     assert second.ship.likelihoods[TRUE_TERMS].log_density.size == 2 * SPLIT
     assert second.ship.motion.sizes["row"] > first.ship.motion.sizes["row"]
-    assert second.candidates[0].apart[0] < 0.05
+    assert second.candidates[0].discrepancy_scales[0] < 0.05
     assert any("Earlier runs stand beside the prior" in remark for remark in second.ship.remarks)
     assert second.ship.prior == first.ship.prior
 
@@ -92,7 +92,7 @@ def test_what_earlier_runs_showed_counts_on(first, second):
 def test_a_third_day_takes_the_first_two(second):
     """What was said of the same ship goes on growing."""
     third = identified(trials(2)[:2], second.ship)
-    rows = [one.ship.likelihoods[TRUE_TERMS].statement.rows for one in (second, third)]
+    rows = [one.ship.likelihoods[TRUE_TERMS].gaussian.design for one in (second, third)]
     logdet = [np.linalg.slogdet(row.T @ row)[1] for row in rows]
     assert logdet[1] > logdet[0]
     sizes = [one.ship.likelihoods[TRUE_TERMS].log_density.size for one in (second, third)]
@@ -114,7 +114,7 @@ def test_a_ship_that_has_changed_forgets(first):
         for k, manoeuvre in enumerate((ps.zigzag(10, 10), ps.zigzag(20, 20, side="starboard"), ps.turning_circle(35)))
     ]
     found, same = identified(today, first.ship), identified(RECORDS[SPLIT:], first.ship)
-    assert found.candidates[0].apart[0] > max(0.02, 2.0 * same.candidates[0].apart[0])
+    assert found.candidates[0].discrepancy_scales[0] > max(0.02, 2.0 * same.candidates[0].discrepancy_scales[0])
     truth = ps.indices(ps.simulate(fouled, ps.turning_circle(35), duration=900, step=0.25, method="rk4"))
     lower, _, upper = ps.forecast(found.ship, ps.turning_circle(35), rng=1, duration=900)["index_bands"][
         "tactical_diameter"
@@ -124,11 +124,13 @@ def test_a_ship_that_has_changed_forgets(first):
 
 def test_coefficients_without_a_place_are_refused_and_constants_of_runs_are_not():
     names = ("Yv", "nothing", "also nothing")
-    earlier = Earlier(names, Statement(np.array([[1.0, 0.0, 0.0]]), np.ones(1)), np.zeros(1), np.zeros(3), np.ones(3))
-    found = earlier.of(tanker())
+    earlier = EarlierLikelihood(
+        names, GaussianLikelihood(np.array([[1.0, 0.0, 0.0]]), np.ones(1)), np.zeros(1), np.zeros(3), np.ones(3)
+    )
+    found = earlier.for_vessel(tanker())
     assert found.rows[0].sum() == 1.0
     with refused(InferenceError, "nothing"):
-        replace(earlier, statement=Statement(np.array([[1.0, 2.0, 0.0]]), np.ones(1))).of(tanker())
+        replace(earlier, gaussian=GaussianLikelihood(np.array([[1.0, 2.0, 0.0]]), np.ones(1))).for_vessel(tanker())
 
 
 PARTS = "modular"
@@ -166,14 +168,14 @@ def test_another_facility_may_differ_in_what_is_its_own(known_hull):
     """Her hull is the same; without a share of their own, the broken twin, all coefficients are let go."""
     runs, vessel, _ = of_parts(HULL | {"dgamma_R": 2.0, "N_P": -2.0}, facility="tank")
     found = ps.identify_ship(runs, vessel, prior=known_hull, draws=40, rng=1)
-    shared, own = found.candidates[0].apart
+    shared, own = found.candidates[0].discrepancy_scales
     assert own > max(0.2, 3.0 * shared)
     assert any(
         "may belong to the facility (n_0, w0, dC2, Y_P, N_P, dgamma_R)" in remark for remark in found.ship.remarks
     )
     runs = [run.assign_attrs(facility="basin") for run in runs]
     twin = ps.identify_ship(runs, vessel, prior=known_hull, draws=40, rng=1)
-    assert twin.candidates[0].apart[0] > max(shared, 0.02)
+    assert twin.candidates[0].discrepancy_scales[0] > max(shared, 0.02)
     assert list(found.ship.facilities) == ["tank", "basin"]
 
 
@@ -186,7 +188,9 @@ def test_another_draught_keeps_the_distance_from_what_is_typical(known_hull, mon
     away = np.array([true[name] - fit.coefficients[names.index(name)] for name in HULL])
     sd = np.array([np.sqrt(fit.covariance[names.index(name), names.index(name)]) for name in HULL])
     assert np.abs(away / sd).max() < 3.5
-    assert found.candidates[0].apart[0] < 0.3
+    assert found.candidates[0].discrepancy_scales[0] < 0.3
     assert any("sailed at another draught" in remark for remark in found.ship.remarks)
-    monkeypatch.setattr(Earlier, "at_loading", lambda self, *_: self)
-    assert ps.identify_ship(runs[:1], vessel, prior=known_hull, draws=40, rng=1).candidates[0].apart[0] > 0.6
+    monkeypatch.setattr(EarlierLikelihood, "at_draught", lambda self, *_: self)
+    assert (
+        ps.identify_ship(runs[:1], vessel, prior=known_hull, draws=40, rng=1).candidates[0].discrepancy_scales[0] > 0.6
+    )

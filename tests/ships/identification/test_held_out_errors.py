@@ -49,7 +49,7 @@ def test_held_out_rows_take_the_model_error_of_the_other_runs():
     expected = [index_sd(row, model_error([one for one in index if one is not row])) for row in index]
     assert [row["leave_one_out_sd"] for row in found] == pytest.approx(expected, rel=1e-12)
     assert found[0]["leave_one_out_sd"] < found[1]["leave_one_out_sd"]
-    assert coverage(found) == {"90": 2, "90_apart": 2, "95": 2, "95_apart": 2}
+    assert coverage(found) == {"90": 2, "90_leave_one_out": 2, "95": 2, "95_leave_one_out": 2}
     assert index_error_rows(index_table(index[:1]))[0]["leave_one_out_sd"] == pytest.approx(
         index_sd(index[0], model_error([])), rel=1e-12
     )

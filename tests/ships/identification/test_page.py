@@ -137,7 +137,7 @@ def test_the_term_sets_stand_by_weight_with_their_scores(text, out):
             fixed_point(1)(score),
         ]
         assert float(line[7]) == pytest.approx(np.rad2deg(candidate.held_out.rms["r"]), rel=5e-3)
-        assert line[8:10] == [fixed_point(2)(candidate.inflation), fixed_point(0)(candidate.fit.dispersion)]
+        assert line[8:10] == [fixed_point(2)(candidate.inflation), fixed_point(0)(candidate.fit.design_effect)]
         assert line[10] == str(len(candidate.draws))
     assert lines["loading"][11] == "–"
     found = table_of(out, "term_sets")
@@ -173,7 +173,10 @@ def test_the_summary_counts_what_the_intervals_cover(text):
     assert f"error {errors['first_overshoot_angle_mean']:.2g} deg in the mean" in text
     assert f"{errors['second_overshoot_angle_max']:.2g} deg at most" in text
     assert f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of 21" in text
-    assert f"; {covered['90_apart']} and {covered['95_apart']} where the model error comes from the other" in text
+    assert (
+        f"; {covered['90_leave_one_out']} and {covered['95_leave_one_out']} where the model error comes from the other"
+        in text
+    )
     shown = {line[0]: line[1:3] for line in cells(text) if line[0] in model().ship.index_error}
     expected = {
         kind: np.quantile(model().ship.index_error[kind], (0.5, 0.95)) for kind in ("angle", "time", "distance")
@@ -188,12 +191,12 @@ def test_coefficients_carry_the_widened_sandwich_and_what_was_known(text, out):
     assert [float(row["sd"]) for row in found] == pytest.approx(sd.tolist(), rel=1e-12)
     for row in (row for row in found if row["known_sd"] != "nan"):
         away = (float(row["estimate"]) - float(row["known_value"])) / float(row["known_sd"])
-        assert float(row["apart"]) == pytest.approx(away, rel=1e-9)
+        assert float(row["prior_sds_away"]) == pytest.approx(away, rel=1e-9)
     mode, prior = best.fit.mode, best.prior
     square = ((mode.coefficients - prior.mean) ** 2 + mode.sd**2) / prior.scale**2
-    given_way = np.sqrt((FREEDOM + square) / (FREEDOM + 1.0))
-    assert [float(row["given_way"]) for row in found] == pytest.approx(given_way.tolist(), rel=0.04)
-    assert given_way.max() > 1.1 * given_way.min()
+    scale_inflation = np.sqrt((FREEDOM + square) / (FREEDOM + 1.0))
+    assert [float(row["scale_inflation"]) for row in found] == pytest.approx(scale_inflation.tolist(), rel=0.04)
+    assert scale_inflation.max() > 1.1 * scale_inflation.min()
     known = {row["coefficient"]: row["known_sd"] for row in found if row["known_sd"] != "nan"}
     hull = {name: str(sd) for name, (_, sd) in hull_coefficients(kvlcc2()).items()}
     rudder = {f"{name[0]}g{name[1:]}": str(sd) for name, (_, sd) in typical_rudder(320.0, 20.8).items()}

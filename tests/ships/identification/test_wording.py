@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.inference.trajectory.prior import Statement
-from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.inference.trajectory.prior import GaussianLikelihood
+from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
 from pymc_ship.machine.errors import FitError
 from pymc_ship.ships.identification import candidates, model
 from pymc_ship.ships.identification.candidates import with_recorded_effects
@@ -36,7 +36,7 @@ def of_facilities(*names):
 
 
 def after_earlier_runs(uses_captive_tests=False, **settings):
-    before = replace(ps.load_ship(SAVED / "format_2"), uses_captive_tests=uses_captive_tests)
+    before = replace(ps.load_ship(SAVED / "format_3"), uses_captive_tests=uses_captive_tests)
     ps.identify_ship(trials(0)[:1], tanker(), prior=before, rng=1, **settings)
 
 
@@ -121,9 +121,9 @@ test_inference_errors = wording(
     ),
     (
         "said of nothing has no place",
-        lambda: Earlier(
-            ("nothing",), Statement(np.array([[2.0]]), np.ones(1)), np.zeros(1), np.zeros(1), np.ones(1)
-        ).of(tanker()),
+        lambda: EarlierLikelihood(
+            ("nothing",), GaussianLikelihood(np.array([[2.0]]), np.ones(1)), np.zeros(1), np.zeros(1), np.ones(1)
+        ).for_vessel(tanker()),
     ),
 )
 

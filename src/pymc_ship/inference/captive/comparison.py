@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymc_ship.inference.captive.statement import held_motion, known_tests
+from pymc_ship.inference.captive.fit import held_motion, known_tests
 from pymc_ship.inference.captive.table import FORCES
 from pymc_ship.pages.drawing import BLUE, NOISE, REFERENCE, RUST, house_style, subplots
 from pymc_ship.pages.tables import fixed_point

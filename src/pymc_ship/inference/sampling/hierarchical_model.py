@@ -25,7 +25,7 @@ import xarray as xr
 from pymc_ship.inference.regression.priors import check_prior
 from pymc_ship.inference.regression.semiconjugate import SemiConjugatePrior
 from pymc_ship.inference.rows.data import RegressionData
-from pymc_ship.inference.sampling.own_tree import posterior_tree
+from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.regression_model import sample_model
 from pymc_ship.machine.arguments import finite_number
 from pymc_ship.machine.errors import InferenceError
@@ -129,7 +129,7 @@ def hierarchical_posterior(
     Returns
     -------
     DataTree
-        As :func:`~pymc_ship.inference.sampling.own_tree.posterior_tree`. ``coefficients`` are the means over groups;
+        As :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`. ``coefficients`` are the means over groups;
         ``group_coefficients``, ``group_sd`` and ``group_noise_variance`` stand beside them.
 
     Raises

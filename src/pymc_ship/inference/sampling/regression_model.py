@@ -30,7 +30,7 @@ from pymc_ship.inference.regression.tree import draws_tree, rng_state
 from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.inference.sampling import whitened_model
 from pymc_ship.inference.sampling.error_laws import ERRORS, NU_RATE, NU_SHAPE, error_law, with_errors
-from pymc_ship.inference.sampling.own_tree import posterior_tree
+from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.predictive import with_predictive
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -239,7 +239,7 @@ def nuts_posterior(
         prior_predictive and posterior_predictive as :func:`~pymc_ship.inference.sampling.predictive.with_predictive`.
         For errors that are not normal the posterior also holds ``degrees_of_freedom`` or ``autocorrelation``, and the
         log likelihood of AR(1) is that of a row given those before it. Under a prior or likelihood of your own it is as
-        :func:`~pymc_ship.inference.sampling.own_tree.posterior_tree`.
+        :func:`~pymc_ship.inference.sampling.from_pymc.posterior_tree`.
 
     Raises
     ------

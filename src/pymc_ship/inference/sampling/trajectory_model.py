@@ -94,9 +94,12 @@ def mode_model(mode: TrajectoryMode) -> pm.Model:
         log_prior = pm.logp(pm.Normal.dist(problem.center[proper], prior_sd), unknowns[proper])
         pm.Potential("log_prior", log_prior.sum())
         coefficients = unknowns[: problem.n_coefficients]
-        stated = problem.prior.stated
-        if stated.rows.size:
-            pm.Potential("log_statement", -0.5 * pt.sum((stated.values - pt.dot(stated.rows, coefficients)) ** 2))
+        other = problem.prior.likelihood_or_flat
+        if other.design.size:
+            pm.Potential(
+                "log_likelihood_of_other_data",
+                -0.5 * pt.sum((other.response - pt.dot(other.design, coefficients)) ** 2),
+            )
         nuisances = [unknowns[place] for place in problem.nuisances]
         _deterministics(problem, coefficients, nuisances)
         for k, values in enumerate(nuisances):

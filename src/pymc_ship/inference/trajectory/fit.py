@@ -123,9 +123,9 @@ class Problem:
         return precision
 
     @property
-    def stated(self) -> np.ndarray:
+    def likelihood_design(self) -> np.ndarray:
         """Rows of the prior's statement over all unknowns, (n_rows, n_unknowns)."""
-        rows = self.prior.stated.rows
+        rows = self.prior.likelihood_or_flat.design
         return np.pad(rows, ((0, 0), (0, self.unit.size - rows.shape[1])))
 
 
@@ -193,9 +193,9 @@ class TrajectoryFit:
 
 def linearise(problem: Problem, unknowns: np.ndarray) -> Linearisation | None:
     """Simulate all runs with their sensitivities and compare them with the records; None where a ship diverged."""
-    unit, stated = problem.unit, problem.stated
-    misfit = problem.prior.stated.misfit(unknowns[: problem.n_coefficients])
-    gradient, matrix, residuals = -stated.T @ misfit, stated.T @ stated, []
+    unit, design = problem.unit, problem.likelihood_design
+    misfit = problem.prior.likelihood_or_flat.residuals(unknowns[: problem.n_coefficients])
+    gradient, matrix, residuals = -design.T @ misfit, design.T @ design, []
     log_likelihood = -0.5 * float(misfit @ misfit)
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
     for run, noise, columns, place in pieces:
@@ -360,7 +360,7 @@ def _approximation(mode: _Mode) -> TrajectoryFit:
     """Normal approximation from the singular values of the whitened design, prior rows included."""
     problem, unknowns = mode.problem, mode.unknowns
     unit, precision = problem.unit, problem.precision
-    blocks = [np.diag(np.sqrt(precision)), problem.stated * unit]
+    blocks = [np.diag(np.sqrt(precision)), problem.likelihood_design * unit]
     pieces = zip(problem.runs, problem.noise, problem.columns, problem.nuisances, strict=True)
     for run, noise, columns, place in pieces:
         which = np.r_[columns, place]

@@ -27,23 +27,23 @@ FREEDOM = 4.0
 """Degrees of freedom of a prior that is Student's t."""
 
 
-class Statement(NamedTuple):
-    """What other data say of all coefficients at once: ``values - rows @ theta`` are independent and standard normal.
+class GaussianLikelihood(NamedTuple):
+    """Gaussian likelihood of all coefficients theta: ``response - design @ theta`` is standard normal.
 
-    ``rows`` (n_rows, n_coefficients), ``values`` (n_rows,).
+    ``design`` (n_rows, n_coefficients), ``response`` (n_rows,).
     """
 
-    rows: np.ndarray
-    values: np.ndarray
+    design: np.ndarray
+    response: np.ndarray
 
-    def misfit(self, coefficients: np.ndarray) -> np.ndarray:
-        """Values minus those of the coefficients, in standard deviations, (n_rows,)."""
-        return self.values - self.rows @ coefficients
+    def residuals(self, coefficients: np.ndarray) -> np.ndarray:
+        """Standardised residuals at these coefficients, (n_rows,)."""
+        return self.response - self.design @ coefficients
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoefficientPrior:
-    """Independent normal priors of all coefficients, in the vessel's order, prime values, and a statement on top.
+    """Independent normal priors of all coefficients, prime, in the vessel's order, with the likelihood of other data.
 
     Attributes
     ----------
@@ -55,8 +55,8 @@ class CoefficientPrior:
     tuned : ndarray of bool, shape (n_coefficients,)
         Whether the scale is multiplied by the factor tau found by evidence; the others are taken as stated.
     kind : str
-    statement : Statement or None
-        What other data say on top of it, such as captive tests.
+    likelihood : GaussianLikelihood or None
+        Likelihood of other data, such as captive tests.
     """
 
     mean: np.ndarray
@@ -64,14 +64,14 @@ class CoefficientPrior:
     unit: np.ndarray
     tuned: np.ndarray
     kind: str
-    statement: Statement | None = None
+    likelihood: GaussianLikelihood | None = None
 
     __repr__ = field_text
 
     @property
-    def stated(self) -> Statement:
-        """The statement; one without rows where there is none."""
-        return self.statement or Statement(np.empty((0, self.mean.size)), np.empty(0))
+    def likelihood_or_flat(self) -> GaussianLikelihood:
+        """Likelihood of other data; one without rows where there are none."""
+        return self.likelihood or GaussianLikelihood(np.empty((0, self.mean.size)), np.empty(0))
 
     def as_normal_at(self, coefficients: np.ndarray, sd: np.ndarray) -> CoefficientPrior:
         """Normal prior that stands for Student's t of these scales at a posterior.
@@ -90,7 +90,7 @@ class CoefficientPrior:
         return replace(self, scale=self.scale * np.sqrt((FREEDOM + square) / (FREEDOM + 1.0)))
 
     def draw(self, draws: int, rng: np.random.Generator) -> np.ndarray:
-        """Independent draws with every factor tau at 1, shape (draws, n_coefficients), the statement left out.
+        """Draws of the prior alone, every factor tau at 1, shape (draws, n_coefficients).
 
         Raises
         ------

@@ -81,7 +81,7 @@ class WindowFit:
         Curvature of the negative log posterior, the initial states profiled out.
     channel_sd : dict of str to float
         Root mean square that the windows leave of each channel, SI.
-    dispersion : float
+    design_effect : float
         How many times less the windows count beside the prior than residuals independent of each other would.
     n_windows : int
     mode : TrajectoryFit or None
@@ -95,7 +95,7 @@ class WindowFit:
     from_prior: np.ndarray
     information: np.ndarray
     channel_sd: dict[str, float]
-    dispersion: float
+    design_effect: float
     n_windows: int
     mode: TrajectoryFit | None = None
 
@@ -109,7 +109,7 @@ class WindowFit:
     @property
     def spread(self) -> dict[str, float]:
         """Spread under which the windows count, by channel, SI: what they leave times the root of the dispersion."""
-        return {name: sd * float(np.sqrt(self.dispersion)) for name, sd in self.channel_sd.items()}
+        return {name: sd * float(np.sqrt(self.design_effect)) for name, sd in self.channel_sd.items()}
 
     @property
     def covariance(self) -> np.ndarray:
@@ -222,7 +222,7 @@ def fit_windows(
     FitError
         When the start leaves the model's range or no minimum is found.
     """
-    fit, noise_sd, dispersion = _settled(windows, vessel, prior, start, sd)
+    fit, noise_sd, design_effect = _settled(windows, vessel, prior, start, sd)
     from_windows, from_prior = _sandwich(fit)
     return WindowFit(
         vessel=vessel,
@@ -231,7 +231,7 @@ def fit_windows(
         from_prior=from_prior,
         information=np.linalg.inv(fit.covariance),
         channel_sd=dict(zip(windows[0].run.channels, noise_sd.tolist(), strict=True)),
-        dispersion=dispersion,
+        design_effect=design_effect,
         n_windows=len(windows),
         mode=fit,
     )
@@ -244,8 +244,8 @@ def window_mode(
 
     Parameters and errors as :func:`fit_windows`. The sandwich is not in it: draws are those of prior and likelihood.
     """
-    fit, _, dispersion = _settled(windows, vessel, prior, start)
-    sentence = f"what the windows leave of each channel, times the root of their dispersion {dispersion:.3g}"
+    fit, _, design_effect = _settled(windows, vessel, prior, start)
+    sentence = f"what the windows leave of each channel, times the root of their dispersion {design_effect:.3g}"
     return TrajectoryMode(NoiseChoice(fit, "white", False, np.inf, residual_tests(fit), sentence), 1, 1, {})
 
 
@@ -270,14 +270,14 @@ def _settled(
         fit = fit_trajectory(_with_noise(problem, spread), unknowns, _CHANGE)
         square = np.sum([np.sum(values**2, axis=1) for values in fit.residuals], axis=0)
         noise_sd = np.maximum(spread * np.sqrt(square / sum(run.n_blocks for run in runs)), least)
-        dispersion = max(_dispersion(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
-        ratio, unknowns = noise_sd * np.sqrt(dispersion) / spread, fit.unknowns
+        design_effect = max(_design_effect(fit) * float(np.exp(2.0 * np.mean(np.log(spread / noise_sd)))), 1.0)
+        ratio, unknowns = noise_sd * np.sqrt(design_effect) / spread, fit.unknowns
         robust = stated.as_normal_at(fit.coefficients, fit.sd)
         changes = np.log(np.r_[ratio, robust.scale / problem.prior.scale])
         if np.max(np.abs(changes)) < _SETTLED:
             break
         problem, spread = replace(problem, prior=robust), spread * ratio
-    return fit, noise_sd, dispersion
+    return fit, noise_sd, design_effect
 
 
 def _left_by(windows: Sequence[Window], vessel: Vessel, coefficients: np.ndarray) -> np.ndarray:
@@ -293,7 +293,7 @@ def _with_noise(problem: Problem, sd: np.ndarray) -> Problem:
     return replace(problem, noise=noise)
 
 
-def _dispersion(fit: TrajectoryFit) -> float:
+def _design_effect(fit: TrajectoryFit) -> float:
     """Variance of the gradients of whole windows over that of residuals independent of each other.
 
     The mean over the directions in which the windows, not the prior, determine the coefficients: tr(C G) / tr(C H),
@@ -326,7 +326,7 @@ def _sandwich(fit: TrajectoryFit) -> tuple[np.ndarray, np.ndarray]:
 def _prior_precision(fit: TrajectoryFit) -> np.ndarray:
     """Prior precision of the unknowns that runs share, what other data state included, (n_shared, n_shared)."""
     n = fit.problem.n_shared
-    rows = fit.problem.stated[:, :n]
+    rows = fit.problem.likelihood_design[:, :n]
     return np.diag(fit.problem.precision[:n] / fit.problem.unit[:n] ** 2) + rows.T @ rows
 
 

@@ -23,7 +23,7 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     ----------
     tree : DataTree
         From :func:`pymc_ship.forecast`: groups ``trajectories`` (``diverged`` by draw), ``indices`` (dims draw) and
-        ``index_bands`` (dims band). The attr ``surest`` of a forecast beyond the runs of a ship is the calibration
+        ``index_bands`` (dims band). The attr ``calibration_cap`` of a forecast beyond the runs of a ship is the calibration
         cap of the probabilities.
     vessel : Vessel, str or Path
         Gives L; the speed is the approach speed of the manoeuvre.
@@ -62,12 +62,12 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
         return []
     found, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
     running = ~tree["trajectories"].to_dataset()["diverged"].values
-    surest = tree.attrs.get("surest", 1.0)
+    calibration_cap = tree.attrs.get("calibration_cap", 1.0)
     rows = []
     for name, limit, unit, units in imo_limits(found.attrs, vessel):
         values = found[name].values / unit
         reached = running & np.isfinite(values)
-        probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - surest, surest))
+        probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - calibration_cap, calibration_cap))
         row = {"criterion": name.replace("_", " "), "limit": limit, "units": units}
         row |= {band: float(bands[name].sel(band=band)) / unit for band in ("median", "lower", "upper")}
         row |= {

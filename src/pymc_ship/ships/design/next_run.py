@@ -265,7 +265,7 @@ class _Design:
         """Half widths of the intervals of the targets, (n_targets,)."""
         error = np.concatenate([self._error(run, names, known.motion) for run, names in self.targets])
         lower, upper = np.nanquantile(self.asked, [0.5 - 0.5 * _INSIDE, 0.5 + 0.5 * _INSIDE], axis=0)
-        variance = (0.5 * (upper - lower) / _QUANTILE) ** 2 * share_left(self.asked, known.seen, known.noise)
+        variance = (0.5 * (upper - lower) / _QUANTILE) ** 2 * remaining_variance(self.asked, known.seen, known.noise)
         sd = np.sqrt(variance[:, None] + error**2)
         return np.maximum(_QUANTILE * np.array([equivalent_sd(row) for row in sd]), _TINY)
 
@@ -319,7 +319,7 @@ def _motion(ship: Ship) -> xr.DataArray:
     return ship.motion.drop_vars("row", errors="ignore")
 
 
-def share_left(asked: np.ndarray, seen: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def remaining_variance(asked: np.ndarray, seen: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Share of the variance of some columns of an ensemble that is left when others were measured.
 
     That of the linear Bayes estimate among the draws that reach all columns, corrected for the directions in which any

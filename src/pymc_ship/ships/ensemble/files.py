@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 
@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.regression.tree import CITATIONS, provenance, read_posterior, write_posterior
-from pymc_ship.inference.trajectory.prior import Statement
-from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.inference.trajectory.prior import GaussianLikelihood
+from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
 from pymc_ship.machine.checksums import folder_checksum
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.files import settle, staged_path
@@ -20,21 +20,27 @@ from pymc_ship.physics.vessel.reading import load_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 from pymc_ship.records.steering.recognition import Steering
 from pymc_ship.ships.ensemble.index_table import index_rows, index_table
-from pymc_ship.ships.ensemble.motion_error import ERRING, motion_error
+from pymc_ship.ships.ensemble.motion_error import ERRING
 from pymc_ship.ships.ensemble.ship import Member, Ship
 
 FOLDER = "model"
 """Folder of a ship inside that of its report."""
 
-FORMAT = 3
-"""Number of the format that is written; those of :data:`MIGRATIONS` are read, too."""
+FORMAT = 4
+"""Number of the format that is written."""
+
+MIGRATIONS = {
+    2: {"model_error": "index_error", "index_rows": "held_out_indices", "held_tests": "uses_captive_tests"},
+    3: {"statement": "design", "stated": "response", "dispersion": "design_effect"},
+}
+"""Names of a format, in any of its files, that differ in the next one; formats that are read, too."""
 
 _INDEX, _SUM = "ship.json", "sha256"
 _KEYS = (
     *("terms", "facilities", "index_error", "motion_error", "remarks", "prior"),
     *("held_out_indices", "uses_captive_tests"),
 )
-_LIKELIHOOD = ("motion", "statement", "stated", "prior_mean", "prior_scale")
+_LIKELIHOOD = ("motion", "design", "response", "prior_mean", "prior_scale")
 _CHAINS = 4
 
 
@@ -125,7 +131,7 @@ def load_ship(out: str | Path) -> Ship:
     for entry in index["terms"]:
         path = folder / entry["file"]
         vessel, tree = load_vessel(path.with_suffix(".toml")), read_posterior(path.with_suffix(".nc"))
-        constant = tree["constant_data"].to_dataset()
+        constant = _current_names(tree["constant_data"].to_dataset().variables)
         if not set(_LIKELIHOOD) <= set(constant):
             raise _other_format(folder, path.with_suffix(".nc").name, _LIKELIHOOD)
         motion = constant["motion"]
@@ -164,49 +170,43 @@ def _read_index(folder: Path) -> dict:
 
 def _current(index: dict, folder: Path) -> dict:
     """Index under the names of the present format; VesselError for a format that is not read."""
-    by_lead = "coords" in index.get("motion_error", {})
-    number = index.get("format", 1 if by_lead else 2)
-    while number in MIGRATIONS:
-        index, number = MIGRATIONS[number](index, folder), number + 1
+    number, index = index.get("format", min(MIGRATIONS)), _current_names(index)
     gear = {one.name for one in fields(Steering)}
-    known = number == FORMAT and set(_KEYS) <= set(index) and set(index["motion_error"]) == set(ERRING)
+    known = number in (*MIGRATIONS, FORMAT) and set(_KEYS) <= set(index) and set(index["motion_error"]) == set(ERRING)
     known = known and all(set(one) == gear for one in index["facilities"].values())
     if not known or not all("measured_sd" in row for row in index["held_out_indices"]):
         raise _other_format(folder, _INDEX, _KEYS)
     return index
 
 
-def _typical_motion_error(index: dict, folder: Path) -> dict:
-    """Format 1 has an error of the motion by lead, of which no law can be made: that of other ships takes its place."""
-    vessel = load_vessel((folder / index["terms"][0]["file"]).with_suffix(".toml"))
-    laws = {name: sizes.tolist() for name, sizes in motion_error((), vessel).items()}
-    remark = (
-        "The report is of an earlier version: the error of the motion is the one typical of other ships. Run "
-        "`pymc-ship identify` again for that of this ship."
-    )
-    return index | {"motion_error": laws, "remarks": [*index["remarks"], remark]}
+def _current_names(entries: Mapping) -> dict:
+    """Entries of a file under the names of the present format."""
+    names = {old: new for renamed in MIGRATIONS.values() for old, new in renamed.items()}
+    return {names.get(key, key): value for key, value in entries.items()}
 
 
-def _named_as_attributes(index: dict, folder: Path) -> dict:
-    """Format 2 has other names for three entries."""
-    names = {"model_error": "index_error", "index_rows": "held_out_indices", "held_tests": "uses_captive_tests"}
-    return {names.get(key, key): value for key, value in index.items()}
-
-
-MIGRATIONS: dict[int, Callable[[dict, Path], dict]] = {1: _typical_motion_error, 2: _named_as_attributes}
-"""What makes the index of a format into that of the next one."""
-
-
-def _member(entry: Mapping, vessel: Vessel, tree: xr.DataTree, constant: xr.Dataset) -> Member:
+def _member(entry: Mapping, vessel: Vessel, tree: xr.DataTree, constant: Mapping) -> Member:
     """Member of an entry of the index, from its vessel and its posterior."""
     draws = tree["posterior"]["coefficients"].stack(sample=("draw", "chain"))
     rows = draws.sel(coefficient=coefficient_names(vessel)).transpose("sample", "coefficient").values
-    statement = Statement(constant["statement"].values, constant["stated"].values)
-    names, density = tuple(map(str, constant["coefficient"].values)), np.array(entry["log_density"], dtype=float)
-    likelihood = Earlier(names, statement, density, constant["prior_mean"].values, constant["prior_scale"].values)
-    settings = {"weight": entry["weight"], "likelihood": likelihood}
-    settings |= {"inflation": tree.attrs["inflation"], "dispersion": tree.attrs["dispersion"]}
-    return Member(entry["name"], vessel, rows, reference_coefficients(vessel), **settings)
+    likelihood = EarlierLikelihood(
+        names=tuple(map(str, constant["coefficient"].values)),
+        gaussian=GaussianLikelihood(constant["design"].values, constant["response"].values),
+        log_density=np.array(entry["log_density"], dtype=float),
+        prior_mean=constant["prior_mean"].values,
+        prior_scale=constant["prior_scale"].values,
+    )
+    attrs = _current_names(tree.attrs)
+    return Member(
+        name=entry["name"],
+        vessel=vessel,
+        draws=rows,
+        estimate=reference_coefficients(vessel),
+        weight=entry["weight"],
+        likelihood=likelihood,
+        inflation=attrs["inflation"],
+        design_effect=attrs["design_effect"],
+    )
 
 
 def _laws(index: Mapping[str, Sequence[float]]) -> dict[str, np.ndarray]:
@@ -226,7 +226,7 @@ def _checksum(folder: Path, index: Mapping) -> str:
     return folder_checksum(folder, names, index)
 
 
-def _entry(member: Member, likelihood: Earlier) -> dict:
+def _entry(member: Member, likelihood: EarlierLikelihood) -> dict:
     """What ship.json says of a member."""
     density = likelihood.log_density.tolist()
     return {"name": member.name, "file": _stem(member.name), "weight": member.weight, "log_density": density}
@@ -236,7 +236,7 @@ def _stem(name: str) -> str:
     return name.replace(",", "").replace(" ", "-")
 
 
-def _tree(member: Member, likelihood: Earlier, ship: Ship, made_by: str) -> xr.DataTree:
+def _tree(member: Member, likelihood: EarlierLikelihood, ship: Ship, made_by: str) -> xr.DataTree:
     """Draws of a member with the motion they were fitted to.
 
     Four chains of equal length hold the draws; if their number is no multiple of four, one chain holds all of them.
@@ -253,7 +253,7 @@ def _tree(member: Member, likelihood: Earlier, ship: Ship, made_by: str) -> xr.D
         "terms": member.name,
         "weight": member.weight,
         "inflation": member.inflation,
-        "dispersion": member.dispersion,
+        "design_effect": member.design_effect,
         "prior": ship.prior,
         "made_by": made_by,
         **provenance(CITATIONS["windows"]),
@@ -265,10 +265,10 @@ def _tree(member: Member, likelihood: Earlier, ship: Ship, made_by: str) -> xr.D
             "constant_data": xr.Dataset(
                 {
                     "motion": ship.motion,
-                    "statement": (("statement_row", "coefficient"), likelihood.statement.rows),
-                    "stated": ("statement_row", likelihood.statement.values),
-                    "prior_mean": ("coefficient", likelihood.mean),
-                    "prior_scale": ("coefficient", likelihood.scale),
+                    "design": (("likelihood_row", "coefficient"), likelihood.gaussian.design),
+                    "response": ("likelihood_row", likelihood.gaussian.response),
+                    "prior_mean": ("coefficient", likelihood.prior_mean),
+                    "prior_scale": ("coefficient", likelihood.prior_scale),
                 },
                 {"coefficient": names},
             ),

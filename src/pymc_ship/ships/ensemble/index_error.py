@@ -11,7 +11,7 @@ law: a half-Cauchy law over ships (Gelman 2006, doi:10.1214/06-BA117A), whose me
 ships (:data:`TYPICAL`), times the likelihood of the held-out indices of this ship. A forecast holds the whole law.
 
 No held-out zigzag says how wrong a model is where no run has been. What foreign ships showed there grows with the
-distance from the motion of the runs, in the same units: :data:`BEYOND`, of ships that share no code with the package
+distance from the motion of the runs, in the same units: :data:`EXTRAPOLATION_SD`, of other simulators' ships
 (docs/case_studies/foreign_ships.md). ``calibration.toml`` has these constants and the ships that chose them.
 """
 
@@ -29,24 +29,26 @@ from pymc_ship.physics.manoeuvre.kinds import SCORED_QUANTITIES
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.calibration import calibrated, calibrated_by
-from pymc_ship.ships.ensemble.motion_error import GROWTH, equal_sizes, size_law
+from pymc_ship.ships.ensemble.motion_error import MOTION_EXTRAPOLATION_SD, equal_sizes, size_law
 
-BEYOND = calibrated("index_growth")
+EXTRAPOLATION_SD = calibrated("index_extrapolation_sd")
 """Standard deviation of an index for each range of the record by which the median ship leaves it [swing, L/U, L,
 roll]."""
 
 TYPICAL = calibrated_by("index_typical")
 """Error of an index beyond the draws that half the ships exceed [swing, L/U, L, roll]."""
 
-TOGETHER = calibrated("index_together")
+LIKELIHOOD_WEIGHT = calibrated("index_likelihood_weight")
 """Weight of each held-out index in the law; the indices of one run err together."""
 
-HELD, MADE = int(calibrated("statements_held")), int(calibrated("statements_made"))
+CALIBRATION_HITS, CALIBRATION_TRIALS = int(calibrated("calibration_hits")), int(calibrated("calibration_trials"))
 """Statements "at most" and "at least" that were made with 99 % on indices beyond the motion of the runs: how many held
 and how many there were, on ships by which no other constant was chosen."""
 
 _OF_MOTION = {"speed": "u", "rate": "r", "drift": "v"}
-_GROWN = dict.fromkeys(SCORED_QUANTITIES, BEYOND) | {quantity: GROWTH[name] for quantity, name in _OF_MOTION.items()}
+_SD_PER_RANGE = dict.fromkeys(SCORED_QUANTITIES, EXTRAPOLATION_SD) | {
+    quantity: MOTION_EXTRAPOLATION_SD[name] for quantity, name in _OF_MOTION.items()
+}
 _SHARE_OF = {"angle": "swing of heading", "time": "L/U", "distance": "L", "roll": "angle of roll"}
 _COVERED = 0.95
 
@@ -76,7 +78,7 @@ def model_error(rows: Sequence[Mapping]) -> dict[str, np.ndarray]:
     """
     error, known = np.reshape([scaled(row) for row in rows], (-1, 2)).T
     typical = np.array([TYPICAL[row["kind"]] for row in rows])
-    found = equal_sizes(*size_law(error, known, typical, TOGETHER))
+    found = equal_sizes(*size_law(error, known, typical, LIKELIHOOD_WEIGHT))
     return {kind: TYPICAL[kind] * found for kind in SCORED_QUANTITIES}
 
 
@@ -171,19 +173,19 @@ def equivalent_sd(sd: np.ndarray) -> float:
 
 
 def reliability(beyond: float) -> dict[str, float | str]:
-    """What is known of sure statements of a forecast that leaves the motion of its runs, as attrs of it.
+    """Attrs of a forecast beyond the motion of the runs; empty within it.
 
-    ``surest``, the largest probability that can be stood by (Laplace's rule of succession), and ``reliability``, a
-    sentence; empty inside the motion of the runs.
+    ``calibration_cap``, the largest probability that is stated: Laplace's rule of succession for the calibration
+    trials. ``reliability``, a sentence.
     """
     if beyond <= 0.0:
         return {}
-    surest = (HELD + 1.0) / (MADE + 2.0)
+    cap = (CALIBRATION_HITS + 1.0) / (CALIBRATION_TRIALS + 2.0)
     sentence = (
-        f"The forecast goes beyond the motion of the runs: of {MADE} statements of 99 % that were made so on foreign "
-        f"ships, {HELD} held. No probability is stated above {surest:.3f}."
+        f"The forecast goes beyond the motion of the runs: of {CALIBRATION_TRIALS} statements of 99 % that were made "
+        f"so on foreign ships, {CALIBRATION_HITS} held. No probability is stated above {cap:.3f}."
     )
-    return {"surest": surest, "reliability": sentence}
+    return {"calibration_cap": cap, "reliability": sentence}
 
 
 def error_sizes(
@@ -211,7 +213,7 @@ def error_sizes(
         quantity = table[name].quantity
         if quantity != "diameter":
             law = np.atleast_1d(errors.get(quantity, 0.0))
-            error = np.hypot(law[(place * law.size).astype(int)], _GROWN[quantity] * beyond)
+            error = np.hypot(law[(place * law.size).astype(int)], _SD_PER_RANGE[quantity] * beyond)
             sizes[name] = error * np.asarray(index_scale(quantity, found[name], heading_deg, vessel))
     relative = {table[name].quantity: sizes[name] / found[name].values for name in sizes}
     for name in map(str, found):

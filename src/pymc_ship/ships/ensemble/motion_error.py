@@ -8,7 +8,7 @@ doi:10.1214/06-BA117A), whose median is that of a population of foreign ships (:
 the replays of this ship beyond the variance of draws and readings. A replay holds the whole law.
 
 No held-out run says how wrong a model is where no run has been. What foreign ships showed there grows with the distance
-of the median ship from the motion of the runs: :data:`GROWTH` (docs/case_studies/foreign_ships.md).
+of the median ship from the motion of the runs: :data:`MOTION_EXTRAPOLATION_SD` (docs/case_studies/foreign_ships.md).
 ``calibration.toml`` has these constants and the ships that chose them.
 """
 
@@ -43,10 +43,10 @@ TYPICAL = calibrated_by("motion_typical")
 RISE = calibrated_by("motion_rise")
 """Power of the time with which an error grows; that of u, v and r up to the last of :data:`LEADS`."""
 
-TOGETHER = calibrated("motion_together")
+LIKELIHOOD_WEIGHT = calibrated("motion_likelihood_weight")
 """Weight of each time of each replay in the law; those of one run err together."""
 
-GROWTH = calibrated_by("motion_growth")
+MOTION_EXTRAPOLATION_SD = calibrated_by("motion_extrapolation_sd")
 """Standard deviation of the prime motion for each range of the record by which the median ship leaves it; of heading
 [rad] and track for each L/U that she stays there, too."""
 
@@ -75,7 +75,7 @@ class Replayed(NamedTuple):
 
 
 def size_law(
-    error: np.ndarray, known: np.ndarray, typical: np.ndarray, together: float
+    error: np.ndarray, known: np.ndarray, typical: np.ndarray, likelihood_weight: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Law of how many times the typical error a ship has.
 
@@ -83,7 +83,7 @@ def size_law(
     ----------
     error, known, typical : ndarray, shape (n_rows,)
         Errors in held-out runs, variances that are known of them, and typical errors beyond these.
-    together : float
+    likelihood_weight : float
         Weight of each row.
 
     Returns
@@ -92,7 +92,7 @@ def size_law(
         Sizes, evenly spaced in their logarithm, and the logarithms of their probabilities.
     """
     variance = known[:, None] + (typical[:, None] * _SIZE) ** 2
-    told = -0.5 * together * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
+    told = -0.5 * likelihood_weight * np.sum(np.log(variance) + error[:, None] ** 2 / variance, axis=0)
     log_weight = told + np.log(_SIZE) - np.log1p(_SIZE**2)
     return _SIZE, log_weight - logsumexp(log_weight)
 
@@ -136,12 +136,14 @@ def motion_error(replays: Iterable[Replayed], vessel: Vessel) -> dict[str, np.nd
     found = {}
     for k, name in enumerate(ERRING):
         seen = np.isfinite(error[:, k]) & np.isfinite(variance[:, k])
-        typical = TYPICAL[name] * risen(name, leads[seen])
-        found[name] = TYPICAL[name] * equal_sizes(*size_law(error[seen, k], variance[seen, k], typical, TOGETHER))
+        typical = TYPICAL[name] * growth_with_lead_time(name, leads[seen])
+        found[name] = TYPICAL[name] * equal_sizes(
+            *size_law(error[seen, k], variance[seen, k], typical, LIKELIHOOD_WEIGHT)
+        )
     return found
 
 
-def risen(name: str, lead: np.ndarray) -> np.ndarray:
+def growth_with_lead_time(name: str, lead: np.ndarray) -> np.ndarray:
     """Error of a state some times after a start [L/U], over that :data:`SETTLED` after it."""
     return ((lead if name in SUMMED else np.minimum(lead, LEADS[-1])) / SETTLED) ** RISE[name]
 
@@ -177,9 +179,9 @@ def with_motion_error(
     units = prime_units(vessel)
     place = (0.5 + np.outer(_GOLDEN ** -_STEPS.astype(float), np.arange(1, states.shape[1] + 1))) % 1.0
     for name, row, of_ship, of_distance in zip(ERRING, _ROWS, *np.split(place, 2), strict=True):
-        error = np.outer(ndtri(of_distance), GROWTH[name] * far[name])
+        error = np.outer(ndtri(of_distance), MOTION_EXTRAPOLATION_SD[name] * far[name])
         if name in errors:
-            error += np.outer(mixture_quantiles(np.asarray(errors[name]), of_ship), risen(name, lead))
+            error += np.outer(mixture_quantiles(np.asarray(errors[name]), of_ship), growth_with_lead_time(name, lead))
         found[row] += error * units[name]
     return found
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
 from pymc_ship.machine.errors import VesselError
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -47,9 +47,9 @@ class Member:
     draws: np.ndarray
     estimate: np.ndarray
     weight: float = 1.0
-    likelihood: Earlier | None = None
+    likelihood: EarlierLikelihood | None = None
     inflation: float = 1.0
-    dispersion: float = 1.0
+    design_effect: float = 1.0
 
     def __repr__(self) -> str:
         """Name and number of draws."""
@@ -181,7 +181,7 @@ class Ship:
         return most_dofs(vessel for vessel, _ in self.models)
 
     @property
-    def likelihoods(self) -> dict[str, Earlier]:
+    def likelihoods(self) -> dict[str, EarlierLikelihood]:
         """Likelihood of all runs so far, by term set."""
         return {one.name: one.likelihood for one in self.members if one.likelihood is not None}
 

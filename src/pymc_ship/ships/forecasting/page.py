@@ -18,7 +18,7 @@ from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.records.steering.measured import measured_indices
-from pymc_ship.ships.ensemble.index_error import BEYOND, error_rows
+from pymc_ship.ships.ensemble.index_error import EXTRAPOLATION_SD, error_rows
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.ensemble.ship import Ship, ShipLike, as_ship
 from pymc_ship.ships.forecasting.figures import manoeuvre_figures
@@ -173,8 +173,8 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
         )
     return [
         *found,
-        f"They hold the error of a model where no run has been, too: an sd of {BEYOND:g} of the swing, of L/U and of L "
-        "for each range of the runs by which the median ship leaves their motion, as foreign ships showed it.",
+        f"They hold the error of a model where no run has been, too: an sd of {EXTRAPOLATION_SD:g} of the swing, of "
+        "L/U and of L for each range of the runs by which the median ship leaves their motion, as foreign ships showed it.",
     ]
 
 

@@ -10,11 +10,16 @@ import numpy as np
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from pymc_ship.inference.captive.statement import CaptiveFit, fit_captive, shared_with_trials
+from pymc_ship.inference.captive.fit import CaptiveFit, fit_captive, shared_with_trials
 from pymc_ship.inference.rows.weak_form import weak_form_start
-from pymc_ship.inference.trajectory.carried import carried_draws
-from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
-from pymc_ship.inference.trajectory.statements import Earlier, joined, loosened, said_by_windows
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood, coefficient_prior
+from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
+from pymc_ship.inference.trajectory.sequential_likelihood import (
+    EarlierLikelihood,
+    commensurate_likelihood,
+    joint_likelihood,
+    window_likelihood,
+)
 from pymc_ship.inference.trajectory.windows import Window, WindowFit, fit_windows, prepared_windows, widened
 from pymc_ship.machine.arguments import check_choice
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError
@@ -67,9 +72,9 @@ class Candidate:
     ``fit`` is to all runs, widened by the factor ``inflation`` from how far each run moves it, and so
     are those fits in ``held_out``; ``weight`` is its share of the ensemble, ``draws`` (n_draws, n_coefficients) those
     of its law that do not run away, ``infeasible_fraction`` of all drawn did. ``prior`` is that of the
-    windows, ``captive`` what captive tests say beside it, ``apart`` the shares of the prior sd by which coefficients
-    differ from those of earlier runs, see :func:`pymc_ship.inference.trajectory.statements.loosened`; empty without
-    any.
+    windows, ``captive`` what captive tests say beside it, ``discrepancy_scales`` how far the
+    coefficients may differ from those of earlier runs [prior sd], see
+    :func:`pymc_ship.inference.trajectory.sequential_likelihood.commensurate_likelihood`; empty without any.
     """
 
     name: str
@@ -81,29 +86,29 @@ class Candidate:
     weight: float = 0.0
     infeasible_fraction: float = 0.0
     captive: CaptiveFit | None = None
-    apart: tuple[float, ...] = ()
+    discrepancy_scales: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         """Name, weight and number of draws."""
         return f"Candidate({self.name!r}, weight {self.weight:.3g}, {len(self.draws)} draws)"
 
     @property
-    def said(self) -> Statement:
+    def gaussian_likelihood(self) -> GaussianLikelihood:
         """All that data have said of these coefficients: the windows of the runs, and what stood beside the prior."""
-        own = said_by_windows(self.fit, self.fit.prior, self.inflation)
-        return joined([self.prior.statement, own]) or own
+        windows = window_likelihood(self.fit, self.fit.prior, self.inflation)
+        return joint_likelihood([self.prior.likelihood, windows]) or windows
 
-    def densities(self, earlier: Mapping[str, Earlier]) -> np.ndarray:
+    def densities(self, earlier: Mapping[str, EarlierLikelihood]) -> np.ndarray:
         """Log predictive density of every run so far, (n_runs,)."""
         old = [earlier[self.name].log_density] if self.name in earlier else []
         return np.concatenate([*old, self.held_out.log_density])
 
-    def likelihood(self, earlier: Mapping[str, Earlier]) -> Earlier:
+    def likelihood(self, earlier: Mapping[str, EarlierLikelihood]) -> EarlierLikelihood:
         """Likelihood of all runs so far, for runs to come."""
         names, prior = tuple(coefficient_names(self.vessel)), self.prior
-        return Earlier(names, self.said, self.densities(earlier), prior.mean, prior.scale)
+        return EarlierLikelihood(names, self.gaussian_likelihood, self.densities(earlier), prior.mean, prior.scale)
 
-    def member(self, earlier: Mapping[str, Earlier]) -> Member:
+    def member(self, earlier: Mapping[str, EarlierLikelihood]) -> Member:
         """Member of the ensemble that this term set is."""
         return Member(
             name=self.name,
@@ -113,7 +118,7 @@ class Candidate:
             weight=self.weight,
             likelihood=self.likelihood(earlier),
             inflation=self.inflation,
-            dispersion=self.fit.dispersion,
+            design_effect=self.fit.design_effect,
         )
 
     @property
@@ -136,14 +141,14 @@ class Training:
     vessel: Vessel
     prior: str
     captive: xr.Dataset | None = None
-    earlier: Mapping[str, Earlier] = field(default_factory=dict)
+    earlier: Mapping[str, EarlierLikelihood] = field(default_factory=dict)
     elsewhere: bool = False
     reloaded: bool = False
 
 
 def earlier_runs_remark(best: Candidate, training: Training) -> str:
     """Sentence on how far the best term set differs from what earlier runs said of it."""
-    shared, *own = best.apart
+    shared, *own = best.discrepancy_scales
     said = f"Earlier runs stand beside the prior. Each coefficient differs from theirs by {shared:.2g} of its prior sd"
     if own:
         parameters = [best.vessel.parameters[k] for k in per_facility_indices(best.vessel)]
@@ -293,7 +298,7 @@ class _Combined:
     fit: WindowFit
     prior: CoefficientPrior
     captive: CaptiveFit | None
-    apart: tuple[float, ...]
+    discrepancy_scales: tuple[float, ...]
 
 
 def _attempt(name: str, training: Training, rng: np.random.Generator) -> Candidate | Refusal:
@@ -339,22 +344,24 @@ def _combine(problem: _Problem, fit: WindowFit, training: Training) -> _Combined
     """The fit with the likelihoods of earlier runs and of captive tests beside the prior."""
     prior, vessel = problem.prior, problem.vessel
     tests, before = None, None
-    apart: tuple[float, ...] = ()
+    discrepancy_scales: tuple[float, ...] = ()
     if training.captive is not None:
         tests = fit_captive(training.captive, vessel, prior)
         tests = shared_with_trials(tests, prior, fit.coefficients, fit.covariance)
     if problem.name in training.earlier:
         earlier = training.earlier[problem.name]
         if training.reloaded and vessel.modular:
-            earlier = earlier.at_loading(coefficient_names(vessel), prior)
+            earlier = earlier.at_draught(coefficient_names(vessel), prior)
         known = np.linalg.inv(fit.information)  # the scatter of a few windows would claim to know too much
         own = per_facility_indices(vessel) if training.elsewhere else ()
-        before, apart = loosened(earlier.of(vessel), prior, fit.coefficients, known, own)
-    beside = joined([before, tests.statement if tests else None])
+        before, discrepancy_scales = commensurate_likelihood(
+            earlier.for_vessel(vessel), prior, fit.coefficients, known, own
+        )
+    beside = joint_likelihood([before, tests.likelihood if tests else None])
     if beside is not None:
-        prior = replace(prior, statement=beside)
+        prior = replace(prior, likelihood=beside)
         fit = fit_windows(problem.windows, vessel, prior, fit.coefficients, fit.spread)
-    return _Combined(fit, prior, tests, apart)
+    return _Combined(fit, prior, tests, discrepancy_scales)
 
 
 def _hold_out(problem: _Problem, combined: _Combined, training: Training) -> Candidate:
@@ -376,14 +383,14 @@ def _hold_out(problem: _Problem, combined: _Combined, training: Training) -> Can
         inflation=inflation,
         draws=np.empty((0, whole.coefficients.size)),
         captive=combined.captive,
-        apart=combined.apart,
+        discrepancy_scales=combined.discrepancy_scales,
     )
 
 
 def _accept(candidate: Candidate, rng: np.random.Generator) -> Candidate | Refusal:
     """The candidate, or its refusal where the estimate or most draws are not feasible in a standard manoeuvre."""
     vessel, fit, name = candidate.vessel, candidate.fit, candidate.name
-    tried = np.vstack([fit.coefficients, carried_draws(fit, _TRIAL_DRAWS, rng)])
+    tried = np.vstack([fit.coefficients, randomize_then_optimize(fit, _TRIAL_DRAWS, rng)])
     good = is_feasible(vessel, tried)
     if good[0] and good.mean() >= _MIN_FEASIBLE:
         return candidate

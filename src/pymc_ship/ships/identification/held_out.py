@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymc_ship.inference.trajectory.carried import carried_draws
+from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.windows import Window, WindowFit, restarted, with_constants
 from pymc_ship.physics.forces.surroundings import CURRENT, CURRENT_COMPONENTS, WIND
 from pymc_ship.physics.manoeuvre.indices import indices
@@ -64,7 +64,7 @@ class CrossValidation:
 
     def draws(self, k: int, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draws of the fit without run k, with the constants that the run calls for, (count, n_coefficients)."""
-        return carried_draws(self.fits[k], count, rng) + self.coefficients[k] - self.fits[k].coefficients
+        return randomize_then_optimize(self.fits[k], count, rng) + self.coefficients[k] - self.fits[k].coefficients
 
 
 def cross_validate(

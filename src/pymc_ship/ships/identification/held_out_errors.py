@@ -56,7 +56,7 @@ def index_error_rows(table: xr.Dataset) -> list[dict]:
     Returns
     -------
     list of dict
-        With ``error`` and ``z``, and ``apart_sd``: the sd whose model error comes from the other runs alone.
+        With ``error`` and ``z``, and ``leave_one_out_sd``: the sd whose model error comes from the other runs alone.
     """
     rows, known = [], list(index_rows(table))
     for row in known:
@@ -68,9 +68,9 @@ def index_error_rows(table: xr.Dataset) -> list[dict]:
 
 
 def coverage(rows: Sequence[Mapping]) -> dict[str, int]:
-    """Number of 90 and 95 % intervals that cover; ``_apart``: with the model error of the other runs alone."""
+    """Number of 90 and 95 % intervals that cover; ``_leave_one_out``: with the model error of the other runs alone."""
     found = {}
     for share, z in QUANTILES.items():
         found[share] = sum(abs(row["z"]) <= z for row in rows)
-        found[f"{share}_apart"] = sum(abs(row["error"]) <= z * row["leave_one_out_sd"] for row in rows)
+        found[f"{share}_leave_one_out"] = sum(abs(row["error"]) <= z * row["leave_one_out_sd"] for row in rows)
     return found

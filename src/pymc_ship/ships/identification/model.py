@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 
 from pymc_ship.inference.captive.comparison import captive_bands
-from pymc_ship.inference.trajectory.carried import carried_draws
-from pymc_ship.inference.trajectory.statements import Earlier
+from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
+from pymc_ship.inference.trajectory.sequential_likelihood import EarlierLikelihood
 from pymc_ship.inference.trajectory.windows import LENGTH, thinned
 from pymc_ship.machine.errors import FitError, InferenceError, TrialError
 from pymc_ship.machine.seeds import Seed, random_generator
@@ -235,7 +235,7 @@ def _beside_captive(tests: xr.Dataset, best: Candidate) -> list[str]:
     return [
         f"{tests.sizes['test']} captive tests stand beside the prior of every term set; held-out runs are "
         "forecast with them, too. Each coefficient differs between carriage and ship by "
-        f"{best.captive.apart:.2g} of its prior sd ({best.name})."
+        f"{best.captive.discrepancy_scale:.2g} of its prior sd ({best.name})."
     ]
 
 
@@ -283,7 +283,9 @@ def _check_goes_with(before: Ship | None, wanted: Sequence[str], captive: xr.Dat
         raise InferenceError("Captive tests stand beside the earlier runs already; leave them out.")
 
 
-def _weighted(found: Sequence[Candidate], earlier: Mapping[str, Earlier], rng: np.random.Generator) -> list[Candidate]:
+def _weighted(
+    found: Sequence[Candidate], earlier: Mapping[str, EarlierLikelihood], rng: np.random.Generator
+) -> list[Candidate]:
     """Pseudo-BMA+: mean over Bayesian bootstraps of the runs of weights proportional to the predictive density."""
     density = np.array([candidate.densities(earlier) for candidate in found])
     shares = rng.dirichlet(np.ones(density.shape[1]), _BOOTSTRAPS)
@@ -339,7 +341,7 @@ def _drawn(found: Sequence[Candidate], draws: int, rng: np.random.Generator) -> 
     for candidate, count in zip(found, counts, strict=True):
         kept, tried = np.empty((0, candidate.fit.coefficients.size)), 0
         while len(kept) < count and tried < _ATTEMPTS * count:
-            batch = carried_draws(candidate.fit, int(count), rng)
+            batch = randomize_then_optimize(candidate.fit, int(count), rng)
             kept, tried = np.vstack([kept, batch[is_feasible(candidate.vessel, batch)]]), tried + int(count)
         if len(kept) < count:
             raise FitError(

@@ -278,7 +278,11 @@ def term_set_rows(result: ShipIdentification) -> list[dict]:
         row = {"terms": candidate.name, "coefficients": candidate.fit.coefficients.size, "weight": candidate.weight}
         row |= {"score": -np.inf if lost else float(score), "to_best": -np.inf if lost else float(score - best)}
         row |= {f"rms_{channel}": np.nan if lost else sd for channel, sd in candidate.held_out.rms.items()}
-        row |= {"inflation": candidate.inflation, "dispersion": candidate.fit.dispersion, "draws": len(candidate.draws)}
+        row |= {
+            "inflation": candidate.inflation,
+            "design_effect": candidate.fit.design_effect,
+            "draws": len(candidate.draws),
+        }
         row["infeasible_fraction"] = candidate.infeasible_fraction if len(candidate.draws) else np.nan
         known = TERM_SETS | PART_SETS
         about = known[candidate.name].description if candidate.name in known else "terms of the vessel file"
@@ -290,14 +294,14 @@ def coefficient_rows(candidate: Candidate) -> list[dict]:
     """Estimate and sd (sandwich, widened) of each coefficient, its prior, and how far that gave way, prime values."""
     vessel, sd = candidate.vessel, np.sqrt(np.diag(candidate.fit.covariance))
     held = {c.name: c for c in (*(c for force in vessel.forces.values() for c in force), *vessel.parameters)}
-    pairs, given_way = correlation_rows(candidate), candidate.fit.prior.scale / candidate.prior.scale
-    columns, rows = (coefficient_names(vessel), candidate.fit.coefficients, sd, given_way), []
+    pairs, scale_inflation = correlation_rows(candidate), candidate.fit.prior.scale / candidate.prior.scale
+    columns, rows = (coefficient_names(vessel), candidate.fit.coefficients, sd, scale_inflation), []
     for name, value, spread, factor in zip(*columns, strict=True):
         center, width = (held[name].value, held[name].sd) if held[name].sd > 0.0 else (np.nan, np.nan)
         partners = [row["second" if row["first"] == name else "first"] for row in pairs if name in row.values()]
         row = {"coefficient": name, "estimate": float(value), "sd": float(spread)}
-        row |= {"known_value": center, "known_sd": width, "apart": float((value - center) / width)}
-        row |= {"given_way": float(factor), "unit": held[name].unit, "source": held[name].source}
+        row |= {"known_value": center, "known_sd": width, "prior_sds_away": float((value - center) / width)}
+        row |= {"scale_inflation": float(factor), "unit": held[name].unit, "source": held[name].source}
         rows.append(row | {"correlated_with": " ".join(partners)})
     return rows
 
@@ -355,7 +359,7 @@ def _values(
         "unchecked": _unchecked(rows["checks"]),
         "left_out": left_out,
         "best": result.candidates[0],
-        "apart": [row for row in rows["coefficients"] if abs(row["apart"]) > DISAGREE],
+        "prior_conflicts": [row for row in rows["coefficients"] if abs(row["prior_sds_away"]) > DISAGREE],
         "disagree": f"{DISAGREE:g}",
         "n_coefficients": len(rows["coefficients"]),
         "summary": _summary(rows["held_out_indices"]),
@@ -427,9 +431,12 @@ def _summary(rows: Sequence[Mapping]) -> list[str]:
         found.append(f"Time to overshoot: error {n(errors['overshoot_time_median'])} % in the median.")
     covered = coverage(rows)
     text = f"Intervals of 90 % cover {covered['90']} and of 95 % cover {covered['95']} of {len(rows)} held-out indices"
-    apart = f"; {covered['90_apart']} and {covered['95_apart']} where the model error comes from the other runs alone"
+    others = (
+        f"; {covered['90_leave_one_out']} and {covered['95_leave_one_out']} where the model error comes from the other "
+        "runs alone"
+    )
     known = all(np.isfinite(row["leave_one_out_sd"]) for row in rows)
-    return [*found, f"{text}{apart if known else ''}."]
+    return [*found, f"{text}{others if known else ''}."]
 
 
 def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[str, Table]:
@@ -452,7 +459,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     sets |= {"score": ("held-out score", _score), "to_best": ("to the best", _score)}
     sets |= _rms_columns(channels) | {
         "inflation": ("sd inflation", fixed_point(2)),
-        "dispersion": ("count 1 in", fixed_point(0)),
+        "design_effect": ("design effect", fixed_point(0)),
     }
     sets |= {
         "draws": ("draws", fixed_point(0)),
@@ -462,7 +469,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     held: Columns = {"run": ("run", str), "manoeuvre": ("manoeuvre", str), "index": ("index", str), "unit": ("", str)}
     held |= {key: (key, fixed_point(2)) for key in ("measured", "forecast", "error", "sd", "z")}
     known: Columns = {"known_value": ("known beforehand", fixed_point(1)), "known_sd": ("± sd", fixed_point(1))}
-    known |= {"apart": ("sd away", fixed_point(1))}
+    known |= {"prior_sds_away": ("sd away", fixed_point(1))}
     coefficients: Columns = {
         "coefficient": ("coefficient", str),
         "estimate": ("estimate", fixed_point(1)),
@@ -487,7 +494,7 @@ def _tables(result: ShipIdentification, rows: Mapping[str, list[dict]]) -> dict[
     }
     if result.candidates[0].vessel.modular:
         four = {key: (head, number(4)) for key, (head, _) in coefficients.items() if key in _OF_PARAMETER}
-        four = {"coefficient": ("parameter", str)} | four | {"apart": ("sd away", fixed_point(1))}
+        four = {"coefficient": ("parameter", str)} | four | {"prior_sds_away": ("sd away", fixed_point(1))}
         free = [row for row in rows["coefficients"] if row["known_sd"] > FIXED_SD]
         found["parameters"] = (free, four | {"unit": ("unit, or what it is", str), "source": ("known from", str)})
     for dof in result.candidates[0].vessel.dofs if not result.candidates[0].vessel.modular else ():

@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 import pymc_ship as ps
-from pymc_ship.inference.captive.statement import CaptiveFit, fit_captive, held_motion, known_tests, shared_with_trials
-from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement, coefficient_prior
+from pymc_ship.inference.captive.fit import CaptiveFit, fit_captive, held_motion, known_tests, shared_with_trials
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood, coefficient_prior
 from pymc_ship.physics.motion.captive import captive_test_derivatives, captive_test_forces
 from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
@@ -53,10 +53,10 @@ def test_a_fit_finds_ships_of_the_prior_with_the_scatter_it_states(tanker):
     assert np.mean(np.abs(3.0 * z) < 1.96) < 0.7  # broken twin: sd a third as large
 
 
-def test_beside_the_prior_the_statement_is_the_fit(tanker):
+def test_beside_the_prior_the_likelihood_is_the_fit(tanker):
     vessel, prior = tanker
     fit = fit_captive(program(vessel, np.random.default_rng(1), prior.mean), vessel, prior)
-    rows, values = fit.statement
+    rows, values = fit.likelihood
     precision = np.diag(prior.scale**-2) + rows.T @ rows
     at = prior.mean + np.linalg.solve(precision, rows.T @ (values - rows @ prior.mean))
     sd = np.sqrt(np.diag(fit.covariance))
@@ -82,32 +82,32 @@ class TestSharedWithTrials:
     prior = CoefficientPrior(np.zeros(4), np.ones(4), np.ones(4), np.zeros(4, dtype=bool), "stated")
     covariance = 1e-4 * np.eye(4)
 
-    def shared(self, apart):
-        statement = Statement(100.0 * np.eye(4), 100.0 * apart * np.array([1.0, -1.0, 1.0, -1.0]))
-        fit = CaptiveFit(np.zeros(4), self.covariance, statement, {}, 1.0)
+    def shared(self, discrepancy_scale):
+        likelihood = GaussianLikelihood(100.0 * np.eye(4), 100.0 * discrepancy_scale * np.array([1.0, -1.0, 1.0, -1.0]))
+        fit = CaptiveFit(np.zeros(4), self.covariance, likelihood, {}, 1.0)
         found = shared_with_trials(fit, self.prior, np.zeros(4), self.covariance)
-        return found.statement, found.apart
+        return found.likelihood, found.discrepancy_scale
 
     def test_where_both_agree_the_tests_count_in_full(self):
-        statement, share = self.shared(0.01)
+        likelihood, share = self.shared(0.01)
         assert share == 0.0
-        np.testing.assert_array_equal(statement.rows, 100.0 * np.eye(4))
+        np.testing.assert_array_equal(likelihood.design, 100.0 * np.eye(4))
 
     def test_where_they_do_not_the_share_is_their_distance(self):
-        statement, share = self.shared(0.5)
+        likelihood, share = self.shared(0.5)
         assert share == pytest.approx(0.5, abs=0.02)
-        assert np.linalg.inv(statement.rows.T @ statement.rows)[0, 0] == pytest.approx(share**2 + 1e-4)
-        np.testing.assert_allclose(np.linalg.solve(statement.rows, statement.values), [0.5, -0.5, 0.5, -0.5])
+        assert np.linalg.inv(likelihood.design.T @ likelihood.design)[0, 0] == pytest.approx(share**2 + 1e-4)
+        np.testing.assert_allclose(np.linalg.solve(likelihood.design, likelihood.response), [0.5, -0.5, 0.5, -0.5])
 
 
-def test_slopes_and_statement_are_of_the_same_coefficients(tanker):
+def test_slopes_and_likelihood_are_of_the_same_coefficients(tanker):
     vessel, prior = tanker
     tests = program(vessel, np.random.default_rng(2), prior.mean)
     _, slopes = captive_test_derivatives(vessel, held_motion(tests, vessel), prior.mean)
     blind = np.all(slopes == 0.0, axis=(0, 1))
     fit = fit_captive(tests, vessel, prior)
-    np.testing.assert_allclose(fit.statement.rows[:, blind], 0.0, atol=1e-12)
-    assert reference_coefficients(vessel).size == fit.statement.rows.shape[1]
+    np.testing.assert_allclose(fit.likelihood.design[:, blind], 0.0, atol=1e-12)
+    assert reference_coefficients(vessel).size == fit.likelihood.design.shape[1]
 
 
 def test_revolutions_of_the_carriage_are_its_own(tanker):
@@ -120,7 +120,7 @@ def test_revolutions_of_the_carriage_are_its_own(tanker):
     right, off = (fit_captive(tests.assign(n=("test", n * share)), vessel, held) for share in (1.0, 1.06))
     sd = np.sqrt(right.covariance[column, column])
     assert off.revolutions / right.revolutions == pytest.approx(1.06, abs=4.0 * sd)
-    rows, values = off.statement
+    rows, values = off.likelihood
     precision = np.diag(held.scale**-2) + rows.T @ rows
     at = held.mean + np.linalg.solve(precision, rows.T @ (values - rows @ held.mean))
     own = coefficient_names(vessel).index("R0")

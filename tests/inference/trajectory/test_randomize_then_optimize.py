@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.inference.trajectory import carried
-from pymc_ship.inference.trajectory.carried import carried_draws
+from pymc_ship.inference.trajectory import randomize_then_optimize as room
 from pymc_ship.inference.trajectory.prior import coefficient_prior
+from pymc_ship.inference.trajectory.randomize_then_optimize import randomize_then_optimize
 from pymc_ship.inference.trajectory.windows import WindowFit, fit_windows, normal_draws, prepared_windows, restarted
 from pymc_ship.physics.vessel.term_sets import with_terms
 from pymc_ship.physics.vessel.vessel import reference_coefficients
@@ -47,7 +47,7 @@ def fit(vessel, windows):
 
 @pytest.fixture(scope="module")
 def drawn(fit):
-    return carried_draws(fit, N, np.random.default_rng(1))
+    return randomize_then_optimize(fit, N, np.random.default_rng(1))
 
 
 def of(vessel, values):
@@ -78,8 +78,8 @@ def misses(vessel, true, rows):
 def test_they_leave_of_the_windows_what_the_estimate_leaves(fit, drawn, windows, vessel, monkeypatch):
     own = left(windows, vessel, fit.coefficients[None])[0]
     assert np.quantile(left(windows, vessel, drawn), 0.9) < 1.1 * own
-    monkeypatch.setattr(carried, "_MOST_STEPS", 1)
-    assert np.median(left(windows, vessel, carried_draws(fit, N, np.random.default_rng(1)))) > 3.0 * own
+    monkeypatch.setattr(room, "_MOST_STEPS", 1)
+    assert np.median(left(windows, vessel, randomize_then_optimize(fit, N, np.random.default_rng(1)))) > 3.0 * own
 
 
 def test_their_forecasts_do_not_err_to_one_side(fit, drawn, vessel, true):
@@ -93,7 +93,9 @@ def test_their_forecasts_do_not_err_to_one_side(fit, drawn, vessel, true):
 
 def test_where_the_motion_is_linear_they_are_those_of_the_normal_law(fit):
     narrow = replace(fit, from_windows=1e-8 * fit.from_windows, from_prior=1e-8 * fit.from_prior)
-    law = [make(narrow, N, np.random.default_rng(2)) - fit.coefficients for make in (carried_draws, normal_draws)]
+    law = [
+        make(narrow, N, np.random.default_rng(2)) - fit.coefficients for make in (randomize_then_optimize, normal_draws)
+    ]
     sd = np.sqrt(np.diag(narrow.covariance))
     np.testing.assert_allclose(law[0] / sd, law[1] / sd, atol=0.02)
 
@@ -106,7 +108,7 @@ def test_they_differ_from_the_estimate_by_the_spread_of_its_law(fit, drawn):
 
 
 def test_they_are_finite_however_wide_the_law(fit, windows, vessel):
-    wild = carried_draws(replace(fit, from_windows=1e6 * fit.from_windows), N, np.random.default_rng(3))
+    wild = randomize_then_optimize(replace(fit, from_windows=1e6 * fit.from_windows), N, np.random.default_rng(3))
     assert np.isfinite(wild).all()
     straight = normal_draws(replace(fit, from_windows=1e6 * fit.from_windows), N, np.random.default_rng(3))
     assert np.isnan(left(windows, vessel, straight)).any()
@@ -115,7 +117,7 @@ def test_they_are_finite_however_wide_the_law(fit, windows, vessel):
 
 def test_a_law_without_windows_has_normal_draws():
     law = WindowFit(tanker(), np.array([1.0, -2.0]), np.eye(2), np.zeros((2, 2)), np.eye(2), {}, 1.0, 1)
-    rows = [make(law, 5, np.random.default_rng(4)) for make in (carried_draws, normal_draws)]
+    rows = [make(law, 5, np.random.default_rng(4)) for make in (randomize_then_optimize, normal_draws)]
     np.testing.assert_array_equal(*rows)
 
 

@@ -9,7 +9,7 @@ import pymc as pm
 import pytest
 
 import pymc_ship as ps
-from pymc_ship.inference.sampling.own_tree import posterior_tree
+from pymc_ship.inference.sampling.from_pymc import posterior_tree
 from pymc_ship.inference.sampling.regression_model import nuts_posterior, pymc_model
 from tests.inference.sampling.cases import hyperparameters, regression
 from tests.sentences import refused

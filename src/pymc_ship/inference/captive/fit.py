@@ -20,8 +20,8 @@ import xarray as xr
 from scipy.optimize import least_squares
 
 from pymc_ship.inference.captive.table import FORCES
-from pymc_ship.inference.trajectory.prior import CoefficientPrior, Statement
-from pymc_ship.inference.trajectory.statements import loosened
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood
+from pymc_ship.inference.trajectory.sequential_likelihood import commensurate_likelihood
 from pymc_ship.machine.errors import InferenceError, TrialError
 from pymc_ship.machine.fields import field_text
 from pymc_ship.physics.forces.screw import NOMINAL_REVOLUTIONS
@@ -47,25 +47,25 @@ class CaptiveFit:
     coefficients : ndarray, shape (n_coefficients,)
         Most probable ones.
     covariance : ndarray, shape (n_coefficients, n_coefficients)
-    statement : Statement
+    likelihood : Statement
         What the tests say beside the prior.
     noise_sd : dict of str to float
         What the fitted ship leaves of each force, prime at the nominal speed.
-    dispersion : float
+    design_effect : float
         How many times less the tests count than rows independent of each other would.
     revolutions : float
         Nominal revolutions of the model on the carriage over those of the vessel: they belong to a facility.
-    apart : float
+    discrepancy_scale : float
         Share of the prior sd by which coefficients differ between carriage and ship, once her trials are known.
     """
 
     coefficients: np.ndarray
     covariance: np.ndarray
-    statement: Statement
+    likelihood: GaussianLikelihood
     noise_sd: dict[str, float]
-    dispersion: float
+    design_effect: float
     revolutions: float = 1.0
-    apart: float = 0.0
+    discrepancy_scale: float = 0.0
 
     __repr__ = field_text
 
@@ -159,14 +159,14 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     white = np.concatenate([slopes[place] / sd[place] for place in measured])
     left = np.concatenate([misfit[place] / sd[place] for place in measured])
     groups = np.tile(_groups(tests), len(measured))
-    dispersion = _dispersion(white, left, groups, scale)
-    white, left = white / np.sqrt(dispersion), left / np.sqrt(dispersion)
+    design_effect = _design_effect(white, left, groups, scale)
+    white, left = white / np.sqrt(design_effect), left / np.sqrt(design_effect)
     orthogonal, triangle = np.linalg.qr(white)
     values = triangle @ at + orthogonal.T @ left
     precision = triangle.T @ triangle + np.diag(scale**-2.0)
     size = np.sqrt(np.diag(precision))
     covariance = np.linalg.inv(precision / np.outer(size, size)) / np.outer(size, size)
-    found = CaptiveFit(at, covariance, Statement(triangle, values), _by_force(sd, measured), dispersion)
+    found = CaptiveFit(at, covariance, GaussianLikelihood(triangle, values), _by_force(sd, measured), design_effect)
     return _at_own_revolutions(found, own[0]) if own and held.all() else found
 
 
@@ -175,16 +175,16 @@ def _by_force(sd: np.ndarray, measured: list[int]) -> dict[str, float]:
 
 
 def _at_own_revolutions(fit: CaptiveFit, column: int) -> CaptiveFit:
-    """Fit whose statement takes the nominal revolutions of the carriage, in this column, as found."""
-    rows, n_0 = fit.statement.rows.copy(), float(fit.coefficients[column])
-    values = fit.statement.values - rows[:, column] * (n_0 - 1.0)
-    return replace(fit, statement=Statement(rows, values), revolutions=n_0)
+    """Fit whose likelihood takes the nominal revolutions of the carriage, in this column, as found."""
+    rows, n_0 = fit.likelihood.design.copy(), float(fit.coefficients[column])
+    values = fit.likelihood.response - rows[:, column] * (n_0 - 1.0)
+    return replace(fit, likelihood=GaussianLikelihood(rows, values), revolutions=n_0)
 
 
 def shared_with_trials(
     fit: CaptiveFit, prior: CoefficientPrior, coefficients: np.ndarray, covariance: np.ndarray
 ) -> CaptiveFit:
-    """Fit whose statement is of the coefficients under way, which differ from those on the carriage by ``apart``.
+    """Fit whose likelihood is of the coefficients under way, with the discrepancy scale between carriage and ship.
 
     Parameters
     ----------
@@ -194,8 +194,8 @@ def shared_with_trials(
     coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
         Of the ship by her trials and the prior alone.
     """
-    statement, (share,) = loosened(fit.statement, prior, coefficients, covariance)
-    return replace(fit, statement=statement, apart=share)
+    likelihood, (share,) = commensurate_likelihood(fit.likelihood, prior, coefficients, covariance)
+    return replace(fit, likelihood=likelihood, discrepancy_scale=share)
 
 
 Rows = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -244,7 +244,7 @@ def _groups(tests: xr.Dataset) -> np.ndarray:
     return np.unique(np.column_stack([speed, *sides]), axis=0, return_inverse=True)[1]
 
 
-def _dispersion(white: np.ndarray, left: np.ndarray, groups: np.ndarray, scale: np.ndarray) -> float:
+def _design_effect(white: np.ndarray, left: np.ndarray, groups: np.ndarray, scale: np.ndarray) -> float:
     """Variance of the gradients of groups over that of rows independent of each other, 1 or more.
 
     As of windows, :mod:`pymc_ship.inference.trajectory.windows`: tr(C G) / tr(C H) in the directions that the rows

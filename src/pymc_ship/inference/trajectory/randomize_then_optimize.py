@@ -34,7 +34,7 @@ class _Piece(NamedTuple):
     design: np.ndarray
 
 
-def carried_draws(fit: WindowFit, count: int, rng: np.random.Generator) -> np.ndarray:
+def randomize_then_optimize(fit: WindowFit, count: int, rng: np.random.Generator) -> np.ndarray:
     """Draws of the coefficients of a fit, carried to where they fit its windows.
 
     Parameters

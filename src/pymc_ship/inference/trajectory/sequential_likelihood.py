@@ -1,0 +1,168 @@
+"""Likelihood of earlier runs as a Gaussian likelihood of the coefficients, for fits to later runs.
+
+The log likelihood of the windows of a fit is replaced by its quadratic about the mode, without the constants of runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from pymc_ship.inference.trajectory.prior import CoefficientPrior, GaussianLikelihood
+from pymc_ship.inference.trajectory.windows import WindowFit
+from pymc_ship.machine.errors import InferenceError
+from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, per_run_indices
+
+_GRID_SIZES = {1: 101, 2: 31}  # discrepancy scales tried per group, by the number of groups
+_RELATIVE_RANK = 1e-9  # eigenvalues below this fraction of the largest count as zero
+
+
+@dataclass(frozen=True)
+class EarlierLikelihood:
+    """Likelihood of earlier runs for one term set.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the coefficients.
+    gaussian : GaussianLikelihood
+        Likelihood of the coefficients by these runs.
+    log_density : ndarray, shape (n_runs,)
+        Log predictive density of each of these runs, held out.
+    prior_mean, prior_scale : ndarray, shape (n_coefficients,)
+        Of the prior in the fit to these runs.
+    """
+
+    names: tuple[str, ...]
+    gaussian: GaussianLikelihood
+    log_density: np.ndarray
+    prior_mean: np.ndarray
+    prior_scale: np.ndarray
+
+    def __repr__(self) -> str:
+        """Number of coefficients and of runs."""
+        return f"EarlierLikelihood({len(self.names)} coefficients, {len(self.log_density)} runs)"
+
+    def for_vessel(self, vessel: Vessel) -> GaussianLikelihood:
+        """Likelihood with the coefficients in the order of a vessel; InferenceError where the vessel lacks one."""
+        names, design = coefficient_names(vessel), self.gaussian.design
+        lacking = [name for k, name in enumerate(self.names) if name not in names and design[:, k].any()]
+        if lacking:
+            raise InferenceError(
+                f"The likelihood of earlier runs needs every coefficient of their vessel, found none of "
+                f"{', '.join(lacking)} in {vessel.name!r}; give the vessel file of the earlier runs."
+            )
+        reordered = np.zeros((len(design), len(names)))
+        for k, name in enumerate(self.names):
+            if name in names:
+                reordered[:, names.index(name)] = design[:, k]
+        return GaussianLikelihood(reordered, self.gaussian.response)
+
+    def at_draught(self, names: Sequence[str], prior: CoefficientPrior) -> EarlierLikelihood:
+        """Likelihood of the ship at another draught: each coefficient as many prior sd from its prior mean as before.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the coefficients of the prior.
+        prior : CoefficientPrior
+            Prior at the other draught.
+        """
+        mean, scale = self.prior_mean.copy(), self.prior_scale.copy()
+        for k, name in enumerate(self.names):
+            if name in names:
+                mean[k], scale[k] = (values[list(names).index(name)] for values in (prior.mean, prior.scale))
+        ratio = self.prior_scale / scale
+        design, response = self.gaussian
+        moved = GaussianLikelihood(design * ratio, response - design @ (self.prior_mean - ratio * mean))
+        return EarlierLikelihood(self.names, moved, self.log_density, mean, scale)
+
+
+def window_likelihood(fit: WindowFit, prior: CoefficientPrior, inflation: float = 1.0) -> GaussianLikelihood:
+    """Gaussian likelihood of the coefficients by the windows of a fit.
+
+    Parameters
+    ----------
+    fit : WindowFit
+    prior : CoefficientPrior
+        Prior of the fit, with a finite scale of every coefficient.
+    inflation : float, optional
+        Factor on the standard deviations, 1 or more.
+
+    Returns
+    -------
+    GaussianLikelihood
+        Without the constants of runs, which other runs do not share.
+    """
+    scale, other = prior.scale, prior.likelihood_or_flat
+    prior_information = np.diag(scale**-2.0) + other.design.T @ other.design
+    gradient = (fit.coefficients - prior.mean) / scale**2 - other.design.T @ other.residuals(fit.coefficients)
+    free = np.ones(scale.size)
+    free[per_run_indices(fit.vessel)] = 0.0
+    unit = scale * free
+    information = unit[:, None] * (fit.information - prior_information) * unit
+    eigenvalues, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    determined = eigenvalues > _RELATIVE_RANK * max(eigenvalues[-1], 0.0)
+    root, directions = np.sqrt(eigenvalues[determined]), vectors[:, determined].T
+    design = root[:, None] * directions * (free / scale)
+    shift = directions @ (unit * gradient) / root
+    return GaussianLikelihood(design / inflation, (design @ fit.coefficients + shift) / inflation)
+
+
+def joint_likelihood(likelihoods: Sequence[GaussianLikelihood | None]) -> GaussianLikelihood | None:
+    """Product of independent likelihoods; None without any."""
+    independent = [one for one in likelihoods if one is not None]
+    if not independent:
+        return None
+    return GaussianLikelihood(*(np.concatenate(parts) for parts in zip(*independent, strict=True)))
+
+
+def commensurate_likelihood(
+    likelihood: GaussianLikelihood,
+    prior: CoefficientPrior,
+    coefficients: np.ndarray,
+    covariance: np.ndarray,
+    own: Sequence[int] = (),
+) -> tuple[GaussianLikelihood, tuple[float, ...]]:
+    """Likelihood by other data whose coefficients differ from those of the present data.
+
+    The difference of each coefficient is normal about 0, its standard deviation the discrepancy scale times that of the
+    prior: a commensurate prior (Hobbs et al. 2011, doi:10.1111/j.1541-0420.2011.01564.x). The scale is the one of
+    largest marginal likelihood on a grid from 0 to 1 (empirical Bayes).
+
+    Parameters
+    ----------
+    likelihood : GaussianLikelihood
+    prior : CoefficientPrior
+    coefficients, covariance : ndarray, shape (n_coefficients,), (n_coefficients, n_coefficients)
+        Posterior mean and covariance by the present data and the prior alone.
+    own : sequence of int, optional
+        Indices of coefficients with a discrepancy scale of their own.
+
+    Returns
+    -------
+    GaussianLikelihood
+    tuple of float
+        Discrepancy scale, and that of ``own`` where there are any.
+    """
+    design, residuals = likelihood.design, likelihood.residuals(coefficients)
+    scaled, identity = design * prior.scale, np.eye(len(design))
+    covariance_of_residuals = identity + design @ covariance @ design.T
+    in_own = np.isin(np.arange(prior.scale.size), own)
+    covariances = [scaled[:, group] @ scaled[:, group].T for group in (~in_own, in_own) if group.any()]
+
+    def discrepancy(scales: Sequence[float]) -> np.ndarray:
+        return sum(scale**2 * one for scale, one in zip(scales, covariances, strict=True))
+
+    def negative_log_evidence(scales: Sequence[float]) -> float:
+        root = np.linalg.cholesky(covariance_of_residuals + discrepancy(scales))
+        white = np.linalg.solve(root, residuals)
+        return float(0.5 * white @ white + np.sum(np.log(np.diag(root))))
+
+    grid = np.linspace(0.0, 1.0, _GRID_SIZES[len(covariances)]).tolist()
+    scales = min(product(grid, repeat=len(covariances)), key=negative_log_evidence)
+    root = np.linalg.cholesky(identity + discrepancy(scales))
+    return GaussianLikelihood(np.linalg.solve(root, design), np.linalg.solve(root, likelihood.response)), scales
