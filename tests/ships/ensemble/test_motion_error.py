@@ -11,6 +11,7 @@ from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.ships.ensemble.motion_error import (
     ERRING,
     LEADS,
+    MOTION_EXTRAPOLATION_SD,
     RISE,
     SIZES,
     TYPICAL,
@@ -19,7 +20,6 @@ from pymc_ship.ships.ensemble.motion_error import (
     motion_error,
     with_motion_error,
 )
-from pymc_ship.ships.ensemble.motion_error import GROWTH as BEYOND
 
 DRAWS, TIMES, RUNS = 200, 41, 300
 GROWTH = {"u": 0.02, "v": 0.05, "r": 0.1, "psi": 0.1, "x": 0.2, "y": 0.2}
@@ -152,10 +152,14 @@ def test_the_error_grows_with_the_distance_from_the_runs(tanker):
     found = with_motion_error(states, time, {}, tanker, beyond).std(axis=1)
     assert not found[:, : TIMES // 2 - 1].any()
     for name, stayed in (("u", 1.0), ("v", 1.0), ("r", 1.0), ("psi", 5.0), ("x", 5.0), ("y", 5.0)):
-        assert found[STATE.index(name), -1] == pytest.approx(BEYOND[name] * stayed * unit[name], rel=0.04), name
+        assert found[STATE.index(name), -1] == pytest.approx(
+            MOTION_EXTRAPOLATION_SD[name] * stayed * unit[name], rel=0.04
+        ), name
     near, far = (with_motion_error(states, time, EXACT, tanker, k * beyond).std(axis=1) for k in (0.0, 3.0))
     row = STATE.index("u")
-    assert far[row, -1] == pytest.approx(np.hypot(near[row, -1], 3.0 * BEYOND["u"] * unit["u"]), rel=0.05)
+    assert far[row, -1] == pytest.approx(
+        np.hypot(near[row, -1], 3.0 * MOTION_EXTRAPOLATION_SD["u"] * unit["u"]), rel=0.05
+    )
 
 
 def test_a_mixture_has_the_quantiles_of_its_draws():

@@ -173,8 +173,9 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
         )
     return [
         *found,
-        f"They hold the error of a model where no run has been, too: an sd of {EXTRAPOLATION_SD:g} of the swing, of "
-        "L/U and of L for each range of the runs by which the median ship leaves their motion, as foreign ships showed it.",
+        "They hold the error of a model where no run has been, too: an sd of "
+        f"{EXTRAPOLATION_SD:g} of the swing, of L/U and of L for each range of the runs by which the median ship "
+        "leaves their motion, as foreign ships showed it.",
     ]
 
 
