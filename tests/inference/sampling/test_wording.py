@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
-from tests.inference.sampling.test_own_tree import DATA, plain_model, sampled
 
 import pymc_ship as ps
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
@@ -29,6 +28,7 @@ from pymc_ship.inference.sampling.trajectory_model import (
 from pymc_ship.machine.errors import FitError, InferenceError
 from tests.inference.rows.frames import motion
 from tests.inference.sampling.cases import regression
+from tests.inference.sampling.test_from_pymc import DATA, plain_model, sampled
 from tests.inference.sampling.test_gibbs import case
 from tests.inference.sampling.test_hierarchical_model import PRIOR, data_of
 from tests.inference.sampling.test_predictive import tree_of
