@@ -120,7 +120,7 @@ test_inference_errors = wording(
         lambda: after_earlier_runs(uses_captive_tests=True, captive=xr.Dataset()),
     ),
     (
-        "said of nothing has no place",
+        "needs every coefficient of their vessel, found none of nothing",
         lambda: EarlierLikelihood(
             ("nothing",), GaussianLikelihood(np.array([[2.0]]), np.ones(1)), np.zeros(1), np.zeros(1), np.ones(1)
         ).for_vessel(tanker()),

@@ -1,6 +1,6 @@
-"""Captive tests: forces measured on a ship that is held at a motion, as data beside her trials.
+"""Captive tests: forces measured on a model that is towed along a prescribed motion, as data beside the trials.
 
 - `table`: reads rows of motion and force.
-- `likelihood`: what they say of the coefficients.
-- `comparison`: their forces beside those of ships, as table and figure.
+- `fit`: Gaussian likelihood of the coefficients by the tests.
+- `comparison`: measured forces and those of posterior draws, as table and figure.
 """

@@ -1,12 +1,12 @@
-"""All coefficients at once: the simulated motion fitted to raw records.
+"""All coefficients at once: the simulated motion fitted to recorded motion (output-error method).
 
-- `runs`: a trial as the trajectory likelihood takes it.
+- `runs`: a trial in the arrays of the likelihood.
 - `prior`: prior of all coefficients of a vessel.
-- `fit`: mode and normal approximation under given noise.
-- `noise`: the noise model that the residuals call for.
-- `mode`: the best mode from several starts.
-- `posterior`: draws around the mode as a DataTree.
+- `fit`: posterior mode and normal approximation for given noise.
+- `noise`: choice of the noise model by the residuals.
+- `mode`: best mode of several starts.
+- `posterior`: draws about the mode as a DataTree.
 - `windows`: fits to windows of several runs, with robust covariance.
-- `carried`: draws of such a fit that fit the windows, too.
-- `statements`: what windows said, carried on beside the prior of other runs.
+- `randomize_then_optimize`: draws of such a fit along the curve of equal likelihood.
+- `sequential_likelihood`: likelihood of earlier runs, for fits to later ones.
 """
