@@ -23,8 +23,8 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     ----------
     tree : DataTree
         From :func:`pymc_ship.forecast`: groups ``trajectories`` (``diverged`` by draw), ``indices`` (dims draw) and
-        ``index_bands`` (dims band). The attr ``calibration_cap`` of a forecast beyond the runs of a ship is the calibration
-        cap of the probabilities.
+        ``index_bands`` (dims band). Its attr ``calibration_cap``, of a forecast beyond the runs of a ship, bounds the
+        probabilities.
     vessel : Vessel, str or Path
         Gives L; the speed is the approach speed of the manoeuvre.
 
