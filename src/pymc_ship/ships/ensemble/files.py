@@ -31,7 +31,7 @@ FORMAT = 4
 
 MIGRATIONS = {
     2: {"model_error": "index_error", "index_rows": "held_out_indices", "held_tests": "uses_captive_tests"},
-    3: {"statement": "design", "stated": "response", "design_effect": "design_effect"},
+    3: {"statement": "design", "stated": "response", "dispersion": "design_effect"},
 }
 """Names of a format, in any of its files, that differ in the next one; formats that are read, too."""
 
