@@ -17,7 +17,7 @@ from pymc_ship.experiments.task import Method
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.toml import Entry, toml_file
-from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, run_tasks
+from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, progress_bar, run_tasks
 
 REHEARSED = 200
 """Number of empty tasks with which a run begins, to measure what the keeping of a result costs."""
@@ -138,7 +138,7 @@ def _complete_tasks(
 
     try:
         session["parent"] = _handling_seconds(store, executor)
-        for result in completed(executor, work, remaining):
+        for result in run_tasks(executor, work, remaining):
             clock = {"wall": time.perf_counter() - start, "workers": executor.workers}
             store.add(result | session | clock)
             shown.one_more()
@@ -188,7 +188,7 @@ class _Progress:
     def begin(self, done: int) -> None:
         """Say what is there already."""
         self.done = done
-        self.show(f"{bar(done, self.total)} {done} of {self.total} tasks")
+        self.show(f"{progress_bar(done, self.total)} {done} of {self.total} tasks")
 
     def one_more(self) -> None:
         """Count a task."""
@@ -197,7 +197,9 @@ class _Progress:
             return
         self.last_shown, rate = now, self.fresh / (now - self.start)
         left = _duration((self.total - self.done) / rate)
-        self.show(f"{bar(self.done, self.total)} {self.done} of {self.total} tasks, {rate:.3g} a second, {left} left")
+        self.show(
+            f"{progress_bar(self.done, self.total)} {self.done} of {self.total} tasks, {rate:.3g} a second, {left} left"
+        )
 
 
 def _duration(seconds: float) -> str:
