@@ -142,5 +142,30 @@ def test_links_out_of_the_repository_are_dois(page):
 
 
 def test_the_contents_list_every_page():
-    listed = {(ROOT / "docs" / link).resolve() for link in Page("docs/index.md").links}
+    listed = {(ROOT / "docs" / link).resolve() for link in Page("docs/index.md").links if link.endswith(".md")}
     assert listed == {ROOT / page.path for page in PAGES[1:]} - {ROOT / "docs" / "index.md"}
+
+
+# scripts --------------------------------------------------------------------------------------------------------------
+
+
+def private_imports(text):
+    """Imports from inside the package in Python of the documentation, which uses the public door ``ps.`` alone."""
+    return re.findall(r"^ *(?:from pymc_ship\.?\S* import .*|import pymc_ship\.\S+.*)$", text, flags=re.MULTILINE)
+
+
+def python_of_the_documentation():
+    """Python blocks of every page, and scripts beside the pages, by path; the builder of the pages is none."""
+    scripts = [path for path in sorted((ROOT / "docs").rglob("*.py")) if path.parent.name != "docs"]
+    texts = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in scripts}
+    return texts | {page.path: "\n".join(page.blocks("python")) for page in PAGES}
+
+
+@pytest.mark.parametrize("path", python_of_the_documentation())
+def test_python_of_the_documentation_uses_public_names_alone(path):
+    assert private_imports(python_of_the_documentation()[path]) == []
+
+
+def test_the_check_of_public_names_can_fail():
+    text = "import pymc_ship as ps\nfrom pymc_ship.trial import units\nimport pymc_ship.machine\n"
+    assert private_imports(text) == ["from pymc_ship.trial import units", "import pymc_ship.machine"]

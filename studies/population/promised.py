@@ -1,8 +1,8 @@
-"""What the next run promises, beside what it keeps: ships of a population, identified with and without it.
+"""The width ratio of a next run, promised and achieved, on ships of a population identified with and without it.
 
-    python3 -m docs.how_to.design_the_next_run.promised
+    python3 -m studies.population.promised
 
-Each ship is one of ``studies/ships.toml`` with two 10/10 zigzags. A third run is sailed in her own weather.
+Each ship is one of ``studies/ships.toml`` with two 10/10 zigzags. The third run has weather of its own.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ THIRD = (ps.zigzag(10, 10), ps.zigzag(20, 20), ps.turning_circle(35))
 
 
 def main() -> None:
-    """Identify every ship without and with each run, and print how many times as wide her intervals are then."""
+    """Identify every ship without and with each run, and print the width ratio of the intervals."""
     study = read_study(STUDY)
     print(f"{'ship':14s}" + "".join(f"{third.label:>24s}" for third in THIRD) + "   promised, kept")
     ratios = []
