@@ -9,7 +9,7 @@ import argparse
 import inspect
 import re
 import sys
-from importlib import import_module
+from collections import Counter
 from pathlib import Path
 
 import pymc_ship as ps
@@ -17,15 +17,21 @@ from pymc_ship.cli.parser import parser
 
 API = """# API
 
-Public names by [wing](../explanation/architecture.md), after `import pymc_ship as ps`. `make docs` builds this page
-with the whole docstrings; unbuilt, each name leads to its source.
+Public names after `import pymc_ship as ps`, by [wing](../explanation/architecture.md). Each name leads to its source;
+`make docs` builds this page with the whole docstrings.
 """
 
 COMMANDS = """# Commands
 
-`pymc-ship COMMAND --help` prints what stands here. Bad input ends with one sentence and exit status 2; results appear
-under their name only when they are complete.
+`pymc-ship COMMAND --help` prints the same. Wrong input ends with one sentence and exit status 2. Results appear under
+their name only when they are complete.
+
+## Common words
+
 """
+
+COMMON = 3
+"""Commands from which on a word with the same meaning stands in the table of common words."""
 
 
 def api() -> str:
@@ -34,9 +40,8 @@ def api() -> str:
     wings = dict.fromkeys(map(_wing, public))
     text = API
     for wing in wings:
-        contract = inspect.getdoc(import_module(f"pymc_ship.{wing}")).partition("\n")[0]
         names = [value for value in public if _wing(value) == wing]
-        text += f"\n## {wing}\n\n{contract}\n\n" + "\n".join(map(_public_line, names)) + "\n"
+        text += f"\n## {wing}\n\n" + "\n".join(map(_public_line, names)) + "\n"
     return text
 
 
@@ -54,18 +59,29 @@ def _public_line(value) -> str:
 
 def commands() -> str:
     """Page of the commands."""
-    found = next(action.choices for action in parser()._actions if action.dest == "command")
-    return COMMANDS + "".join(_command(name, command) for name, command in found.items())
+    choices = next(action.choices for action in parser()._actions if action.dest == "command")
+    rows = {name: [(_word(action), _help(action)) for action in _words(command)] for name, command in choices.items()}
+    counts = Counter(row for words in rows.values() for row in words)
+    common = [row for row, count in counts.items() if count >= COMMON]
+    pages = [_command(name, command, rows[name], common) for name, command in choices.items()]
+    return COMMANDS + _table(common) + "".join(pages)
 
 
-def _command(name: str, command: argparse.ArgumentParser) -> str:
-    words = [action for action in command._actions if action.dest != "help"]
-    rows = "".join(f"| {_word(action)} | {_help(action)} |\n" for action in words)
+def _words(command: argparse.ArgumentParser) -> list[argparse.Action]:
+    return [action for action in command._actions if action.dest != "help"]
+
+
+def _command(name: str, command: argparse.ArgumentParser, rows: list, common: list) -> str:
     examples, remarks = _epilog(command.epilog)
-    return (
-        f"\n## {name}\n\n{_sentence(command.description)}\n\n```sh\n{examples}\n```\n\n{remarks}"
-        f"| word | meaning |\n| --- | --- |\n{rows}"
-    )
+    shared = ", ".join(re.sub(r" \(needed\)", "", word) for word, text in rows if (word, text) in common)
+    own = _table([row for row in rows if row not in common])
+    described = f"Common words: {shared}.\n" + (f"\n{own}" if own else "")
+    return f"\n## {name}\n\n{_sentence(command.description)}\n\n```sh\n{examples}\n```\n\n{remarks}{described}"
+
+
+def _table(rows: list) -> str:
+    lines = "".join(f"| {word} | {text} |\n" for word, text in rows)
+    return f"| word | meaning |\n| --- | --- |\n{lines}" if rows else ""
 
 
 def _word(action: argparse.Action) -> str:
