@@ -7,7 +7,7 @@ import re
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymc_ship.pages.drawing import BLUE, METHOD_COLOURS, REFERENCE, RUST, styled, subplots
+from pymc_ship.pages.drawing import BLUE, METHOD_COLOURS, REFERENCE, RUST, house_style, subplots
 from studies.documentation.tables import foreign_diameters, table
 
 NORMAL_95 = 1.96
@@ -20,7 +20,7 @@ SHORTENED = re.compile(
 """What a label of the figure of speed leaves out."""
 
 
-@styled
+@house_style
 def what_to_expect() -> Figure:
     """Median error and half width of the forecast indices of a population, by the trials of the ship."""
     rows = [line for line in table("ships/tables/trials") if line["group"] != "all"]
@@ -40,7 +40,7 @@ def what_to_expect() -> Figure:
     return fig
 
 
-@styled
+@house_style
 def foreign_diameters_by_case() -> Figure:
     """Error of the forecast tactical diameter of every case of the foreign ships, with its interval of 95 %."""
     cases = foreign_diameters()
@@ -59,7 +59,7 @@ def foreign_diameters_by_case() -> Figure:
     return fig
 
 
-@styled
+@house_style
 def coefficient_coverage() -> Figure:
     """Share of the coefficients inside their intervals of 90 %, by method and noise level, with two standard errors."""
     rows = table("montecarlo/cells")
@@ -87,7 +87,7 @@ def coefficient_coverage() -> Figure:
     return fig
 
 
-@styled
+@house_style
 def model_error() -> Figure:
     """Errors of held-out indices of the KVLCC2 over their standard deviation, without and with the model error."""
     rows = table("kvlcc2/tables/held_out_indices")
@@ -111,7 +111,7 @@ def known_sd(rows: list[dict[str, str]]) -> np.ndarray:
     return np.linalg.norm([[float(line[name]) for name in names] for line in rows], axis=1)
 
 
-@styled
+@house_style
 def esso_osaka_inputs() -> Figure:
     """Score of the Esso Osaka by state, with and without the measured wind and revolutions."""
     rows = [line for line in table("esso_osaka/scores") if line["trained_on"] == "TRZ"]
@@ -127,7 +127,7 @@ def esso_osaka_inputs() -> Figure:
     return fig
 
 
-@styled
+@house_style
 def speed() -> Figure:
     """Time of a peer over that of the package, by what is timed."""
     rows = [line for line in table("benchmarks/benchmarks") if line["ratio"]]
