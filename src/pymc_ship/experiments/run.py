@@ -17,7 +17,7 @@ from pymc_ship.experiments.task import Method
 from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import StudyError
 from pymc_ship.machine.toml import Entry, toml_file
-from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, run_tasks
+from pymc_ship.machine.workers import Cluster, LocalCores, WorkersLostError, progress_bar, run_tasks
 
 REHEARSED = 200
 """Number of empty tasks with which a run begins, to measure what the keeping of a result costs."""
