@@ -78,7 +78,7 @@ def misses(vessel, true, rows):
 def test_they_leave_of_the_windows_what_the_estimate_leaves(fit, drawn, windows, vessel, monkeypatch):
     own = left(windows, vessel, fit.coefficients[None])[0]
     assert np.quantile(left(windows, vessel, drawn), 0.9) < 1.1 * own
-    monkeypatch.setattr(room, "_MOST_STEPS", 1)
+    monkeypatch.setattr(room, "_MAX_STEPS", 1)
     assert np.median(left(windows, vessel, randomize_then_optimize(fit, N, np.random.default_rng(1)))) > 3.0 * own
 
 

@@ -21,7 +21,7 @@ from pymc_ship.physics.vessel.vessel import Vessel, reference_coefficients
 from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.trial.record import trial_list
 
-_SAME_MODE = 0.5  # posterior standard deviations
+_SAME_MODE_SD = 0.5  # modes nearer than this [posterior sd] count as one
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class TrajectoryMode:
     n_starts, n_agreeing : int
         Starts that ran, and those that ended at this mode.
     quality_flags : dict of str to str
-        What the checks said of the records, see :func:`pymc_ship.records.files.quality_flags.quality_flags`.
+        Quality flags of the records, see :func:`pymc_ship.records.files.quality_flags.quality_flags`.
     """
 
     choice: NoiseChoice
@@ -69,9 +69,9 @@ def trajectory_mode(
     trials = trial_list(trials)
     if not trials:
         raise FitError("A trajectory fit needs at least one trial, found none; give one.")
-    said = quality_flags(trials)
+    quality = quality_flags(trials)
     runs = [trajectory_run(trial, vessel, channels=channels, noise_sd=noise_sd, method=method) for trial in trials]
-    trials = [_completed(trial, run, vessel) for trial, run in zip(trials, runs, strict=True)]
+    trials = [_with_missing_states(trial, run, vessel) for trial, run in zip(trials, runs, strict=True)]
     if isinstance(prior, str):
         prior = coefficient_prior(trials, vessel, prior)
     if not isinstance(prior, CoefficientPrior):
@@ -85,27 +85,27 @@ def trajectory_mode(
     try:
         choice = fit_with_noise(runs, vessel, prior, first, noise=noise, offsets=offsets)
     except FitError:
-        return TrajectoryMode(fit_with_noise(runs, vessel, prior, second, noise=noise, offsets=offsets), 2, 1, said)
-    return _checked(choice, second, said)
+        return TrajectoryMode(fit_with_noise(runs, vessel, prior, second, noise=noise, offsets=offsets), 2, 1, quality)
+    return _better_mode(choice, second, quality)
 
 
-def _checked(choice: NoiseChoice, start: np.ndarray, said: dict[str, str]) -> TrajectoryMode:
-    """Better of a fit and another from a second start under the same noise, and whether they are the same."""
+def _better_mode(choice: NoiseChoice, start: np.ndarray, quality: dict[str, str]) -> TrajectoryMode:
+    """Better of two modes under the same noise, from two starts."""
     fit = choice.fit
     unknowns = fit.unknowns.copy()
     unknowns[: start.size] = start
     try:
         other = fit_trajectory(fit.problem, unknowns)
     except FitError:
-        return TrajectoryMode(choice, 2, 1, said)
-    apart = np.max(np.abs(other.coefficients - fit.coefficients) / fit.sd)
-    if other.log_evidence > fit.log_evidence and apart >= _SAME_MODE:
+        return TrajectoryMode(choice, 2, 1, quality)
+    distance_sd = np.max(np.abs(other.coefficients - fit.coefficients) / fit.sd)
+    if other.log_evidence > fit.log_evidence and distance_sd >= _SAME_MODE_SD:
         choice = replace(choice, fit=other)
-    return TrajectoryMode(choice, 2, 2 if apart < _SAME_MODE else 1, said)
+    return TrajectoryMode(choice, 2, 2 if distance_sd < _SAME_MODE_SD else 1, quality)
 
 
-def _completed(trial: xr.Dataset, run: Run, vessel: Vessel) -> xr.Dataset:
-    """Trial whose states that are not fitted come from the vessel file's own ship along the same rudder."""
+def _with_missing_states(trial: xr.Dataset, run: Run, vessel: Vessel) -> xr.Dataset:
+    """Trial with its unmeasured states simulated by the vessel file along the measured rudder."""
     missing = [name for name in STATE[: 5 if run.rolls else 3] if name not in run.channels]
     if not missing:
         return trial

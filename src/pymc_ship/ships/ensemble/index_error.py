@@ -1,18 +1,9 @@
-"""Model error of manoeuvre indices: what coefficients and term sets leave unexplained on runs that were held out.
+"""Error of manoeuvre indices beyond the spread of the draws, from held-out runs.
 
-Two zigzags of the same ship on the same day differ by some tenths of a degree, and no set of terms is the true force.
-The error of a held-out index beyond the spread of the draws is measured in units of what the ship did: overshoot angles
-in the swing of her heading, times in L/U and distances in L, as an error of short ones is as large as one of long ones,
-an angle of roll in itself. Steady speeds, rates of turn and drift angles are widened by the error of the motion, a
-steady turning diameter, 2 U / r, by the relative errors of both.
-
-A few held-out manoeuvres tell little of how large the errors of a ship are. Their size is therefore a number with a
-law: a half-Cauchy law over ships (Gelman 2006, doi:10.1214/06-BA117A), whose median is that of a population of foreign
-ships (:data:`TYPICAL`), times the likelihood of the held-out indices of this ship. A forecast holds the whole law.
-
-No held-out zigzag says how wrong a model is where no run has been. What foreign ships showed there grows with the
-distance from the motion of the runs, in the same units: :data:`EXTRAPOLATION_SD`, of other simulators' ships
-(docs/case_studies/foreign_ships.md). ``calibration.toml`` has these constants and the ships that chose them.
+Overshoot angles err in units of the swing of heading, times of L/U, distances of L, angles of roll of the angle. The
+size has a half-Cauchy law over ships (Gelman 2006, doi:10.1214/06-BA117A), whose median is :data:`TYPICAL`, times the
+likelihood of the held-out indices. Steady speeds, rates and drift angles have the error of the motion. Beyond the
+motion of the runs an error grows with the distance from it; ``calibration.toml`` has the constants.
 """
 
 from __future__ import annotations

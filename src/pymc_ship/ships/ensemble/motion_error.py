@@ -1,15 +1,8 @@
-"""Model error of the motion by the time since a start: how far ships drift from runs they were not fitted to.
+"""Error of the simulated motion along a record beyond the spread of the draws, by state and lead time.
 
-A ship that begins at a measured state and sails along the measured inputs leaves the record with time: her forces are
-not exact, and gusts, waves and unsteady water act that nobody measured. Some replays of held-out runs tell little of
-how large these errors are, least where the draws without a run spread widely, and one run tells nothing. Their size is
-therefore a number with a law, of each state its own: a half-Cauchy law over ships (Gelman 2006,
-doi:10.1214/06-BA117A), whose median is that of a population of foreign ships (:data:`TYPICAL`), times the likelihood of
-the replays of this ship beyond the variance of draws and readings. A replay holds the whole law.
-
-No held-out run says how wrong a model is where no run has been. What foreign ships showed there grows with the distance
-of the median ship from the motion of the runs: :data:`MOTION_EXTRAPOLATION_SD` (docs/case_studies/foreign_ships.md).
-``calibration.toml`` has these constants and the ships that chose them.
+The size of the error of each state has a half-Cauchy law over ships (Gelman 2006, doi:10.1214/06-BA117A), whose median
+is :data:`TYPICAL`, times the likelihood of the open-loop simulations of held-out runs. Beyond the motion of the runs an
+error grows with the distance from it, see docs/explanation/model_error.md. ``calibration.toml`` has the constants.
 """
 
 from __future__ import annotations
