@@ -1,4 +1,4 @@
-"""Checks of what a trial can tell: a straight, steady approach, ranges of the motion, terms above the noise."""
+"""Checks of excitation: straight and steady approach, ranges of the motion, terms above the noise."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DRIFT_RANGE, TURN_RANGE, RUDDER_RANGE = 0.05, 0.15, 5.0
 """Least v/U, rL/U and rudder angle [deg]: a 10/10 zigzag reaches 0.1, 0.2 to 0.4 and 10."""
 
 ABOVE_NOISE = 2.0
-"""Signal over noise of a direction of the design from which it is told from noise."""
+"""Signal over noise of a direction of the design from which it counts as excited."""
 
 _BLOCK = 0.1  # share of L/U
 _IDLE = 1e-12
@@ -42,7 +42,7 @@ _STOPPED = 0.01  # share of the nominal speed
 
 
 def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
-    """Whether the ship sails straight and steadily before the rudder moves."""
+    """Whether course and speed are steady before the rudder moves."""
     n = straight_approach(trial)
     interval = sampling_interval(trial)
     if n < 3 or n == trial.sizes["time"]:
@@ -58,9 +58,9 @@ def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
             if abs(share) > least and (name != "phi" or abs(share) * largest > np.deg2rad(UPRIGHT)):
                 faults.append(f"{name} is {share:+.0%} of its largest")
     if "u" in trial:
-        told, wrong = _speed_trend(trial, n, scale)
-        numbers += told
-        faults += wrong
+        trend_numbers, faults_of_speed = _speed_trend(trial, n, scale)
+        numbers += trend_numbers
+        faults += faults_of_speed
     if faults:
         text = f"On the approach {', '.join(faults)}; indices count from a straight course, a fit may start there."
         return Check("approach", "doubtful", text, tuple(numbers))
@@ -74,8 +74,10 @@ def _speed_trend(trial: xr.Dataset, n: int, scale: ShipScale) -> tuple[list[tupl
         return [], []
     (trend, _), (error, _), _ = least_squares([time - time.mean(), np.ones(n)], u)
     change = float(trend * scale.time / scale.U)
-    wrong = abs(change) > STEADY and abs(trend) > SIGNIFICANT * error
-    return [("change of speed in L/U", change, "")], [f"the speed changes by {change:+.1%} in L/U"] if wrong else []
+    faults_of_speed = abs(change) > STEADY and abs(trend) > SIGNIFICANT * error
+    return [("change of speed in L/U", change, "")], [
+        f"the speed changes by {change:+.1%} in L/U"
+    ] if faults_of_speed else []
 
 
 def _sd(values: np.ndarray) -> float:
@@ -97,7 +99,7 @@ def range_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if (scale.known and turn < 0.1 * TURN_RANGE) or rudder < 0.1 * RUDDER_RANGE:
         return Check("ranges", "bad", f"{text} The ship hardly turns; use a zigzag or a turning circle.", numbers)
     if (scale.known and turn < TURN_RANGE) or drift < DRIFT_RANGE or rudder < RUDDER_RANGE:
-        return Check("ranges", "doubtful", f"{text} Steer harder to tell more than linear terms.", numbers)
+        return Check("ranges", "doubtful", f"{text} Steer harder to identify more than linear terms.", numbers)
     return Check("ranges", "good", text, numbers)
 
 

@@ -193,10 +193,10 @@ def speed_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         return not_checked("speed", reason)
     blocks, interval = ship_blocks(trial, scale, YAW_BLOCK), sampling_interval(trial)
     distance = np.hypot(*(blocks.increments(trial[name].values) for name in ("x", "y"))).sum()
-    sailed = blocks.increments(integral(np.hypot(trial["u"].values, trial["v"].values), interval)).sum()
-    if not (sailed > 0.0 and distance > 0.0):
+    distance_from_speed = blocks.increments(integral(np.hypot(trial["u"].values, trial["v"].values), interval)).sum()
+    if not (distance_from_speed > 0.0 and distance > 0.0):
         return Check("speed", "bad", "The ship does not move; check u, v, x and y.")
-    ratio = float(distance / sailed)
+    ratio = float(distance / distance_from_speed)
     numbers = (("track over velocity", ratio, ""),)
     for factor, mistake in FACTORS.items():
         if abs(np.log(ratio / factor)) < _LOG_WIDTH:

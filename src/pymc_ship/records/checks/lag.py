@@ -99,8 +99,10 @@ def _track_increments(
     u, v = (_later(time, values, seconds) for values in pair)
     u_slope, v_slope = np.gradient(u, interval), np.gradient(v, interval)
     if kind == "earth":
-        return track.sailed(u, v), track.sailed(u_slope, v_slope)
-    return track.sailed(*turned_to_earth(u, v, trial)), track.sailed(*turned_to_earth(u_slope, v_slope, trial))
+        return track.increments_of(u, v), track.increments_of(u_slope, v_slope)
+    return track.increments_of(*turned_to_earth(u, v, trial)), track.increments_of(
+        *turned_to_earth(u_slope, v_slope, trial)
+    )
 
 
 def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float) -> _Reading:
@@ -136,7 +138,7 @@ def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = N
         return not_checked(NAME, reason)
     track, measured = track_blocks(trial, scale)
     readings = {kind: _reading(trial, track, measured, kind, LONGEST_LAG * scale.time) for kind in READINGS}
-    _, _, arm = lever_fit(trial, track, measured - track.sailed(*earth_velocity(trial)))
+    _, _, arm = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
     arm_misfit = float(np.sqrt(np.mean(arm**2)))
     numbers = tuple(
         number

@@ -30,10 +30,10 @@ from pymc_ship.records.checks.verdicts import (
 from pymc_ship.trial.record import sampling_interval
 
 DRIFT = 0.6
-"""Largest v/U of a ship that sails ahead: a drift angle of 37 deg, beyond that of the tightest turns."""
+"""Largest v/U of a ship that makes way ahead: a drift angle of 37 deg, beyond that of the tightest turns."""
 
 TURNING = 2.0
-"""Largest rL/U of a ship that sails ahead: a circle of one ship length in diameter."""
+"""Largest rL/U of a ship that makes way ahead: a circle of one ship length in diameter."""
 
 SHORTEST_PIECE = 2.5
 """Shortest piece of a record [L/U] that can be fitted: half a window, see
@@ -100,7 +100,7 @@ class _Motion:
 
     @property
     def ahead(self) -> np.ndarray:
-        """Whether the ship sails ahead in a block, with a drift and a speed that models hold."""
+        """Whether the ship makes way ahead in a block, with a drift and a speed that models cover."""
         return (self.u > SLOW * self.fast) & (np.abs(self.v) <= DRIFT * self.U)
 
 

@@ -142,11 +142,11 @@ def spike_check(trial: xr.Dataset) -> Check:
     hit = {name: count for name, count in counts.items() if count}
     if not hit:
         return Check("spikes", "good", "No channel has spikes.", numbers)
-    told = ", ".join(f"{count} on {name}" for name, count in hit.items())
+    notes = ", ".join(f"{count} on {name}" for name, count in hit.items())
     if max(hit.values()) > 0.02 * trial.sizes["time"]:
-        text = f"Spikes: {told}, more than 2 % of the samples; mend the sensor or leave the channel out."
+        text = f"Spikes: {notes}, more than 2 % of the samples; mend the sensor or leave the channel out."
         return Check("spikes", "bad", text, numbers)
-    text = f"Spikes: {told}; replace them by interpolation (the other checks are made without them)."
+    text = f"Spikes: {notes}; replace them by interpolation (the other checks are made without them)."
     return Check("spikes", "doubtful", text, numbers, mendable=True)
 
 
@@ -230,11 +230,11 @@ def _quiet(values: np.ndarray) -> np.ndarray:
 
 
 def gap_check(trial: xr.Dataset) -> Check:
-    """Gaps and missing cells that the reading of the file has told of in ``attrs["reading"]``, a line for each."""
-    told = trial.attrs.get("reading")
-    if told is None:
-        return not_checked("gaps", "nothing is told of how the record was read")
-    gaps = [line for line in told.splitlines() if "gap" in line.lower() or "missing" in line.lower()]
+    """Gaps and missing cells from the notes of the reading, ``attrs["reading"]``, a line for each."""
+    notes = trial.attrs.get("reading")
+    if notes is None:
+        return not_checked("gaps", "the record has no notes of its reading")
+    gaps = [line for line in notes.splitlines() if "gap" in line.lower() or "missing" in line.lower()]
     numbers = (("remarks", float(len(gaps)), ""),)
     if not gaps:
         return Check("gaps", "good", "No gap was met in the file.", numbers)

@@ -71,7 +71,7 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     )
     certain = abs(gain) > SIGNIFICANT * error
     if not certain and abs(correlation) < CORRELATED:
-        return not_checked("rudder sign", "the rudder moves too little to tell what it does", numbers)
+        return not_checked("rudder sign", "the rudder moves too little for a check", numbers)
     if (gain if certain else correlation) > 0.0:
         text = "A positive delta turns the ship to starboard, it should turn the ship to port; flip the sign of delta."
         return Check("rudder sign", "bad", text, numbers)

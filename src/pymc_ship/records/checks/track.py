@@ -61,7 +61,7 @@ class TrackBlocks:
         x, y, cos, sin = self.blocks.increments(x), self.blocks.increments(y), np.cos(self.psi), np.sin(self.psi)
         return np.array([cos * x + sin * y, cos * y - sin * x])
 
-    def sailed(self, x_dot: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+    def increments_of(self, x_dot: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
         """The same of the integral of an earth-fixed velocity."""
         return self.increments(integral(x_dot, self.interval), integral(y_dot, self.interval))
 
@@ -104,7 +104,7 @@ def body_velocity(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 def _lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
     """What a lever arm of 1 m adds to the track."""
     rate, psi = trial["r"].values * np.cos(heel(trial)), trial["psi"].values
-    return track.sailed(-rate * np.sin(psi), rate * np.cos(psi))
+    return track.increments_of(-rate * np.sin(psi), rate * np.cos(psi))
 
 
 def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
@@ -137,7 +137,9 @@ def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
         text = f"v misses the track by {body:.2g} m/s, -v by {flipped:.2g} m/s; flip its sign (starboard is positive)."
         return axes, Check(names[1], "bad", text, numbers)
     if flipped < BETTER * body or flipped < 0.01 * scale.U:
-        return axes, not_checked(names[1], "v is too small or too uncertain to tell its sign by the track", numbers)
+        return axes, not_checked(
+            names[1], "v is too small or too uncertain for a check of its sign by the track", numbers
+        )
     return axes, Check(names[1], "good", "v has the sign that leads to the track.", numbers)
 
 
@@ -145,7 +147,7 @@ def _misfit(
     trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, scale: ShipScale, axes: str, sign: float
 ) -> float:
     """Root mean square of the velocity [m/s] that is missing when a lever arm and constant offsets are allowed for."""
-    missing = measured - track.sailed(*earth_velocity(trial, axes, sign))
+    missing = measured - track.increments_of(*earth_velocity(trial, axes, sign))
     lever, _, residuals = lever_fit(trial, track, missing)
     if abs(lever) > LONGEST_LEVER * scale.L:
         residuals = missing.ravel()
@@ -164,7 +166,7 @@ def lever_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked("lever arm", reason)
     track, measured = track_blocks(trial, scale)
-    lever, error, _ = lever_fit(trial, track, measured - track.sailed(*earth_velocity(trial)))
+    lever, error, _ = lever_fit(trial, track, measured - track.increments_of(*earth_velocity(trial)))
     numbers = (("lever arm", lever, "m"), ("standard error", error, "m"), ("lever arm over L", lever / scale.L, ""))
     if abs(lever) > LONGEST_LEVER * scale.L:
         return not_checked("lever arm", f"the misfit is not that of a lever arm ({lever:.3g} m)", numbers)
@@ -183,14 +185,14 @@ def drift_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     if reason := needed(trial, ("x", "y", "psi", "u", "v")):
         return not_checked("track closure", reason)
     track, measured = track_blocks(trial, scale)
-    predicted = track.sailed(*earth_velocity(trial))
-    missing, sailed = track.earth(measured - predicted), float(np.hypot(*measured).sum())
+    predicted = track.increments_of(*earth_velocity(trial))
+    missing, distance = track.earth(measured - predicted), float(np.hypot(*measured).sum())
     fit, _, residuals = least_squares([*track.offsets, track.earth(predicted).ravel()], missing.ravel())
     drift, left = (float(np.hypot(*np.cumsum(rows, axis=1)).max()) for rows in (missing, residuals.reshape(2, -1)))
     numbers = (("drift", drift, "m"), ("drift over L", drift / scale.L, ""), ("unexplained", left, "m"))
-    good, bad = (max(a * scale.L, b * sailed) for a, b in (DRIFT_GOOD, DRIFT_BAD))
+    good, bad = (max(a * scale.L, b * distance) for a, b in (DRIFT_GOOD, DRIFT_BAD))
     if drift <= good:
-        text = f"The integrated velocity misses the track by at most {drift:.2g} m over {sailed:.0f} m."
+        text = f"The integrated velocity misses the track by at most {drift:.2g} m over {distance:.0f} m."
         return Check("track closure", "good", text, numbers)
     if left > bad:
         text = (

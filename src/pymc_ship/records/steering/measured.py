@@ -61,7 +61,7 @@ def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
 
 
 def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
-    """Indices of a measured trial of the manoeuvre that ``attrs`` tell, as far as its channels allow.
+    """Indices of a measured trial of the manoeuvre in ``attrs``, as far as its channels allow.
 
     Parameters
     ----------
