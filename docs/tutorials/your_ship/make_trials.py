@@ -1,11 +1,10 @@
-"""Make the trials of the tutorial: a ship that no term set is true of, and files as a ship's logger writes them.
+"""Simulate the trials of the tutorial, and write them in the format of a ship's logger.
 
     python docs/tutorials/your_ship/make_trials.py [FOLDER]
 
-The ship is the shipped `kvlcc2` with forces that are in none of the term sets (a rudder that stalls, drift to the
-fourth power in surge). The logger writes one line a second in degrees, knots and degrees a minute, with a rate gyro
-that is off by 0.9 deg/min, a rudder indicator that is off by 0.6 deg and positive to starboard, a course that is not
-north and, in one run, a gap.
+The ship is the shipped `kvlcc2` with forces that no term set contains: a rudder that stalls, and drift to the fourth
+power in surge. The logger writes one line a second in degrees, knots and degrees a minute, with an offset of
+the rate gyro (0.9 deg/min) and of the rudder sensor (0.6 deg, positive to starboard). One run has a gap.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ RUNS = {
     "zigzag_20_10_starboard": (ps.zigzag(20, 10, side="starboard"), 900, 71.0, None),
     "turning_circle_35_starboard": (ps.turning_circle(35, side="starboard"), 1200, 70.0, None),
 }
-"""Manoeuvre, duration [s], base course [deg] and lines that the logger lost."""
+"""Manoeuvre, duration [s], base course [deg] and missing lines."""
 
 BEFORE = 20
 """Seconds on the straight course before the rudder is put over."""
@@ -35,7 +34,7 @@ COLUMNS = ("time [s]", "NORTH [m]", "EAST [m]", "GYRO [deg]", "ROT [deg/min]", "
 
 
 def true_ship() -> ps.Vessel:
-    """The shipped tanker with forces that no term set has."""
+    """The shipped tanker with forces that no term set contains."""
     ship = ps.load_vessel("kvlcc2")
     values = {"Xvvvv": 0.03, "Ygdeltadeltadelta": -0.0025, "Ngdeltadeltadelta": 0.0009}
     forces = {}
@@ -48,32 +47,32 @@ def true_ship() -> ps.Vessel:
 _LETTERS = {"surge": "X", "sway": "Y", "yaw": "N"}
 
 
-def sailed(ship: ps.Vessel, manoeuvre: ps.Manoeuvre, duration: int) -> dict[str, np.ndarray]:
-    """Motion at every second, the straight course before it included."""
+def simulated_motion(ship: ps.Vessel, manoeuvre: ps.Manoeuvre, duration: int) -> dict[str, np.ndarray]:
+    """Motion at every second, with the straight approach."""
     run = ps.simulate(ship, manoeuvre, duration=duration + 0.5, step=0.05, method="rk4", record_interval=1.0)
-    found = {
+    motion = {
         name: np.concatenate([np.full(BEFORE, run[name].values[0]), run[name].values])
         for name in run.data_vars
         if run[name].ndim
     }
-    found["x"][:BEFORE] = ship.particulars.nominal_speed * np.arange(-BEFORE, 0)
-    return found
+    motion["x"][:BEFORE] = ship.particulars.nominal_speed * np.arange(-BEFORE, 0)
+    return motion
 
 
-def logged(motion: dict[str, np.ndarray], course: float, rng: np.random.Generator) -> np.ndarray:
+def log_columns(motion: dict[str, np.ndarray], course: float, rng: np.random.Generator) -> np.ndarray:
     """Columns of the file: noisy, rotated to the base course, in the logger's units and with its offsets."""
     n, c, s = motion["x"].size, np.cos(np.deg2rad(course)), np.sin(np.deg2rad(course))
     x, y = motion["x"], motion["y"]
-    knots, turned = 1852.0 / 3600.0, rng.normal(0.0, 1.0, (7, n))
+    knots, noise = 1852.0 / 3600.0, rng.normal(0.0, 1.0, (7, n))
     columns = [
         np.arange(n),
-        5000.0 + c * x - s * y + 1.0 * turned[0],
-        -2000.0 + s * x + c * y + 1.0 * turned[1],
-        np.mod(np.rad2deg(motion["psi"]) + course + 0.05 * turned[2], 360.0),
-        60.0 * np.rad2deg(motion["r"]) + 0.9 + 0.3 * turned[3],
-        (motion["u"] + 0.02 * turned[4]) / knots,
-        (motion["v"] + 0.02 * turned[5]) / knots,
-        -np.rad2deg(motion["delta"]) + 0.6 + 0.05 * turned[6],
+        5000.0 + c * x - s * y + 1.0 * noise[0],
+        -2000.0 + s * x + c * y + 1.0 * noise[1],
+        np.mod(np.rad2deg(motion["psi"]) + course + 0.05 * noise[2], 360.0),
+        60.0 * np.rad2deg(motion["r"]) + 0.9 + 0.3 * noise[3],
+        (motion["u"] + 0.02 * noise[4]) / knots,
+        (motion["v"] + 0.02 * noise[5]) / knots,
+        -np.rad2deg(motion["delta"]) + 0.6 + 0.05 * noise[6],
     ]
     return np.column_stack(columns)
 
@@ -82,7 +81,7 @@ def main(folder: Path) -> None:
     """Write every run."""
     ship = true_ship()
     for number, (name, (manoeuvre, duration, course, gap)) in enumerate(RUNS.items()):
-        table = logged(sailed(ship, manoeuvre, duration), course, np.random.default_rng(number))
+        table = log_columns(simulated_motion(ship, manoeuvre, duration), course, np.random.default_rng(number))
         rows = [
             ";".join(f"{value:.{digits}f}" for value, digits in zip(row, (0, 1, 1, 2, 1, 2, 2, 1), strict=True))
             for row in table
