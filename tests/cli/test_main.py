@@ -28,15 +28,15 @@ def test_only_the_command_line_prints():
             RuntimeError("cannot cache function 'f': no locator available for file 'f.py'"),
             "set NUMBA_CACHE_DIR to one.",
         ),
-        (RuntimeError("can't start new thread"), "The machine starts no more threads, of too little memory perhaps; "),
-        (ImportError("libx.so: failed to map segment"), "A library cannot be loaded, for want of memory or installed"),
-        (SystemError("error return without exception set"), "A library cannot be loaded, for want of memory or"),
+        (RuntimeError("can't start new thread"), "The system cannot start a thread, perhaps for lack of memory; "),
+        (ImportError("libx.so: failed to map segment"), "A library cannot be loaded, for lack of memory or a broken"),
+        (SystemError("error return without exception set"), "A library cannot be loaded, for lack of memory or"),
         (
             OSError("Could not find/load shared object file 'libx.so'"),
-            "A library cannot be loaded, for want of memory or",
+            "A library cannot be loaded, for lack of memory or",
         ),
         (OSError("odd"), "pymc-ship: odd."),
-        (MemoryError(), "The memory does not hold this run: none is left; make it shorter."),
+        (MemoryError(), "The memory is too small for this run: none is left; make the run shorter."),
     ],
 )
 def test_what_the_machine_lacks_is_a_sentence(monkeypatch, capsys, error, sentence):

@@ -114,11 +114,11 @@ def test_a_pattern_is_replaced_by_the_files_it_names(tmp_path, monkeypatch):
         (tmp_path / name).touch()
     (tmp_path / "odd*").touch()
     line = ["identify", "*.csv", "odd*", "--out", "d", "--*", "?.txt"]
-    assert words.expanded(line) == ["identify", "a.csv", "b.csv", "odd*", "--out", "d", "--*", "c.txt"]
+    assert words.expand_patterns(line) == ["identify", "a.csv", "b.csv", "odd*", "--out", "d", "--*", "c.txt"]
 
 
 def test_a_pattern_that_names_no_file_is_refused_in_one_sentence(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["check", "trials/*.csv"]) == 2
-    message = "pymc-ship: A pattern stands for the names of files, found none like trials/*.csv; mend it.\n"
+    message = "pymc-ship: A pattern must match at least one file, found none for trials/*.csv; correct it.\n"
     assert capsys.readouterr().err == message

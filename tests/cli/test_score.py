@@ -24,8 +24,8 @@ def test_a_table_of_every_channel_and_a_score(record, tmp_path, capsys):
     assert main(["score", "kvlcc2", record, "--length", "150", "--quiet", "--out", str(out)]) == 0
     text = capsys.readouterr().out
     assert "position" in text
-    assert "In windows of 150 s the bands of 90 % hold " in text
-    assert "of the instants. Score 0.0" in text
+    assert "In windows of 150 s the bands of 90 % contain " in text
+    assert "of the samples. Score 0.0" in text
     assert "first overshoot angle" in text
     assert (out / "score.html").exists()
     with (out / "tables" / "score_channels.csv").open(encoding="utf-8") as file:

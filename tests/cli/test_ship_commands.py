@@ -114,8 +114,8 @@ class TestIdentify:
         assert main([*words, "--sea-room", "2500"]) == 0
         near = capsys.readouterr().out
         for text in (anywhere, near):
-            assert text.startswith("candidate ")
-            assert "half width of 95 %" in text
+            assert text.startswith("Interval widths after each run")
+            assert "Half width of the 95 % intervals" in text
         assert anywhere != near
         first, *rows = (tmp_path / "next_runs.csv").read_text().splitlines()[1:]
         assert first == "candidate,sea_room,width_ratio_1"
@@ -158,9 +158,9 @@ def test_runs_are_called_by_their_files_or_where_two_are_alike_by_their_paths():
     [
         (("identify", RUNS[0], *COMMON, *VESSEL, "--terms", "septic"), "A term set is one of"),
         (("identify", "missing.csv", *COMMON, *VESSEL), "missing.csv"),
-        (("design", "nowhere"), "The posterior nowhere states no particulars of its ship, found no --vessel; add --v"),
+        (("design", "nowhere"), "The posterior nowhere needs the particulars of its ship, found no --vessel; add --v"),
         (("design", "nowhere", "--vessel", "kvlcc2"), "found nothing at nowhere"),
-        (("forecast", "nowhere", "--turn", "35"), "The posterior nowhere states no particulars of its ship, found no"),
+        (("forecast", "nowhere", "--turn", "35"), "The posterior nowhere needs the particulars of its ship, found no"),
         (("forecast", "nowhere", "--turn", "35", "--vessel", "container"), "found nothing at nowhere"),
     ],
 )

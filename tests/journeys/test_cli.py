@@ -76,7 +76,7 @@ def test_denoise_takes_a_smoother_and_prints_its_parameter(made, tmp_path, capsy
     smooth = ps.denoise(ps.read_trial(made / "trial.csv"), method="savitzky_golay")
     np.testing.assert_array_equal(ps.read_trial(out)["v"], smooth["v"])
     lines = spaced(capsys.readouterr().out)
-    assert lines[0] == "channel noise sd window"
+    assert lines[:2] == ["Noise of each channel:", "channel noise sd unit window"]
     window = smooth["v"].attrs["denoise_window"]
     assert f"v {smooth['v'].attrs['noise_sdev']:.4g} m/s {window:.0f}" in lines
 

@@ -104,7 +104,7 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
         ("study --vessel tanker --out {out}", "A vessel is one of .* found 'tanker'"),
         (
             "simulate container --zigzag 20-20 --out {out}",
-            "a zigzag is RUDDER/HEADING in deg such as 20/20, found '20-20'",
+            "a zigzag must be RUDDER/HEADING \\[deg\\] such as 20/20, found '20-20'",
         ),
         ("simulate container --zigzag 20/20/20 --out {out}", "found '20/20/20'"),
         ("simulate container --zigzag 0/20 --out {out}", "rudder_deg is a magnitude between 0 and 90 deg, found 0.0"),
@@ -112,18 +112,18 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
         ("simulate container --out {out}", "one of the arguments --zigzag --turn --pull-out --programme is required"),
         ("simulate container --turn 35 --step 0 --out {out}", "The step must be positive, found 0.0 s"),
         ("simulate container --turn 35 --duration nan --out {out}", "The duration must be positive, found nan s"),
-        ("simulate container --turn 35 --duration 0.02 --out {out}", "at least two samples, found 1"),
+        ("simulate container --turn 35 --duration 0.02 --out {out}", "two samples or more, found 1"),
         (
             "simulate container --turn 35 --duration 1e13 --out {out}",
-            "The memory does not hold this run: .*; make it shorter",
+            "The memory is too small for this run: .*; make the run shorter",
         ),
         ("simulate container --turn 35 --speed -1 --out {out}", "The approach speed must be positive"),
         ("simulate container --turn 35 --noise -1 --duration 9 --out {out}", "The noise level is a number from 0 up"),
         (
             "simulate container --turn 35 --noise loud --out {out}",
-            "a noise level is a number or 'literal', or instruments of .*, found 'loud'",
+            "noise must be a level, 'literal' or instruments of .*, found 'loud'",
         ),
-        ("simulate container --turn 35 --seed -1 --out {out}", "a seed is a whole number from 0 up, found '-1'"),
+        ("simulate container --turn 35 --seed -1 --out {out}", "a seed must be a whole number from 0 up, found '-1'"),
         ("simulate container --programme {tmp}/none.csv --out {out}", "none.csv cannot be read: No such file"),
         (
             "simulate container --programme {made}/trial.csv --out {out}",
@@ -131,13 +131,16 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
         ),
         (
             "simulate container --programme {tmp}/rad.csv --out {out}",
-            "the header is not time,delta_deg but 'time,delta'; mend it",
+            "the header is not time,delta_deg but 'time,delta'; correct the file",
         ),
         (
             "simulate container --programme {tmp}/wide.csv --out {out}",
-            "wide.csv cannot be read: cannot reshape .*; mend it",
+            "wide.csv cannot be read: cannot reshape .*; correct the file",
         ),
-        ("simulate container --programme {tmp}/rad.csv --side port --out {out}", "has its own sides, found --side"),
+        (
+            "simulate container --programme {tmp}/rad.csv --side port --out {out}",
+            "has its own rudder angles, found --side",
+        ),
         ("denoise {tmp}/none.csv --out {out}", "none.csv cannot be read: No such file or directory; check the path"),
         ("denoise {tmp}/rad.csv --out {out}", "needs one of the channels u, v, r, p, phi, psi, found none"),
         ("denoise {made}/trial.csv --wavelet sinus --out {out}", "needs an orthogonal wavelet, found 'sinus'"),
@@ -148,7 +151,7 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
         ("regress {made}/trial.csv --vessel {small} --interval 0.15 --out {out}", "multiple of the sampling interval"),
         (
             "tune {made}/trial.csv --vessel {small} --dof roll --family conjugate --out {out}",
-            "surge, sway, yaw; found 'roll'",
+            "surge, sway, yaw, found 'roll'",
         ),
         (
             "tune {made}/trial.csv --vessel {small} --dof yaw --family conjugate --evaluations 2 --out {out}",
@@ -160,9 +163,15 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
             "forecast {tmp} --vessel {small} --turn 35 --out {out}",
             "found nothing at .*surge-conjugate.nc; check the path",
         ),
-        ("forecast {made}/identified --vessel {other} --turn 35 --out {out}", "is to be of 'other', found 'small' in"),
+        (
+            "forecast {made}/identified --vessel {other} --turn 35 --out {out}",
+            "must be of the vessel 'other', found 'small' in",
+        ),
         ("forecast {tmp}/junk --vessel {small} --turn 35 --out {out}", "surge-conjugate.nc is no posterior"),
-        ("forecast {tmp}/swapped --vessel {small} --turn 35 --out {out}", "is no posterior of the surge"),
+        (
+            "forecast {tmp}/swapped --vessel {small} --turn 35 --out {out}",
+            "must be a posterior of surge, found one of yaw",
+        ),
         ("forecast {made}/identified --vessel {small} --turn 35 --draws 1 --out {out}", "needs two draws"),
         (
             "forecast {made}/identified/yaw-conjugate.nc --vessel {small} --turn 35 --out {out}",
@@ -170,7 +179,7 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
         ),
         (
             "forecast {made}/identified/yaw-conjugate.nc --vessel {other} --turn 35 --out {out}",
-            "is to be of 'other', found 'small' in .*yaw-conjugate.nc",
+            "must be of the vessel 'other', found 'small' in .*yaw-conjugate.nc",
         ),
         ("sail", r"argument COMMAND: invalid choice: 'sail' \(choose from"),
         ("", "the following arguments are required: COMMAND"),
@@ -214,7 +223,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_long_work(made, tmp_pa
 def test_a_file_never_takes_the_place_of_a_folder(made, tmp_path, capsys, words):
     (tmp_path / "kept.csv").write_text("kept")
     message = refused(capsys, *words.format(made=made).split(), "--out", tmp_path)
-    assert message == f"{tmp_path} is a folder; give the name of a file in it."
+    assert message == f"--out must be a file, found the folder {tmp_path}; give the name of a file in it."
     assert files(tmp_path) == ["kept.csv"]
 
 
@@ -223,7 +232,7 @@ def test_a_file_never_takes_the_place_of_a_folder(made, tmp_path, capsys, words)
     [
         (OSError(28, "No space left on device"), "[Errno 28] No space left on device."),
         (ValueError("Two lines\n  of a library"), "Two lines of a library."),
-        (MemoryError("much"), "The memory does not hold this run: much; make it shorter."),
+        (MemoryError("much"), "The memory is too small for this run: much; make the run shorter."),
     ],
 )
 def test_errors_of_others_become_one_sentence(made, tmp_path, capsys, monkeypatch, error, sentence):

@@ -32,7 +32,7 @@ def test_an_interrupt_that_python_ignores_still_ends_the_run(tmp_path, capsys, m
     finally:
         signal.signal(signal.SIGINT, before)
     assert status == ends
-    assert ("interrupted; nothing is left half-written" in capsys.readouterr().err) == (ends == 130)
+    assert ("interrupted; no partial files remain" in capsys.readouterr().err) == (ends == 130)
 
 
 @pytest.mark.parametrize("words", ALL_COMMANDS[:5])
@@ -56,7 +56,7 @@ def test_an_interrupted_run_keeps_the_earlier_result_and_leaves_nothing_else(
         monkeypatch.setattr("os.replace", stop)
     assert main([command, *rest, "--quiet", "--out", str(tmp_path / "out")]) == 130
     printed = capsys.readouterr()
-    expected = "pymc-ship: interrupted; nothing is left half-written and earlier results stand as they were.\n"
+    expected = "pymc-ship: interrupted; no partial files remain and earlier results are unchanged.\n"
     assert (printed.out, printed.err) == ("", expected)
     assert files(tmp_path) == results
     assert {(tmp_path / name).read_text() for name in results} == {"earlier"}
@@ -93,6 +93,6 @@ def test_control_c_ends_a_true_run(made, tmp_path):
         finally:
             process.kill()
     assert told[1:] == ["denoising\n", "tuning the conjugate prior of the yaw: 5000 evaluations\n"]
-    assert err == "pymc-ship: interrupted; nothing is left half-written and earlier results stand as they were.\n"
+    assert err == "pymc-ship: interrupted; no partial files remain and earlier results are unchanged.\n"
     assert (process.returncode, out) == (130, "")
     assert list(tmp_path.iterdir()) == []

@@ -1,12 +1,12 @@
-"""The command line: words in, text out. No other wing imports this one.
+"""The command line `pymc-ship`: arguments in, text out.
 
-- `main`: the command ``pymc-ship``: errors, interrupts, progress.
+- `main`: entry point; errors, interrupts, progress.
 - `parser`: commands, options and worked examples.
-- `sentences`: the line that says why a command cannot run.
-- `examples`: worked examples of each command.
-- `words`: numbers and names of the command line, checked.
-- `files`: trials in, results out.
-- `texts`: results as lines of text.
+- `sentences`: the error line.
+- `examples`: examples of each command.
+- `words`: values of arguments, checked.
+- `files`: trials, vessels and manoeuvres that a command names; files that it writes.
+- `texts`: printed tables and sentences.
 - `commands`: commands about one trial or one posterior.
 - `ship_commands`: commands about a real ship.
 """

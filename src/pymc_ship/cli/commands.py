@@ -1,8 +1,7 @@
-"""What each command of the command line does: reads, calls the API, writes, returns the text to print.
+"""Commands on one trial or one posterior: read, call the API, write, return the text to print.
 
-Every command takes the parsed words and a function that shows progress, and returns its text, the path it wrote and,
-where a check of the results can fail, the sentence that says so.
-Inputs are read first, then the output is tried, then the long work begins.
+A command ``f(args, progress)`` returns its text, the path of its output and, if a check of the results failed, a
+sentence. It reads its inputs, checks that the output can be written, and then computes.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ import pymc_ship as ps
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
-    judged_arguments,
     made_by,
     model_argument,
     output_file,
     requested_manoeuvres,
     trial_argument,
+    validated_trials,
     vessel_argument,
     write_csv,
     write_trial_file,
@@ -57,11 +56,11 @@ from pymc_ship.trial.record import nonzero_channels
 
 _PROGRAMME_HEADER = ["time", "delta_deg"]
 OFFSETS = {"auto": None, "yes": True, "no": False}
-"""Whether sensors may have constant offsets, by the words of the command line."""
+"""Argument ``offsets`` by the choices of ``--offsets``."""
 
 
 def study(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run the paper's study; the text is empty, the page says it all."""
+    """Run the study of the paper; no text."""
     from pymc_ship.diagnostics.agreement import failure_sentence
     from pymc_ship.replication.page import reported_study
 
@@ -72,18 +71,20 @@ def study(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Simulate a trial; the text has the indices and IMO criteria of the clean run."""
+    """Simulate a trial; the text has the indices and IMO criteria of the run without noise."""
     vessel, manoeuvre = model_argument(args.vessel, progress), _manoeuvre(args)
     out = output_file(args.out)
     progress(f"simulating the {manoeuvre.label}")
     run = ps.simulate(vessel, manoeuvre, duration=args.duration, step=args.step, method=args.method)
     text = [divergence(run)] if run["diverged"] else []
     if manoeuvre.traits.indices:
-        found = ps.indices(run)
-        text += [index_table(found, {"value": found}), criteria_table(imo_criteria(found, vessel))]
+        indices = ps.indices(run)
+        text += [index_table(indices, {"value": indices}), criteria_table(imo_criteria(indices, vessel))]
     trial = run.isel(time=np.isfinite(run["psi"].values))
     if trial.sizes["time"] < 2:
-        raise TrialError(f"A trial has at least two samples, found {trial.sizes['time']}; change duration or step.")
+        raise TrialError(
+            f"A trial must have two samples or more, found {trial.sizes['time']}; change --duration or --step."
+        )
     if args.noise is not None:
         kind = {"noise" if isinstance(args.noise, tuple) else "level": args.noise}
         trial = ps.pollute(trial, **kind, rng=np.random.default_rng(args.seed))
@@ -92,7 +93,7 @@ def simulate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def check(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Check a trial; the text has the verdict of each check and what was corrected."""
+    """Check a trial; the text has the verdict of each check and the corrections."""
     from pymc_ship.records.checks.trial_checks import failed_checks
 
     vessel = vessel_argument(args.vessel, progress) if args.vessel else None
@@ -104,41 +105,44 @@ def check(args: argparse.Namespace, progress: Progress) -> Outcome:
     if failure:
         return text[0], None, failure
     corrected = ps.corrected_trial(trial, checks)
-    text += _told_of(corrected, vessel) if vessel else []
+    text += _recognised_manoeuvre_text(corrected, vessel) if vessel else []
     if not out:
         return "\n".join(text), None, failure
     write_trial_file(corrected, out, args)
     return "\n".join([*text, "", *(corrected.attrs["corrections"] or ["Nothing to correct."])]), out
 
 
-def _told_of(trial: xr.Dataset, vessel: Vessel) -> list[str]:
-    """What manoeuvre a checked trial is recognised as, or why as none, and what of it the vessel does not model."""
+def _recognised_manoeuvre_text(trial: xr.Dataset, vessel: Vessel) -> list[str]:
+    """Recognised manoeuvre of a trial, or the reason for none, and roll that the vessel does not model."""
     from pymc_ship.records.steering.recognition import STEERED, recognise, unrecognised_text
 
-    told = [_unrolled(trial, vessel)]
+    sentences = [_unmodelled_roll(trial, vessel)]
     if set(STEERED) <= set(trial):
         (manoeuvre,), _ = recognise([trial], vessel)
-        told.append(unrecognised_text(trial) if manoeuvre is None else f"It is recognised as a {manoeuvre.label}.")
-    return ["", *filter(None, told)]
+        label = unrecognised_text(trial) if manoeuvre is None else f"The trial is recognised as a {manoeuvre.label}."
+        sentences.append(label)
+    return ["", *filter(None, sentences)]
 
 
-def _to_fit(paths: Sequence[str], args: argparse.Namespace, progress: Progress) -> tuple[list[xr.Dataset], Vessel]:
-    """Corrected trials and the vessel whose model is fitted to them; a roll that it does not have is told."""
+def _fit_arguments(
+    paths: Sequence[str], args: argparse.Namespace, progress: Progress
+) -> tuple[list[xr.Dataset], Vessel]:
+    """Corrected trials and the vessel to fit to them; roll that the vessel does not model is printed."""
     vessel = model_argument(args.vessel, progress)
-    trials, _ = judged_arguments(paths, args.format, vessel, args, progress)
+    trials, _ = validated_trials(paths, args.format, vessel, args, progress)
     for path, trial in zip(paths, trials, strict=True):
-        if told := _unrolled(trial, vessel):
-            progress(f"{path}: {told}", remark=True)
+        if sentence := _unmodelled_roll(trial, vessel):
+            progress(f"{path}: {sentence}", remark=True)
     return trials, vessel
 
 
-def _unrolled(trial: xr.Dataset, vessel: Vessel) -> str:
-    """Sentence on a roll that is recorded and not modelled; empty where there is none."""
+def _unmodelled_roll(trial: xr.Dataset, vessel: Vessel) -> str:
+    """Sentence on recorded roll that the vessel does not model; empty without it."""
     return "" if "roll" in vessel.dofs else unmodelled_roll_text(nonzero_channels(trial))
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Denoise a trial; the text has the noise found on each channel."""
+    """Denoise a trial; the text has the noise sd of each channel."""
     trial = trial_argument(args.trial, args.format, progress)
     out = output_file(args.out)
     progress("denoising")
@@ -150,37 +154,38 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
         (name, smooth[name].attrs["noise_sdev"], CHANNELS[name].unit.name, *(smooth[name].attrs[key] for key in chosen))
         for name in names
     ]
-    return table(("channel", "noise sd", "", *(key.removeprefix("denoise_") for key in chosen)), rows), out
+    header = ("channel", "noise sd", "unit", *(key.removeprefix("denoise_") for key in chosen))
+    return table(header, rows, "Noise of each channel"), out
 
 
 def regress(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Regress a trial; the text has mean, sd and 5 to 95 % of each coefficient beside the vessel file's value."""
     from pymc_ship.inference.regression.identify import identify as identified
 
-    (trial,), vessel = _to_fit([args.trial], args, progress)
+    (trial,), vessel = _fit_arguments([args.trial], args, progress)
     out = writable_folder(args.out)
     rng = np.random.default_rng(args.seed)
     families = FAMILIES if args.family == "both" else (args.family,)
     settings = {"interval": args.interval, "derivative": args.derivative, "selection": args.select}
     trial = _smooth(trial, args, progress)
-    found = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)
+    result = identified(trial, vessel, families=families, rng=rng, progress=progress, **settings)
     rows = []
     with staged_files(out) as folder:
         for family in families:
-            for dof, at in found.edges(family).items():
-                progress(f"{dof}, {family}: the prior lies on an edge of its box in {' and '.join(at)}", remark=True)
+            for dof, at in result.edges(family).items():
+                progress(f"{dof}, {family}: the search of the prior ends at a bound of {' and '.join(at)}", remark=True)
             progress(f"posterior draws, {family}")
-            for dof, tree in found.posteriors(family, draws=args.draws, rng=rng).items():
+            for dof, tree in result.posteriors(family, draws=args.draws, rng=rng).items():
                 tree.attrs |= {"seed": args.seed, "made_by": made_by(args)}
                 write_posterior(tree, folder / f"{dof}-{family}.nc")
-            rows += coefficient_rows(vessel, family, found.exact[family])
+            rows += coefficient_rows(vessel, family, result.exact[family])
         write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
     return "\n\n".join(filter(None, [trial.attrs["record_remarks"], coefficient_table(rows, families)])), out
 
 
 def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Fit trajectories; the text has what the noise is, how far to trust the fit, and each coefficient."""
-    trials, vessel = _to_fit(args.trials, args, progress)
+    """Fit trajectories; the text has noise model, diagnostics of the fit and coefficients."""
+    trials, vessel = _fit_arguments(args.trials, args, progress)
     out = writable_folder(args.out)
     settings = {"channels": args.channels, "noise": args.noise_model, "offsets": OFFSETS[args.offsets]}
     progress(f"fitting the trajectories of {len(trials)} trial{'s' if len(trials) > 1 else ''}")
@@ -193,13 +198,13 @@ def fit(args: argparse.Namespace, progress: Progress) -> Outcome:
     with staged_files(out) as folder:
         write_posterior(tree, folder / "trajectory.nc")
         write_csv(folder / "coefficients.csv", CoefficientRow._fields, rows, args)
-    said = [tree.attrs["record_remarks"], trajectory_text(tree), coefficient_table(rows, ("trajectory",))]
-    return "\n\n".join(filter(None, said)), out
+    text = [tree.attrs["record_remarks"], trajectory_text(tree), coefficient_table(rows, ("trajectory",))]
+    return "\n\n".join(filter(None, text)), out
 
 
 def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Tune a prior; the text has the hyperparameters, their score and what the optimisation gained."""
-    (trial,), vessel = _to_fit([args.trial], args, progress)
+    """Tune a prior; the text has the hyperparameters and their scores."""
+    (trial,), vessel = _fit_arguments([args.trial], args, progress)
     out = output_file(args.out) if args.out else None
     trial = _smooth(trial, args, progress)
     data = ps.regression_data(trial, vessel, args.dof, interval=args.interval, derivative=args.derivative)
@@ -215,14 +220,14 @@ def tune(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Identify a ship from her trials; the text has term sets, held-out manoeuvres and what was corrected."""
+    """Identify a ship, see :func:`pymc_ship.cli.ship_commands.identify`."""
     from pymc_ship.cli.ship_commands import identify as identified
 
     return identified(args, progress)
 
 
 def score(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Score a ship on records in which she is restarted."""
+    """Score a ship, see :func:`pymc_ship.cli.ship_commands.score`."""
     from pymc_ship.cli.ship_commands import score as scored
 
     return scored(args, progress)
@@ -262,7 +267,7 @@ def montecarlo(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def report(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report on saved posteriors; the text has the verdict on each."""
+    """Report on saved posteriors; the text has the verdict of each."""
     from pymc_ship.diagnostics.agreement import comparisons, failure_sentence
     from pymc_ship.diagnostics.page import check_posteriors, posterior_kind, write_diagnostics
 
@@ -281,7 +286,7 @@ def report(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _manoeuvre(args: argparse.Namespace) -> Manoeuvre:
     if args.programme is not None:
         if args.side:
-            raise SimulationError("A rudder programme has its own sides, found --side; leave it out.")
+            raise SimulationError("--programme has its own rudder angles, found --side; leave out --side.")
         return ps.rudder_programme(*_read_programme(args.programme), approach_speed=args.speed)
     (manoeuvre,) = requested_manoeuvres(args, (args.side or "port",), approach_speed=args.speed)
     return manoeuvre
@@ -297,12 +302,12 @@ def _read_programme(path: str) -> tuple[np.ndarray, np.ndarray]:
         time, delta_deg = np.array(rows, dtype=float).reshape(len(rows), len(_PROGRAMME_HEADER)).T
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise SimulationError(f"The rudder programme {path} cannot be read: {reason}; mend it.") from None
+        raise SimulationError(f"The rudder programme {path} cannot be read: {reason}; correct the file.") from None
     return time, np.deg2rad(delta_deg)
 
 
 def _smooth(trial: xr.Dataset, args: argparse.Namespace, progress: Progress) -> xr.Dataset:
-    """Denoised trial; as it is where it was smooth before or the weak form smooths for itself."""
+    """Denoised trial; unchanged with ``--raw`` or the weak form, which smooths by itself."""
     from pymc_ship.inference.rows.from_trials import WEAK
 
     if args.raw or args.derivative in WEAK:

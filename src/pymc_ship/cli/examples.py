@@ -1,4 +1,4 @@
-"""Worked examples of each command, which stand under its help."""
+"""Examples of each command, at the end of its help."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CHECK = """examples:
   pymc-ship check trial.csv --vessel container
   pymc-ship check trial.txt --format columns.toml --vessel my.toml --out corrected.csv
 
-status 3 says that a check is bad: the trial is not to be fitted, and no corrected one is written.
+exit status 3: a check is bad; the trial must not be fitted, and no corrected trial is written.
 """
 REGRESS = """examples:
   pymc-ship regress trial.csv --vessel container --out regressed
@@ -26,8 +26,8 @@ IDENTIFY = """examples:
   pymc-ship identify trials/*.csv --vessel my_ship.toml --out reports/my_ship
   pymc-ship identify zigzag.csv circle.csv --vessel kvlcc2 --format columns.toml --out reports/tanker
 
-status 3 says that a check of a trial is bad and that nothing is fitted: look at it with `pymc-ship check`,
-mend the record or its format file, or overrule the check by its name.
+exit status 3: a check of a trial is bad, and nothing is fitted. Run `pymc-ship check`, then correct the record or its
+format file, or overrule the check by its name.
 """
 FIT = """examples:
   pymc-ship fit trial.csv --vessel container --out fitted
@@ -56,14 +56,14 @@ MONTECARLO = """examples:
 STUDY = """example:
   pymc-ship study --vessel container --level 0.01 --seed 2020 --out reports/container
 
-status 3 says that a convergence gate or the agreement of the methods fails; the report is written all the same.
+exit status 3: a convergence diagnostic or the agreement of the methods fails; the report is written.
 """
 REPORT = """examples:
   pymc-ship report regressed/sway-conjugate.nc --vessel container --out diagnostics
   pymc-ship report reports/container/posteriors/sway-*-nuts.nc
 
-draws are compared with an exact posterior of the same data and prior that is given, too.
-status 3 says that a convergence gate or that agreement fails; the report is written all the same.
+draws are compared with an exact posterior of the same data and prior, if it is given, too.
+exit status 3: a convergence diagnostic or the agreement fails; the report is written.
 """
 SCORE = """examples:
   pymc-ship score reports/my_ship circle.csv zigzag.csv --format columns.toml

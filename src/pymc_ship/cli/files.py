@@ -1,7 +1,4 @@
-"""Files and manoeuvres that a command names.
-
-Vessels and trials are read, CSV files are written with a remark on the command that made them.
-"""
+"""Vessels, trials and manoeuvres that a command names, and CSV files that it writes."""
 
 from __future__ import annotations
 
@@ -30,34 +27,29 @@ _NOT_RECORDED = ("command", "out", "quiet")
 
 
 def vessel_argument(source: str, progress: Progress) -> Vessel:
-    """Vessel of a name or a file; what was derived and what is doubtful in it is shown."""
+    """Vessel of a name or a file; remarks on estimated and doubtful values are printed."""
     vessel = ps.load_vessel(source)
-    tell_remarks(source, vessel, progress)
+    for sentence in remarks(vessel):
+        progress(f"{source}: {sentence}", remark=True)
     return vessel
 
 
-def tell_remarks(source: str, vessel: Vessel, progress: Progress) -> None:
-    """Show what was derived and what is doubtful in a vessel."""
-    for sentence in remarks(vessel):
-        progress(f"{source}: {sentence}", remark=True)
-
-
 def model_argument(source: str, progress: Progress) -> Vessel:
-    """Vessel of a name or a file that states terms of every degree of freedom; VesselError for another."""
+    """Vessel of a name or a file with terms of every degree of freedom; otherwise VesselError."""
     vessel = vessel_argument(source, progress)
     vessel.check_model()
     return vessel
 
 
 def trial_argument(path: str, layout: str | None, progress: Progress) -> xr.Dataset:
-    """Trial of a file and its format file; what was interpreted or changed in it is shown."""
+    """Trial of a file and its format file; remarks on its interpretation are printed."""
     trial = ps.read_trial(path, format=layout)
     for sentence in trial.attrs["reading"].splitlines():
         progress(f"{path}: {sentence}", remark=True)
     return trial
 
 
-def judged_arguments(
+def validated_trials(
     paths: Sequence[str],
     layout: str | None,
     vessel: Vessel,
@@ -66,15 +58,14 @@ def judged_arguments(
     *,
     any_speed: bool = False,
 ) -> tuple[list[xr.Dataset], list[tuple[Check, ...]]]:
-    """Corrected trials of the files of a facility and their checks; corrections, doubts and overruled checks are shown.
+    """Corrected trials of one facility and their checks; corrections, doubts and overruled checks are printed.
 
-    Velocities that are late behind the track are so by the same time in all of them. A model that holds at any speed
-    takes the whole of a record.
+    All trials have the same lag of velocities behind the track. A model for any speed takes whole records.
 
     Raises
     ------
     TrialError
-        When a check is bad and not overruled: no model is fitted to such a record.
+        For a bad check that is not overruled.
     """
     trials, checks = [], []
     for path in paths:
@@ -94,27 +85,27 @@ def judged_arguments(
 
 
 def requested_manoeuvres(args: argparse.Namespace, sides: Sequence[str], **settings: Any) -> list[Manoeuvre]:
-    """Manoeuvres whose angles a command line gives, each to every side; with settings such as ``approach_speed``."""
-    found = []
+    """Manoeuvres of the options, each to every side; with settings such as ``approach_speed``."""
+    manoeuvres = []
     for kind in KINDS.values():
         given = getattr(args, kind.option.replace("-", "_")) if kind.option else []
         for value in given if isinstance(given, list) else [given]:
             if value is not None:
                 angles = value if isinstance(value, tuple) else (value,)
-                found += [standard_manoeuvre(kind.name, *angles, side=side, **settings) for side in sides]
-    return found
+                manoeuvres += [standard_manoeuvre(kind.name, *angles, side=side, **settings) for side in sides]
+    return manoeuvres
 
 
 def output_file(path: str) -> Path:
-    """Path of a file, after a check that it can be written; a missing folder is created."""
+    """Path of a writable file; a missing folder is created."""
     if Path(path).is_dir():
-        raise OutputError(f"{path} is a folder; give the name of a file in it.")
+        raise OutputError(f"--out must be a file, found the folder {path}; give the name of a file in it.")
     writable_folder(final_path(path).parent)
     return Path(path)
 
 
 def made_by(args: argparse.Namespace) -> str:
-    """What made a file: version, command and options, but not where it was written."""
+    """Version, command and options that made a file, without output paths."""
     options = {key: value for key, value in sorted(vars(args).items()) if key not in _NOT_RECORDED}
     for key in ("trial", "format", "posterior", "programme", "vessel"):
         if options.get(key):
@@ -123,7 +114,7 @@ def made_by(args: argparse.Namespace) -> str:
 
 
 def write_trial_file(trial: xr.Dataset, path: Path, args: argparse.Namespace) -> None:
-    """Write a trial under remarks on what made it and what was corrected."""
+    """Write a trial, with its command and corrections as comments."""
     with staged_path(path) as partial:
         text = ps.write_trial(trial, partial).read_text(encoding="utf-8")
         remarks = [f"# {remark}\n" for remark in (made_by(args), *trial.attrs.get("corrections", ()))]
@@ -133,7 +124,7 @@ def write_trial_file(trial: xr.Dataset, path: Path, args: argparse.Namespace) ->
 def write_csv(
     path: Path, header: Sequence[str], rows: Iterable[Sequence], args: argparse.Namespace, remark: str = ""
 ) -> None:
-    """Write rows under a header and remarks on what made them."""
+    """Write rows under a header, with the command as a comment."""
     remarks = [f"# {text}" for text in (made_by(args), remark) if text]
     lines = [*remarks, ",".join(header), *(",".join(map(str, row)) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,9 +1,8 @@
-"""Command line ``pymc-ship``: parses, calls, prints; the only place that prints.
+"""Entry point of ``pymc-ship``, the only module that prints.
 
-Results go to standard output, progress and remarks to standard error. A command that cannot run says so in one sentence
-and ends with status 2, an interrupted one with status 130. A trial with a bad check is not fitted and ends with status
-3; results that fail a check are written, and one sentence and status 3 say that they do. Nothing heavy is imported
-before a command line is accepted.
+Results go to standard output, progress and remarks to standard error. Exit status: 2 with one sentence if the command
+cannot run, 3 if a trial or the results fail a check, 130 after an interrupt. Libraries are imported after the arguments
+are parsed.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from pymc_ship.cli.parser import parser
 from pymc_ship.cli.sentences import sentence
-from pymc_ship.cli.words import expanded
+from pymc_ship.cli.words import expand_patterns
 from pymc_ship.machine.errors import TrialError
 from pymc_ship.machine.memory import address_space
 
@@ -27,108 +26,108 @@ if TYPE_CHECKING:
     from pymc_ship.cli.files import Outcome
 
 _ADDRESS_SPACE = 4_000_000_000
-"""Address space [bytes] below which the libraries of linear algebra, threads and compilation may abort."""
+"""Smallest address space [bytes] in which the numerical libraries do not abort."""
 
 _MACHINE = {
-    "no locator available": "Compiled functions are kept in a folder, found none that can be written; set "
+    "no locator available": "The cache of compiled functions needs a writable folder, found none; set "
     "NUMBA_CACHE_DIR to one.",
-    "can't start new thread": "The machine starts no more threads, of too little memory perhaps; end other programs.",
+    "can't start new thread": "The system cannot start a thread, perhaps for lack of memory; end other programs.",
 }
-"""Sentences on errors of the machine, by words of the libraries that meet them."""
+"""Error sentences by words of the messages of libraries."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line.
+    """Run a command.
 
     Parameters
     ----------
     argv : sequence of str, optional
-        Words after the program's name; those of the process by default.
+        Arguments; those of the process by default.
 
     Returns
     -------
     int
-        Exit status: 0, 2 when the command cannot run, 3 when a check of the results fails, 130 when it was interrupted.
+        Exit status: 0, 2 if the command cannot run, 3 if a check fails, 130 after an interrupt.
 
     Raises
     ------
     SystemExit
-        Status 2 for words that cannot be parsed, 0 after ``--help`` and ``--version``.
+        Status 2 for arguments that cannot be parsed, 0 after ``--help`` and ``--version``.
     """
     return run_command(parser(), _command, argv)
 
 
 def run_command(words: ArgumentParser, command: Callable[..., Outcome], argv: Sequence[str] | None = None) -> int:
-    """Run a command on the words of a command line; errors and the exit status are those of :func:`main`.
+    """Run a command with the arguments of a parser; errors and exit status as of :func:`main`.
 
     Parameters
     ----------
     words : ArgumentParser
-        Of the command, with an option ``--quiet``.
+        With an option ``--quiet``.
     command : callable
-        Takes the parsed words and a function that shows progress.
+        ``command(args, progress)`` returns an :data:`Outcome`.
     argv : sequence of str, optional
-        Words after the program's name; those of the process by default.
+        Arguments; those of the process by default.
     """
     try:
-        _print_what_can_be_shown()
-        args = words.parse_args(expanded(sys.argv[1:] if argv is None else argv))
+        _replace_unencodable()
+        args = words.parse_args(expand_patterns(sys.argv[1:] if argv is None else argv))
         _check_address_space()
-        with _interrupts_kept(), _progress(args.quiet) as progress:
+        with _repeat_interrupts(), _progress(args.quiet) as progress:
             text, path, *failures = command(args, progress)
         if text:
             print(text, flush=True)
         if path and not args.quiet:
             print(f"Written to {path}.", file=sys.stderr)
     except KeyboardInterrupt:
-        return _fail("interrupted; nothing is left half-written and earlier results stand as they were.", 130)
+        return _fail("interrupted; no partial files remain and earlier results are unchanged.", 130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 2
     except MemoryError as error:
-        return _fail(f"The memory does not hold this run: {str(error) or 'none is left'}; make it shorter.", 2)
+        return _fail(f"The memory is too small for this run: {str(error) or 'none is left'}; make the run shorter.", 2)
     except (ImportError, SystemError) as error:  # also what the interpreter makes of too little memory
-        return _unloaded(error)
+        return _library_error(error)
     except (ValueError, OSError) as error:
         if "shared object" in str(error):  # of numba
-            return _unloaded(error)
+            return _library_error(error)
         return _fail(str(error), 3 if isinstance(error, TrialError) and error.checks else 2)
     except RuntimeError as error:
-        for reason, said in _MACHINE.items():
+        for reason, text in _MACHINE.items():
             if reason in str(error):
-                return _fail(said, 2)
+                return _fail(text, 2)
         raise
     return _fail(failures[0], 3) if any(failures) else 0
 
 
 def _command(args: Namespace, progress: Callable[..., None]) -> Outcome:
-    """Do a command of ``pymc-ship``."""
+    """Run the function of a command."""
     from pymc_ship.cli import commands
 
     return getattr(commands, args.command.replace("-", "_"))(args, progress)
 
 
-def _print_what_can_be_shown() -> None:
-    """Print a question mark for a letter that the encoding of the output lacks, as that of a Windows pipe may."""
+def _replace_unencodable() -> None:
+    """Print "?" for characters that the encoding of the output lacks, as that of a Windows pipe."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
 
 
 def _check_address_space() -> None:
-    """Refuse to run where a limit on the address space would let a library abort in the midst of a run."""
+    """Raise OSError if the limit of the address space could abort a library during the run."""
     limit = address_space()
     if limit < _ADDRESS_SPACE:
         raise OSError(
             f"A run needs an address space of {_ADDRESS_SPACE / 1e9:.0f} GB, found a limit of {limit / 1e9:.1f} GB; "
-            "raise it (ulimit -v)."
+            "raise the limit (ulimit -v)."
         )
 
 
-def _unloaded(error: Exception) -> int:
-    """Say that a library cannot be loaded; return the exit status."""
+def _library_error(error: Exception) -> int:
+    """Print that a library cannot be loaded; return the exit status."""
     reason = str(error).removesuffix(".")
-    return _fail(f"A library cannot be loaded, for want of memory or installed badly: {reason}; see to it.", 2)
+    return _fail(f"A library cannot be loaded, for lack of memory or a broken installation: {reason}; reinstall it.", 2)
 
 
 def _fail(text: str, status: int) -> int:
@@ -138,31 +137,31 @@ def _fail(text: str, status: int) -> int:
 
 
 @contextmanager
-def _interrupts_kept() -> Iterator[None]:
-    """Raise an interrupt again when Python has ignored it because it fell into a weakref callback or a ``__del__``."""
-    others, pending = sys.unraisablehook, []
+def _repeat_interrupts() -> Iterator[None]:
+    """Repeat an interrupt that Python ignored in a weakref callback or a ``__del__``."""
+    other_hook, pending = sys.unraisablehook, []
 
     def hook(ignored: sys.UnraisableHookArgs) -> None:
         if issubclass(ignored.exc_type, KeyboardInterrupt):
             pending.append(threading.Timer(0.05, _thread.interrupt_main))  # not at once: it would be ignored again
             pending[-1].start()
         else:
-            others(ignored)
+            other_hook(ignored)
 
     sys.unraisablehook = hook
     try:
         yield
     finally:
-        sys.unraisablehook = others
+        sys.unraisablehook = other_hook
         for timer in pending:
             timer.cancel()
 
 
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Callable[..., None]]:
-    """Function that shows progress: a spinner on a terminal, otherwise one line for each step.
+    """Function that prints progress: a spinner on a terminal, otherwise one line for each step.
 
-    With ``remark=True`` the text is to stay, on a terminal, too.
+    A text with ``remark=True`` stays on a terminal, too.
     """
     if quiet:
         yield lambda text, remark=False: None

@@ -1,19 +1,16 @@
-"""The line on standard error by which a command line says why it cannot run."""
+"""The line on standard error that explains why a command cannot run."""
 
 from __future__ import annotations
 
 LONGEST = 600
-"""Characters of a line at most: seven or eight lines of a terminal."""
+"""Largest number of characters of an error line."""
 
 _END = 200
 
 
 def sentence(text: str) -> str:
-    """One printable line that ends with a full stop.
-
-    What is too long loses its middle: the begin says what is wrong, the end what to do.
-    """
-    line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
+    """One printable line with a full stop; a long text loses its middle, since its end has the remedy."""
+    line = "".join(character if character.isprintable() else "?" for character in " ".join(text.split()))
     line = f"pymc-ship: {line.removesuffix('.')}."
     if len(line) <= LONGEST:
         return line

@@ -1,4 +1,4 @@
-"""The commands of a naval architect: identify a ship from her trials, forecast what she will do."""
+"""Commands on a ship: identify, forecast, design, score, trial-report."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ import pymc_ship as ps
 from pymc_ship.cli.files import (
     Outcome,
     Progress,
-    judged_arguments,
     made_by,
     model_argument,
     requested_manoeuvres,
+    validated_trials,
     vessel_argument,
     write_csv,
 )
@@ -48,11 +48,11 @@ from pymc_ship.ships.forecasting.forecast import AS_PUBLISHED
 from pymc_ship.trial.record import facility_of
 
 SIDES = ("port", "starboard")
-_DESIGN_DRAWS = 400  # of a posterior, as many as a design simulates
+_DESIGN_DRAWS = 400  # draws of a posterior that a design simulates
 
 
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Identify a ship from her trials, report on it and save it."""
+    """Identify a ship, save it and write its page; the text has term sets, held-out manoeuvres and the next run."""
     from pymc_ship.machine.errors import FitError
     from pymc_ship.ships.design.outlook import outlook
     from pymc_ship.ships.identification.model import captive_comparison, identify_ship
@@ -80,7 +80,7 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
             raise
         page = write_refusals(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
-    progress("outlook on standard manoeuvres")
+    progress("forecasting standard manoeuvres and choosing the next run")
     ahead = outlook(found.ship, rng)
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
     made |= {"outlook": ahead, "captive": captive_comparison(found, rng)}
@@ -92,20 +92,22 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _names(paths: Sequence[str]) -> list[str]:
-    """Names of runs: those of the files without endings or, where two are alike, the paths."""
+    """Names of runs: file names without suffixes, or the paths if two names are equal."""
     short = [Path(path).name.split(".")[0] for path in paths]
     return short if len(set(short)) == len(paths) else list(paths)
 
 
 def _check_facilities(args: argparse.Namespace) -> None:
-    """Refuse runs of another facility without its name: their gear would be taken for that of the others."""
+    """Raise TrialError for a facility without runs or without a name in its format file."""
     for layout, *paths in args.facility:
         if not paths:
             raise ps.TrialError(
-                f"A facility has its format file and then its runs, found {layout} alone; add the runs."
+                f"--facility takes a format file and then its runs, found {layout} alone; add the runs."
             )
         if not load_format(layout).facility:
-            raise ps.TrialError(f'{layout} names no facility; add a line such as facility = "basin B".')
+            raise ps.TrialError(
+                f'The format file of --facility must name it, found no facility in {layout}; add facility = "basin B".'
+            )
 
 
 def checked_trials(
@@ -116,30 +118,28 @@ def checked_trials(
     *,
     any_speed: bool = False,
 ) -> tuple[dict[str, xr.Dataset], dict[str, tuple[Check, ...]]]:
-    """Corrected trials and their checks by name, from files and their format files, facility by facility."""
+    """Corrected trials and their checks by name, from pairs of trial file and format file."""
     names = _names([path for path, _ in files])
     trials: dict[str, xr.Dataset] = {}
     checks: dict[str, tuple[Check, ...]] = {}
     for layout in dict.fromkeys(layout for _, layout in files):
-        mine = {name: path for name, (path, of) in zip(names, files, strict=True) if of == layout}
-        found = judged_arguments(list(mine.values()), layout, vessel, args, progress, any_speed=any_speed)
-        corrected, made = found
-        trials |= dict(zip(mine, corrected, strict=True))
-        checks |= dict(zip(mine, made, strict=True))
+        paths = {name: path for name, (path, of) in zip(names, files, strict=True) if of == layout}
+        pair = validated_trials(list(paths.values()), layout, vessel, args, progress, any_speed=any_speed)
+        trials |= dict(zip(paths, pair[0], strict=True))
+        checks |= dict(zip(paths, pair[1], strict=True))
     return trials, checks
 
 
-def holds_ship(path: str) -> bool:
-    """Whether a path is the folder of an identified ship."""
+def is_ship_folder(path: str) -> bool:
+    """Whether a path is a folder that `identify` wrote."""
     return (Path(path) / FOLDER).is_dir()
 
 
 @dataclass(frozen=True)
 class _Source:
-    """What a command forecasts with: a ship, the vessel that heads its page, and the settings of its forecasts.
+    """The ship of a command, the vessel of its page, and default settings and sides of its forecasts.
 
-    ``reference`` is the vessel whose own coefficients stand beside the forecast, None without; ``sides`` are those
-    that are sailed where none is asked for.
+    The coefficients of ``reference`` are simulated for comparison with the forecast.
     """
 
     ship: Ship
@@ -150,18 +150,18 @@ class _Source:
 
 
 _AS_FITTED = {"duration": 400.0, **AS_PUBLISHED}
-"""Settings of the forecast of a posterior."""
+"""Default settings of the forecast of a posterior."""
 
 
 def _source(args: argparse.Namespace, rng: np.random.Generator, progress: Progress, *, draws: int) -> _Source:
-    """Ship of a folder of `identify`, or of a posterior; a posterior knows no particulars and needs the vessel."""
-    if holds_ship(args.posterior):
+    """Ship of a folder of `identify`, or of a posterior with ``--vessel``."""
+    if is_ship_folder(args.posterior):
         ship = load_ship(args.posterior)
         vessel = vessel_argument(args.vessel, progress) if args.vessel else ship.vessel
         return _Source(ship, vessel, None, {}, SIDES)
     if args.vessel is None:
         raise ValueError(
-            f"The posterior {args.posterior} states no particulars of its ship, found no --vessel; add --vessel."
+            f"The posterior {args.posterior} needs the particulars of its ship, found no --vessel; add --vessel."
         )
     vessel = model_argument(args.vessel, progress)
     posteriors = read_posteriors(Path(args.posterior), args.family, vessel)
@@ -170,31 +170,35 @@ def _source(args: argparse.Namespace, rng: np.random.Generator, progress: Progre
 
 
 def read_posteriors(path: Path, family: str, vessel: Vessel) -> xr.DataTree | dict[str, xr.DataTree]:
-    """Joint posterior of a file, or those of each DOF that `regress` wrote."""
+    """Joint posterior of a file, or the posteriors by DOF that `regress` wrote."""
     if path.suffix in FILES:
         return _of_vessel(read_posterior(path), path, vessel)
     return {dof: _posterior(path, dof, family, vessel) for dof in vessel.dofs}
 
 
 def _posterior(folder: Path, dof: str, family: str, vessel: Vessel) -> xr.DataTree:
-    """Posterior that `regress` wrote, of the vessel asked for."""
+    """Posterior of one DOF that `regress` wrote."""
     path = folder / f"{dof}-{family}.nc"
     tree = read_posterior(path)
     if tree.attrs.get("dof") != dof:
-        raise ValueError(f"{path} is no posterior of the {dof}; run `pymc-ship regress` first.")
+        raise ValueError(
+            f"{path} must be a posterior of {dof}, found one of {tree.attrs.get('dof')}; run `pymc-ship regress` first."
+        )
     return _of_vessel(tree, path, vessel)
 
 
 def _of_vessel(tree: xr.DataTree, path: Path, vessel: Vessel) -> xr.DataTree:
-    """The posterior itself, where it is of the vessel."""
-    found = tree.attrs.get("vessel")
-    if found != vessel.name:
-        raise ValueError(f"The posterior is to be of {vessel.name!r}, found {found!r} in {path}; use its own vessel.")
+    """The posterior itself; ValueError for that of another vessel."""
+    name = tree.attrs.get("vessel")
+    if name != vessel.name:
+        raise ValueError(
+            f"The posterior must be of the vessel {vessel.name!r}, found {name!r} in {path}; give its own --vessel."
+        )
     return tree
 
 
 def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Forecast manoeuvres and write the page; the text has indices and IMO verdicts, the tables the bands over time."""
+    """Forecast manoeuvres and write the page; the text has indices and probabilities of the IMO criteria."""
     from pymc_ship.ships.forecasting.page import write_forecast_page
     from pymc_ship.ships.forecasting.steady_turns import spiral_sentence, steady_turns
     from pymc_ship.ships.forecasting.stopping import stopping, stopping_sentence
@@ -213,8 +217,8 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise SimulationError(
             "A forecast needs a manoeuvre, found none; add --zigzag 10/10, --turn 35, --spiral, --stop or --measured."
         )
-    place = Path(args.posterior)
-    out = writable_folder(args.out or (place.parent if place.suffix in FILES else place))
+    path = Path(args.posterior)
+    out = writable_folder(args.out or (path.parent if path.suffix in FILES else path))
     trees, text = {}, []
     for label, manoeuvre in wanted.items():
         progress(f"forecasting the {label}")
@@ -222,7 +226,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
         settings |= {} if args.duration is None else {"duration": args.duration}
         settings |= {"n": args.n, "wind": args.wind, "current": args.current}
         settings["facility"] = args.facility or _facility(ship, measured.get(label))
-        rng.bit_generator.state = state  # every manoeuvre has the same random numbers
+        rng.bit_generator.state = state  # the same random numbers for every manoeuvre
         trees[label] = ps.forecast(ship, manoeuvre, rng=rng, **settings)
         reference = _reference(manoeuvre, source.reference, trees[label])
         text.append(_text(trees[label], label, measured, ship.vessel, reference))
@@ -243,7 +247,7 @@ def forecast(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree) -> xr.Dataset | None:
-    """Indices of the ship of a vessel file in the manoeuvre of a forecast; None without a vessel or indices."""
+    """Indices of the reference vessel in a manoeuvre; None without a vessel or indices."""
     if vessel is None or not manoeuvre.traits.indices:
         return None
     duration = float(tree["trajectories"].dataset["time"][-1])
@@ -251,45 +255,44 @@ def _reference(manoeuvre: Manoeuvre, vessel: Vessel | None, tree: xr.DataTree) -
 
 
 def design(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Design the next runs; the text has what each candidate promises and its sea room."""
+    """Choose the next runs; the text has interval widths and sea room of each candidate."""
     source = _source(args, np.random.default_rng(args.seed), progress, draws=_DESIGN_DRAWS)
     out, room = writable_folder(args.out), np.inf if args.sea_room is None else args.sea_room
-    found = ps.design(source.ship, n=args.n, sea_room=room, wind=args.wind, progress=progress)
+    result = ps.design(source.ship, n=args.n, sea_room=room, wind=args.wind, progress=progress)
     with staged_files(out) as folder:
-        ratio = found["width_ratio"].transpose("candidate", "step")
+        ratio = result["width_ratio"].transpose("candidate", "step")
         header = ("candidate", "sea_room", *(f"width_ratio_{k}" for k in ratio["step"].values))
-        rows = zip(found["candidate"].values, found["sea_room"].values, *ratio.values.T, strict=True)
+        rows = zip(result["candidate"].values, result["sea_room"].values, *ratio.values.T, strict=True)
         write_csv(folder / "next_runs.csv", header, rows, args)
-        width = found["half_width"].transpose("target", "stage")
+        width = result["half_width"].transpose("target", "stage")
         header = ("manoeuvre", "index", "units", "half_width", *(f"after_{k}" for k in width["stage"].values[1:]))
-        targets = [str(target).split(", ") for target in found["target"].values]
-        rows = zip(*zip(*targets, strict=True), found["units"].values, *width.values.T, strict=True)
+        targets = [str(target).split(", ") for target in result["target"].values]
+        rows = zip(*zip(*targets, strict=True), result["units"].values, *width.values.T, strict=True)
         write_csv(folder / "half_widths.csv", header, rows, args)
-    return design_text(found), out
+    return design_text(result), out
 
 
 def score(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Score a ship on records in which she is restarted; the text has every channel of every run."""
-    stored = holds_ship(args.ship)
-    ship = load_ship(args.ship) if stored else Ship.from_vessel(vessel_argument(args.ship, progress))
+    """Score open-loop simulations of windows of records; the text has the errors of every channel and run."""
+    ship = load_ship(args.ship) if is_ship_folder(args.ship) else Ship.from_vessel(vessel_argument(args.ship, progress))
     any_speed = any(valid_at_any_speed(vessel) for vessel, _ in ship.models)
     files = [(path, args.format) for path in args.trials]
     trials, _ = checked_trials(files, ship.vessel, args, progress, any_speed=any_speed)
     out = writable_folder(args.out) if args.out else None
-    progress("replaying windows")
+    progress("simulating windows along the measured inputs")
     settings = {"length": args.length, "every": args.every, "draws": args.draws}
-    found = ps.score(ship, list(trials.values()), names=list(trials), **settings)
+    scores = ps.score(ship, list(trials.values()), names=list(trials), **settings)
     rows = ps.score_indices(ship, list(trials.values()), names=list(trials), rng=args.seed)
-    text = "\n\n".join(filter(None, [score_text(found), index_text(rows)]))
+    text = "\n\n".join(filter(None, [score_text(scores), index_text(rows)]))
     if out is None:
         return text, None
     from pymc_ship.ships.identification.score_page import write_score_page
 
-    return text, write_score_page(ship, trials, found, rows, out, draws=args.draws, command=made_by(args))
+    return text, write_score_page(ship, trials, scores, rows, out, draws=args.draws, command=made_by(args))
 
 
 def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report on a sea trial; the text has the form's manoeuvring data and what was not corrected."""
+    """Report on a sea trial; the text has manoeuvring data and missing corrections."""
     vessel = vessel_argument(args.vessel, progress)
     ship = load_ship(args.ship) if args.ship else None
     full_load = vessel_argument(args.full_load, progress) if args.full_load else None
@@ -297,30 +300,33 @@ def trial_report(args: argparse.Namespace, progress: Progress) -> Outcome:
     trials, _ = checked_trials(files, vessel, args, progress, any_speed=True)
     out = writable_folder(args.out)
     settings = {"conditions": args.conditions, "ship": ship, "full_load": full_load, "rng": args.seed}
-    found = ps.sea_trial(trials, vessel, progress=progress, **settings)
+    report = ps.sea_trial(trials, vessel, progress=progress, **settings)
     progress("writing the page")
-    text = "\n\n".join(filter(None, [form_text(found.form), "\n".join(found.remarks)]))
-    return text, ps.trial_report(found, out, command=made_by(args))
+    text = "\n\n".join(filter(None, [form_text(report.form), "\n".join(report.remarks)]))
+    return text, ps.trial_report(report, out, command=made_by(args))
 
 
 def _measured(args: argparse.Namespace, ship: Ship, progress: Progress) -> dict[str, tuple[Manoeuvre, xr.Dataset]]:
-    """Measured trials by the label of the manoeuvre they were recognised as; a second one carries its file's name."""
-    found: dict[str, tuple[Manoeuvre, xr.Dataset]] = {}
+    """Measured trials by the label of their recognised manoeuvre; a repeated label gets the name of the file."""
+    recognised: dict[str, tuple[Manoeuvre, xr.Dataset]] = {}
     if not args.measured:
-        return found
+        return recognised
     files = [(path, args.format) for path in args.measured]
     trials, _ = checked_trials(files, ship.vessel, args, progress)
     manoeuvres, _ = recognise_by_facility(list(trials.values()), ship.vessel)
     for (name, trial), manoeuvre in zip(trials.items(), manoeuvres, strict=True):
         if manoeuvre is None:
-            raise SimulationError(f"{name} cannot stand beside a forecast. {unrecognised_text(trial)} Leave it out.")
-        label = manoeuvre.label if manoeuvre.label not in found else f"{manoeuvre.label} {name}"
-        found[label] = manoeuvre, trial
-    return found
+            raise SimulationError(
+                f"--measured needs a recognised manoeuvre, found none in {name}. {unrecognised_text(trial)} Leave "
+                "it out."
+            )
+        label = manoeuvre.label if manoeuvre.label not in recognised else f"{manoeuvre.label} {name}"
+        recognised[label] = manoeuvre, trial
+    return recognised
 
 
 def _facility(ship: Ship, measured: tuple[Manoeuvre, xr.Dataset] | None) -> str | None:
-    """Facility of a measured trial, where the ship was identified at it."""
+    """Facility of a measured trial, if the ship was identified at it."""
     name = facility_of(measured[1]) if measured else ""
     return name if name and name in ship.facilities else None
 
@@ -332,17 +338,17 @@ def _text(
     vessel: Vessel,
     reference: xr.Dataset | None,
 ) -> str:
-    """Bands of the indices beside what was measured and the reference, and the probability of each IMO criterion."""
+    """Bands of the indices, measured and reference values, and the probability of each IMO criterion."""
     from pymc_ship.records.steering.measured import measured_indices
     from pymc_ship.ships.forecasting.page import refused_sentence
 
-    beside: dict[str, Mapping[Any, Any]] = (
+    columns: dict[str, Mapping[Any, Any]] = (
         {"measured": measured_indices(measured[label][1], tree.attrs)} if label in measured else {}
     )
-    beside |= {} if reference is None else {"reference": reference}
+    columns |= {} if reference is None else {"reference": reference}
     verdicts = ps.imo_probabilities(tree, vessel)
     parts = [
-        forecast_text(tree, beside),
+        forecast_text(tree, columns),
         tree.attrs["steering"],
         refused_sentence(tree),
         probability_text(verdicts),

@@ -1,4 +1,4 @@
-"""Texts that commands print: tables in columns, one line for each coefficient, index, criterion or candidate."""
+"""Printed tables and sentences: one line for each coefficient, index, criterion or candidate."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.ships.ensemble.index_table import index_rows
 from pymc_ship.ships.ensemble.scores import BANDS
 from pymc_ship.ships.forecasting.forecast import NO_ROLL, draws_and_shares, has_roll
+from pymc_ship.trial.channels import CHANNELS
 
 if TYPE_CHECKING:
     from pymc_ship.inference.regression.priors import ExactPosterior
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class CoefficientRow(NamedTuple):
-    """Estimate of a coefficient beside the value of the vessel file; prime values."""
+    """Estimate and reference value of a coefficient, prime values."""
 
     dof: str
     family: str
@@ -65,51 +66,52 @@ def _rows(vessel: Vessel, dof: str, family: str, columns: Mapping[str, np.ndarra
 
 
 def trajectory_text(tree: xr.DataTree) -> str:
-    """Noise model, agreement of the starts and how far to trust the normal approximation."""
+    """Noise model, agreement of the starts and validity of the normal approximation."""
     attrs = tree.attrs
     return (
         f"{attrs['noise_sentence']}\n"
-        f"{attrs['starts_agreeing']} of {attrs['starts']} starts ended at this mode; Pareto k-hat "
+        f"{attrs['starts_agreeing']} of {attrs['starts']} starts converged to this mode; Pareto k-hat "
         f"{attrs['pareto_khat']:.2f}: {attrs['verdict']}"
     )
 
 
 def tuning_text(tuned: TunedPrior) -> str:
-    """Chosen prior and its rivals with their scores, and what the optimisation gained over the evidence."""
-    rivals = {
+    """Candidate priors with their scores, and the gain of the optimisation over the evidence maximum."""
+    priors = {
         "chosen": (tuned.prior, tuned.score),
         "best evaluated": (tuned.evaluated_prior, tuned.evaluated_score),
         "best of the Gaussian process": (tuned.surrogate_prior, tuned.surrogate_score),
         "evidence maximum": (tuned.evidence_prior, tuned.evidence_score),
     }
-    rows = [(name, prior.shape, prior.scale, prior.kappa, f"{score:.4f}") for name, (prior, score) in rivals.items()]
+    rows = [(name, prior.shape, prior.scale, prior.kappa, f"{score:.4f}") for name, (prior, score) in priors.items()]
     edges = "".join(
-        f"\nThe {'chosen prior' if name == 'prior' else 'evidence maximum'} lies on an edge of its box in "
-        f"{' and '.join(at)}: the box, not the data, ended the search there."
+        f"\nThe {'chosen prior' if name == 'prior' else 'evidence maximum'} lies at a bound of "
+        f"{' and '.join(at)}: the bound, not the data, ended the search."
         for name, at in tuned.edges.items()
     )
     return (
-        f"{table(('prior', 'shape', 'scale', 'kappa', 'score'), rows)}\n\n"
-        f"Score (log predictive density per held-out row): {tuned.score:.4f} ± {tuned.score_se:.4f}.\n"
+        f"{table(('prior', 'shape', 'scale', 'kappa', 'score'), rows, 'Priors and scores')}\n\n"
+        f"Score, the log predictive density per held-out row: {tuned.score:.4f} ± {tuned.score_se:.4f}.\n"
         f"Log evidence at its maximum: {tuned.log_evidence:.2f}.\n"
-        f"Bayesian optimisation gained {tuned.score - tuned.evidence_score:+.4f} a row over the evidence maximum."
+        f"Bayesian optimisation: {tuned.score - tuned.evidence_score:+.4f} in the score over the evidence maximum."
         f"{edges}"
     )
 
 
 def coefficient_table(rows: Sequence[CoefficientRow], families: Sequence[str]) -> str:
-    """One line for each coefficient, the families side by side."""
+    """One line for each coefficient, with columns for each family."""
     lines: dict[tuple, list] = {}
     for row in rows:
         line = lines.setdefault((row.coefficient, row.dof), [1e5 * row.reference])
         line += [1e5 * value for value in (row.mean, row.sd, row.quantile_5, row.quantile_95)]
     columns = [column for family in families for column in (f"{family} mean", "sd", "5 %", "95 %")]
-    return table(("times 1e5", "dof", "reference", *columns), [(*key, *line) for key, line in lines.items()])
+    caption = "Coefficients, prime values times 1e5"
+    return table(("name", "dof", "reference", *columns), [(*key, *line) for key, line in lines.items()], caption)
 
 
 def check_text(checks: Iterable[Check]) -> str:
-    """One line for each check: name, verdict and sentence; those that nothing is the matter with come last."""
-    order = {verdict: place for place, verdict in enumerate(("bad", "doubtful", "good", "not checked"))}
+    """One line for each check: name, verdict and sentence, bad checks first."""
+    order = {verdict: rank for rank, verdict in enumerate(("bad", "doubtful", "good", "not checked"))}
     checks = sorted(checks, key=lambda check: order[check.verdict])
     width = max(len(check.name) for check in checks)
     rows = ((check.name, check.verdict, check.sentence.removeprefix("Not checked: ")) for check in checks)
@@ -117,62 +119,63 @@ def check_text(checks: Iterable[Check]) -> str:
 
 
 def divergence(run: xr.Dataset) -> str:
-    """When a run diverged."""
-    return f"The run diverged at t = {float(run['diverged_at']):g} s; the trial holds what was before."
+    """Sentence on the time of divergence of a run."""
+    return f"The run diverged at t = {float(run['diverged_at']):g} s; the trial ends there."
 
 
-def index_table(found: xr.Dataset, columns: Mapping[str, Mapping[Any, Any]]) -> str:
+def index_table(indices: xr.Dataset, columns: Mapping[str, Mapping[Any, Any]]) -> str:
     """One line for each index, one column for each data set."""
     rows = [
-        (str(name).replace("_", " "), *(float(values[name]) for values in columns.values()), found[name].attrs["units"])
-        for name in found.data_vars
+        (str(name).replace("_", " "), *(float(values[name]) for values in columns.values()), index.attrs["units"])
+        for name, index in indices.data_vars.items()
     ]
-    return table(("index", *columns, ""), rows)
+    return table(("index", *columns, "unit"), rows)
 
 
 def criteria_table(criteria: list[dict]) -> str:
-    """One line for each IMO criterion; empty where none applies."""
+    """One line for each IMO criterion; empty if none applies."""
     words = {True: "pass", False: "fail", None: "not reached"}
     rows = [(c["criterion"], c["value"], c["limit"], c["units"], words[c["passed"]]) for c in criteria]
-    return table(("IMO MSC.137(76)", "value", "limit", "", ""), rows) if rows else ""
+    return table(("IMO MSC.137(76)", "value", "limit", "unit", "verdict"), rows) if rows else ""
 
 
-def design_text(found: xr.Dataset) -> str:
-    """How many times as wide intervals would be after each candidate, its sea room, and what the chosen runs leave."""
-    steps = found["step"].values
-    header = ("candidate", *(f"width ratio {k}" for k in steps), "sea room m")
-    columns = [found["width_ratio"].sel(step=k).values for k in steps]
-    rows = zip(found["candidate"].values, *columns, found["sea_room"].values, strict=True)
-    widths = zip(found["target"].values, *found["half_width"].values, found["units"].values, strict=True)
-    chosen = table(("half width of 95 %", "now", *(f"after {label}" for label in found["chosen"].values), ""), widths)
-    return f"{table(header, list(rows))}\n\n{chosen}"
+def design_text(result: xr.Dataset) -> str:
+    """Ratio of interval widths after each candidate, its sea room, and the widths after the chosen runs."""
+    steps = result["step"].values
+    header = ("candidate", *(f"width ratio {k}" for k in steps), "sea room [m]")
+    columns = [result["width_ratio"].sel(step=k).values for k in steps]
+    rows = zip(result["candidate"].values, *columns, result["sea_room"].values, strict=True)
+    caption = "Half width of the 95 % intervals"
+    widths = zip(result["target"].values, *result["half_width"].values, result["units"].values, strict=True)
+    chosen = table(("index", "now", *(f"after {label}" for label in result["chosen"].values), "unit"), widths, caption)
+    return f"{table(header, rows, 'Interval widths after each run over those of today')}\n\n{chosen}"
 
 
 def montecarlo_text(rows: Sequence[Mapping], columns: Mapping[str, str], most: int = 60) -> str:
-    """Columns of the main table of a Monte-Carlo study, with their heads; a sentence where nothing was measured."""
+    """Main table of a Monte-Carlo study; a sentence if it is empty."""
     if not rows:
-        return "Nothing was measured; the page says why."
+        return "The study has no results; the page shows the reasons."
     lines = table(list(columns.values()), [[row[key] for key in columns] for row in rows[:most]])
     return lines + (f"\n... and {len(rows) - most} more rows" if len(rows) > most else "")
 
 
-def forecast_text(tree: xr.DataTree, beside: Mapping[str, Mapping[Any, Any]]) -> str:
-    """Median and band of each index and what stands beside them, between shares of the forecast and extrapolation."""
+def forecast_text(tree: xr.DataTree, columns: Mapping[str, Mapping[Any, Any]]) -> str:
+    """Bands of each index beside other columns, with divergence and extrapolation of the forecast."""
     lines = [f"{tree.attrs['label']}: {draws_and_shares(tree)}, bands of {tree.attrs['ci_prob']:.0%}"]
     if "index_bands" in tree.children:
         bands = tree["index_bands"].to_dataset()
-        lines.append(index_table(bands, {**beside, **{band: bands.sel(band=band) for band in BANDS}}))
+        lines.append(index_table(bands, {**columns, **{band: bands.sel(band=band) for band in BANDS}}))
     lines += [] if has_roll(tree) else [NO_ROLL]
     return "\n".join([*lines, tree.attrs["extrapolation"]])
 
 
 def probability_text(rows: Iterable[Mapping]) -> str:
-    """One sentence for each IMO criterion that applies; empty where none does."""
+    """One sentence for each IMO criterion that applies."""
     return "\n".join(f"IMO MSC.137(76): {row['verdict']}" for row in rows)
 
 
 def term_set_text(found: ShipIdentification) -> str:
-    """Weight, held-out score and errors of every term set."""
+    """Weight, held-out elpd and errors of every term set."""
     channels = dict.fromkeys(name for candidate in found.candidates for name in candidate.held_out.rms)
     rows = [
         (
@@ -182,68 +185,82 @@ def term_set_text(found: ShipIdentification) -> str:
         )
         for c in found.candidates
     ]
-    return table(("term set", "weight", "score", *(f"rms {name}" for name in channels), "diverged"), rows)
+    errors = (f"rms {name} [{_unit(name)}]" for name in channels)
+    return table(("term set", "weight", "elpd", *errors, "diverged"), rows, "Term sets, on held-out runs")
 
 
-def score_text(found: xr.Dataset) -> str:
-    """Errors of every channel of every run, then windows and score of each run and of all."""
+def score_text(scores: xr.Dataset) -> str:
+    """Errors of every channel of every run, then windows and score of each run, then the total score."""
     from pymc_ship.ships.identification.replay import channel_rows, run_rows
 
-    channels, runs = channel_rows(found), run_rows(found)
-    total = found.attrs["score"]
-    last = f"Score {total:.3g}, the mean over runs of the errors over the size of the motion."
+    channels, runs = channel_rows(scores), run_rows(scores)
+    total = scores.attrs["score"]
+    last = f"Score {total:.3g}, the mean over runs of the errors relative to the motion."
     if not math.isfinite(total):
-        last = "No score: the ship runs away in a window."
-    held = f"bands of {100.0 * found.attrs['ci_prob']:.0f} % hold {100.0 * float(found['coverage'].mean()):.0f} %"
-    words = f"In windows of {found.attrs['length']:.4g} s the {held} of the instants. {last}"
+        last = "No score, since the simulation diverges in a window."
+    summary = (
+        f"In windows of {scores.attrs['length']:.4g} s the bands of {100.0 * scores.attrs['ci_prob']:.0f} % contain "
+        f"{100.0 * float(scores['coverage'].mean()):.0f} % of the samples. {last}"
+    )
+    channels = [row | {"unit": _unit(row["channel"])} for row in channels]
+    captions = ("Errors of each channel; relative, coverage: 1 is 100 %", "Score of each run")
     tables = [
-        table([key.replace("_", " ") for key in rows[0]], [[*row.values()] for row in rows])
-        for rows in (channels, runs)
+        table([key.replace("_", " ") for key in rows[0]], [[*row.values()] for row in rows], caption)
+        for rows, caption in zip((channels, runs), captions, strict=True)
     ]
-    return "\n\n".join([*tables, words])
+    return "\n\n".join([*tables, summary])
+
+
+def _unit(channel: str) -> str:
+    """SI unit of a channel, or of the position."""
+    return CHANNELS[channel].unit.name if channel in CHANNELS else "m"
 
 
 def index_text(indices: xr.Dataset) -> str:
-    """Indices of recorded manoeuvres beside the forecasts; empty where there are none."""
+    """Measured indices and their forecasts; empty without indices."""
     if not indices.sizes["run"]:
         return ""
     from pymc_ship.ships.identification.replay import index_errors
 
-    header = ("run", "manoeuvre", "index", "measured", "forecast", "error", "± sd", "inside")
-    keys = ("run", "manoeuvre", "index", "measured", "forecast", "error", "sd", "inside")
-    return table(header, [[row[key] for key in keys] for row in index_errors(indices)])
+    header = ("run", "manoeuvre", "index", "measured", "forecast", "error", "± sd", "unit", "inside 95 %")
+    keys = ("run", "manoeuvre", "index", "measured", "forecast", "error", "sd", "unit", "inside")
+    rows = [row | {"unit": _index_units(indices)[row["index"]]} for row in index_errors(indices)]
+    return table(header, [[row[key] for key in keys] for row in rows], "Indices of recorded manoeuvres")
+
+
+def _index_units(indices: xr.Dataset) -> dict[str, str]:
+    """Units by the printed name of an index."""
+    names = (str(name).replace("_", " ") for name in indices["index"].values)
+    return dict(zip(names, indices["units"].values.tolist(), strict=True))
 
 
 def form_text(form: Sequence[Mapping]) -> str:
-    """Manoeuvring data of a sea trial, line by line."""
+    """Manoeuvring data of a sea trial."""
     keys = ("item", "port", "starboard", "criterion", "conformity")
-    return table(keys, [[row[key] for key in keys] for row in form])
+    return table(keys, [[row[key] for key in keys] for row in form], "Manoeuvring data, IMO MSC/Circ.1053")
 
 
 def held_out_text(found: ShipIdentification) -> str:
-    """Indices of each held-out manoeuvre beside their forecast; empty where none was held out."""
+    """Indices of each held-out manoeuvre and their forecasts; empty without held-out runs."""
     if not found.held_out_indices.sizes["run"]:
         return ""
-    header = ("held-out run", "manoeuvre", "index", "measured", "forecast", "± sd")
-    names = ("run", "manoeuvre", "index", "measured", "forecast", "sd")
-    return table(
-        header,
-        [
-            [str(row[n]).replace("_", " ") if n == "index" else row[n] for n in names]
-            for row in index_rows(found.held_out_indices)
-        ],
-    )
+    units, rows = _index_units(found.held_out_indices), []
+    for row in index_rows(found.held_out_indices):
+        index = row["index"].replace("_", " ")
+        rows.append([row["run"], row["manoeuvre"], index, row["measured"], row["forecast"], row["sd"], units[index]])
+    header = ("run", "manoeuvre", "index", "measured", "forecast", "± sd", "unit")
+    return table(header, rows, "Held-out runs and their forecasts")
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence]) -> str:
-    """Columns of text, the first one flush left and the others flush right."""
+def table(header: Sequence[str], rows: Iterable[Sequence], caption: str = "") -> str:
+    """Caption and columns of text, the first column aligned left and the others right."""
     cells = [list(header), *([_cell(value) for value in row] for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
     lines = (
         "  ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True))])
         for row in cells
     )
-    return "\n".join(line.rstrip() for line in lines)
+    return "\n".join([*([f"{caption}:"] if caption else []), *(line.rstrip() for line in lines)])
 
 
 def _cell(value: str | float) -> str:

@@ -107,7 +107,7 @@ def test_the_command_says_what_a_trial_is_recognised_as_and_what_is_not_modelled
     other = ps.simulate(ps.load_vessel("container"), programme, duration=400.0, record_interval=0.2)
     cases = (
         (other, "It is not recognised as a zigzag, a turning circle or a pull out: "),
-        (zigzag, "It is recognised as a zigzag 20/20 port."),
+        (zigzag, "The trial is recognised as a zigzag 20/20 port."),
     )
     for trial, told in cases:
         ps.write_trial(trial, tmp_path / "trial.csv")

@@ -156,8 +156,8 @@ def test_runs_of_another_facility_are_named_with_their_format(files, tmp_path, c
 @pytest.mark.parametrize(
     ("group", "message"),
     [
-        (["B.toml"], "A facility has its format file and then its runs, found "),
-        (["nameless.toml", "run1.csv"], 'names no facility; add a line such as facility = "basin B".'),
+        (["B.toml"], "--facility takes a format file and then its runs, found "),
+        (["nameless.toml", "run1.csv"], 'nameless.toml; add facility = "basin B".'),
     ],
 )
 def test_a_facility_without_runs_or_name_is_refused(files, tmp_path, capsys, group, message):
