@@ -146,7 +146,7 @@ def test_a_trial_with_a_bad_check_is_not_fitted(made, tmp_path, capsys, command,
         ("denoise {made}/trial.csv --wavelet sinus --out {out}", "needs an orthogonal wavelet, found 'sinus'"),
         ("denoise {made}/trial.csv --prior flat --out {out}", "invalid choice: 'flat'"),
         ("regress {made}/trial.csv --vessel container --family flat --out {out}", "invalid choice: 'flat'"),
-        ("regress {made}/trial.csv --vessel container --draws 10 --out {out}", "a multiple of 4, found '10'"),
+        ("regress {made}/trial.csv --vessel container --draws 10 --out {out}", "a positive multiple of 4, found '10'"),
         ("regress {made}/trial.csv --vessel container --interval soon --out {out}", "seconds or 'all', found 'soon'"),
         ("regress {made}/trial.csv --vessel {small} --interval 0.15 --out {out}", "multiple of the sampling interval"),
         (
@@ -257,6 +257,6 @@ def test_a_limit_on_the_address_space_is_a_sentence_not_an_abort(limit, status, 
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
     )
     assert run.returncode == status
-    found = f"found a limit of {limit / 1e9:.1f} GB; raise it (ulimit -v)."
+    found = f"found a limit of {limit / 1e9:.1f} GB; raise the limit (ulimit -v)."
     assert run.stderr == (f"pymc-ship: A run needs an address space of 4 GB, {found}\n" if status else "")
     assert (tmp_path / "trial.csv").exists() == (status == 0)
