@@ -22,7 +22,7 @@ test_fit_errors = wording(
             ({"coefficients": np.ones(3)}, r"coefficients of shape \(3,\)"),
             ({"noise": []}, "found 1 runs, 0 noises"),
             ({"initial_states": [np.zeros(5), np.zeros(5)]}, "2 states"),
-            ({"initial_states": [np.zeros(5)]}, "leaves the model's range in run 1"),
+            ({"initial_states": [np.zeros(5)]}, "diverged in run 1"),
         ]
     ),
 )

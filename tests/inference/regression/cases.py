@@ -1,4 +1,4 @@
-"""Regressions with a semi-conjugate prior, and the density of their noise variance by dense matrices."""
+"""Regressions and priors for tests of exact posteriors, and a density of the noise variance by dense matrices."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from pymc_ship.inference.rows.data import RegressionData
 from tests.inference.regression.peers import simulated
 
 
-def vector_prior(n_terms, seed=9):
-    rng = np.random.default_rng(seed)
-    return SemiConjugatePrior(
-        mean=rng.standard_normal(n_terms), kappa=rng.uniform(0.2, 5.0, n_terms), shape=3.5, scale=0.7
-    )
+def vector_prior(n_terms, family=SemiConjugatePrior):
+    rng = np.random.default_rng(9)
+    return family(mean=rng.standard_normal(n_terms), kappa=rng.uniform(0.2, 5.0, n_terms), shape=3.5, scale=0.7)
 
 
 def case():

@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from fractions import Fraction
 
-import arviz as az
 import numpy as np
 import pytest
 from scipy import stats
@@ -13,15 +12,11 @@ from scipy.integrate import quad
 from pymc_ship.inference.regression.conjugate import ConjugatePrior
 from pymc_ship.inference.regression.tree import exact_posterior, rng_state
 from pymc_ship.inference.rows.data import RegressionData
-from tests.inference.regression.peers import exact_of, largest_z, oracle, simulated, z_limit
+from tests.inference.regression.cases import vector_prior
+from tests.inference.regression.peers import exact_of, oracle, simulated, z_limit
 
 SHAPES = [(12, 3), (3, 7), (5, 5), (1, 2)]
 """Rows and terms: more rows, more terms, as many, and a single row."""
-
-
-def vector_prior(n_terms, seed=9):
-    rng = np.random.default_rng(seed)
-    return ConjugatePrior(mean=rng.standard_normal(n_terms), kappa=rng.uniform(0.2, 5.0, n_terms), shape=3.5, scale=0.7)
 
 
 def dense_evidence(X, y, prior):
@@ -54,37 +49,20 @@ class TestOracle:
 class TestEvidence:
     @pytest.mark.parametrize(("n_rows", "n_terms"), SHAPES)
     def test_it_is_the_multivariate_t_density_of_the_response(self, n_rows, n_terms):
-        data, prior = simulated(n_rows, n_terms, seed=1), vector_prior(n_terms)
+        data, prior = simulated(n_rows, n_terms, seed=1), vector_prior(n_terms, ConjugatePrior)
         known = dense_evidence(data.design_matrix, data.response, prior)
         assert prior.exact(data).log_evidence == pytest.approx(known, abs=1e-10)
 
     def test_the_reciprocal_scale_of_the_paper_is_told_apart(self):
-        data, prior = simulated(12, 3, seed=1), vector_prior(3)
+        data, prior = simulated(12, 3, seed=1), vector_prior(3, ConjugatePrior)
         twin = replace(prior, scale=1.0 / prior.scale)
         assert abs(twin.exact(data).log_evidence - dense_evidence(data.design_matrix, data.response, prior)) > 0.1
-
-    @pytest.mark.parametrize(("n_rows", "n_terms"), [(12, 3), (4, 7)])
-    def test_it_is_the_product_of_one_step_ahead_predictives(self, n_rows, n_terms):
-        data, prior = simulated(n_rows, n_terms, seed=2), vector_prior(n_terms)
-        total = prior.exact(data.rows(np.arange(1))).log_evidence
-        for k in range(1, n_rows):
-            step = data.rows(np.arange(k, k + 1))
-            exact = prior.exact(data.rows(np.arange(k)))
-            total += exact.log_predictive_density(step.design_matrix, step.response)
-        assert total == pytest.approx(prior.exact(data).log_evidence, abs=1e-10)
-
-    @pytest.mark.parametrize(("n_rows", "n_terms"), [(12, 3), (6, 7)])
-    def test_the_joint_predictive_is_a_ratio_of_evidences(self, n_rows, n_terms):
-        data, prior = simulated(n_rows, n_terms, seed=3), vector_prior(n_terms)
-        old, new = data.rows(np.arange(5)), data.rows(np.arange(5, n_rows))
-        joint = prior.exact(old).log_predictive_density(new.design_matrix, new.response)
-        assert joint == pytest.approx(prior.exact(data).log_evidence - prior.exact(old).log_evidence, abs=1e-10)
 
 
 class TestUpdating:
     def test_two_batches_give_the_posterior_of_one(self):
         """The posterior of the first rows, diagonal in rotated coordinates, is the prior of the rest."""
-        data, prior = simulated(40, 6, seed=4), vector_prior(6)
+        data, prior = simulated(40, 6, seed=4), vector_prior(6, ConjugatePrior)
         first = prior.exact(data.rows(np.arange(15)))
         rest = data.rows(np.arange(15, 40))
         rotated = RegressionData.from_arrays(
@@ -100,41 +78,8 @@ class TestUpdating:
 
 
 class TestScaling:
-    def test_scaled_columns_with_the_equivalent_prior_give_the_same_posterior(self):
-        rng = np.random.default_rng(5)
-        X = rng.standard_normal((30, 4)) * [1.0, 1e-3, 50.0, 1e4]
-        y = 1e-5 * (X @ [1.0, 2e3, 0.1, 1e-4] + rng.standard_normal(30))
-        scaled = RegressionData.from_arrays(X, y, scaling="zscore")
-        assert scaled.constant == -1
-        prior = vector_prior(4)
-        plain_prior = ConjugatePrior(
-            mean=prior.mean * scaled.response_scale / scaled.column_scale,
-            kappa=prior.kappa / scaled.column_scale**2,
-            shape=prior.shape,
-            scale=prior.scale * scaled.response_scale**2,
-        )
-        one, other = prior.exact(scaled), plain_prior.exact(RegressionData.from_arrays(X, y))
-        np.testing.assert_allclose(one.mean, other.mean, rtol=1e-10)
-        np.testing.assert_allclose(one.sd, other.sd, rtol=1e-10)
-        assert one.noise_variance_mean == pytest.approx(other.noise_variance_mean, rel=1e-10)
-        assert one.log_evidence == pytest.approx(other.log_evidence, abs=1e-9)
-
-    def test_centred_data_give_the_posterior_of_the_centred_arrays_and_its_jacobian(self):
-        rng = np.random.default_rng(6)
-        X = np.column_stack([rng.normal([3.0, -8.0], 1.0, (30, 2)), np.full(30, 2.0)])
-        data = RegressionData.from_arrays(X, 1e-4 * (X @ [1.0, 2.0, 3.0] + rng.standard_normal(30)), scaling="zscore")
-        plain = RegressionData.from_arrays(data.scaled_design_matrix, data.scaled_response)
-        prior = vector_prior(3)
-        one, other = prior.exact(data), prior.exact(plain)
-        np.testing.assert_allclose(one.mean, data.to_original(other.mean), rtol=1e-10)
-        T = data.transformation[1]
-        np.testing.assert_allclose(one.covariance, T @ other.covariance @ T.T, rtol=1e-9, atol=1e-20)
-        jacobian = 30 * np.log(data.response_scale)
-        assert one.log_evidence == pytest.approx(other.log_evidence - jacobian, abs=1e-9)
-        assert abs(jacobian) > 100.0
-
     def test_columns_a_million_times_larger_with_the_equivalent_prior(self):
-        data, prior = simulated(30, 4, seed=7), vector_prior(4)
+        data, prior = simulated(30, 4, seed=7), vector_prior(4, ConjugatePrior)
         large = RegressionData.from_arrays(data.design_matrix * [1e6, 1.0, 1e6, 1.0], data.response)
         factor = np.array([1e6, 1.0, 1e6, 1.0])
         one = prior.exact(data)
@@ -191,18 +136,9 @@ class TestNumerics:
 
 
 class TestLimits:
-    def test_a_vague_prior_gives_least_squares(self):
-        data = simulated(50, 4, seed=10)
-        least_squares = np.linalg.lstsq(data.design_matrix, data.response, rcond=None)[0]
-        np.testing.assert_allclose(ConjugatePrior(kappa=1e12).exact(data).mean, least_squares, rtol=1e-8)
-
-    def test_a_firm_prior_gives_its_mean(self):
-        exact = ConjugatePrior(mean=[1.0, 2.0, 3.0, 4.0], kappa=1e-12).exact(simulated(50, 4, seed=10))
-        np.testing.assert_allclose(exact.mean, [1.0, 2.0, 3.0, 4.0], rtol=1e-8)
-
     @pytest.mark.parametrize(("n_rows", "n_terms"), SHAPES[:3])
     def test_moments_are_those_of_the_normal_equations(self, n_rows, n_terms):
-        data, prior = simulated(n_rows, n_terms, seed=11), vector_prior(n_terms)
+        data, prior = simulated(n_rows, n_terms, seed=11), vector_prior(n_terms, ConjugatePrior)
         X, y, exact = data.design_matrix, data.response, prior.exact(data)
         covariance = np.linalg.inv(np.diag(1.0 / prior.kappa) + X.T @ X)
         mean = covariance @ (prior.mean / prior.kappa + X.T @ y)
@@ -211,14 +147,10 @@ class TestLimits:
         square = np.sum((y - X @ mean) ** 2) + np.sum((mean - prior.mean) ** 2 / prior.kappa)
         assert exact.scale == pytest.approx(prior.scale + 0.5 * square, rel=1e-12)
 
-    def test_moments_that_do_not_exist_are_infinite(self):
-        exact = ConjugatePrior(shape=0.25).exact(simulated(1, 2, seed=1))
-        assert exact.noise_variance_mean == exact.noise_variance_sd == np.inf
-
 
 @pytest.fixture(scope="module")
 def exact():
-    return vector_prior(3).exact(simulated(20, 3, seed=12))
+    return vector_prior(3, ConjugatePrior).exact(simulated(20, 3, seed=12))
 
 
 class TestDistributions:
@@ -241,48 +173,12 @@ class TestDistributions:
         function = getattr(exact, density)
         assert quad(lambda t: function(np.exp(t)) * np.exp(t), -12.0, 12.0, epsabs=1e-12)[0] == pytest.approx(1.0)
 
-    def test_the_pointwise_density_is_that_of_single_rows(self, exact):
-        new = simulated(4, 3, seed=13)
-        found = exact.log_predictive_density(new.design_matrix, new.response, pointwise=True)
-        single = [exact.log_predictive_density(new.design_matrix[k : k + 1], new.response[k : k + 1]) for k in range(4)]
-        np.testing.assert_allclose(found, single, atol=1e-12)
-        assert abs(found.sum() - exact.log_predictive_density(new.design_matrix, new.response)) > 1e-3
-
-    def test_prediction_adds_noise_to_the_spread_of_the_coefficients(self, exact):
-        X = simulated(4, 3, seed=13).design_matrix
-        mean, sd = exact.predict(X)
-        np.testing.assert_allclose(mean, X @ exact.mean, rtol=1e-12)
-        variance = exact.noise_variance_mean + np.einsum("ki,ij,kj->k", X, exact.covariance, X)
-        np.testing.assert_allclose(sd, np.sqrt(variance), rtol=1e-12)
-
 
 def case():
-    return simulated(20, 3, seed=14), vector_prior(3)
+    return simulated(20, 3, seed=14), vector_prior(3, ConjugatePrior)
 
 
 class TestDraws:
-    def z(self, drawn, seed=1, draws=40_000):
-        coefficients, noise_variance = drawn.draw(draws, np.random.default_rng(seed))
-        layout = coefficients.reshape(4, -1, 3), noise_variance.reshape(4, -1)
-        return largest_z(*layout, exact_of(*case()))
-
-    def test_their_moments_are_exact(self):
-        z, comparisons = self.z(exact_of(*case()))
-        assert z < z_limit(comparisons)
-
-    @pytest.mark.parametrize(
-        "broken",
-        [
-            lambda data, prior: replace(prior.exact(data), shape=prior.shape + 0.5 * (20 + 3)),
-            lambda data, prior: replace(prior, scale=1.0 / prior.scale).exact(data),
-            lambda data, prior: prior.exact(data.rows(np.arange(19))),
-        ],
-        ids=["full conditional as marginal", "reciprocal scale", "a row short"],
-    )
-    def test_broken_ones_are_told_apart(self, broken):
-        z, comparisons = self.z(broken(*case()))
-        assert z > z_limit(comparisons)
-
     def test_coefficients_and_noise_variance_belong_together(self):
         """Given its sigma2, a standardised draw is standard normal: kurtosis 3, while marginally it is that of a t."""
         exact = exact_of(*case())
@@ -298,16 +194,6 @@ class TestDraws:
 
 
 class TestTree:
-    def test_draws_are_dealt_to_chains_and_worth_their_number(self):
-        tree = exact_posterior(*case(), draws=4000, rng=np.random.default_rng(1))
-        posterior = tree["posterior"]
-        assert dict(posterior.sizes) == {"chain": 4, "draw": 1000, "coefficient": 3}
-        ess = az.ess(posterior.dataset)
-        assert 0.85 * 4000 < float(ess["coefficients"].min()) < 1.3 * 4000
-        assert 0.85 * 4000 < float(ess["noise_variance"]) < 1.3 * 4000
-        assert float(az.rhat(posterior.dataset)["noise_variance"]) < 1.01
-        assert tree.attrs["method"] == "conjugate"
-
     def test_the_recorded_state_repeats_the_draws(self):
         rng = np.random.default_rng(2)
         rng.standard_normal(7)

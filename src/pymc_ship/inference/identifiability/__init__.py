@@ -1,5 +1,5 @@
-"""What data can determine of the coefficients.
+"""Identifiability of the coefficients from runs.
 
-- `information`: Fisher information, Cramer-Rao bound and directions that the data leave unknown.
-- `bound`: the errors that the Cramer-Rao bound of clean trials allows.
+- `information`: Fisher information, Cramer-Rao bound and unidentified directions.
+- `bound`: Cramer-Rao bound of clean trials, and the errors of estimates that reach it.
 """

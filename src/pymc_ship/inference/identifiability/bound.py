@@ -15,7 +15,7 @@ from pymc_ship.physics.vessel.vessel import Vessel
 from pymc_ship.trial.record import trial_list
 
 SHARES = (5.0, 20.0, 50.0)
-"""Error limits [%] under which shares of the coefficients are counted."""
+"""Error limits [%] of the counts of coefficients."""
 
 
 def cramer_rao_bound(
@@ -25,7 +25,7 @@ def cramer_rao_bound(
     *,
     method: str = "rk4",
 ) -> xr.DataArray:
-    """Least standard deviation of unbiased estimates from clean trials with white noise put on them.
+    """Cramer-Rao bound on the sd of coefficients from clean trials with white noise added.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ def cramer_rao_bound(
         Clean runs of the reference ship; their initial states count as unknown.
     vessel : Vessel
     noise_sd : mapping of str to float, or sequence of them
-        Standard deviation of the noise of single samples by channel [SI], of all runs or of each.
+        Noise sd of single samples by channel [SI], for all runs or for each.
     method : {"rk4", "euler"}, optional
-        Integrator that made the trials.
+        Integrator of the trials.
 
     Returns
     -------
@@ -55,25 +55,26 @@ def cramer_rao_bound(
 
 
 def errors_on_bound(relative_bound: np.ndarray) -> dict[str, float]:
-    """Error summary to expect of normal, unbiased estimates whose standard deviations are the bound.
+    """Expected error summary of normal, unbiased estimates that reach the bound.
 
     Parameters
     ----------
     relative_bound : ndarray
-        [%] of each coefficient, positive; NaN where the reference is zero, infinite where the data tell nothing.
+        [%] of each coefficient; NaN for a reference of zero, infinite for an unidentified coefficient.
 
     Returns
     -------
     dict
-        As :func:`tables.error_summary`: expected shares, and the error [%] that half of the coefficients stay under.
+        As :func:`tables.error_summary`: expected percentages of coefficients under each limit, and median error [%].
     """
     known = relative_bound[~np.isnan(relative_bound)]
 
-    def share(limit: float) -> float:
-        """Expected share of the errors under a limit."""
+    def probability(limit: float) -> float:
+        """Mean probability of an error under a limit [%]."""
         return float(np.mean(erf(limit / (np.sqrt(2.0) * known))))
 
     most = 10.0 * np.max(known, initial=0.0, where=np.isfinite(known))
-    median = brentq(lambda error: share(error) - 0.5, 0.0, most) if most and share(most) > 0.5 else float("inf")
-    shares = {f"under_{limit:g}": 100.0 * share(limit) for limit in SHARES}
-    return {"coefficients": known.size, "median": median, **shares}
+    half = most and probability(most) > 0.5
+    median = brentq(lambda error: probability(error) - 0.5, 0.0, most) if half else float("inf")
+    counts = {f"under_{limit:g}": 100.0 * probability(limit) for limit in SHARES}
+    return {"coefficients": known.size, "median": median, **counts}

@@ -1,9 +1,8 @@
-"""What runs can tell of the coefficients: Fisher information, Cramer-Rao bound and the directions that stay unknown.
+"""Fisher information of runs, Cramer-Rao bound of the coefficients, and unidentified directions.
 
-A record y = Y(theta, x_0) + noise has the Fisher information S' S with S the sensitivities of the trajectory in units
-of the noise. The initial state of each run and the offsets of its sensors are nuisances: their columns are projected
-out, which is the Schur complement of their block. Runs add. Everything rests on the triangular factor R of the
-projected sensitivities, R' R = information, so that nothing is squared before it is inverted.
+The Fisher information of a run is S' S, S the sensitivities of the trajectory in units of the noise. Initial states and
+sensor offsets are nuisance parameters, whose columns are projected out (Schur complement). All results come from the
+triangular factor R of the projected sensitivities, R' R = information, for accuracy.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 from pymc_ship.physics.vessel.vessel import Vessel, coefficient_names, reference_coefficients
 
 UNKNOWN = 0.5
-"""A direction stays unknown when the runs leave it more than this share of its prior variance."""
+"""Posterior over prior variance above which a direction counts as unidentified."""
 
 _SMALLEST = 1e-12
 
@@ -29,21 +28,21 @@ _SMALLEST = 1e-12
 def information_root(
     vessel: Vessel, run: Run, noise: Noise, coefficients: np.ndarray, initial_state: np.ndarray
 ) -> np.ndarray | None:
-    """Factor R of the Fisher information R' R of one run, nuisances eliminated.
+    """Factor R of the Fisher information R' R of one run, nuisance parameters eliminated.
 
     Parameters
     ----------
     vessel : Vessel
     run : Run
     noise : Noise
-        Of the blocks of the run; its offsets, where it has them, are nuisances.
+        Noise of the run; its offsets, if any, are nuisance parameters.
     coefficients : ndarray, shape (n_coefficients,)
     initial_state : ndarray, shape (n_states,)
 
     Returns
     -------
     ndarray, shape (n, n_coefficients), or None
-        One row for each coefficient or, of a short run, each value; None where the simulated ship diverged.
+        One row for each coefficient (for each value of a short run); None if the simulation diverged.
     """
     n_offsets = len(run.channels) if noise.offsets else 0
     nuisances = np.concatenate([initial_state, np.zeros(n_offsets)])
@@ -65,7 +64,7 @@ def identifiability(
     noise: Sequence[Noise] | None = None,
     initial_states: Sequence[np.ndarray] | None = None,
 ) -> xr.Dataset:
-    """How well one or many runs determine every coefficient, before anything is fitted.
+    """How well runs determine every coefficient, before any fit.
 
     Parameters
     ----------
@@ -74,34 +73,32 @@ def identifiability(
         :func:`pymc_ship.inference.trajectory.runs.trajectory_run`.
     vessel : Vessel, str or Path
     prior : CoefficientPrior, optional
-        With its scales as they are (factors tau of 1); flat by default.
+        Its scales with factors tau of 1; flat by default.
     coefficients : array_like, shape (n_coefficients,), optional
-        Where to linearise, DOFs one after the other; the vessel's reference values by default.
+        Point of linearisation, DOF after DOF; the vessel's reference values by default.
     noise_sd : mapping of str to float, optional
-        Standard deviation of single samples by channel [SI] of the trials that are no Run; from second differences by
-        default, which a record without noise does not have.
+        Noise sd of single samples by channel [SI] of trials that are no Run; by default from second differences.
     noise : sequence of Noise, optional
-        Noise of each run; by default white, of the standard deviation of the run, without offsets.
+        Noise of each run; by default white, without offsets.
     initial_states : sequence of array_like, shape (n_states,), optional
         Of each run; by default from its first two seconds.
 
     Returns
     -------
     Dataset, dims (coefficient, direction)
-        ``reference``; ``bound``, the least standard deviation of any unbiased estimate (Cramer and Rao), infinite where
-        the runs tell nothing, and ``relative_bound`` [% of the reference; NaN where that is 0]. With the prior:
-        ``prior_sd``, ``bayesian_bound`` (van Trees, with the information at the coefficients given), ``contraction``
-        (1 - posterior over prior variance). ``weight`` (direction, coefficient): unit vectors in prior standard
-        deviations (for coefficients with a flat prior, in inverse norms of their sensitivities) that stay unknown, the
-        least known first, and ``share`` (direction) of the prior variance that is left, more than half. Prime values.
-        Attrs: ``n_determined`` directions, and ``condition_number`` of the sensitivities, each of unit norm.
+        ``reference``; ``bound``, the Cramer-Rao bound on the sd, infinite for an unidentified coefficient, and
+        ``relative_bound`` [% of the reference; NaN if that is 0]. With the prior: ``prior_sd``, ``bayesian_bound`` (van
+        Trees), ``contraction`` (1 - posterior over prior variance). ``weight`` (direction, coefficient): unidentified
+        directions, unit vectors in prior sd (for a flat prior, in inverse norms of the sensitivities), the least known
+        first; ``share`` (direction): posterior over prior variance, above one half. Prime values. Attrs:
+        ``n_determined`` directions, and ``condition_number`` of the sensitivities scaled to unit norm.
 
     Raises
     ------
     FitError
-        Where a simulated ship leaves the model's range, for no run, or other numbers of noises, states or coefficients.
+        If a simulation diverges, for no run, or wrong numbers of noises, states or coefficients.
     TrialError
-        For trials that cannot be used.
+        For unusable trials.
 
     References
     ----------
@@ -110,7 +107,7 @@ def identifiability(
 
     Examples
     --------
-    The least relative standard deviations that a zigzag allows for a linear and a cubic coefficient:
+    Cramer-Rao bounds of a linear and a cubic coefficient from a zigzag:
 
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
@@ -160,9 +157,9 @@ def runs_root(
     noise: Sequence[Noise] | None,
     initial_states: Sequence[np.ndarray] | None,
 ) -> np.ndarray:
-    """Factor R of the Fisher information R' R of all runs, nuisances eliminated."""
-    given = [runs] if isinstance(runs, xr.Dataset | Run) else runs
-    prepared = [run if isinstance(run, Run) else trajectory_run(run, vessel, noise_sd=noise_sd) for run in given]
+    """Factor R of the Fisher information R' R of all runs, nuisance parameters eliminated."""
+    sequence = [runs] if isinstance(runs, xr.Dataset | Run) else runs
+    prepared = [run if isinstance(run, Run) else trajectory_run(run, vessel, noise_sd=noise_sd) for run in sequence]
     noise = [white_noise(run) for run in prepared] if noise is None else list(noise)
     states = [run.initial_state[0] for run in prepared] if initial_states is None else list(initial_states)
     reference = reference_coefficients(vessel)
@@ -178,7 +175,8 @@ def runs_root(
         root = information_root(vessel, run, noise[k], theta, np.asarray(states[k], dtype=float))
         if root is None:
             raise FitError(
-                f"The simulated ship leaves the model's range in run {k + 1}; give coefficients that can sail it."
+                f"The simulation must stay in the model's range, found it diverged in run {k + 1}; change the "
+                "coefficients."
             )
         roots.append(root)
     return np.linalg.qr(np.vstack(roots), mode="r")
@@ -191,10 +189,7 @@ def _norms(columns: np.ndarray) -> np.ndarray:
 
 
 def _without(columns: np.ndarray, nuisances: np.ndarray) -> np.ndarray:
-    """Part of the columns that is orthogonal to the columns of the nuisances.
-
-    A nuisance that changes nothing is allowed.
-    """
+    """Part of the columns that is orthogonal to those of the nuisance parameters, which may be zero."""
     left, s, _ = np.linalg.svd(nuisances / _norms(nuisances), full_matrices=False)
     left = left[:, s > _SMALLEST * s.max(initial=0.0)]
     return columns - left @ (left.T @ columns)
@@ -211,22 +206,22 @@ def _posterior_sd(root: np.ndarray, prior_sd: np.ndarray) -> np.ndarray:
 
 
 def _unknown_directions(root: np.ndarray, prior_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directions that keep more than half of their prior variance, and the share kept, the largest first."""
+    """Unidentified directions and their posterior over prior variance, the largest first."""
     flat = np.isinf(prior_sd)
     free = root[:, flat] / _norms(root[:, flat])
-    # of the coefficients with a prior, only what the free ones cannot mimic counts
+    # columns of coefficients with a prior are projected on the complement of those without
     parts = ((~flat, _without(root[:, ~flat] * prior_sd[~flat], free), 1.0), (flat, free, 0.0))
     weights, shares = [], []
     for which, columns, precision in parts:
         _, s, right = np.linalg.svd(columns, full_matrices=True)
         s = np.append(s, np.zeros(len(right) - s.size))
         s = np.where(s <= _SMALLEST * s.max(initial=0.0), 0.0, s)
-        left_over = np.where(s > 0.0, precision / (precision + np.where(s > 0.0, s, 1.0) ** 2), 1.0)
-        unknown = left_over > UNKNOWN
+        variance = np.where(s > 0.0, precision / (precision + np.where(s > 0.0, s, 1.0) ** 2), 1.0)
+        unknown = variance > UNKNOWN
         weight = np.zeros((unknown.sum(), prior_sd.size))
         weight[:, which] = right[unknown]
         weights.append(weight)
-        shares.append(left_over[unknown])
+        shares.append(variance[unknown])
     share = np.concatenate(shares)
     order = np.argsort(-share, kind="stable")
     return np.vstack(weights)[order], share[order]

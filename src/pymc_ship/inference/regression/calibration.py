@@ -1,8 +1,6 @@
-"""Do posteriors hold the truth as often as they claim? Ranks and coverage on simulated data.
+"""Simulation-based calibration and coverage of posteriors, on data simulated from the prior.
 
-Each test draws coefficients and noise variance from the prior, simulates the response on a fixed design, and asks a
-sampler for the posterior. Every result is a z-score with one limit, as in :mod:`pymc_ship.diagnostics.agreement`: the
-chance that any of the comparisons of a table exceeds it is ``LEVEL`` when the sampler is right.
+Every comparison is a z-score. Under a correct sampler the probability that any of a table exceeds its limit is LEVEL.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.seeds import Seed, random_generator
 
 LEVEL = 1e-3
-"""Chance that one of all the comparisons of a table exceeds its limit when every draw is right."""
+"""Probability that any comparison of a table exceeds its limit under a correct sampler."""
 
 Draws = tuple[np.ndarray, np.ndarray]
 """Coefficients, shape (draws, n_terms), and noise variance, shape (draws,)."""
@@ -43,15 +41,15 @@ def simulation_based_calibration(
     draws: int = 99,
     rng: Seed,
 ) -> xr.Dataset:
-    """Ranks of the truth among posterior draws, and whether they are uniform.
+    """Ranks of the true parameters among posterior draws, with tests of uniformity.
 
-    The joint log likelihood catches posteriors that ignore part of the data, which ranks of parameters cannot. The
-    p-values, computed without simulation, are those of a simultaneous band for the distribution of the ranks.
+    The rank of the joint log likelihood detects posteriors that ignore part of the data. The p-values are those of a
+    simultaneous band for the distribution of the ranks.
 
     Parameters
     ----------
     data : RegressionData
-        Gives design and scaling; its response is replaced.
+        Design and scaling; the response is simulated.
     prior : Prior
     sample : callable, optional
         ``sample(data, prior, draws, rng)`` returns independent draws: coefficients, shape (draws, n_terms), and noise
@@ -91,7 +89,7 @@ def coverage(
     simulations: int = 200,
     rng: Seed,
 ) -> xr.Dataset:
-    """Share of simulated data sets whose central intervals hold the truth, against their probability.
+    """Coverage of central posterior intervals over simulated data sets, against their probability.
 
     Parameters
     ----------
@@ -125,9 +123,9 @@ def coverage(
 
 
 def rank_p_value(ranks: np.ndarray, draws: int) -> float:
-    """Chance that uniform ranks among 0..draws stray as far, at their worst point, as the given ones, shape (n,).
+    """Simultaneous p-value of the uniformity of ranks, shape (n,), among 0..draws.
 
-    Saeilynoja, Buerkner & Vehtari (2022), doi:10.1007/s11222-022-10090-6; the chance by their recursion over counts.
+    By the recursion over counts of Saeilynoja, Buerkner & Vehtari (2022), doi:10.1007/s11222-022-10090-6.
     """
     n = len(ranks)
     cuts = np.unique(np.arange(1, _CUTS) * (draws + 1) // _CUTS)
@@ -137,8 +135,8 @@ def rank_p_value(ranks: np.ndarray, draws: int) -> float:
     at_most = special.bdtr(counts, n, share[:, None])
     at_least = special.bdtr(n - counts, n, 1.0 - share[:, None])  # the other ranks number at most n - count
     tail = np.minimum(at_most, at_least)
-    seen = np.searchsorted(np.sort(ranks), cuts)
-    inside = tail > max(tail[np.arange(cuts.size), seen].min() * (1.0 + 1e-9), _TINY)
+    observed = np.searchsorted(np.sort(ranks), cuts)
+    inside = tail > max(tail[np.arange(cuts.size), observed].min() * (1.0 + 1e-9), _TINY)
     factorial = special.gammaln(counts + 1.0)
     here, chance, before = np.array([0]), np.array([1.0]), 0.0
     for allowed, now in zip(inside, share, strict=True):
@@ -154,7 +152,7 @@ def rank_p_value(ranks: np.ndarray, draws: int) -> float:
 def simulated_from_prior(
     data: RegressionData, prior: Prior, rng: np.random.Generator
 ) -> tuple[np.ndarray, RegressionData]:
-    """One truth from the prior (coefficients, noise variance, log likelihood) and data that follow it."""
+    """Parameters drawn from the prior (coefficients, noise variance, log likelihood), and data simulated with them."""
     scaled, variance = prior.draw(data.n_terms, rng)
     coefficients, noise_variance = data.to_original(scaled), float(data.response_scale**2 * variance)
     simulated = with_response(data, coefficients, noise_variance, rng)
@@ -164,12 +162,12 @@ def simulated_from_prior(
 def with_response(
     data: RegressionData, coefficients: np.ndarray, noise_variance: float, rng: np.random.Generator
 ) -> RegressionData:
-    """Data with a response drawn given coefficients and noise variance."""
+    """Data with a response simulated from coefficients and noise variance."""
     return replace(data, response=rng.normal(data.design_matrix @ coefficients, math.sqrt(noise_variance)))
 
 
 def quantities(data: RegressionData, drawn: Draws) -> np.ndarray:
-    """Coefficients, noise variance and joint log likelihood of draws side by side, shape (draws, n_terms + 2)."""
+    """Coefficients, noise variance and joint log likelihood of draws, shape (draws, n_terms + 2)."""
     coefficients, variance = drawn
     square = np.sum((data.response - coefficients @ data.design_matrix.T) ** 2, axis=1)
     log_likelihood = -0.5 * (data.n_rows * np.log(2.0 * math.pi * variance) + square / variance)
@@ -187,7 +185,7 @@ def _z(p_value: ArrayLike) -> np.ndarray:
 
 
 def with_z_limit(table: xr.Dataset) -> xr.Dataset:
-    """Table of z-scores with their number, the largest, the limit and whether it holds."""
+    """Table of z-scores with the attrs comparisons, largest_z, z_limit and calibrated."""
     size, largest = table["z"].size, float(np.abs(table["z"].to_numpy()).max())
     limit = float(_z(LEVEL / size))
     return table.assign_attrs(comparisons=size, largest_z=largest, z_limit=limit, calibrated=int(largest <= limit))

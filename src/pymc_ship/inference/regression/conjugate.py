@@ -1,8 +1,7 @@
-"""The conjugate prior and its exact posterior: normal inverse gamma in closed form, from one SVD.
+"""The conjugate prior and its exact posterior, a normal inverse gamma distribution in closed form.
 
-With W = X diag(kappa)^(1/2) = U S R', the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) are independent
-given sigma2, a priori N(0, sigma2) and a posteriori N(s z / (1 + s^2), sigma2 / (1 + s^2)), where z = U' (y - X mean).
-The residual y - X mean - U z is formed explicitly; y'y - b'X'y would lose the fit of a response with a large offset.
+In the coordinates of :mod:`pymc_ship.inference.regression.priors` the g are independent given sigma2: a priori
+N(0, sigma2), a posteriori N(s z / (1 + s^2), sigma2 / (1 + s^2)).
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ def _draws(
     columns: np.ndarray,
     center: np.ndarray,
 ) -> np.ndarray:
-    """Coefficients drawn given each noise variance; the columns are those of the basis, as rows."""
+    """Draw coefficients given each noise variance; ``columns`` is the transposed basis."""
     location, spread = rotated
     g, coefficients = np.empty(center.size), np.empty((noise_variance.size, center.size))
     for k in range(noise_variance.size):
@@ -54,11 +53,10 @@ def _draws(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ConjugatePrior(Prior):
-    """Normal inverse gamma: beta | sigma2 ~ N(mean, sigma2 V), sigma2 ~ IG(shape, scale); see the base for parameters.
+    """Normal inverse gamma prior: beta | sigma2 ~ N(mean, sigma2 V), sigma2 ~ IG(shape, scale).
 
-    The box lets the noise variance that the prior expects, scale / shape, run from numerical noise to ten times the
-    response; ``shape`` says how firmly (it is worth 2 shape rows); ``kappa``, in units of the noise variance, allows
-    coefficients from none to those of columns collinear to 1e-4.
+    Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`. The prior of the noise variance
+    weighs as much as 2 shape rows; kappa is in units of the noise variance.
 
     References
     ----------
@@ -85,7 +83,7 @@ class ConjugatePrior(Prior):
 
         Examples
         --------
-        A rudder coefficient from a noisy zigzag, and its reference value:
+        A rudder coefficient estimated from a noisy zigzag, and its reference value:
 
         >>> import numpy as np
         >>> import pymc_ship as ps
@@ -125,7 +123,7 @@ class ConjugatePrior(Prior):
 
 @dataclass(frozen=True, repr=False)
 class NormalInverseGamma(RotatedPosterior):
-    """Exact posterior under a conjugate prior, everything on the original scale.
+    """Exact posterior under a conjugate prior, on the original scale.
 
     coefficients = center + g basis with g | sigma2 ~ N(location, sigma2 diag(spread)) and sigma2 ~ IG(shape, scale).
 
@@ -185,13 +183,13 @@ class NormalInverseGamma(RotatedPosterior):
         return self.noise_variance_mean / math.sqrt(self.shape - 2.0) if self.shape > 2.0 else math.inf
 
     def quantiles(self, probabilities: ArrayLike) -> np.ndarray:
-        """Marginal quantiles of the coefficients at probabilities, shape (n,): an array of shape (n, n_terms)."""
+        """Marginal quantiles of the coefficients, shape (n, n_terms), at n probabilities."""
         from scipy.special import stdtrit
 
         return self.mean + stdtrit(self.degrees_of_freedom, np.atleast_1d(probabilities))[:, None] * self.t_scale
 
     def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:
-        """Quantiles of the noise variance at the given probabilities, shape (n,) as they."""
+        """Quantiles of the noise variance at n probabilities, shape (n,)."""
         from scipy.special import gammainccinv
 
         return self.scale / gammainccinv(self.shape, np.atleast_1d(probabilities))

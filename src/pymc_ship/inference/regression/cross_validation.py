@@ -1,4 +1,4 @@
-"""How well a prior predicts rows that were held out: K-fold log predictive density, in closed form or by quadrature."""
+"""K-fold cross-validation of a prior: expected log predictive density (elpd) of held-out rows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pymc_ship.machine.errors import InferenceError
 
 @dataclass(frozen=True)
 class Score:
-    """Log predictive density of held-out rows, per row, on the scale of the original response.
+    """Elpd of held-out rows, per row, on the scale of the original response.
 
     Attributes
     ----------
@@ -33,23 +33,19 @@ class Score:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Rows split for cross-validation, with one decomposition for each fold.
+    """Rows split into folds, with one decomposition for each.
 
     Attributes
     ----------
     training, held_out : tuple of RegressionData
-        For each fold, the rows to fit and those to predict; both keep the scaling of the whole, which the prior lives
-        on.
+        Rows to fit and rows to predict, by fold, under the scaling of the whole data.
     """
 
     training: tuple[RegressionData, ...]
     held_out: tuple[RegressionData, ...]
 
     def score(self, prior: Prior) -> Score:
-        """Score of a prior: log p(y_i | training rows) of each held-out row by itself, averaged.
-
-        Rows are scored one at a time, as in ArviZ; a joint density would let the first rows of a fold stand in for the
-        training rows, and so judge the prior less.
+        """Elpd of a prior: mean of log p(y_i | training rows) over the held-out rows, each by itself as in ArviZ.
 
         Parameters
         ----------
@@ -58,8 +54,7 @@ class CrossValidation:
         Returns
         -------
         Score
-            Exact given the folds, as far as the prior's exact posterior is: closed form for the conjugate prior,
-            quadrature for the semi-conjugate.
+            From the exact posterior of each fold.
 
         References
         ----------
@@ -76,7 +71,7 @@ class CrossValidation:
 def fold_rows(
     n_rows: int, folds: int = 5, *, split: str = "blocks", rng: np.random.Generator | None = None
 ) -> list[np.ndarray]:
-    """Rows that each fold holds out.
+    """Row numbers of each fold.
 
     Parameters
     ----------
@@ -84,7 +79,7 @@ def fold_rows(
     folds : int, optional
         Number of folds; their sizes differ by one row at most.
     split : {"blocks", "random"}, optional
-        Contiguous blocks, since neighbouring rows of a trial resemble each other, or rows at random.
+        Contiguous blocks (neighbouring rows of a trial are correlated), or rows at random.
     rng : numpy.random.Generator, optional
         Needed by ``"random"`` only.
 
@@ -111,7 +106,7 @@ def fold_rows(
 def cross_validation(
     data: RegressionData, folds: int = 5, *, split: str = "blocks", rng: np.random.Generator | None = None
 ) -> CrossValidation:
-    """Split the rows for cross-validation and decompose the training rows of each fold once.
+    """Split the rows into folds and decompose the training rows of each.
 
     Parameters
     ----------
@@ -122,7 +117,7 @@ def cross_validation(
     Returns
     -------
     CrossValidation
-        Scores any number of priors, a prior with scalar kappa in O(n_rows n_terms).
+        Scores any number of priors.
 
     Raises
     ------

@@ -15,10 +15,9 @@ FAMILIES: dict[str, type[Prior]] = {prior.family: prior for prior in (ConjugateP
 
 
 def register_family(prior_class: type[Prior]) -> type[Prior]:
-    """Make a prior family known by its name, for this process; a decorator of its class.
+    """Register a prior family under its name in this process; a decorator of its class.
 
-    From then on functions that take the name of a family take this one's, and posteriors under it can be diagnosed
-    from their files.
+    Functions that take the name of a family then take this one, and its posteriors can be diagnosed from files.
 
     Parameters
     ----------
@@ -52,6 +51,6 @@ def register_family(prior_class: type[Prior]) -> type[Prior]:
 
 
 def prior_family(family: str) -> type[Prior]:
-    """Class of a prior family; a InferenceError names the families when there is none of that name."""
+    """Class of a prior family; InferenceError for an unknown name."""
     check_choice("A prior family", family, FAMILIES, InferenceError)
     return FAMILIES[family]

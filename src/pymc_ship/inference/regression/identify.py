@@ -1,4 +1,4 @@
-"""From a trial to the exact posterior of every degree of freedom, and from draws of a denoised one to a pooled one."""
+"""Exact posteriors of all degrees of freedom of a trial, and posteriors pooled over draws of a denoised trial."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ CI_PROB = 0.9
 
 @dataclass(frozen=True, repr=False)
 class Identification:
-    """Regression data of each DOF, and by family and DOF: the prior, how it was tuned and the exact posterior.
+    """Regression data by DOF; prior, tuning and exact posterior by family and DOF.
 
-    ``tuned`` is empty where the priors come from the evidence maximum.
+    ``tuned`` is empty for priors of maximum evidence.
     """
 
     data: dict[str, RegressionData]
@@ -56,9 +56,9 @@ class Identification:
         return {dof: exact_posterior(data, priors[dof], draws=draws, rng=rng) for dof, data in self.data.items()}
 
     def edges(self, family: str) -> dict[str, tuple[str, ...]]:
-        """Hyperparameters that lie on an edge of the family's box, by DOF; none for a DOF that is left out."""
-        found = {dof: on_edge(prior) for dof, prior in self.priors[family].items()}
-        return {dof: at for dof, at in found.items() if at}
+        """Hyperparameters on a bound of the family's box, by DOF; DOFs without any are left out."""
+        names = {dof: on_edge(prior) for dof, prior in self.priors[family].items()}
+        return {dof: at for dof, at in names.items() if at}
 
     def coefficients(self, family: str) -> dict[str, np.ndarray]:
         """Posterior means by DOF, each of shape (n_terms,)."""
@@ -81,18 +81,16 @@ def identify(
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        Denoised for differences, as it was measured for the weak form.
+        Denoised if accelerations are differences; as measured for the weak form.
     vessel : Vessel, str or Path
-        Gives particulars, inertia and terms.
+        Particulars, inertia and terms.
     families : sequence of str, optional
-        Names of prior families; see :func:`~pymc_ship.inference.regression.families.register_family` for one of your
-        own.
+        Names of prior families, registered ones included.
     selection : {"evidence", "bayesian_optimisation"}, optional
         Hyperparameters from the maximum of the evidence or from Bayesian optimisation of the cross-validated log
         predictive density (which needs ``rng``).
     interval : float, optional
-        Interval of the rows [s]; None for every sample, or each 4 s in the weak form, whose intervals get too narrow
-        when its windows overlap more.
+        Interval of the rows [s]; None for every sample or, in the weak form, each 4 s.
     derivative : str, optional
         See :func:`pymc_ship.regression_data`.
     rng : int, SeedSequence or Generator, optional
@@ -106,7 +104,7 @@ def identify(
     Raises
     ------
     TrialError, InferenceError
-        For a trial that cannot be used, an unknown family.
+        For an unusable trial or an unknown family.
     ValueError
         For an unknown selection, or Bayesian optimisation without ``rng``.
 
@@ -153,7 +151,7 @@ def identify(
 def regression_draws(
     drawn: xr.Dataset, vessel: VesselLike, dof: str, *, interval: float | None = None, derivative: str = "euler"
 ) -> list[RegressionData]:
-    """Design matrix and response of one degree of freedom for each draw of a denoised trial.
+    """Regression data of one degree of freedom for each draw of a denoised trial.
 
     Parameters
     ----------
@@ -165,7 +163,7 @@ def regression_draws(
     Returns
     -------
     list of RegressionData
-        One for each draw, scaled by itself.
+        One for each draw, each with its own scaling.
 
     Raises
     ------
@@ -182,7 +180,7 @@ def regression_draws(
 
 
 def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: int = 4000, rng: Seed) -> xr.Dataset:
-    """Coefficients under the mixture of the posteriors of every draw of the rows, as in multiple imputation.
+    """Coefficients under the mixture of the posteriors of all draws of the rows, as in multiple imputation.
 
     Parameters
     ----------
@@ -191,15 +189,15 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     prior : Prior
         Of the scaled coefficients, the same for all.
     draws : int, optional
-        From the mixture, for its quantiles; shared evenly.
+        Draws from the mixture for its quantiles, equally many of each posterior.
     rng : int, SeedSequence or Generator
 
     Returns
     -------
     Dataset, dims (coefficient,)
-        ``mean``; ``within_sd``, the posterior's where the rows are taken as known, ``between_sd`` of the means over the
-        draws, and ``sd`` of both by Rubin's rule, within^2 + (1 + 1/m) between^2 for m draws; ``lower`` and ``upper``,
-        the equal-tailed interval of 90 % of the mixture. Original scale.
+        ``mean``; ``within_sd``, the posterior sd for known rows; ``between_sd`` of the means over the m draws; ``sd``
+        of both by Rubin's rule, within^2 + (1 + 1/m) between^2; ``lower`` and ``upper``, the equal-tailed 90 % interval
+        of the mixture. Original scale.
 
     Raises
     ------
@@ -212,7 +210,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
 
     Examples
     --------
-    The rudder coefficients of yaw, with the rows taken as known and as drawn:
+    A rudder coefficient of yaw, its sd for known rows and for denoised ones:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
@@ -237,7 +235,7 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     between = np.var([one.mean for one in exact], axis=0, ddof=1)
     sample = np.concatenate([one.draw(-(-draws // len(exact)), rng)[0] for one in exact])
     lower, upper = np.quantile(sample, [0.5 - 0.5 * CI_PROB, 0.5 + 0.5 * CI_PROB], axis=0)
-    found = {
+    columns = {
         "mean": mean,
         "within_sd": np.sqrt(within),
         "between_sd": np.sqrt(between),
@@ -246,4 +244,4 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
         "upper": upper,
     }
     coefficients = {"coefficient": list(rows[0].coefficients)}
-    return xr.Dataset({name: ("coefficient", values) for name, values in found.items()}, coefficients)
+    return xr.Dataset({name: ("coefficient", values) for name, values in columns.items()}, coefficients)

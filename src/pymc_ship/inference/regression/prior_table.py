@@ -1,10 +1,7 @@
-"""Prior knowledge of single coefficients: a table of means and sds, values held fixed, scales that fall with the order.
+"""Priors of single coefficients: a table of means and sds, fixed values, scales that fall with the order of the term.
 
-Priors live on the scaled columns, b = offset + T b*. But for the constant of centred columns a row of T has one entry,
-response scale over column scale, so b_j ~ N(m, sd^2) is b*_j with mean m / T_jj and variance (sd / T_jj)^2: vectors of
-mean and kappa, which every path to a posterior takes. The constant is b_0 = offset_0 + T_00 b*_0 - sum_j c_j b_j / x_0
-with the column centres c_j: under any prior with independent b* it is correlated with the other coefficients, so no
-such prior makes it independent of them, which is what a table states.
+On the scaled columns, b = offset + T b*, the prior b_j ~ N(m, sd^2) is b*_j ~ N(m / T_jj, (sd / T_jj)^2). The constant
+of centred columns has no such prior: it depends on the other coefficients through the column centres.
 """
 
 from __future__ import annotations
@@ -28,17 +25,16 @@ from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
 def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple[float, float]]) -> Prior:
     """Prior with the given means and standard deviations of some coefficients, in the units of the original columns.
 
-    Under a conjugate prior the noise variance scales the coefficients: the sd of the table is the marginal one,
-    (E[sigma2] V)^(1/2), of a t distribution. Data whose noise variance lies below its prior mean sharpen the table by
-    the root of that ratio: the default scale, as noisy as the response, made it 20 times narrower on a clean zigzag.
-    Set shape and scale to the noise expected, or use a semi-conjugate prior, which holds the sd whatever the noise.
+    Under a conjugate prior the sd is the marginal one, (E[sigma2] V)^(1/2). If the noise variance of the data is below
+    its prior mean, the table becomes narrower by the root of that ratio: set shape and scale to the expected noise, or
+    use a semi-conjugate prior, whose sd does not depend on the noise.
 
     Parameters
     ----------
     data : RegressionData
-        Gives the scaling; its rows and response are not looked at.
+        Only its scaling is used.
     prior : Prior
-        Keeps its noise variance, and its mean and kappa of the coefficients that are not in the table.
+        Prior of the noise variance, and of the coefficients that are not in the table.
     table : mapping of str to (float, float)
         Mean and standard deviation by name of coefficient.
 
@@ -55,7 +51,7 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
 
     Examples
     --------
-    A coefficient that is known holds against the data:
+    A coefficient known almost exactly:
 
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
@@ -66,7 +62,7 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
     -0.00230
     """
     check_prior(prior)
-    _check_names(table, data.coefficients, InferenceError)
+    _check_names(table, data.coefficients)
     mean, kappa = prior.means(data.n_terms).copy(), prior.kappas(data.n_terms).copy()
     unit = prior.variance_factor(prior.noise_variance_mean)
     if table and not np.isfinite(unit):
@@ -89,12 +85,10 @@ def informed_prior(data: RegressionData, prior: Prior, table: Mapping[str, tuple
 
 
 def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionData:
-    """Regression data with some coefficients held at known values: their part of the response is taken off.
+    """Regression data with some coefficients fixed at known values: their part of the response is subtracted.
 
-    The scaling of what stays is kept, not formed anew: a prior means the same for the other coefficients as before,
-    and this is the limit of an informed prior whose sd goes to 0. Where the constant of centred columns is held, the
-    others lose their centres but keep their scales, which leaves their prior in original units as it is. A prior with
-    vectors has to be made for these data, not for the whole.
+    The other columns keep their scale, so that their prior keeps its meaning; they lose their centres if the constant
+    is fixed. A prior with vectors must be made for the new data.
 
     Parameters
     ----------
@@ -105,7 +99,7 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
     Returns
     -------
     RegressionData
-        Without the columns of these coefficients; put them back into a posterior by :func:`restore_fixed`.
+        Without the columns of these coefficients; :func:`restore_fixed` adds them to a posterior.
 
     Raises
     ------
@@ -121,32 +115,31 @@ def hold_fixed(data: RegressionData, values: Mapping[str, float]) -> RegressionD
     >>> ps.hold_fixed(data, {"N0": 0.0, "Nr": -0.0023}).coefficients
     ('Nv', 'Ngv', 'Ngr', 'Nvvv', 'Nvvr', 'Nvrr', 'Nrrr', 'Ng|r|', 'Ngsincos', 'Ngsincos|delta|')
     """
-    _check_names(values, data.coefficients, InferenceError)
-    held = {name: _given(name, value, InferenceError) for name, value in values.items()}
-    free = np.array([name not in held for name in data.coefficients])
+    _check_names(values, data.coefficients)
+    fixed = {name: _number(name, value) for name, value in values.items()}
+    free = np.array([name not in fixed for name in data.coefficients])
     if not free.any():
-        raise InferenceError("At least one coefficient must stay free, found all of them held fixed; free one.")
-    fixed = np.array([held.get(name, 0.0) for name in data.coefficients])
-    levelled = data.constant >= 0 and bool(free[data.constant])
+        raise InferenceError("At least one coefficient must stay free, found all of them fixed; free one.")
+    offset = np.array([fixed.get(name, 0.0) for name in data.coefficients])
+    centred = data.constant >= 0 and bool(free[data.constant])
     return replace(
         data,
         design_matrix=np.ascontiguousarray(data.design_matrix[:, free]),
-        response=data.response - data.design_matrix @ fixed,
-        coefficients=tuple(name for name in data.coefficients if name not in held),
-        column_center=data.column_center[free] if levelled else np.zeros(free.sum()),
+        response=data.response - data.design_matrix @ offset,
+        coefficients=tuple(name for name in data.coefficients if name not in fixed),
+        column_center=data.column_center[free] if centred else np.zeros(free.sum()),
         column_scale=data.column_scale[free],
-        response_center=float(data.response_center - data.column_center @ fixed) if levelled else 0.0,
-        constant=int(free[: data.constant].sum()) if levelled else -1,
+        response_center=float(data.response_center - data.column_center @ offset) if centred else 0.0,
+        constant=int(free[: data.constant].sum()) if centred else -1,
     )
 
 
 def restore_fixed(
     tree: xr.DataTree, values: Mapping[str, float], coefficients: Sequence[str] | None = None
 ) -> xr.DataTree:
-    """Posterior of :func:`hold_fixed` data with the held coefficients put back as constants, ready for a forecast.
+    """Posterior of :func:`hold_fixed` data with the fixed coefficients added as constants, ready for a forecast.
 
-    Only the group posterior changes; densities and data stay those of the free coefficients. Diagnose the sampler
-    before: the r-hat of a constant is not defined.
+    Only the group posterior changes. Diagnose the sampler before: the r-hat of a constant is not defined.
 
     Parameters
     ----------
@@ -154,24 +147,21 @@ def restore_fixed(
     values : mapping of str to float
         As given to :func:`hold_fixed`.
     coefficients : sequence of str, optional
-        Order of all coefficients, such as ``data.coefficients`` of the whole data or those of the vessel; by default
-        the free ones, then the held ones.
+        Order of all coefficients, such as ``data.coefficients`` of the original data; by default the free ones, then
+        the fixed ones.
 
     Returns
     -------
     DataTree
-        A copy; its attr ``fixed`` holds the values as JSON.
+        A copy; its attr ``fixed`` has the values as JSON.
 
     Raises
     ------
     InferenceError
-        For values that are not finite, coefficients that the posterior has already, or an order that is not one of all
-        the coefficients.
+        For values that are not finite, coefficients that the posterior has already, or an incomplete order.
 
     Examples
     --------
-    A coefficient that was held comes back as a constant:
-
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
@@ -185,24 +175,24 @@ def restore_fixed(
     """
     posterior = tree["posterior"].to_dataset()
     free = [str(name) for name in posterior["coefficient"].values]
-    held = {name: _given(name, value, InferenceError) for name, value in values.items()}
-    twice = [name for name in held if name in free]
+    fixed = {name: _number(name, value) for name, value in values.items()}
+    twice = [name for name in fixed if name in free]
     if twice:
         raise InferenceError(f"A fixed coefficient is not drawn, found draws of {', '.join(twice)}; leave it out.")
-    ordered = [*free, *held] if coefficients is None else [str(name) for name in coefficients]
-    if sorted(ordered) != sorted([*free, *held]):
-        odd = sorted({*ordered} ^ {*free, *held}) or sorted({name for name in ordered if ordered.count(name) > 1})
+    ordered = [*free, *fixed] if coefficients is None else [str(name) for name in coefficients]
+    if sorted(ordered) != sorted([*free, *fixed]):
+        odd = sorted({*ordered} ^ {*free, *fixed}) or sorted({name for name in ordered if ordered.count(name) > 1})
         raise InferenceError(
             f"The order names each free and fixed coefficient once, found a mismatch in {', '.join(odd)}; correct it."
         )
-    constant = xr.DataArray(list(held.values()), {"coefficient": list(held)}, "coefficient")
+    constant = xr.DataArray(list(fixed.values()), {"coefficient": list(fixed)}, "coefficient")
     draws = posterior["coefficients"]
-    added = constant.broadcast_like(draws.isel(coefficient=0, drop=True))
-    whole = xr.concat([draws, added], "coefficient") if held else draws
+    constants = constant.broadcast_like(draws.isel(coefficient=0, drop=True))
+    whole = xr.concat([draws, constants], "coefficient") if fixed else draws
     rest = posterior.drop_vars(("coefficients", "coefficient"))
     restored = tree.copy()
     restored["posterior"] = xr.DataTree(rest.assign(coefficients=whole.sel(coefficient=ordered)))
-    restored.attrs["fixed"] = json.dumps(held)
+    restored.attrs["fixed"] = json.dumps(fixed)
     return restored
 
 
@@ -214,19 +204,19 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
     data : RegressionData
         With names of a letter and a term, such as ``Yv|v|``, which is of order 2.
     prior : Prior
-        Its kappa, where a vector one by one, is that of the terms of order 0 and 1.
+        Its kappa is that of the terms of order 0 and 1.
     damping : float, optional
         Factor of the prior sd (on the scaled columns) for each order; in (0, 1].
 
     Returns
     -------
     Prior
-        Of the family given, with a vector kappa for these data; damp first and inform from a table after.
+        Of the same family, with a vector kappa; apply it before :func:`informed_prior`.
 
     Raises
     ------
     InferenceError
-        For damping outside (0, 1] or names that are no letter and term.
+        For damping outside (0, 1] or names that are not a letter and a term.
 
     Examples
     --------
@@ -243,7 +233,7 @@ def order_damped_prior(data: RegressionData, prior: Prior, *, damping: float = 0
     Nvvr: 0.81
     """
     check_prior(prior)
-    factor = _given("damping", damping, InferenceError)
+    factor = _number("damping", damping)
     if not 0.0 < factor <= 1.0:
         raise InferenceError(f"The damping lies in (0, 1], found {damping}; 1 leaves the prior as it is.")
     try:
@@ -266,20 +256,20 @@ def sister_ship_table(
     Parameters
     ----------
     vessel : Vessel, str or Path
-        The sister ship; prime values, so its size and speed may differ.
+        The sister ship; its size and speed may differ, since values are prime.
     dof : {"surge", "sway", "yaw", "roll"}
     relative_sd : float, optional
         sd = ((relative_sd value)^2 + floor^2)^(1/2).
     floor : float, optional
-        Least sd, a prime value, so that a coefficient near 0 is not taken as known; by default ``relative_sd`` times
-        the median magnitude of the coefficients of the DOF.
+        Least sd, a prime value, for coefficients near 0; by default ``relative_sd`` times the median magnitude of the
+        coefficients of the DOF.
     names : collection of str, optional
-        Keeps only the coefficients among these, such as those the data have too; all by default.
+        Coefficients of the table, such as those of the data; all by default.
 
     Returns
     -------
     dict of str to (float, float)
-        Mean and sd by name. It has the constant (``Y0``) where the sister has; drop it for centred columns.
+        Mean and sd by name, with the constant (``Y0``) if the sister has one; drop it for centred columns.
 
     Raises
     ------
@@ -300,25 +290,25 @@ def sister_ship_table(
     vessel = as_vessel(vessel)
     reference = vessel.coefficients(dof)
     values = reference.values
-    relative = _given("relative_sd", relative_sd, InferenceError)
-    least = relative * float(np.median(np.abs(values))) if floor is None else _given("floor", floor, InferenceError)
+    relative = _number("relative_sd", relative_sd)
+    least = relative * float(np.median(np.abs(values))) if floor is None else _number("floor", floor)
     if relative < 0.0 or least < 0.0:
         raise InferenceError(
             f"relative_sd and floor must not be negative, found {relative_sd} and {floor}; raise them."
         )
     sd = np.hypot(relative * values, least)
     triples = zip(reference["coefficient"].values.tolist(), values.tolist(), sd.tolist(), strict=True)
-    kept = {name: (mean, spread) for name, mean, spread in triples if names is None or name in names}
-    certain = [name for name, (_, spread) in kept.items() if spread == 0.0]
+    table = {name: (mean, spread) for name, mean, spread in triples if names is None or name in names}
+    certain = [name for name, (_, spread) in table.items() if spread == 0.0]
     if certain:
         raise InferenceError(f"An sd must be positive, found 0 for {', '.join(certain)}; give a floor above 0.")
-    return kept
+    return table
 
 
-def _check_names(names: Iterable[str], coefficients: Sequence[str], error: type[ValueError]) -> None:
+def _check_names(names: Iterable[str], coefficients: Sequence[str]) -> None:
     unknown = [str(name) for name in names if name not in coefficients]
     if unknown:
-        raise error(
+        raise InferenceError(
             f"The data have the coefficients {', '.join(coefficients)}; found {', '.join(unknown)}; correct the names."
         )
 
@@ -328,11 +318,11 @@ def _mean_and_sd(name: str, entry: Any) -> tuple[float, float]:
         mean, sd = entry
     except (TypeError, ValueError):
         raise InferenceError(f"A table gives (mean, sd) for each coefficient, found {entry!r} for {name}.") from None
-    mean, sd = (_given(name, value, InferenceError) for value in (mean, sd))
+    mean, sd = (_number(name, value) for value in (mean, sd))
     if sd <= 0.0:
         raise InferenceError(f"The sd of {name} must be positive, found {sd}; use hold_fixed for a known value.")
     return mean, sd
 
 
-def _given(name: str, value: object, error: type[ValueError]) -> float:
-    return finite_number(f"The value given for {name}", value, error)
+def _number(name: str, value: object) -> float:
+    return finite_number(f"The value given for {name}", value, InferenceError)

@@ -1,13 +1,8 @@
-"""What every prior and every exact posterior knows, and the coordinates in which a posterior is diagonal.
+"""Base classes of priors and exact posteriors, and the coordinates in which a posterior is diagonal.
 
-Priors live on the scaled columns of :class:`~pymc_ship.inference.rows.data.RegressionData` and use the standard
-parametrisation of the inverse gamma, density proportional to x^(-shape-1) exp(-scale/x) (``scale`` of scipy, ``beta``
-of PyMC). The B of Xue et al. (2020) is its reciprocal: ``scale = 1 / B``.
-
-The coordinates serve every path to a posterior. With W = X diag(kappa)^(1/2) = U S R' on the scaled columns,
-g = R' diag(kappa)^(-1/2) (b - mean) enters the likelihood only through z - s g with z = U' (y - X mean), and the
-residual e = y - X mean - U z does not depend on g. The residual is formed explicitly: y'y - z'z would lose the fit of a
-response with a large offset.
+Priors are of the scaled columns of :class:`~pymc_ship.inference.rows.data.RegressionData`. The inverse gamma density is
+proportional to x^(-shape-1) exp(-scale/x); the B of Xue et al. (2020) is 1 / scale. With X diag(kappa)^(1/2) = U S R',
+g = R' diag(kappa)^(-1/2) (b - mean) enters the likelihood through z - s g alone, where z = U' (y - X mean).
 """
 
 from __future__ import annotations
@@ -30,18 +25,17 @@ from pymc_ship.machine.fields import field_text
 from pymc_ship.machine.seeds import Seed, random_generator
 
 _LOG_2PI = math.log(2.0 * math.pi)
-_SMALLEST_GAMMA = 1e-200  # keeps the noise variance of a prior that is all but improper a finite number
-_MOST_ROWS = 8  # coefficients that the text of a posterior shows
+_SMALLEST_GAMMA = 1e-200  # keeps draws of the noise variance finite for shapes near 0
+_MOST_ROWS = 8  # coefficients in the text of a posterior
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prior(ABC):
-    """A prior of scaled coefficients and noise variance; each family of priors is a subclass.
+    """Prior of scaled coefficients and noise variance; each family of priors is a subclass.
 
     The noise variance sigma2 is inverse gamma. Given sigma2 the scaled coefficients are independent and normal, with
-    variance ``kappa sigma2^noise_power``. A new family states the attributes below and its exact posterior;
-    :func:`~pymc_ship.inference.regression.families.register_family` then makes it known by its name. Priors of one
-    family with the same hyperparameters are equal.
+    variance ``kappa sigma2^noise_power``. A new family defines the attributes below and ``exact``;
+    :func:`~pymc_ship.inference.regression.families.register_family` registers it.
 
     Parameters
     ----------
@@ -57,14 +51,13 @@ class Prior(ABC):
     family : str
         Name of the family in arguments, in files and on pages.
     noise_power : float
-        1 where the noise variance scales the variance of the coefficients, 0 where they are independent of it.
+        1 if the prior variance of the coefficients is proportional to the noise variance, 0 if independent of it.
     box : mapping of str to (float, float)
-        Bounds of the search for hyperparameters, by the names that :meth:`from_box` takes, for a response and columns
-        of unit mean square.
+        Bounds of the hyperparameters in a search, by argument of :meth:`from_box`, for z-scored data.
     colour : str
         Hex colour of the family in figures.
     citation : str
-        The work that the exact posterior rests on beside Xue et al. (2020); empty for none.
+        Source of the exact posterior beside Xue et al. (2020), if any.
 
     Raises
     ------
@@ -115,11 +108,9 @@ class Prior(ABC):
         """Exact posterior of regression data under this prior."""
 
     def log_hyperprior(self) -> float:
-        """Log density of the hyperparameters in the evidence maximum, up to a constant: ``shape`` ~ Exponential(1).
+        """Log density of the hyperparameters, up to a constant: ``shape`` ~ Exponential(1).
 
-        One record has one noise variance, so its evidence rises for ever, as the root of the shape, towards a prior
-        that knows it. Under this hyperprior the maximum lies about shape 1/2: the noise variance is then known as well
-        as one row beyond the record would tell it.
+        A record has one noise variance, so without a hyperprior its evidence increases with the shape without bound.
         """
         return -self.shape
 
@@ -140,7 +131,7 @@ class Prior(ABC):
         return np.full(n_terms, value) if value.ndim == 0 else value
 
     def hyperparameters(self) -> dict:
-        """Plain dict of the family and of what makes an equal prior (lists for vectors)."""
+        """Family and hyperparameters as a plain dict (lists for vectors)."""
         names = [field.name for field in fields(self) if field.init]
         return {"family": self.family, **{name: np.asarray(getattr(self, name)).tolist() for name in names}}
 
@@ -184,7 +175,7 @@ class Prior(ABC):
 
 
 class ExactPosterior(ABC):
-    """What an exact posterior offers, everything on the original scale.
+    """Exact posterior of coefficients and noise variance, on the original scale.
 
     Attributes
     ----------
@@ -239,17 +230,17 @@ class ExactPosterior(ABC):
 
     @abstractmethod
     def quantiles(self, probabilities: ArrayLike) -> np.ndarray:
-        """Marginal quantiles of the coefficients at probabilities, shape (n,): an array of shape (n, n_terms)."""
+        """Marginal quantiles of the coefficients, shape (n, n_terms), at n probabilities."""
 
     @abstractmethod
     def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:
-        """Quantiles of the noise variance at the given probabilities, shape (n,) as they."""
+        """Quantiles of the noise variance at n probabilities, shape (n,)."""
 
     @abstractmethod
     def log_predictive_density(
         self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
     ) -> float | np.ndarray:
-        """Log density of new rows given the data: of all jointly, or of each by itself when ``pointwise``."""
+        """Log density of new rows given the data: joint, or of each row if ``pointwise``."""
 
 
 class RotatedPosterior(ExactPosterior):
@@ -264,7 +255,7 @@ class RotatedPosterior(ExactPosterior):
     prior_shape, prior_scale : float
         Inverse gamma of the noise variance, a priori.
     formula : Formula or None
-        What made the columns of the data, for predictions.
+        Formula of the columns, for predictions.
     """
 
     center: np.ndarray
@@ -275,15 +266,15 @@ class RotatedPosterior(ExactPosterior):
 
     @abstractmethod
     def _moments(self, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean less that of the center and variance, shape (n_new,), of the response of rotated rows."""
+        """Mean, relative to that at the center, and variance of the response of rotated rows, shape (n_new,)."""
 
     @abstractmethod
     def _log_each(self, rotated: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Log density of each of new rows by itself; the residual is the response less the row times the center."""
+        """Log density of each new row; the residual is the response minus its mean at the center."""
 
     @abstractmethod
     def _log_joint(self, rotated: np.ndarray, residual: np.ndarray) -> float:
-        """Log density of new rows jointly."""
+        """Joint log density of new rows."""
 
     def prior_noise_variance_density(self, noise_variance: np.ndarray) -> np.ndarray:
         """Prior density of the noise variance at the given values, same shape."""
@@ -292,9 +283,8 @@ class RotatedPosterior(ExactPosterior):
     def predict(self, new_rows: Any) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation, shape (n_new,), of the response of new rows, noise included.
 
-        New rows are an array of the columns, shape (n_new, n_terms), a DataFrame with them in any order or, for data
-        from a formula, a DataFrame of its variables. InferenceError for another shape, columns that are missing
-        and values that are no finite numbers.
+        New rows are an array, shape (n_new, n_terms), a DataFrame of the columns in any order or, for data from a
+        formula, a DataFrame of its variables. InferenceError for another shape, missing columns or values not finite.
         """
         rotated, middle = self._rotate_rows(new_rows)
         mean, variance = self._moments(rotated)
@@ -303,11 +293,10 @@ class RotatedPosterior(ExactPosterior):
     def log_predictive_density(
         self, design_matrix: np.ndarray, response: np.ndarray, *, pointwise: bool = False
     ) -> float | np.ndarray:
-        """Log density of new rows given the data, integrated over coefficients and noise variance.
+        """Log predictive density of new rows: the joint one or, if ``pointwise``, of each row, shape (n_new,).
 
-        The design matrix has shape (n_new, n_terms) and the original columns, the response shape (n_new,). A float for
-        all rows jointly or, when ``pointwise``, an array of shape (n_new,) for each row by itself. InferenceError
-        for wrong shapes or values that are not finite.
+        The design matrix has shape (n_new, n_terms) and the original columns, the response shape (n_new,).
+        InferenceError for wrong shapes or values that are not finite.
         """
         rotated, middle = self._rotate_rows(design_matrix)
         y = np.asarray(response, dtype=float)
@@ -328,7 +317,7 @@ def inverse_gamma_density(value: np.ndarray, shape: float, scale: float) -> np.n
 
 
 def check_prior(prior: object, *, own: str = "") -> None:
-    """Raise a InferenceError unless a prior of a regression is given; ``own`` are words on what else is taken."""
+    """Raise InferenceError unless the prior is a :class:`Prior`; ``own`` names in the message what else is accepted."""
     if not isinstance(prior, Prior):
         raise InferenceError(
             f"The prior of a regression is a Prior such as ConjugatePrior(kappa=100.0){own}, found "
@@ -337,7 +326,7 @@ def check_prior(prior: object, *, own: str = "") -> None:
 
 
 def warn_of_uneven_columns(data: RegressionData, prior: Prior) -> None:
-    """Warn where columns of very different size meet a prior whose kappa is the default; a public fit calls it."""
+    """Warn of columns of very different size under the default kappa."""
     if np.ndim(prior.kappa) == 0 and prior.kappa == type(prior).kappa and data.uneven:
         warnings.warn(data.uneven, UserWarning, stacklevel=3)
 
@@ -360,7 +349,7 @@ class Rotation:
     Attributes
     ----------
     singular_values : ndarray, shape (n_terms,)
-        s of the scaled columns times the root of kappa; 0 for directions that no row sees.
+        s of the scaled columns times the root of kappa; 0 for directions without information.
     projection : ndarray, shape (n_terms,)
         z of the scaled response, 0 likewise.
     residual_square : float
@@ -379,7 +368,7 @@ class Rotation:
 
 
 def rotate(data: RegressionData, prior: Prior) -> Rotation:
-    """Rotate regression data; with a scalar kappa and a zero mean it costs no pass over the rows.
+    """Rotate regression data; for scalar kappa and zero mean from the decomposition that the data keep.
 
     Raises
     ------
@@ -388,18 +377,19 @@ def rotate(data: RegressionData, prior: Prior) -> Rotation:
     """
     root, wide = np.sqrt(prior.kappas(data.n_terms)), data.n_terms > data.n_rows
     mean = prior.means(data.n_terms)
-    own = np.ndim(prior.kappa) or wide
-    if own:
+    decompose = np.ndim(prior.kappa) or wide
+    if decompose:
         left, s, right = np.linalg.svd(data.scaled_design_matrix * root, full_matrices=wide)
     else:
         left, s, right = data.svd
         s = s * root
-    if own or mean.any():
+    if decompose or mean.any():
+        # the residual is formed explicitly: y'y - z'z would cancel for a response with a large offset
         error = data.scaled_response - data.scaled_design_matrix @ mean
         z = left.T @ error
         residual_square = float(np.sum((error - left @ z) ** 2))
     else:
         z, residual_square = data.projection
-    unseen = (0, data.n_terms - len(s))
+    padding = (0, data.n_terms - len(s))
     basis = (right * root) @ data.transformation[1].T
-    return Rotation(np.pad(s, unseen), np.pad(z, unseen), residual_square, data.to_original(mean), basis)
+    return Rotation(np.pad(s, padding), np.pad(z, padding), residual_square, data.to_original(mean), basis)

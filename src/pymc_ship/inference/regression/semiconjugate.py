@@ -1,9 +1,8 @@
-"""The semi-conjugate prior and its exact posterior: a mixture of normals over the noise variance, by quadrature.
+"""The semi-conjugate prior and its exact posterior, a mixture of normals over the noise variance.
 
-With W = X diag(kappa)^(1/2) = U S R', the rotated coefficients g = R' diag(kappa)^(-1/2) (b - mean) are independent
-given sigma2, a priori N(0, 1) and a posteriori N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)), where
-z = U' (y - X mean). They integrate out, which leaves one dimension, t = log sigma2, for
-:mod:`pymc_ship.inference.regression.quadrature`.
+In the coordinates of :mod:`pymc_ship.inference.regression.priors` the g are independent given sigma2: a priori N(0, 1),
+a posteriori N(s z / (sigma2 + s^2), sigma2 / (sigma2 + s^2)). Once they are integrated out, one dimension is left for
+:mod:`pymc_ship.inference.regression.quadrature`: t = log sigma2.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ def _draws(
     columns: np.ndarray,
     center: np.ndarray,
 ) -> np.ndarray:
-    """Coefficients drawn given each noise variance; the columns are those of the basis, as rows."""
+    """Draw coefficients given each noise variance; ``columns`` is the transposed basis."""
     s, z = rotated
     g, coefficients = np.empty(center.size), np.empty((noise_variance.size, center.size))
     for k in range(noise_variance.size):
@@ -52,10 +51,9 @@ def _draws(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SemiConjugatePrior(Prior):
-    """Independent: beta ~ N(mean, V), sigma2 ~ IG(shape, scale); see the base for parameters.
+    """Semi-conjugate prior: beta ~ N(mean, V) and, independently, sigma2 ~ IG(shape, scale).
 
-    The box is that of :class:`~pymc_ship.inference.regression.conjugate.ConjugatePrior`, but for ``kappa``, which is in
-    units of the response.
+    Parameters are those of :class:`~pymc_ship.inference.regression.priors.Prior`; kappa is in units of the response.
 
     References
     ----------
@@ -74,7 +72,7 @@ class SemiConjugatePrior(Prior):
     colour = "#c8551b"
 
     def exact(self, data: RegressionData) -> NormalMixture:
-        """Exact posterior of the model of Xue et al. (2020), Eq. 18-20; the quadrature is not there.
+        """Exact posterior of the model of Xue et al. (2020), Eq. 18-20, by quadrature over the noise variance.
 
         Examples
         --------
@@ -110,16 +108,16 @@ class SemiConjugatePrior(Prior):
 
 @dataclass(frozen=True, repr=False)
 class NormalMixture(RotatedPosterior):
-    """Exact posterior under a semi-conjugate prior, everything on the original scale.
+    """Exact posterior under a semi-conjugate prior, on the original scale.
 
-    coefficients = center + g basis, where g given sigma2 is normal with independent components.
+    coefficients = center + g basis, where the components of g given sigma2 are independent and normal.
 
     Attributes
     ----------
     singular_values, projections : ndarray, shape (n_terms,)
-        s and z of the module's docstring, in units of the response.
+        s and z of :mod:`pymc_ship.inference.regression.priors`, in units of the response.
     residual_square : float
-        Sum of squared residuals that no coefficient can explain.
+        Sum of the squared residuals of least squares.
     n_rows : int
     log_noise_variance, weights : ndarray, shape (n_nodes,)
         Equidistant nodes in log sigma2 and their posterior weights, which add up to 1.
@@ -176,7 +174,7 @@ class NormalMixture(RotatedPosterior):
         return float(self.weights @ values) if self.prior_shape + 0.5 * self.n_rows > order else math.inf
 
     def quantiles(self, probabilities: ArrayLike) -> np.ndarray:
-        """Marginal quantiles of the coefficients at probabilities, shape (n,): an array of shape (n, n_terms)."""
+        """Marginal quantiles of the coefficients, shape (n, n_terms), at n probabilities."""
         from scipy.special import ndtr, ndtri
 
         locations, variances = self._components
@@ -190,7 +188,7 @@ class NormalMixture(RotatedPosterior):
         return self.center + _bisect(distribution, probability, components.min(axis=1), components.max(axis=1))
 
     def noise_variance_quantiles(self, probabilities: ArrayLike) -> np.ndarray:
-        """Quantiles of the noise variance at probabilities, shape (n,), from the sinc interpolant of the density."""
+        """Quantiles of the noise variance at n probabilities, shape (n,), from the sinc interpolant of the density."""
         from scipy.special import sici
 
         t, probability = self.log_noise_variance, np.atleast_1d(probabilities)
@@ -248,7 +246,7 @@ class NormalMixture(RotatedPosterior):
 def _kernel(
     s: np.ndarray, z: np.ndarray, residual_square: float, n_rows: int, prior: tuple[float, float]
 ) -> tuple[Kernel, float]:
-    """What the log kernel needs, and the constant that makes it log p(y, t)."""
+    """Arguments of the log kernel, and the constant that makes it log p(y, t)."""
     shape, scale = prior
     constant = shape * math.log(scale) - math.lgamma(shape) - 0.5 * n_rows * _LOG_2PI
     return (s**2, z**2, shape + 0.5 * (n_rows - len(s)), scale + 0.5 * residual_square), constant
@@ -271,7 +269,7 @@ def _integrate(
 def _bisect(
     function: Callable[[np.ndarray], np.ndarray], target: np.ndarray, low: np.ndarray | float, high: np.ndarray | float
 ) -> np.ndarray:
-    """Where a rising function of arrays reaches its target, between ``low`` and ``high``."""
+    """Root of an increasing function less its target between ``low`` and ``high``, by bisection."""
     low, high = low + 0.0 * target, high + 0.0 * target
     for _ in range(60):
         middle = 0.5 * (low + high)

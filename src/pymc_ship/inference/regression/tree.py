@@ -1,4 +1,4 @@
-"""One layout for every posterior: draws -> xr.DataTree with ArviZ groups and dims, written and read back."""
+"""Posterior draws as a DataTree with ArviZ groups and dims, and their files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CITATIONS = {
     ),
     "arviz": "Vehtari et al. (2021), Bayesian Analysis 16(2):667, doi:10.1214/20-BA1221",
 }
-"""Works a posterior rests on, kept in its attrs: by what made the draws, and those that every posterior rests on."""
+"""Citations in the attrs of a posterior, by method of drawing; "method" and "arviz" are in every one."""
 
 _SUM, _ZARR = "sha256", "zarr.json"
 _PACKAGES = ("pymc-ship", "numpy", "scipy", "xarray", "arviz", "pymc")
@@ -39,7 +39,7 @@ FILES = (".nc", ".zarr")
 
 
 def rng_state(rng: np.random.Generator) -> str:
-    """State of a generator as JSON: what has to be restored to repeat the draws that follow."""
+    """State of a generator as JSON, from which its next draws can be repeated."""
     return json.dumps(rng.bit_generator.state, default=lambda value: np.asarray(value).tolist())
 
 
@@ -53,7 +53,7 @@ def draws_tree(
     rng_state: str,
     groups: dict[str, xr.Dataset] | None = None,
 ) -> xr.DataTree:
-    """Lay out draws on the original scale as a DataTree.
+    """Posterior draws on the original scale as a DataTree.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def draws_tree(
 def exact_posterior(
     data: RegressionData, prior: Prior, *, draws: int = 4000, chains: int = 4, rng: Seed
 ) -> xr.DataTree:
-    """Independent draws from the exact posterior, laid out as a DataTree.
+    """Independent draws from the exact posterior as a DataTree.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def exact_posterior(
     prior : Prior
         On the scaled columns; mean and kappa may be vectors.
     draws, chains : int, optional
-        Number of draws in all, and of the chains they are dealt to for ArviZ; all draws are independent.
+        Total number of draws, and number of chains of the layout; all draws are independent.
     rng : int, SeedSequence or Generator
 
     Returns
@@ -122,7 +122,7 @@ def exact_posterior(
     Raises
     ------
     InferenceError
-        For what is no prior, or vectors of the wrong length.
+        For an argument that is no prior, or vectors of the wrong length.
     ValueError
         When ``draws`` is no positive multiple of ``chains``.
 
@@ -168,7 +168,7 @@ def _log_likelihood(data: RegressionData, coefficients: np.ndarray, noise_varian
 
 
 def tree_attrs(data: RegressionData, prior: dict, method: str, state: str, work: str = "") -> dict[str, str]:
-    """Attrs of a posterior: data, hyperparameters of the prior, generator, versions and works."""
+    """Attrs of a posterior: data, hyperparameters of the prior, generator, versions and citations."""
     return {
         "method": method,
         "vessel": data.vessel,
@@ -206,7 +206,7 @@ def data_groups(data: RegressionData) -> dict[str, xr.Dataset]:
 
 
 def provenance(work: str) -> dict[str, str]:
-    """Attrs that tell the versions and the works a posterior rests on, its own among them where there is one."""
+    """Attrs with the package versions and the citations of a posterior; ``work`` is that of its method."""
     works = [CITATIONS["method"], *([work] if work else []), CITATIONS["arviz"]]
     return {
         "versions": json.dumps({package: version(package) for package in _PACKAGES}),
@@ -215,10 +215,9 @@ def provenance(work: str) -> dict[str, str]:
 
 
 def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
-    """Write a posterior to NetCDF (``.nc``) or Zarr (``.zarr``); it appears under its name only when complete.
+    """Write a posterior to NetCDF (``.nc``) or Zarr (``.zarr``), with a checksum that :func:`read_posterior` verifies.
 
-    It carries a checksum, which :func:`read_posterior` asks for: the last bytes of a NetCDF file, the attribute
-    ``sha256`` of a Zarr folder.
+    The file appears under its name when it is complete.
 
     Parameters
     ----------
@@ -239,7 +238,7 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
 
     Examples
     --------
-    A posterior comes back as it was written:
+    Write and read a posterior:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
@@ -267,9 +266,9 @@ def write_posterior(tree: xr.DataTree, path: str | Path) -> Path:
 
 
 def read_posterior(path: str | Path) -> xr.DataTree:
-    """Read a posterior into memory, as :func:`write_posterior` or the ``to_netcdf`` or ``to_zarr`` of a tree wrote it.
+    """Read a posterior that :func:`write_posterior`, ``to_netcdf`` or ``to_zarr`` wrote.
 
-    A file that carries a checksum must fit it; one that carries none is read as it is.
+    A checksum is verified if there is one.
 
     Raises
     ------
@@ -307,15 +306,15 @@ def _to_netcdf(tree: xr.DataTree, path: Path) -> None:
 
 
 def _zarr_is_whole(path: Path) -> bool:
-    """Whether a Zarr folder is what the checksum in its index says; a folder whose index has none passes."""
+    """Whether a Zarr folder fits the checksum of its index, or has none."""
     try:
         index = json.loads((path / _ZARR).read_text(encoding="utf-8"))
-        given = index["attributes"].pop(_SUM, None)
-        return given is None or given == _zarr_checksum(path, index)
+        checksum = index["attributes"].pop(_SUM, None)
+        return checksum is None or checksum == _zarr_checksum(path, index)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return False
 
 
 def _zarr_checksum(path: Path, index: dict) -> str:
-    files = (found.relative_to(path) for found in path.rglob("[!.]*") if found.is_file())
+    files = (file.relative_to(path) for file in path.rglob("[!.]*") if file.is_file())
     return folder_checksum(path, (name for name in files if name != Path(_ZARR)), index)

@@ -1,4 +1,4 @@
-"""Choice of a prior's hyperparameters: Bayesian optimisation of the cross-validated score, and the evidence maximum."""
+"""Hyperparameters of a prior by Bayesian optimisation of its cross-validated elpd, or by maximum evidence."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from pymc_ship.inference.rows.data import RegressionData
 from pymc_ship.machine.errors import InferenceError
 from pymc_ship.machine.seeds import Seed, random_generator
 
-_STARTS = 12
-_RESOLUTION = 0.1
+_STARTS = 12  # points of the Latin hypercube
+_RESOLUTION = 0.1  # nat, where the loss of the search turns from linear to logarithmic
 
 
 @dataclass(frozen=True, repr=False)
 class TunedPrior:
-    """The prior that predicts held-out rows best, and how it was found.
+    """Prior of the best cross-validated elpd, with the search.
 
-    Every score is a log predictive density per held-out row on the original response, mean over the folds.
+    Every score is the elpd per held-out row on the original response, mean over the folds.
 
     Attributes
     ----------
@@ -34,18 +34,16 @@ class TunedPrior:
     score, score_se : float
         Score of ``prior`` and its standard error over the folds.
     seen_prior, seen_score
-        Best of the points that the search evaluated, and its score.
+        Best point that the search evaluated, and its score.
     surrogate_prior, surrogate_score
-        Optimum of the surrogate's mean over the box, and its score by one more evaluation.
+        Optimum of the surrogate's mean, and its score.
     points : ndarray, shape (evaluations, 3)
         Shape, scale and kappa of the points evaluated, in order.
     scores : ndarray, shape (evaluations,)
     evidence_prior : Prior
-        Prior of the same box with the largest evidence, from :func:`maximise_evidence`.
-    log_evidence : float
-        Log evidence of ``evidence_prior``.
-    evidence_score : float
-        Score of ``evidence_prior``.
+        Prior of maximum evidence in the same box, from :func:`maximise_evidence`.
+    log_evidence, evidence_score : float
+        Log evidence and score of ``evidence_prior``.
     box : mapping of str to (float, float)
         Bounds of the search.
     """
@@ -65,23 +63,23 @@ class TunedPrior:
     box: Mapping[str, tuple[float, float]]
 
     def __repr__(self) -> str:
-        """The prior with its score, and what the search and the evidence maximum found beside it."""
-        found = {
+        """The prior with its score, and those of the search and of maximum evidence."""
+        others = {
             "best point": (self.evaluated_prior, self.evaluated_score),
             "surrogate": (self.surrogate_prior, self.surrogate_score),
             "evidence": (self.evidence_prior, self.evidence_score),
         }
         head = f"TunedPrior of the {self.prior.family} family, {len(self.scores)} evaluations"
         lines = [f"  {'prior':12}{_numbers(self.prior)}, score {self.score:.5g} ± {self.score_se:.2g}"]
-        lines += [f"  {name:12}{_numbers(prior)}, score {score:.5g}" for name, (prior, score) in found.items()]
+        lines += [f"  {name:12}{_numbers(prior)}, score {score:.5g}" for name, (prior, score) in others.items()]
         edges = [f"  {name:12}on an edge of its box: {', '.join(at)}" for name, at in self.edges.items()]
         return "\n".join([head, *lines, *edges])
 
     @property
     def edges(self) -> dict[str, tuple[str, ...]]:
-        """Hyperparameters that lie on a bound of the box, by ``prior`` or ``evidence``; empty where none does."""
-        found = {"prior": on_edge(self.prior, self.box), "evidence": on_edge(self.evidence_prior, self.box)}
-        return {name: at for name, at in found.items() if at}
+        """Hyperparameters on a bound of the box, by ``prior`` or ``evidence``; empty if there are none."""
+        names = {"prior": on_edge(self.prior, self.box), "evidence": on_edge(self.evidence_prior, self.box)}
+        return {name: at for name, at in names.items() if at}
 
 
 def tune_prior(
@@ -96,10 +94,9 @@ def tune_prior(
 ) -> TunedPrior:
     """Hyperparameters by Bayesian optimisation of the K-fold log predictive density; the prior mean is zero.
 
-    A Latin hypercube of 12 points (a third of the evaluations when they are few) starts the search; a Gaussian process
-    with expected improvement goes on with it, over the logarithms of the hyperparameters. It sees
-    asinh(10 (r - score)), r the score of the evidence maximum: linear within a tenth of a nat of r, logarithmic where
-    a prior fails.
+    The search starts with a Latin hypercube of 12 points (at most a third of the evaluations) and goes on by expected
+    improvement under a Gaussian process over the logarithms of the hyperparameters. Its loss is asinh(10 (r - score)),
+    where r is the score of the prior of maximum evidence.
 
     Parameters
     ----------
@@ -111,8 +108,8 @@ def tune_prior(
     folds, split : optional
         As :func:`~pymc_ship.inference.regression.cross_validation.fold_rows`.
     box : dict of str to (float, float), optional
-        Bounds of the names that the ``box`` of the family has, which for both families of the paper are ``shape``,
-        ``noise_variance`` (scale / shape) and ``kappa``; that box by default.
+        Bounds by name; the ``box`` of the family by default, whose names for both families of the paper are
+        ``shape``, ``noise_variance`` (scale / shape) and ``kappa``.
     rng : int, SeedSequence or Generator
 
     Returns
@@ -122,8 +119,8 @@ def tune_prior(
     Raises
     ------
     InferenceError
-        For an unknown family. For folds that the rows do not make. For fewer than 6 evaluations, or a box with other
-        names, or bounds not positive and rising.
+        For an unknown family, impossible folds, fewer than 6 evaluations, or a box with other names or with bounds
+        not positive and increasing.
 
     References
     ----------
@@ -143,17 +140,17 @@ def tune_prior(
         return float(np.arcsinh((evidence_score - validation.score(_prior(prior_type, point)).mean) / _RESOLUTION))
 
     points, losses, surrogate_point = _search(loss, bounds, evaluations, rng)
-    seen, surrogate = (_prior(prior_type, point) for point in (points[np.argmin(losses)], surrogate_point))
-    evaluated_score, surrogate_score = validation.score(seen), validation.score(surrogate)
+    evaluated, surrogate = (_prior(prior_type, point) for point in (points[np.argmin(losses)], surrogate_point))
+    evaluated_score, surrogate_score = validation.score(evaluated), validation.score(surrogate)
     best, score = (
-        (seen, evaluated_score) if evaluated_score.mean >= surrogate_score.mean else (surrogate, surrogate_score)
+        (evaluated, evaluated_score) if evaluated_score.mean >= surrogate_score.mean else (surrogate, surrogate_score)
     )
     priors = [_prior(prior_type, point) for point in points]
     return TunedPrior(
         prior=best,
         score=score.mean,
         score_se=score.se,
-        evaluated_prior=seen,
+        evaluated_prior=evaluated,
         evaluated_score=evaluated_score.mean,
         surrogate_prior=surrogate,
         surrogate_score=surrogate_score.mean,
@@ -169,9 +166,9 @@ def tune_prior(
 def maximise_evidence(
     data: RegressionData, family: str = "conjugate", *, box: dict[str, tuple[float, float]] | None = None
 ) -> tuple[Prior, float]:
-    """Prior of a box with the largest evidence (empirical Bayes), its shape under a weak hyperprior.
+    """Prior of maximum evidence (empirical Bayes) in a box, its shape under a weak hyperprior.
 
-    The search is by L-BFGS-B from the middle and half of the corners. What it maximises is the log evidence and
+    L-BFGS-B from several starts maximises the log evidence plus
     :meth:`pymc_ship.inference.regression.priors.Prior.log_hyperprior`.
 
     Parameters
@@ -180,7 +177,7 @@ def maximise_evidence(
     family : str, optional
         ``"conjugate"``, ``"semiconjugate"`` or a registered family.
     box : dict of str to (float, float), optional
-        As :func:`tune_prior`; :func:`on_edge` tells where the maximum lies on a bound.
+        As :func:`tune_prior`; :func:`on_edge` names the hyperparameters on a bound.
 
     Returns
     -------
@@ -191,7 +188,7 @@ def maximise_evidence(
     Raises
     ------
     InferenceError
-        For an unknown family. For a box with other names, or bounds not positive and rising.
+        For an unknown family, or a box with other names or with bounds not positive and increasing.
 
     Examples
     --------
@@ -228,8 +225,6 @@ def maximise_evidence(
 
 def on_edge(prior: Prior, box: Mapping[str, tuple[float, float]] | None = None) -> tuple[str, ...]:
     """Names of the hyperparameters that lie on a bound of a box, the family's own by default.
-
-    Such an optimum is no optimum: the box ended the search.
 
     Parameters
     ----------
@@ -278,11 +273,11 @@ def _search(
     return points, losses, low + width * fraction
 
 
-def _surrogate_optimum(surrogate: Any, seen: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Where the mean of the surrogate is least in the unit cube."""
+def _surrogate_optimum(surrogate: Any, evaluated: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Minimum of the surrogate's mean in the unit cube."""
     from scipy.optimize import minimize
 
-    candidates = np.vstack([rng.random((4096, seen.shape[1])), np.clip(seen, 0.0, 1.0)])
+    candidates = np.vstack([rng.random((4096, evaluated.shape[1])), np.clip(evaluated, 0.0, 1.0)])
     best = candidates[np.argsort(surrogate.predict(candidates))[:5]]
     results = [
         minimize(lambda x: float(surrogate.predict(x[None])[0]), x, method="L-BFGS-B", bounds=[(0.0, 1.0)] * x.size)

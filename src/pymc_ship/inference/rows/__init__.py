@@ -1,7 +1,7 @@
-"""The rows of a regression: a design matrix, a response, and the scaling that priors live on.
+"""The rows of a regression: design matrix, response and scaling.
 
 - `frames`: columns of tables by name, and formulas.
-- `data`: rows in memory, from plain arrays, with their scaling and conditioning.
-- `from_trials`: rows from the records of trials, by differences or in the weak form.
-- `weak_form`: the equations times test functions, and the start of a trajectory fit.
+- `data`: design matrix and response of one degree of freedom, with scaling and conditioning.
+- `from_trials`: rows from trials, by differences or in the weak form.
+- `weak_form`: the equations of motion integrated against test functions, and the start of a trajectory fit.
 """

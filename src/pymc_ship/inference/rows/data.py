@@ -18,25 +18,18 @@ SCALINGS = ("none", "zscore")
 """How columns and response are scaled: not at all, or to zero mean and unit standard deviation."""
 
 UNEVEN = 30.0
-"""Ratio of the largest to the smallest column from which an unscaled design is ill-conditioned for that alone.
+"""Largest over smallest column norm above which an unscaled design is called uneven: a lower bound of the condition
+number, with the limit of Belsley, Kuh & Welsch (1980), Regression Diagnostics, doi:10.1002/0471725153, ch. 3."""
 
-The ratio is a lower bound of the condition number, and a condition number of 30 is where Belsley, Kuh & Welsch (1980),
-Regression Diagnostics, doi:10.1002/0471725153, ch. 3, see harm; they scale the columns to equal length first.
-"""
-
-SIZED_ROWS = 4
-"""Rows from which a column has a size: of 28 columns of standard normal numbers, as many as a degree of freedom of the
-container ship has, the largest is ``UNEVEN`` times the smallest in four of five single rows, in less than 1 of 1000
-sets of four rows."""
+_FEWEST_ROWS = 4  # rows that the norms of columns are compared over, at least
 
 
 @dataclass(frozen=True, repr=False)
 class RegressionData:
-    """Regression data of one response, in original units, with the scaling that priors live on.
+    """Regression data of one response in original units, with the scaling of its prior.
 
-    With ``s_j`` and ``c_j`` the scale and centre of column j and ``s``, ``c`` those of the response, the scaled
-    coefficients b* obey (y - c)/s = sum_j b*_j (x_j - c_j)/s_j + e. Columns are centred only when the design holds a
-    constant column, which then takes up the shift; so b = offset + T b* maps back exactly.
+    With s_j, c_j the scale and centre of column j and s, c those of the response, the scaled coefficients b* obey
+    (y - c)/s = sum_j b*_j (x_j - c_j)/s_j + e, and b = offset + T b*. Columns are centred if one column is constant.
 
     Attributes
     ----------
@@ -51,11 +44,11 @@ class RegressionData:
     time : ndarray, shape (n_rows,)
         Coordinate of the rows [s]; the row number where no time is known.
     run : ndarray of str, shape (n_rows,)
-        Run that each row is of; all are of run 1 where one trial was given.
+        Run of each row; "1" for a single trial.
     dof, vessel, derivative, record_verdict, record_remarks : str
-        What the rows were made from, and what :func:`pymc_ship.validated_trial` said of the trial.
+        Origin of the rows, and quality flags of the trial.
     formula : Formula or None
-        What made the columns, for :meth:`from_formula`.
+        Formula of the columns, after :meth:`from_formula`.
     """
 
     design_matrix: np.ndarray
@@ -79,30 +72,29 @@ class RegressionData:
     def from_formula(
         cls, formula: str, frame: Any, *, scaling: str = "none", time: np.ndarray | None = None, **labels: str
     ) -> RegressionData:
-        """Regression data from a formula as Bambi writes it, and a table of its variables.
+        """Regression data from a formula of Bambi and a table of its variables.
 
-        The formula is read by formulae, the parser of Bambi, which ``pymc-ship[formula]`` installs. Posteriors of these
-        data predict the response of new tables of the variables.
+        Needs formulae, which ``pymc-ship[formula]`` installs. Posteriors of these data predict from new tables.
 
         Parameters
         ----------
         formula : str
-            Such as ``"Y ~ v + r + v:r + I(delta**2)"``; the intercept is there unless ``0 +`` takes it off.
+            Such as ``"Y ~ v + r + v:r + I(delta**2)"``; ``0 +`` removes the intercept.
         frame : DataFrame
-            Without gaps in the columns that the formula names.
+            Without gaps in the columns of the formula.
         scaling, time, **labels
             As :meth:`from_arrays`.
 
         Returns
         -------
         RegressionData
-            With the names of formulae, such as ``Intercept`` and ``v:r``.
+            With the term names of formulae, such as ``Intercept`` and ``v:r``.
 
         Raises
         ------
         InferenceError
-            Where formulae is not installed, for a formula that does not fit the table or has terms that vary by group,
-            and as :meth:`from_arrays`.
+            If formulae is not installed, for a formula that does not fit the table or has group-level terms, and as
+            :meth:`from_arrays`.
 
         References
         ----------
@@ -131,16 +123,16 @@ class RegressionData:
         design_matrix : array_like, shape (n_rows, n_terms), or DataFrame
         response : array_like, shape (n_rows,)
         coefficients : sequence of str, optional
-            Names of the columns; ``x1``, ``x2``, ... by default. Of a DataFrame they choose columns, all by default.
+            Names of the columns, ``x1``, ``x2``, ... by default; for a DataFrame the columns to use, all by default.
         scaling : {"none", "zscore"}, optional
-            Whether priors live on the columns as they are or on columns (and response) of unit mean square, centred
-            where the design holds a constant column.
+            Whether priors are of the columns as they are, or of columns and response of unit mean square, centred if
+            the design has a constant column.
         time : array_like, shape (n_rows,), optional
             Coordinate of the rows [s].
         run : sequence of str, length n_rows, optional
-            Run that each row is of.
+            Run of each row.
         **labels : str
-            The texts from ``dof`` to ``record_remarks``, kept for the record.
+            The attributes from ``dof`` to ``record_remarks``.
 
         Returns
         -------
@@ -149,8 +141,8 @@ class RegressionData:
         Raises
         ------
         InferenceError
-            For wrong shapes, values that are not finite, names that are missing or there twice, columns without
-            variation, a table and a response that do not have the same index.
+            For wrong shapes, values that are not finite, missing or repeated names, columns without variation, or a
+            table and a response of different index.
         """
         if is_frame(design_matrix):
             check_same_rows(design_matrix, response)
@@ -207,7 +199,7 @@ class RegressionData:
         return replace(self, column_center=center, column_scale=scale, response_center=middle, response_scale=spread)
 
     def __repr__(self) -> str:
-        """Size, origin, names, scaling, and a remark on uneven columns; no array is written out."""
+        """Size, origin, names, scaling, and a remark on uneven columns."""
         labels = ", ".join(filter(None, [self.dof, self.vessel, self.derivative]))
         centred = f"centred on {self.coefficients[self.constant]}" if self.column_center.any() else "not centred"
         return (
@@ -235,25 +227,26 @@ class RegressionData:
 
     @cached_property
     def scaled_design_matrix(self) -> np.ndarray:
-        """Columns that the priors live on, shape (n_rows, n_terms)."""
+        """Scaled columns, shape (n_rows, n_terms)."""
         return (self.design_matrix - self.column_center) / self.column_scale
 
     @cached_property
     def scaled_response(self) -> np.ndarray:
-        """Response that the priors live on, shape (n_rows,)."""
+        """Scaled response, shape (n_rows,)."""
         return (self.response - self.response_center) / self.response_scale
 
     def rows(self, index: np.ndarray) -> RegressionData:
-        """Return the given rows (integers or mask), with the scaling of the whole."""
-        kept = {name: getattr(self, name)[index] for name in ("design_matrix", "response", "time", "run")}
-        return replace(self, **kept)
+        """Data of the given rows (integers or mask), with the scaling of the whole."""
+        return replace(
+            self, **{name: getattr(self, name)[index] for name in ("design_matrix", "response", "time", "run")}
+        )
 
     @cached_property
     def uneven(self) -> str:
-        """Sentence on columns of very different size, for which one prior variance is no default; else empty."""
+        """Warning about columns of very different size under one prior variance; else empty."""
         size = np.sqrt(np.sum(self.scaled_design_matrix**2, axis=0) / self.n_rows)
         small, large = min(size[size > 0.0], default=0.0), size.max()
-        if large <= UNEVEN * small or self.n_rows < SIZED_ROWS:
+        if large <= UNEVEN * small or self.n_rows < _FEWEST_ROWS:
             return ""
         names = [self.coefficients[list(size).index(value)] for value in (small, large)]
         return (
@@ -269,17 +262,17 @@ class RegressionData:
 
     @cached_property
     def projection(self) -> tuple[np.ndarray, float]:
-        """Scaled response along the left singular vectors, and the square of what lies outside them."""
+        """Scaled response along the left singular vectors, and the residual sum of squares."""
         left, _, _ = self.svd
         z = left.T @ self.scaled_response
         return z, float(np.sum((self.scaled_response - left @ z) ** 2))
 
     @property
     def least_squares(self) -> np.ndarray:
-        """Least-squares coefficients of the original columns (of least norm on the scaled ones), shape (n_terms,)."""
+        """Least-squares coefficients of the original columns, of least norm on the scaled ones, shape (n_terms,)."""
         _, s, right = self.svd
-        kept = s > s[0] * max(self.n_rows, self.n_terms) * np.finfo(float).eps
-        return self.to_original(self.projection[0][kept] / s[kept] @ right[kept])
+        full = s > s[0] * max(self.n_rows, self.n_terms) * np.finfo(float).eps
+        return self.to_original(self.projection[0][full] / s[full] @ right[full])
 
     @property
     def condition_number(self) -> float:

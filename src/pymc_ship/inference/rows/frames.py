@@ -1,7 +1,6 @@
-"""Rows from tables: columns of a DataFrame by their names, and the terms of a formula.
+"""Rows from tables: columns of a DataFrame by name, and the terms of a formula.
 
-pandas is not imported: a table is anything with ``columns`` and ``to_numpy``. Formulas are read by formulae, the parser
-of Bambi, which is imported where one is given.
+pandas is not imported: a table is any object with ``columns`` and ``to_numpy``.
 """
 
 from __future__ import annotations
@@ -13,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from pymc_ship.machine.arguments import short_repr
+from pymc_ship.machine.arguments import shown
 from pymc_ship.machine.errors import InferenceError
 
 _FRAMES = 2
-"""Calls between the user's and that of formulae, which looks up a formula's functions where the user calls."""
+"""Stack frames from the user's call to that of formulae, which looks up functions of a formula in the user's scope."""
 
 
 def is_frame(table: object) -> bool:
@@ -36,7 +35,7 @@ def frame_columns(frame: Any, names: Sequence[str], what: str) -> np.ndarray:
     Raises
     ------
     InferenceError
-        For columns that are missing, there twice, or no numbers; ``what`` is the begin of the sentence.
+        For missing, repeated or non-numeric columns; ``what`` is the subject of the message.
     """
     check_names(frame, names, what)
     given, values = frame_names(frame), frame.to_numpy()
@@ -45,13 +44,13 @@ def frame_columns(frame: Any, names: Sequence[str], what: str) -> np.ndarray:
 
 
 def check_names(frame: Any, names: Sequence[str], what: str) -> None:
-    """Raise a InferenceError unless a table has each of the named columns once."""
+    """Raise InferenceError unless a table has each of the named columns once."""
     given = frame_names(frame)
     wrong = [name for name in names if given.count(name) != 1]
     if wrong:
         raise InferenceError(
-            f"{what} need the columns {_listed(names)}, each of them once; found {_listed(given)}; add or rename "
-            f"{_listed(wrong)}."
+            f"{what} need the columns {_name_list(names)}, each of them once; found {_name_list(given)}; add or rename "
+            f"{_name_list(wrong)}."
         )
 
 
@@ -62,12 +61,12 @@ def _numbers(values: np.ndarray, name: str, what: str) -> np.ndarray:
         raise InferenceError(f"{what} need numbers, found none in the column {name}; convert it.") from None
 
 
-def _listed(names: Sequence[str]) -> str:
+def _name_list(names: Sequence[str]) -> str:
     return shorten(", ".join(names), 100, placeholder=" ...") or "none"
 
 
 def check_same_rows(design_matrix: Any, response: Any) -> None:
-    """Raise a InferenceError where a table and a column of another table do not have the same index."""
+    """Raise InferenceError if a table and a column of another table differ in their index."""
     index, other = getattr(design_matrix, "index", None), getattr(response, "index", None)
     if index is None or other is None or not hasattr(response, "to_numpy"):
         return
@@ -84,15 +83,15 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
     ----------
     new_rows : array_like, shape (n_new, n_terms), or DataFrame
         Terms in the order of the coefficients; or a table with these columns in any order, or with the variables of
-        the formula. Columns that are not needed are left aside.
+        the formula; other columns are ignored.
     coefficients : sequence of str
     formula : Formula, optional
-        What made the rows that were fitted.
+        Formula of the fitted rows.
 
     Raises
     ------
     InferenceError
-        For another shape, columns that are missing or there twice, values that are no finite numbers.
+        For another shape, missing or repeated columns, values that are not finite.
     """
     if not is_frame(new_rows):
         X = _floats(new_rows)
@@ -100,13 +99,13 @@ def new_design(new_rows: Any, coefficients: Sequence[str], formula: Formula | No
         X = frame_columns(new_rows, coefficients, "New rows")
     else:
         X = formula.columns(new_rows, coefficients)
-    found = f"shape {X.shape}"
+    fault = f"shape {X.shape}"
     if X.ndim == 2 and X.shape[1] == len(coefficients):
         bad = [name for name, column in zip(coefficients, X.T, strict=True) if not np.isfinite(column).all()]
         if not bad:
             return X
-        found = f"NaN or infinity in {_listed(bad)}"
-    raise InferenceError(f"New rows are finite, of shape (rows, {len(coefficients)}), found {found}; check them.")
+        fault = f"NaN or infinity in {_name_list(bad)}"
+    raise InferenceError(f"New rows are finite, of shape (rows, {len(coefficients)}), found {fault}; check them.")
 
 
 def _floats(values: Any) -> np.ndarray:
@@ -120,7 +119,7 @@ def _floats(values: Any) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Formula:
-    """Formula of a regression, which can be evaluated for new rows.
+    """Formula of a regression, to evaluate for new rows.
 
     Attributes
     ----------
@@ -130,7 +129,7 @@ class Formula:
     variables : tuple of str
         Columns of a table that the terms are made from.
     terms : formulae.matrices.CommonEffectsMatrix
-        Holds what transformations such as ``scale(v)`` took from the fitted table.
+        Terms with the state of transformations such as ``scale(v)`` on the fitted table.
     """
 
     text: str
@@ -149,13 +148,13 @@ class Formula:
 
 
 def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Formula]:
-    """Design matrix, response and the formula itself, read from a table.
+    """Design matrix, response and formula, evaluated for a table.
 
     Raises
     ------
     InferenceError
-        Where formulae is not installed, for what it cannot read, a response that is missing or no number, terms that
-        vary by group, and no term.
+        If formulae is not installed or cannot read the formula, the response is missing or no number, or terms are
+        group-level or missing.
     """
     try:
         from formulae import design_matrices
@@ -169,17 +168,17 @@ def formula_rows(formula: str, frame: Any) -> tuple[np.ndarray, np.ndarray, Form
         read = design_matrices(formula, frame, na_action="error", env=_FRAMES)
     except Exception as error:  # a formula may call anything
         raise InferenceError(_sentence(formula, "the table", error)) from None
-    faults = {
+    checks = {
         "no response": read.response is None,
         "a response that is no number": read.response is not None and read.response.kind != "numeric",
         "terms that vary by group": read.group is not None,
         "no term": read.common is None,
     }
-    if any(faults.values()):
-        found = " and ".join(fault for fault, there in faults.items() if there)
+    faults = " and ".join(fault for fault, present in checks.items() if present)
+    if faults:
         raise InferenceError(
-            f"A formula has a response and terms that are the same for all rows, such as 'Y ~ v + r', found {found} in "
-            f"{short_repr(formula)}; change it."
+            "A formula has a response and terms that are the same for all rows, such as 'Y ~ v + r', found "
+            f"{faults} in {short_repr(formula)}; change it."
         )
     named = read.common.as_dataframe()
     used = set().union(*(term.var_names for term in read.common.terms.values()))

@@ -21,10 +21,10 @@ from pymc_ship.records.files.quality_flags import quality_flags
 from pymc_ship.trial.record import as_trial, sampling_interval, trial_list
 
 _WITHOUT_DIFFERENCE = {"euler": (0, 1), "central": (1, 1)}
-"""Samples at the begin and end of a record that lack a neighbour their difference needs."""
+"""Samples at the beginning and end of a record without a difference."""
 
 WEAK = {"weak": "rk4", "weak_euler": "euler"}
-"""Names of the weak form among the derivatives, and what it takes the record to be."""
+"""Weak forms among the derivatives, with the integrator that the record is assumed to come from."""
 
 
 def regression_data(
@@ -37,39 +37,36 @@ def regression_data(
 ) -> RegressionData:
     """Design matrix and response of one degree of freedom, from one trial or several.
 
-    Differences want a denoised trial. The weak form takes the trial as it was measured: its rows are means under
-    test functions 10 s long, formed without a derivative, and it denoises the motion in the terms itself. Windows that
-    overlap share noise, which no posterior knows of: on a noisy zigzag intervals of 90 % held 48 to 57 % of the
-    reference values with a row each 0.5 s, 66 to 70 % at 1 s, 79 to 81 % at 2 s and 85 to 90 % at 4 s.
+    Differences need a denoised trial. The weak form takes the trial as measured: its rows are means under test
+    functions of 10 s, without a derivative, and it denoises the motion in the terms itself. Rows closer than 4 s share
+    noise, which the posterior ignores: its intervals are then too narrow.
 
     Parameters
     ----------
     trial : Dataset, dims (time,), or sequence or mapping of such
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; uniform time [s]. The rows
-        of several trials stand below each other, under one scaling; ``run`` has the key of a mapping, else 1, 2, ...
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] if the vessel rolls; uniform time [s]. The rows of
+        several trials are stacked under one scaling; ``run`` is the key of a mapping, else 1, 2, ...
     vessel : Vessel, str or Path
-        Gives particulars, inertia and the terms of the DOF; its reference coefficients are not used.
+        Particulars, inertia and the terms of the DOF; its reference coefficients are not used.
     dof : {"surge", "sway", "yaw", "roll"}
     interval : float, optional
         Interval of the rows [s], a multiple of the sampling interval; by default every sample, or about 4 s between
         the centres of test functions.
     derivative : {"euler", "central", "savgol", "weak", "weak_euler"}, optional
-        How accelerations are formed from the samples, see :func:`pymc_ship.records.denoising.derivative.derivative`, or
-        in their place the weak form: "weak" for measured records, "weak_euler" exact for Euler steps of the interval.
+        Method of the accelerations, see :func:`pymc_ship.records.denoising.derivative.derivative`; or the weak form:
+        "weak" for measured records, "weak_euler" for records of Euler steps of the sampling interval.
 
     Returns
     -------
     RegressionData
-        Prime values, z-scored, with the rows that have an acceleration or a whole test function; ``time`` counts in
-        each run by itself.
+        Prime values, z-scored; ``time`` is that of each run.
 
     Raises
     ------
     TrialError
         For missing channels, NaN, or time that is not uniform; for the weak form, a trial too short or too coarse.
     InferenceError
-        When the rudder never moves, the interval is no multiple of the sampling interval, or there are fewer rows than
-        terms.
+        If the rudder never moves, the interval is no multiple of the sampling interval, or rows are fewer than terms.
     ValueError
         For an unknown derivative.
     VesselError

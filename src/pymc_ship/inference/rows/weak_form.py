@@ -1,14 +1,13 @@
 """Weak form: the equations of motion integrated against test functions, so that no record is differentiated.
 
-J L_i nu_dot_i = U^2 (Phi theta + known forces) with nu = (u, v, r, p) and L_i = (L, L, L^2, L^2); multiplied by a test
-function phi of compact support and summed over the record, with the derivative taken over by phi:
+J L_i nu_dot_i = U^2 (Phi theta + known forces), nu = (u, v, r, p), L_i = (L, L, L^2, L^2), times a test function phi of
+compact support, integrated by parts:
 
     -sum_k phi'_k (J L nu_k) = sum_k phi_k U_k^2 (Phi_k theta + known_k)
 
-It stays linear in theta, and U^2 stays in the integrand, so that white noise on nu gives every row the same variance.
-The left side takes the record as it is. On the right noise would enter through powers and absolute values, which
-biases the coefficients: there the motion is denoised first. Bortz, Messenger & Dukic (2023), Bull. Math. Biol. 85:110,
-doi:10.1007/s11538-023-01208-6; the evidence of the scales after MacKay (1992), Neural Computation 4(3):415.
+The left side takes the record as measured; the motion in the terms on the right is denoised, because noise in powers
+and absolute values biases the coefficients. Bortz, Messenger & Dukic (2023), Bull. Math. Biol. 85:110,
+doi:10.1007/s11538-023-01208-6; evidence of the scales after MacKay (1992), Neural Computation 4(3):415.
 """
 
 from __future__ import annotations
@@ -36,21 +35,21 @@ RADIUS = 5.0
 """Half the support of a test function [s]."""
 
 INTERVAL = 1.0
-"""Interval of the centres of the test functions for a start [s], where median errors were least (0.5 to 4 s tried)."""
+"""Interval of the centres of the test functions for the start of a fit [s]."""
 
 INDEPENDENT = 4.0
-"""Interval of the centres [s] from which rows may pass as independent."""
+"""Interval of the centres [s] at which rows count as independent."""
 
 METHODS = ("euler", "rk4")
-"""How a record came about: "euler" is exact for Euler steps of the sampling interval, "rk4" fits all other motion."""
+"""Origin of a record: "euler" for Euler steps of the sampling interval, "rk4" for all other motion."""
 
 TAU = (0.05, 20.0)
-"""Bounds of the factor by which the evidence stretches the prior scales of a degree of freedom."""
+"""Bounds of the factor tau on the prior scales of a degree of freedom."""
 
 _POWER = 6
 _FEWEST = 4  # samples in a radius
 _ITERATIONS = 200
-_UNSEEN = 0.01  # share of noise in the response where no more rows than terms tell it
+_NOISE_RATIO = 0.01  # noise variance over mean square response if no rows are left to estimate it
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class WeakForm:
     design_matrices : dict of str to ndarray, shape (n_rows, n_terms)
         By DOF: mean of the terms times (U/U_nom)^2 under each test function.
     responses : dict of str to ndarray, shape (n_rows,)
-        By DOF: mean of the hydrodynamic force, a prime value at the nominal speed.
+        By DOF: mean hydrodynamic force, a prime value at the nominal speed.
     """
 
     time: np.ndarray
@@ -80,8 +79,7 @@ def bump(step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:
     step : float
         Sampling interval [s], at most a quarter of :data:`RADIUS`.
     method : {"euler", "rk4"}, optional
-        "euler": phi'_k = (phi_k - phi_(k-1)) / step, which undoes forward differences exactly; of first order in the
-        step elsewhere. "rk4": the derivative of the function, with an error far below that of central differences.
+        "euler": phi'_k = (phi_k - phi_(k-1)) / step, exact for forward differences. "rk4": the derivative of phi.
 
     Returns
     -------
@@ -109,17 +107,17 @@ def bump(step: float, method: str = "euler") -> tuple[np.ndarray, np.ndarray]:
 
 
 def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, method: str = "euler") -> WeakForm:
-    """Rows of the weak form of every DOF of a vessel, from a trial as it was measured.
+    """Rows of the weak form of every DOF of a vessel, from a trial as measured.
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] where the vessel rolls; uniform time [s]. Not
-        denoised: the test functions smooth the record with less harm than a denoiser.
+        u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] if the vessel rolls; uniform time [s]; not
+        denoised.
     vessel : Vessel
-        Gives particulars, inertia and terms; its reference coefficients are not used.
+        Particulars, inertia and terms; its reference coefficients are not used.
     stride : int, optional
-        Samples from one centre to the next, which lie on multiples of it; :data:`INTERVAL` by default.
+        Samples from one centre to the next; :data:`INTERVAL` by default.
     method : {"euler", "rk4"}, optional
         See :func:`bump`.
 
@@ -145,7 +143,7 @@ def weak_form(trial: xr.Dataset, vessel: Vessel, *, stride: int | None = None, m
             f"over {(n_time - 1) * step:g} s; use a longer trial."
         )
     average, differentiate = (_windows(kernel, centres - n_radius, n_time) for kernel in (phi, dphi))
-    motion, speed, known = prime_record(vessel, _denoised(trial, record))
+    motion, speed, known = prime_record(vessel, _denoise_motion(trial, record))
     weight = (speed / vessel.particulars.nominal_speed) ** 2
     terms = tuple(dict.fromkeys(term for dof in vessel.dofs for term in vessel.terms(dof)))
     columns = average @ (evaluate(terms, motion) * weight[:, None])
@@ -163,19 +161,19 @@ def weak_form_start(
     *,
     method: str = "euler",
 ) -> np.ndarray:
-    """Coefficients of the weak form under the prior N(mean_j, (tau scale_j)^2): a start for a trajectory fit.
+    """Posterior mean of the weak form under the prior N(mean_j, (tau scale_j)^2): the start of a trajectory fit.
 
-    tau and the noise variance of each DOF maximise the evidence of the rows of all trials, taken as independent and
-    equally noisy. Parameters of parts stay at their means.
+    tau and the noise variance of each DOF maximise the evidence of the rows of all trials. Parameters of parts stay at
+    their means.
 
     Parameters
     ----------
     trials : Dataset or sequence of Dataset, dims (time,)
-        One or many runs, as they were measured; see :func:`weak_form`.
+        Runs as measured; see :func:`weak_form`.
     vessel : Vessel, str or Path
     mean, scale : ndarray, shape (n_coefficients,)
         Prior of all coefficients, DOF after DOF in the order of :func:`~equations_of_motion.reference_coefficients`.
-        A scale of infinity leaves a coefficient free, 0 holds it at its mean.
+        A scale of infinity is a flat prior, 0 fixes a coefficient at its mean.
     method : {"euler", "rk4"}, optional
         See :func:`bump`.
 
@@ -202,7 +200,7 @@ def weak_form_start(
     if not sum(n_terms):
         return mean.copy()
     cuts = np.cumsum(n_terms)
-    rows = _stacked(trials, vessel, method).values()
+    rows = _stack_rows(trials, vessel, method).values()
     *means, parameters = np.split(mean, cuts)
     parts = zip(rows, means, np.split(scale, cuts)[:-1], strict=True)
     return np.concatenate([*(evidence_posterior_mean(*data, *prior) for data, *prior in parts), parameters])
@@ -211,9 +209,7 @@ def weak_form_start(
 def coefficient_scales(
     trials: xr.Dataset | Sequence[xr.Dataset], vessel: VesselLike, *, method: str = "euler"
 ) -> np.ndarray:
-    """Size at which each coefficient alone would make the whole hydrodynamic force of its DOF.
-
-    That is rms(force) / rms(term) over the rows of the weak form, the force being that of a first fit.
+    """Scale of each coefficient: rms(force) / rms(term) over the rows of the weak form, the force that of a first fit.
 
     Parameters
     ----------
@@ -232,7 +228,7 @@ def coefficient_scales(
     """
     vessel = as_vessel(vessel)
     scales = []
-    for dof, (X, y) in _stacked(trials, vessel, method).items():
+    for dof, (X, y) in _stack_rows(trials, vessel, method).items():
         size = _rms(X)
         idle = [term for term, value in zip(vessel.terms(dof), size, strict=True) if value == 0.0]
         if idle:
@@ -248,8 +244,8 @@ def _rms(values: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(values**2, axis=0))
 
 
-def _denoised(trial: xr.Dataset, record: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Record whose motion is denoised by the decimated transform: a tenth of the time, and as good under a window."""
+def _denoise_motion(trial: xr.Dataset, record: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Record with its motion denoised by the decimated wavelet transform, which is fast."""
     from pymc_ship.records.denoising.denoise import denoise
 
     names = [name for name in record if name != "delta"]
@@ -258,7 +254,7 @@ def _denoised(trial: xr.Dataset, record: dict[str, np.ndarray]) -> dict[str, np.
 
 
 def _momentum(vessel: Vessel, record: dict[str, np.ndarray]) -> np.ndarray:
-    """J L nu over the square of the nominal speed, shape (4, n_time)."""
+    """Momentum J L nu over the square of the nominal speed, shape (4, n_time)."""
     L, nominal_speed = vessel.particulars.L, vessel.particulars.nominal_speed
     motion = np.array([record[name] if name in record else np.zeros_like(record["u"]) for name in VELOCITIES])
     motion *= np.array([[L], [L], [L**2], [L**2]]) / nominal_speed**2
@@ -266,7 +262,7 @@ def _momentum(vessel: Vessel, record: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _windows(kernel: np.ndarray, starts: np.ndarray, n_time: int) -> csr_array:
-    """Sparse matrix (n_rows, n_time) with the kernel from each start on."""
+    """Sparse matrix (n_rows, n_time) with the kernel at each start."""
     from scipy.sparse import csr_array
 
     columns = (starts[:, None] + np.arange(kernel.size)).ravel()
@@ -274,7 +270,7 @@ def _windows(kernel: np.ndarray, starts: np.ndarray, n_time: int) -> csr_array:
     return csr_array((np.tile(kernel, starts.size), columns, ends), shape=(starts.size, n_time))
 
 
-def _stacked(
+def _stack_rows(
     trials: xr.Dataset | Sequence[xr.Dataset], vessel: Vessel, method: str
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Design matrix and response of each DOF over the rows of all trials."""
@@ -292,17 +288,15 @@ def _stacked(
 
 
 def evidence_posterior_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Posterior mean of coefficients whose prior scales and noise are tuned by the evidence of the rows.
-
-    The free coefficients are projected out, so that tau is that of the others.
+    """Posterior mean of coefficients with prior scales and noise variance of maximum evidence.
 
     Parameters
     ----------
     X : ndarray, shape (n_rows, n_terms)
     y : ndarray, shape (n_rows,)
-        Rows that count as independent and equally noisy.
+        Rows taken as independent and equally noisy.
     mean, scale : ndarray, shape (n_terms,)
-        Prior N(mean_j, (tau scale_j)^2); infinity leaves a coefficient free, 0 holds it at its mean.
+        Prior N(mean_j, (tau scale_j)^2); infinity is a flat prior, 0 fixes a coefficient at its mean.
 
     Returns
     -------
@@ -313,23 +307,26 @@ def evidence_posterior_mean(X: np.ndarray, y: np.ndarray, mean: np.ndarray, scal
     size = _rms(X[:, free])
     size[size == 0.0] = 1.0
     left, s, right = np.linalg.svd(X[:, free] / size, full_matrices=False)
-    kept = s > s.max(initial=0.0) * max(X.shape) * np.finfo(float).eps
-    left, s, right = left[:, kept], s[kept], right[kept]
-    held = X[:, ~free] * scale[~free]
-    step = _evidence_ridge(held - left @ (left.T @ held), residual - left @ (left.T @ residual), len(y) - s.size)
+    full = s > s.max(initial=0.0) * max(X.shape) * np.finfo(float).eps
+    left, s, right = left[:, full], s[full], right[full]
+    # the coefficients with a flat prior are projected out, so that tau is that of the others
+    informed = X[:, ~free] * scale[~free]
+    step = _evidence_ridge(
+        informed - left @ (left.T @ informed), residual - left @ (left.T @ residual), len(y) - s.size
+    )
     coefficients[~free] += scale[~free] * step
-    coefficients[free] += (left.T @ (residual - held @ step) / s) @ right / size
+    coefficients[free] += (left.T @ (residual - informed @ step) / s) @ right / size
     return coefficients
 
 
 def _evidence_ridge(X: np.ndarray, y: np.ndarray, n_rows: int) -> np.ndarray:
-    """Ridge coefficients of ``n_rows`` free rows, prior and noise variance by MacKay's fixed point."""
+    """Ridge coefficients with prior and noise variance by MacKay's fixed point; ``n_rows`` counts free rows."""
     left, s, right = np.linalg.svd(X, full_matrices=False)
     z = left.T @ y
     outside = np.sum((y - left @ z) ** 2)
     least = np.finfo(float).eps ** 2 * np.mean(y**2) + np.finfo(float).tiny
     spare = n_rows - s.size
-    prior_variance, noise_variance = 1.0, max(outside / spare if spare > 0 else _UNSEEN * np.mean(y**2), least)
+    prior_variance, noise_variance = 1.0, max(outside / spare if spare > 0 else _NOISE_RATIO * np.mean(y**2), least)
     for _ in range(_ITERATIONS):
         shrinkage = s**2 / (s**2 + noise_variance / prior_variance)
         determined = max(shrinkage.sum(), np.finfo(float).tiny)
