@@ -51,4 +51,4 @@ def test_signs_area_and_reference_point_of_a_format(read):
 def test_rows_that_stand_there_twice_count_once(read):
     tests = read(*ROWS, ROWS[0])
     assert tests.sizes["test"] == 2
-    assert "1 rows that stand there twice" in tests.attrs["reading"]
+    assert "1 repeated rows" in tests.attrs["reading"]

@@ -19,7 +19,7 @@ test_trial_errors = wording(
             ("speed,X [N]", ("8,1e-3",) * 2, {}, "left out, as forces are prime, found 'N'"),
             ("speed [m],X'", ("8,1e-3",) * 2, {}, "the unit is one of m/s"),
             ("speed,X'", ("8,1e-3", "8,"), {}, "X lacks one; fill it in"),
-            ("speed,X'", ("0.7,1e-3",) * 2, {}, "near the ship's nominal 7.97 m/s, found 0.7 m/s"),
+            ("speed,X'", ("0.7,1e-3",) * 2, {}, "near the ship's nominal 7.97 m/s, found a median of 0.7 m/s"),
             ("speed,X'", ("8,1e-3",) * 2, {"format": {"frame": {"heading": "compass"}}}, "has no heading"),
             ("speed,N'", ("8,1e-3",) * 2, {"format": {"frame": {"reference": 3.0}}}, "needs Y'; add it"),
         ]

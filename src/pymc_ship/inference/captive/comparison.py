@@ -1,4 +1,4 @@
-"""Captive tests beside the forces of ships: before anything was fitted, and after, as bands, table and figure."""
+"""Measured forces of captive tests against those of prior and posterior draws: bands, table and figure."""
 
 from __future__ import annotations
 
@@ -19,60 +19,60 @@ BANDS = ("lower", "median", "upper")
 _TAILS = (0.025, 0.5, 0.975)
 _DOF = {"X": "surge", "Y": "sway", "N": "yaw"}
 _SERIES = {"beta": "drift angle β [deg]", "r": "yaw rate r'", "delta": "rudder δ [deg]"}
-_FEWEST = 3  # tests of a series that is drawn
-_AT_SPEED = 0.1  # share by which the speed of a drawn test is off the most usual one
+_FEWEST = 3  # tests of a series in the figure
+_AT_SPEED = 0.1  # relative deviation of their speed from the median
 
 
 def captive_bands(
     tests: xr.Dataset, vessel: Vessel, draws: Mapping[str, np.ndarray], *, revolutions: float = 1.0
 ) -> xr.Dataset:
-    """Measured forces of captive tests beside the bands of 95 % of ships, drawn in one way or more.
+    """Measured forces of captive tests, and 95 % bands of the forces under one or more sets of draws.
 
     Parameters
     ----------
     tests : Dataset, dims (test,)
-        From :func:`pymc_ship.read_captive`; those that the vessel's forces do not stand for are left out.
+        From :func:`pymc_ship.read_captive`; tests at other than the model's revolutions are left out.
     vessel : Vessel
     draws : mapping of str to ndarray, shape (n_draws, n_coefficients)
-        By how they were drawn.
+        Draws of the coefficients by the name of their distribution.
     revolutions : float, optional
-        Nominal ones on the carriage over those of the vessel.
+        Nominal revolutions on the carriage over those of the vessel.
 
     Returns
     -------
     Dataset, dims (test,), (drawn, band, test)
-        Motion and measured forces of the tests; ``X_band``, ``Y_band`` and ``N_band``, as far as they were measured.
+        Motion and measured forces of the tests; ``X_band``, ``Y_band`` and ``N_band`` of the measured forces.
     """
     tests = known_tests(tests, vessel)
     s = vessel.particulars
-    found = tests.assign_coords(drawn=list(draws), band=list(BANDS)).assign_attrs(U_nom=s.nominal_speed, L=s.L)
+    table = tests.assign_coords(drawn=list(draws), band=list(BANDS)).assign_attrs(U_nom=s.nominal_speed, L=s.L)
     forces = [captive_test_forces(vessel, held_motion(tests, vessel, revolutions), rows) for rows in draws.values()]
     for name in (name for name in FORCES if name in tests):
         row = DOFS.index(_DOF[name])
         bands = [np.quantile(one[:, row], _TAILS, axis=0) for one in forces]
-        found[f"{name}_band"] = ("drawn", "band", "test"), np.array(bands)
-    return found
+        table[f"{name}_band"] = ("drawn", "band", "test"), np.array(bands)
+    return table
 
 
-def comparison_rows(found: xr.Dataset) -> list[dict]:
-    """R2, root mean square of what is left, and share of tests inside the bands, by force and kind of draws.
+def comparison_rows(bands: xr.Dataset) -> list[dict]:
+    """R2, root mean square residual, and fraction of tests inside the bands, by force and distribution of the draws.
 
-    Squares count at the scale of the nominal speed, as in the fit; ``rms`` and ``rms_force`` are prime at it.
+    Forces are prime at the nominal speed, as in the fit.
     """
-    weight = (found["u"].values ** 2 + found["v"].values ** 2) / found.attrs["U_nom"] ** 2
+    weight = (bands["u"].values ** 2 + bands["v"].values ** 2) / bands.attrs["U_nom"] ** 2
     rows = []
-    for name in (name for name in FORCES if f"{name}_band" in found):
-        measured = found[name].values
-        for drawn in found["drawn"].values:
-            lower, median, upper = found[f"{name}_band"].sel(drawn=drawn).values
-            left, whole = (measured - median) * weight, (measured - measured.mean()) * weight
+    for name in (name for name in FORCES if f"{name}_band" in bands):
+        measured = bands[name].values
+        for drawn in bands["drawn"].values:
+            lower, median, upper = bands[f"{name}_band"].sel(drawn=drawn).values
+            residual, deviation = (measured - median) * weight, (measured - measured.mean()) * weight
             rows.append(
                 {
                     "force": f"{name}'",
                     "drawn": str(drawn),
                     "tests": measured.size,
-                    "R2": float(1.0 - np.sum(left**2) / np.sum(whole**2)),
-                    "rms": float(np.sqrt(np.mean(left**2))),
+                    "R2": float(1.0 - np.sum(residual**2) / np.sum(deviation**2)),
+                    "rms": float(np.sqrt(np.mean(residual**2))),
                     "rms_force": float(np.sqrt(np.mean((measured * weight) ** 2))),
                     "half_width": float(np.mean(0.5 * (upper - lower) * weight)),
                     "inside": float(np.mean((measured >= lower) & (measured <= upper))),
@@ -82,35 +82,33 @@ def comparison_rows(found: xr.Dataset) -> list[dict]:
 
 
 def comparison_page_table(rows: Sequence[Mapping]) -> tuple[list[dict], dict]:
-    """Rows of :func:`comparison_rows` in % of the force, and the columns in which a page shows them."""
-    shown = []
+    """Rows of :func:`comparison_rows` in % of the force, and the columns of a page's table."""
+    percentages = []
     for row in rows:
         relative = {key: 100.0 * row[key] / row["rms_force"] for key in ("rms", "half_width")}
-        shown.append(dict(row) | relative | {"inside": 100.0 * row["inside"]})
-    columns = {"force": ("force", str), "drawn": ("ships drawn from", str), "tests": ("tests", fixed_point(0))}
-    columns |= {"R2": ("R²", fixed_point(3)), "rms": ("left, % of the force", fixed_point(1))}
-    return shown, columns | {
-        "half_width": ("half width of the band, %", fixed_point(1)),
-        "inside": ("inside, %", fixed_point(0)),
-    }
+        percentages.append(dict(row) | relative | {"inside": 100.0 * row["inside"]})
+    columns = {"force": ("force", str), "drawn": ("draws", str), "tests": ("tests", fixed_point(0))}
+    columns |= {"R2": ("R²", fixed_point(3)), "rms": ("residual, % of the force", fixed_point(1))}
+    columns |= {"half_width": ("half width of the band, %", fixed_point(1)), "inside": ("inside, %", fixed_point(0))}
+    return percentages, columns
 
 
 @house_style
-def captive_figure(found: xr.Dataset) -> Figure:
-    """Measured forces and the bands of ships against drift, yaw and rudder, the others zero, at the usual speed."""
-    motion, drawn = _shown(found), _series(found)
-    forces = [name for name in FORCES if f"{name}_band" in found]
-    columns = max(len(drawn), 1)
+def captive_figure(bands: xr.Dataset) -> Figure:
+    """Measured forces and bands against drift, yaw rate and rudder, the others zero, near the median speed."""
+    motion, series = _figure_motion(bands), _series(bands)
+    forces = [name for name in FORCES if f"{name}_band" in bands]
+    columns = max(len(series), 1)
     fig, axes = subplots(3.2 * columns + 1.0, 2.1 * len(forces) + 0.5, len(forces), columns)
-    colours = dict(zip(found["drawn"].values, (NOISE, BLUE, RUST), strict=False))
-    for column, (quantity, places) in enumerate(drawn.items()):
+    colours = dict(zip(bands["drawn"].values, (NOISE, BLUE, RUST), strict=False))
+    for column, (quantity, tests) in enumerate(series.items()):
         for row, name in enumerate(forces):
-            ax, at = axes[row, column], motion[quantity][places]
+            ax, at = axes[row, column], motion[quantity][tests]
             for kind, colour in colours.items():
-                lower, median, upper = 1e3 * found[f"{name}_band"].sel(drawn=kind).values[:, places]
+                lower, median, upper = 1e3 * bands[f"{name}_band"].sel(drawn=kind).values[:, tests]
                 ax.fill_between(at, lower, upper, color=colour, alpha=0.45, lw=0, label=f"{kind}, 95 % band")
                 ax.plot(at, median, color=colour, lw=1.0)
-            ax.plot(at, 1e3 * found[name].values[places], "o", ms=3.0, color=REFERENCE, label="measured")
+            ax.plot(at, 1e3 * bands[name].values[tests], "o", ms=3.0, color=REFERENCE, label="measured")
             if column == 0:
                 ax.set_ylabel(f"{name}' · 10³")
         axes[-1, column].set_xlabel(_SERIES[quantity])
@@ -119,20 +117,20 @@ def captive_figure(found: xr.Dataset) -> Figure:
     return fig
 
 
-def _series(found: xr.Dataset) -> dict[str, np.ndarray]:
-    """Places of the tests that differ in one quantity alone, in its order, at the usual speed, by that quantity."""
-    motion, speed = _shown(found), np.hypot(found["u"].values, found["v"].values)
+def _series(bands: xr.Dataset) -> dict[str, np.ndarray]:
+    """Indices, in order of the quantity, of the tests in which one quantity alone varies, by quantity."""
+    motion, speed = _figure_motion(bands), np.hypot(bands["u"].values, bands["v"].values)
     usual, series = np.abs(speed / np.median(speed) - 1.0) < _AT_SPEED, {}
     for name, values in motion.items():
         others = [np.isclose(motion[other], 0.0) for other in motion if other != name]
-        places = np.flatnonzero(usual & np.all(others, axis=0))
-        if places.size >= _FEWEST and np.ptp(values[places]) > 0.0:
-            series[name] = places[np.argsort(values[places])]
+        tests = np.flatnonzero(usual & np.all(others, axis=0))
+        if tests.size >= _FEWEST and np.ptp(values[tests]) > 0.0:
+            series[name] = tests[np.argsort(values[tests])]
     return series
 
 
-def _shown(found: xr.Dataset) -> dict[str, np.ndarray]:
-    """Drift angle and rudder [deg] and prime yaw rate of the tests."""
-    u, v, r, delta = (found[name].values for name in ("u", "v", "r", "delta"))
-    yaw = r * found.attrs["L"] / np.hypot(u, v)
+def _figure_motion(bands: xr.Dataset) -> dict[str, np.ndarray]:
+    """Drift angle and rudder angle [deg] and prime yaw rate of the tests."""
+    u, v, r, delta = (bands[name].values for name in ("u", "v", "r", "delta"))
+    yaw = r * bands.attrs["L"] / np.hypot(u, v)
     return {"beta": np.rad2deg(np.arctan2(-v, u)), "r": yaw, "delta": np.rad2deg(delta)}

@@ -1,4 +1,4 @@
-"""Reading of captive tests: rows of drift, yaw, rudder, speed and revolutions with the measured forces."""
+"""Reading of captive tests: drift, yaw rate, rudder, speed and revolutions with the measured forces."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FORCES = ("X", "Y", "N")
 """Measured forces; a file has one of them or more."""
 
 _FROUDE = (0.1, 2.0)
-"""Speeds of captive tests over the nominal one, the median of them."""
+"""Range of the median speed of captive tests over the nominal speed."""
 
 
 @dataclass(frozen=True)
 class _Quantity:
-    """A column: the headings that name it, small letters where these do not matter, and its unit, None for a prime."""
+    """Headings of a column, and its unit, None for a prime value."""
 
     headings: tuple[str, ...]
     unit: Unit | None = None
@@ -47,16 +47,16 @@ _KEYS = {"rudder_positive", "reference", "forces", "froude", "facility", "delimi
 def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | Mapping | None = None) -> xr.Dataset:
     """Read captive tests from a text file, plain or gzip: one row for each steady test.
 
-    Columns are told by their headings, with the unit in brackets behind them: drift angle ``beta``, rudder angle
-    ``delta``, yaw rate ``r`` (without a unit r' = r L / U), speed ``U`` or ``speed``, revolutions ``n``, ``rps`` or
-    ``rpm``, and the prime forces ``X'``, ``Y'`` and ``N'``, over rho/2 L^2 U^2 (N' by L more) of the speed of that row.
-    A column of motion that is left out is 0; without revolutions they are the nominal ones.
+    Columns are recognised by their headings, with the unit in brackets: drift angle ``beta``, rudder angle ``delta``,
+    yaw rate ``r`` (without a unit r' = r L / U), speed ``U`` or ``speed``, revolutions ``n``, ``rps`` or ``rpm``, and
+    the prime forces ``X'``, ``Y'`` and ``N'``, over rho/2 L^2 U^2 (N' by L more) at the speed of that row. A missing
+    column of motion is 0; missing revolutions are the nominal ones.
 
     Parameters
     ----------
     path : str or Path
     vessel : Vessel, str or Path
-        Gives L and the nominal speed.
+        For L and the nominal speed.
     format : str, Path or mapping, optional
         TOML file, or its table: ``frame.rudder_positive``, ``frame.reference``, ``frame.forces``, ``scale.froude``; see
         docs/reference/format_toml.md.
@@ -64,13 +64,13 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     Returns
     -------
     Dataset, dims (test,)
-        u, v [m/s], r [rad/s] and delta [rad] of the ship about her origin, n [1/s] where it was measured, and the
-        prime forces. ``attrs["reading"]`` has a line for each thing that was changed.
+        u, v [m/s], r [rad/s] and delta [rad] of the full-scale ship about its origin, n [1/s] if measured, and the
+        prime forces. ``attrs["reading"]`` has a line for each conversion.
 
     Raises
     ------
     TrialError
-        For a file, heading, unit or cell that cannot be read, and speeds that are not those of this ship.
+        For a file, heading, unit or cell that cannot be read, and speeds far from the nominal one.
 
     Examples
     --------
@@ -89,21 +89,21 @@ def read_captive(path: str | Path, vessel: VesselLike, *, format: str | Path | M
     table = text_table(path, layout)
     columns = _columns(table, path)
     cells, notes = table_cells(table, columns, path)
-    found = {name: column.si(cells[name]) for name, column in columns.items()}
-    bad = [name for name, values in found.items() if not np.isfinite(values).all()]
+    quantities = {name: column.si(cells[name]) for name, column in columns.items()}
+    bad = [name for name, values in quantities.items() if not np.isfinite(values).all()]
     if bad:
         raise TrialError(f"{path}: every captive test needs a number in each column, {bad[0]} lacks one; fill it in.")
-    if "r" in found and not columns["r"].unit:
-        found["r"] = found["r"] * found["U"] / (vessel.particulars.L / layout.froude)
-    tests = _tests(found, layout, vessel)
+    if "r" in quantities and not columns["r"].unit:
+        quantities["r"] = quantities["r"] * quantities["U"] / (vessel.particulars.L / layout.froude)
+    tests = _tests(quantities, layout, vessel)
     _check_speeds(tests, vessel, path)
-    distinct, said = _distinct(tests)
-    return distinct.assign_attrs(reading="\n".join([*table.notes, *notes, *said]), source=path.name)
+    distinct, remarks = _distinct(tests)
+    return distinct.assign_attrs(reading="\n".join([*table.notes, *notes, *remarks]), source=path.name)
 
 
 def _columns(table: TextTable, path: Path) -> dict[str, Column]:
-    """Column of each quantity; TrialError where one is named twice, has a wrong unit or none is measured."""
-    found: dict[str, Column] = {}
+    """Column of each quantity; TrialError if one is repeated, has a wrong unit or no force is measured."""
+    columns: dict[str, Column] = {}
     for index, heading in enumerate(table.headings):
         name, unit = _name_and_unit(heading, table.units[index])
         quantity = next((key for key, one in _MEASURED.items() if name in one.headings), None)
@@ -111,20 +111,20 @@ def _columns(table: TextTable, path: Path) -> dict[str, Column]:
             quantity = next((key for key, one in _MOTION.items() if name.lower() in one.headings), None)
         if quantity is None:
             continue
-        if quantity in found:
+        if quantity in columns:
             raise TrialError(
-                f"{path}: {quantity} is to be read from one column, found {found[quantity].heading!r} and {heading!r}; "
-                "rename one."
+                f"{path}: {quantity} is to be read from one column, found {columns[quantity].heading!r} and "
+                f"{heading!r}; rename one."
             )
-        found[quantity] = _column(
+        columns[quantity] = _column(
             quantity, index, heading, unit or (name if name.lower() in ("rps", "rpm") else ""), path
         )
-    if "U" not in found or not set(FORCES) & set(found):
+    if "U" not in columns or not set(FORCES) & set(columns):
         raise TrialError(
             f"{path}: captive tests have the columns speed and any of X', Y', N', found {', '.join(table.headings)!r}; "
             "rename them."
         )
-    return found
+    return columns
 
 
 def _column(quantity: str, index: int, heading: str, unit: str, path: Path) -> Column:
@@ -141,20 +141,20 @@ def _name_and_unit(heading: str, below: str) -> tuple[str, str]:
     return (bracketed[1].strip(), bracketed[2].strip()) if bracketed else (heading.strip(), below)
 
 
-def _tests(found: dict[str, np.ndarray], layout: TrialFormat, vessel: Vessel) -> xr.Dataset:
-    """Tests of the ship at full scale, about her origin, with a positive rudder that turns her to port."""
+def _tests(quantities: dict[str, np.ndarray], layout: TrialFormat, vessel: Vessel) -> xr.Dataset:
+    """Tests at full scale, about the origin of the ship, with rudder positive for a turn to port."""
     L, root = vessel.particulars.L, np.sqrt(layout.froude)
-    zero = np.zeros_like(found["U"])
-    U, beta = root * found["U"], found.get("beta", zero)
-    u, v, r = U * np.cos(beta), -U * np.sin(beta), found.get("r", zero) / root
+    zero = np.zeros_like(quantities["U"])
+    U, beta = root * quantities["U"], quantities.get("beta", zero)
+    u, v, r = U * np.cos(beta), -U * np.sin(beta), quantities.get("r", zero) / root
     side = 1.0 if layout.rudder_positive == "port" else -1.0
     lever = layout.reference * layout.froude
-    motion = {"u": u, "v": v - lever * r, "r": r, "delta": side * found.get("delta", zero)}
-    if "n" in found:
-        motion["n"] = found["n"] / root
+    motion = {"u": u, "v": v - lever * r, "r": r, "delta": side * quantities.get("delta", zero)}
+    if "n" in quantities:
+        motion["n"] = quantities["n"] / root
     area = 1.0 if layout.forces == "L2" else vessel.particulars.d / L
-    turned = (U / np.hypot(motion["u"], motion["v"])) ** 2
-    forces = {name: area * turned * found[name] for name in FORCES if name in found}
+    speed_ratio = (U / np.hypot(motion["u"], motion["v"])) ** 2
+    forces = {name: area * speed_ratio * quantities[name] for name in FORCES if name in quantities}
     if "N" in forces and lever:
         if "Y" not in forces:
             raise TrialError("A moment about another point than the origin needs Y'; add it, or give N' there.")
@@ -168,14 +168,14 @@ def _check_speeds(tests: xr.Dataset, vessel: Vessel, path: Path) -> None:
     if not _FROUDE[0] < ratio < _FROUDE[1]:
         raise TrialError(
             f"{path}: captive tests are at speeds near the ship's nominal {nominal:.3g} m/s, found "
-            f"{ratio * nominal:.3g} m/s in the middle; state the scale of the model as scale.froude in a format file, "
-            "or correct the unit."
+            f"a median of {ratio * nominal:.3g} m/s; give the scale of the model as scale.froude in a format file, or "
+            "correct the unit."
         )
 
 
 def _distinct(tests: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
-    """Tests without those that stand there twice, and a sentence on these."""
+    """Tests without repeated rows, and a remark on these."""
     rows = np.column_stack([tests[name].values for name in tests])
     first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
-    twice = len(rows) - first.size
-    return tests.isel(test=first), [f"{twice} rows that stand there twice are counted once."] if twice else []
+    repeated = len(rows) - first.size
+    return tests.isel(test=first), [f"{repeated} repeated rows are counted once."] if repeated else []

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pymc_ship.machine.arguments import shown
+from pymc_ship.machine.arguments import short_repr
 from pymc_ship.machine.errors import InferenceError
 
 _FRAMES = 2

@@ -1,4 +1,4 @@
-"""Denoising of a signal and of a trial: wavelets with empirical-Bayes thresholding, and the smoothers beside them."""
+"""Denoising of a signal and of a trial, by empirical-Bayes thresholding of wavelets or by a linear smoother."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ METHODS = ("wavelet", *SMOOTHERS)
 """Methods of :func:`denoise`."""
 
 MIN_LENGTH = 16
-"""Fewest samples that can be denoised: one level of wavelets and eight coefficients above it."""
+"""Fewest samples of a signal: one level of wavelets and eight coefficients of the approximation."""
 
 
 def denoise(
@@ -35,7 +35,7 @@ def denoise(
     channels: Sequence[str] | None = None,
     **options: Any,
 ) -> xr.Dataset:
-    """Denoise the motion channels of a trial; everything else stays as it is.
+    """Denoise the motion channels of a trial.
 
     Parameters
     ----------
@@ -44,23 +44,22 @@ def denoise(
     wavelet, prior, translation_invariant, method
         As for :func:`denoise_signal`.
     channels : sequence of str, optional
-        Variables to denoise; by default the motion channels that the trial has, without its track.
+        Variables to denoise; by default the motion channels of the trial, without its track.
     **options
         ``scale``, ``rule``, ``levels``, ``boundary`` of :func:`denoise_signal`.
 
     Returns
     -------
     Dataset
-        The trial with smooth channels; ``noise_sdev`` in the attrs of each, and ``denoised`` (names of the channels),
-        ``denoise_wavelet``, ``denoise_transform``, ``denoise_prior`` and the options given in the attrs of the trial;
-        for the other methods ``denoise_method`` there and the parameter chosen, such as ``denoise_window``, in the
-        attrs of each channel.
+        The trial with denoised channels. Attrs of the trial: ``denoised`` (names of the channels), ``denoise_wavelet``,
+        ``denoise_transform``, ``denoise_prior`` and the options, or ``denoise_method`` for a smoother. Attrs of each
+        channel: ``noise_sdev`` and the parameter of a smoother, such as ``denoise_window``.
 
     Raises
     ------
     ValueError
-        For a channel that is missing, not finite or not a function of time alone, for times that are not uniform (as
-        :func:`pymc_ship.trial.record.check_trial`), and as :func:`denoise_signal`.
+        For a channel that is missing, not finite or not a function of time alone, for times that are not uniform, and
+        as :func:`denoise_signal`.
 
     Examples
     --------
@@ -78,31 +77,31 @@ def denoise(
     trial = as_trial(trial)
     choice = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant}
     _check_method(method, denoise, choice | options)
-    chosen = denoised_channels(trial, channels)
+    names = channels_to_denoise(trial, channels)
 
     def smooth(name: str) -> tuple[np.ndarray, dict[str, Any]]:
-        return _denoised(trial[name].to_numpy(), f"channel {name}", method, choice | options)
+        return _denoise(trial[name].to_numpy(), f"channel {name}", method, choice | options)
 
     with thread_pool(2) as pool:
-        results = list(pool.map(smooth, chosen))
-    found = trial.copy()
-    for name, (estimate, said) in zip(chosen, results, strict=True):
-        found[name] = trial[name].copy(data=estimate).assign_attrs(said)
+        results = list(pool.map(smooth, names))
+    denoised = trial.copy()
+    for name, (estimate, attrs) in zip(names, results, strict=True):
+        denoised[name] = trial[name].copy(data=estimate).assign_attrs(attrs)
     transform = "translation invariant" if translation_invariant else "decimated"
     record = {"wavelet": wavelet, "transform": transform, "prior": prior, **options}
     record = {"method": method} if method in SMOOTHERS else record
     record = {f"denoise_{key}": value for key, value in record.items() if value is not None}
-    return found.assign_attrs(denoised=" ".join(chosen), **record)
+    return denoised.assign_attrs(denoised=" ".join(names), **record)
 
 
-def denoised_channels(trial: xr.Dataset, channels: Sequence[str] | None) -> list[str]:
-    """Names of the channels to denoise, by default the motion that a trial has; each is finite over uniform time."""
+def channels_to_denoise(trial: xr.Dataset, channels: Sequence[str] | None) -> list[str]:
+    """Names of the channels to denoise, checked; by default the motion channels of the trial."""
     known = channel_names(lambda channel: channel.denoised)
-    chosen = [name for name in known if name in trial] if channels is None else list(channels)
-    if not chosen:
+    names = [name for name in known if name in trial] if channels is None else list(channels)
+    if not names:
         raise ValueError(f"Denoising needs one of the channels {', '.join(known)}, found none; name the channels.")
-    check_trial(trial, chosen)
-    return chosen
+    check_trial(trial, names)
+    return names
 
 
 def denoise_signal(
@@ -120,31 +119,29 @@ def denoise_signal(
     """Denoise a uniformly sampled signal, by empirical-Bayes thresholding of its wavelet coefficients or a smoother.
 
     Every level of detail is thresholded with its own weight and scale by :mod:`pymc_ship.records.denoising.ebayes`; the
-    noise standard deviation is 1.4826 times the median absolute deviation, about the median, of the finest level; the
-    coarsest approximation is left alone. A signal whose noise is zero or within the accuracy of the filters comes back
-    as it is.
+    noise standard deviation is 1.4826 times the median absolute deviation, about the median, of the finest level. A
+    signal without noise is returned unchanged.
 
     Parameters
     ----------
     y : array_like, shape (n_time,)
-        Signal, at least :data:`MIN_LENGTH` samples.
+        At least :data:`MIN_LENGTH` samples.
     wavelet : str, optional
         An orthogonal wavelet of PyWavelets.
     prior : {"laplace", "cauchy"}, optional
     translation_invariant : bool, optional
         Whether to average over all shifts (stationary transform) or to use the decimated transform.
     method : {"wavelet", "savitzky_golay", "low_pass", "rts"}, optional
-        The smoothers beside the wavelets choose their one parameter from the signal, by generalised cross-validation
-        (the window of local cubics; the cut-off of a Butterworth filter run forward and backward) or by marginal
-        likelihood (the variance of a slope that is a random walk), and take no other option.
+        The smoothers choose their parameter by generalised cross-validation (window of local cubics; cut-off of a
+        zero-phase Butterworth filter) or by marginal likelihood (variance of a random-walk slope), and take no option.
     scale : float or None, optional
         Scale of the Laplace density; None estimates it.
     rule : {"median", "mean", "hard", "soft"}, optional
     levels : int or None, optional
         Levels of detail; by default floor(log2(n_time)) - 3.
     boundary : {"reflect", "periodic"}, optional
-        How the signal goes on beyond its ends, see :data:`~pymc_ship.records.denoising.wavelets.BOUNDARIES`. "periodic"
-        asks for a length that is a multiple of 2**levels.
+        Extension past the ends, see :data:`~pymc_ship.records.denoising.wavelets.BOUNDARIES`. "periodic" needs a
+        length that is a multiple of 2**levels.
 
     Returns
     -------
@@ -154,7 +151,7 @@ def denoise_signal(
     ------
     ValueError
         For an unknown method, wavelet, prior, rule or boundary, levels out of range, options that the method does not
-        have, a signal that is too short, not one-dimensional or not finite.
+        have, or a signal that is too short, not one-dimensional or not finite.
 
     References
     ----------
@@ -174,15 +171,15 @@ def denoise_signal(
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, "scale": scale}
     settings |= {"rule": rule, "levels": levels, "boundary": boundary}
     _check_method(method, denoise_signal, settings)
-    return _denoised(y, "signal", method, settings)[0]
+    return _denoise(y, "signal", method, settings)[0]
 
 
-def _denoised(y: ArrayLike, what: str, method: str, settings: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
-    """Smooth signal and what its record says of it; ``what`` names the signal in errors."""
+def _denoise(y: ArrayLike, what: str, method: str, settings: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
+    """Denoised signal and its attrs; ``what`` names the signal in errors."""
     signal = finite_signal(y, what)
     if method in SMOOTHERS:
-        found = smooth_signal(signal, method)
-        return found.estimate, {"noise_sdev": found.sdev, f"denoise_{SMOOTHERS[method].parameter}": found.parameter}
+        smooth = smooth_signal(signal, method)
+        return smooth.estimate, {"noise_sdev": smooth.sdev, f"denoise_{SMOOTHERS[method].parameter}": smooth.parameter}
     rule = settings.get("rule", "median")
     check_choice("The rule", rule, RULES)
     shrunk = shrinkage(signal, what, **{name: value for name, value in settings.items() if name != "rule"})
@@ -190,7 +187,7 @@ def _denoised(y: ArrayLike, what: str, method: str, settings: dict[str, Any]) ->
 
 
 def _check_method(method: str, function: Callable[..., object], settings: dict[str, Any]) -> None:
-    """Refuse an unknown method, and settings of the wavelets for a method that has none."""
+    """Raise ValueError for an unknown method, and for wavelet settings of a smoother."""
     check_choice("The method", method, METHODS)
     defaults = {name: argument.default for name, argument in signature(function).parameters.items()}
     changed = [name for name, value in settings.items() if value != defaults.get(name)]
@@ -202,7 +199,7 @@ def _check_method(method: str, function: Callable[..., object], settings: dict[s
 
 
 def finite_signal(y: ArrayLike, what: str) -> np.ndarray:
-    """Signal as an array of finite numbers that is long enough."""
+    """Signal as an array, checked for length and finite values."""
     signal = np.asarray(y, dtype=float)
     if signal.ndim != 1 or signal.size < MIN_LENGTH:
         raise ValueError(

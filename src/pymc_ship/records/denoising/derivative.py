@@ -24,11 +24,11 @@ def derivative(
     step : float
         Sampling step [s].
     method : {"euler", "central", "savgol"}, optional
-        "euler": forward difference over one step, exact for records made by explicit Euler with that step; the last
-        sample repeats the last difference. "central": second-order differences, one-sided at the ends. "savgol":
-        derivative of the local least-squares polynomial (Savitzky & Golay, Anal. Chem. 36:1627, 1964).
+        "euler": forward difference, exact for records of explicit Euler steps; the last difference is repeated.
+        "central": second-order differences, one-sided at the ends. "savgol": derivative of the local least-squares
+        polynomial (Savitzky & Golay, Anal. Chem. 36:1627, 1964).
     window : float, optional
-        Length of the Savitzky-Golay window [s]; an odd number of samples is taken, at least order + 2.
+        Length of the Savitzky-Golay window [s], rounded to an odd number of samples, at least order + 2.
     order : int, optional
         Order of its polynomial.
 
@@ -40,8 +40,8 @@ def derivative(
     Raises
     ------
     ValueError
-        For an unknown method, a step or window that is not positive, an order below 1, values that are not finite and
-        a signal shorter than the method needs.
+        For an unknown method, a step or window not positive, an order below 1, values that are not finite, or a signal
+        too short for the method.
 
     Examples
     --------
@@ -59,8 +59,10 @@ def derivative(
     signal = np.asarray(values, dtype=float)
     check_choice("The method", method, DERIVATIVES)
     if not (0.0 < step < math.inf and 0.0 < window < math.inf and order >= 1):
-        found = f"{step:g} s, {window:g} s and {order}"
-        raise ValueError(f"Step and window must be positive and the order at least 1, found {found}; mend them.")
+        raise ValueError(
+            f"Step and window must be positive and the order at least 1, found {step:g} s, {window:g} s and {order}; "
+            "correct them."
+        )
     length = 2 * max(round(0.5 * window / step), (order + 2) // 2) + 1
     needed = {"euler": 2, "central": 3, "savgol": length}[method]
     n_time = signal.shape[-1] if signal.ndim else 1

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pymc_ship.machine.seeds import Seed, random_generator
 from pymc_ship.machine.threads import thread_pool
-from pymc_ship.records.denoising.denoise import denoised_channels, finite_signal
+from pymc_ship.records.denoising.denoise import channels_to_denoise, finite_signal
 from pymc_ship.records.denoising.shrinkage import shrinkage
 from pymc_ship.trial.record import as_trial
 
@@ -27,7 +27,7 @@ def denoise_draws(
     channels: Sequence[str] | None = None,
     **options: Any,
 ) -> xr.Dataset:
-    """Draw the motion channels of a trial from the posterior that :func:`pymc_ship.denoise` estimates them by.
+    """Draw the motion channels of a trial from the posterior behind :func:`pymc_ship.denoise`.
 
     Parameters
     ----------
@@ -41,8 +41,8 @@ def denoise_draws(
     Returns
     -------
     Dataset, dims (draw, time)
-        The trial with its channels drawn independently of each other; what is not denoised has no draws. Each
-        ``isel(draw=k)`` is a trial, ``std("draw")`` the pointwise standard deviation.
+        The trial with draws of its denoised channels, independent of each other. Each ``isel(draw=k)`` is a trial,
+        ``std("draw")`` the pointwise standard deviation.
 
     Raises
     ------
@@ -63,18 +63,18 @@ def denoise_draws(
     4.4 mm/s, 3.1 mm/s
     """
     rng, trial = random_generator(rng), as_trial(trial)
-    chosen = denoised_channels(trial, channels)
+    names = channels_to_denoise(trial, channels)
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
 
-    def drawn(name: str, rng: np.random.Generator) -> np.ndarray:
-        return _drawn(trial[name].to_numpy(), f"channel {name}", draws, rng, settings)
+    def draw(name: str, rng: np.random.Generator) -> np.ndarray:
+        return _draw(trial[name].to_numpy(), f"channel {name}", draws, rng, settings)
 
     with thread_pool(2) as pool:
-        results = list(pool.map(drawn, chosen, rng.spawn(len(chosen))))
-    found = trial.assign_coords(draw=np.arange(draws))
-    for name, values in zip(chosen, results, strict=True):
-        found[name] = (("draw", "time"), values, trial[name].attrs)
-    return found.assign_attrs(denoised=" ".join(chosen))
+        results = list(pool.map(draw, names, rng.spawn(len(names))))
+    drawn = trial.assign_coords(draw=np.arange(draws))
+    for name, values in zip(names, results, strict=True):
+        drawn[name] = (("draw", "time"), values, trial[name].attrs)
+    return drawn.assign_attrs(denoised=" ".join(names))
 
 
 def denoise_signal_draws(
@@ -87,13 +87,12 @@ def denoise_signal_draws(
     rng: Seed,
     **options: Any,
 ) -> np.ndarray:
-    """Draw a signal from the posterior that :func:`pymc_ship.denoise_signal` estimates it by.
+    """Draw a signal from the posterior behind :func:`pymc_ship.denoise_signal`.
 
-    In one orthogonal wavelet basis the posterior of the spike and slab is exact: every coefficient of detail is zero or
-    from its slab, independently of the others, and the coarsest approximation is normal about its observation. The
-    translation-invariant estimate is a mean over bases, one for each shift of the signal. A draw then takes one of the
-    shifts at random: the mean of the draws is the estimate of the rule "mean", and their spread includes what the
-    shifts disagree about. The noise's standard deviation and the prior of each level are taken as known.
+    In one orthogonal wavelet basis the spike-and-slab posterior is exact: the coefficients of detail are independent,
+    and the coarsest approximation is normal about its observation. The translation-invariant estimate is a mean over
+    the bases of all shifts of the signal: each draw takes one shift at random, so that the mean of the draws is the
+    estimate of the rule "mean". Noise standard deviation and prior of each level count as known.
 
     Parameters
     ----------
@@ -120,7 +119,7 @@ def denoise_signal_draws(
 
     Examples
     --------
-    Pointwise intervals of 90 % and the share of the truth that they hold:
+    Coverage of the true signal by pointwise intervals of 90 %:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
@@ -132,12 +131,12 @@ def denoise_signal_draws(
     0.96
     """
     settings = {"wavelet": wavelet, "prior": prior, "translation_invariant": translation_invariant, **options}
-    return _drawn(y, "signal", draws, random_generator(rng), settings)
+    return _draw(y, "signal", draws, random_generator(rng), settings)
 
 
-def _drawn(y: ArrayLike, what: str, draws: int, rng: np.random.Generator, settings: dict[str, Any]) -> np.ndarray:
+def _draw(y: ArrayLike, what: str, draws: int, rng: np.random.Generator, settings: dict[str, Any]) -> np.ndarray:
     """Draws of a signal, shape (draws, n_time); ``what`` names it in errors."""
     if draws < 1:
-        raise ValueError(f"A posterior is drawn from at least once, found {draws} draws; raise it.")
+        raise ValueError(f"The number of draws must be 1 or more, found {draws}; raise draws.")
     shrunk = shrinkage(finite_signal(y, what), what, **settings)
     return np.array([shrunk.draw(rng) for _ in range(draws)])

@@ -1,11 +1,8 @@
 """Empirical-Bayes thresholding of a vector of noisy means: Johnstone & Silverman (2004, 2005).
 
-A mean is zero with probability 1 - w and otherwise has a heavy-tailed density: Laplace, (a/2) exp(-a|u|), or
-quasi-Cauchy. The weight w, and the scale a of the Laplace density if wished, maximise the marginal likelihood; the
-estimate is the posterior median or mean, or a threshold is read off the posterior. Everything but
-:func:`ebayes_threshold` is in units of the noise standard deviation. With M the Mills ratio, every Laplace quantity is
-made of two bounded numbers, exp(-s) R(x - a) and exp(-s) M(x + a), R(z) = Phi(z)/phi(z), s = max(x - a, 0)^2/2: nothing
-overflows and no large x needs a cap.
+A mean is zero with probability 1 - w, otherwise its density is Laplace, (a/2) exp(-a|u|), or quasi-Cauchy. Weight w
+and, if not given, scale a maximise the marginal likelihood. All but :func:`ebayes_threshold` is in units of the noise
+standard deviation.
 
 Johnstone & Silverman: Ann. Statist. 32(4):1594 (2004), doi:10.1214/009053604000000030; J. Stat. Softw. 12(8) (2005),
 doi:10.18637/jss.v012.i08; Ann. Statist. 33(4):1700 (2005), doi:10.1214/009053605000000345.
@@ -51,7 +48,7 @@ _COMPILING = Lock()
 
 @dataclass(frozen=True)
 class EbayesEstimate:
-    """What :func:`ebayes_threshold` returns.
+    """Result of :func:`ebayes_threshold`.
 
     Attributes
     ----------
@@ -64,7 +61,7 @@ class EbayesEstimate:
     sdev, threshold : float
         Noise standard deviation and threshold, in the units of the data.
     log_likelihood : float
-        Marginal log likelihood less that of weight 0 (all means zero).
+        Marginal log likelihood minus that of weight 0 (all means zero).
     """
 
     estimate: np.ndarray
@@ -94,16 +91,16 @@ def ebayes_threshold(
     prior : {"laplace", "cauchy"}, optional
         Density of the means that are not zero.
     scale : float or None, optional
-        Scale a of the Laplace density in units of 1 / sdev; None estimates it with the weight by marginal maximum
-        likelihood within :data:`SCALE_BOX`. Without meaning for the quasi-Cauchy density.
+        Scale a of the Laplace density in units of 1 / sdev; None estimates it with the weight by maximum marginal
+        likelihood within :data:`SCALE_BOX`. Ignored for the quasi-Cauchy density.
     sdev : float or None, optional
-        Noise standard deviation; None takes 1.4826 times the median of abs(x). Where that is zero the data hold no
-        noise and come back as they are, with weight 1.
+        Noise standard deviation; None takes 1.4826 times the median of abs(x). If that is zero, the data are returned
+        unchanged with weight 1.
     rule : {"median", "mean", "hard", "soft"}, optional
     universal_bound : bool, optional
         Whether the posterior-median threshold may not exceed sdev sqrt(2 log n).
     threshold : {"posterior_median", "bayes_factor"}, optional
-        Which threshold is reported, and used by the hard and soft rules.
+        Threshold to report, and to apply by the hard and soft rules.
 
     Returns
     -------
@@ -112,8 +109,7 @@ def ebayes_threshold(
     Raises
     ------
     ValueError
-        For an unknown prior, rule or threshold, for empty data or data that are not finite, and for a scale or sdev
-        that is not positive.
+        For an unknown prior, rule or threshold, data that are empty or not finite, a scale or sdev not positive.
 
     References
     ----------
@@ -154,7 +150,7 @@ def mad(x: ArrayLike) -> float:
 def fit_prior(
     x: ArrayLike, prior: str = "laplace", scale: float | None = 0.5, *, universal_bound: bool = True
 ) -> tuple[float, float, float]:
-    """Weight, scale and log likelihood of the prior by marginal maximum likelihood.
+    """Weight, scale and log likelihood of the prior by maximum marginal likelihood.
 
     Parameters
     ----------
@@ -166,7 +162,7 @@ def fit_prior(
     Returns
     -------
     weight, scale, log_likelihood : float
-        The scale is nan for the quasi-Cauchy density; the log likelihood is less that of weight 0.
+        The scale is nan for the quasi-Cauchy density; the log likelihood is relative to weight 0.
 
     Raises
     ------
@@ -194,10 +190,9 @@ def shrink(
     *,
     threshold: str = "posterior_median",
 ) -> np.ndarray:
-    """Estimate of each mean under a prior that is known, by one of :data:`RULES`; the units are the noise's.
+    """Estimate of each mean under a known prior, by one of :data:`RULES`, in units of the noise.
 
-    Parameters are those of :func:`ebayes_threshold`; weight and scale are broadcast against x by the rules "median" and
-    "mean" and are single numbers for "hard" and "soft".
+    Weight and scale are broadcast against x by the rules "median" and "mean", single numbers for "hard" and "soft".
     """
     check_choice("The rule", rule, RULES)
     if rule == "median":
@@ -211,15 +206,12 @@ def shrink(
 
 
 def beta_laplace(x: ArrayLike, scale: ArrayLike = 0.5) -> np.ndarray:
-    """Ratio of the marginal densities of x under Laplace means and zero means, less 1: beta(x) of the papers.
-
-    Infinite where it exceeds the largest float (x beyond about scale + 37).
-    """
+    """Ratio of the marginal densities of x under Laplace means and zero means, minus 1: beta(x) of the papers."""
     return _evaluate(beta_value, x, _code("laplace", scale))
 
 
 def beta_cauchy(x: ArrayLike) -> np.ndarray:
-    """Ratio of the marginal densities of x under quasi-Cauchy means and zero means, less 1; -1/2 at x = 0."""
+    """Ratio of the marginal densities of x under quasi-Cauchy means and zero means, minus 1."""
     return _evaluate(beta_value, x, math.nan)
 
 
@@ -241,29 +233,21 @@ def posterior_median(x: ArrayLike, weight: ArrayLike, prior: str = "laplace", sc
 def posterior_draw(
     x: ArrayLike, weight: float, prior: str = "laplace", scale: float = 0.5, *, rng: np.random.Generator
 ) -> np.ndarray:
-    """One draw of the mean behind each x from its posterior, in the units of the noise: exactly zero or of the slab."""
+    """One posterior draw of the mean behind each x, in units of the noise: zero or from the slab."""
     uniform = rng.random(np.shape(x))
     normal = rng.standard_normal(np.shape(x)) if prior == "cauchy" else 0.0
     return _evaluate(draw_value, x, _probability(weight), _code(prior, scale), uniform, normal)
 
 
 def weight_from_threshold(threshold: ArrayLike, prior: str = "laplace", scale: ArrayLike = 0.5) -> np.ndarray:
-    """Weight under which the posterior median leaves zero at the threshold (>= 0); both are broadcast."""
+    """Weight whose posterior median is zero up to the threshold (>= 0); broadcast with scale."""
     return _evaluate(weight_at_threshold, threshold, _code(prior, scale))
 
 
 def threshold_from_weight(
     weight: float, prior: str = "laplace", scale: float = 0.5, threshold: str = "posterior_median"
 ) -> float:
-    """Threshold of a weight in [0, 1], in units of the noise standard deviation; infinite for weight 0.
-
-    Parameters
-    ----------
-    weight : float
-    prior : {"laplace", "cauchy"}, optional
-    scale : float, optional
-    threshold : {"posterior_median", "bayes_factor"}, optional
-        The largest x whose posterior median is zero, or whose posterior probability of a zero mean is at least 1/2.
+    """Threshold of a weight in [0, 1], one of :data:`THRESHOLDS`, in units of the noise; infinite for weight 0.
 
     Raises
     ------
@@ -278,8 +262,8 @@ def threshold_from_weight(
 def _observations(x: ArrayLike) -> np.ndarray:
     values = np.asarray(x, dtype=float)
     if values.size == 0 or not np.isfinite(values).all():
-        found = "none" if values.size == 0 else f"{np.count_nonzero(~np.isfinite(values))} that are not"
-        raise ValueError(f"Thresholding needs finite observations, found {found}; leave out or fill the gaps first.")
+        fault = "none" if values.size == 0 else f"{np.count_nonzero(~np.isfinite(values))} that are not"
+        raise ValueError(f"Thresholding needs finite observations, found {fault}; leave out or fill the gaps first.")
     return values
 
 
@@ -297,7 +281,7 @@ def _probability(weight: Any) -> Any:
 
 
 def _code(prior: str, scale: Any) -> Any:
-    """Scale as the kernels want it: nan stands for the quasi-Cauchy density."""
+    """Scale argument of the kernels: nan for the quasi-Cauchy density."""
     check_choice("The prior", prior, PRIORS)
     if prior == "cauchy":
         return math.nan
@@ -306,6 +290,6 @@ def _code(prior: str, scale: Any) -> Any:
 
 
 def _evaluate(kernel: np.ufunc, *arguments: ArrayLike) -> np.ndarray:
-    """Call a ufunc of numba; the first call compiles it, and two threads may not do that at once."""
+    """Call a ufunc of numba; a lock guards its compilation at the first call."""
     with np.errstate(over="ignore"), nullcontext() if kernel.ntypes else _COMPILING:
         return kernel(*(np.asarray(argument, dtype=float) for argument in arguments))

@@ -1,4 +1,4 @@
-"""The wavelet coefficients of a signal with the spike-and-slab posterior of each: point estimates and draws."""
+"""Spike-and-slab posterior of the wavelet coefficients of a signal: point estimates and draws."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from pymc_ship.records.denoising.ebayes import PRIORS, fit_prior, mad, posterior
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """A signal, how it was extended past its ends, and the prior of its wavelet coefficients at every level.
+    """A signal with its extension past the ends, and the prior of its wavelet coefficients at every level.
 
     Attributes
     ----------
     signal, trend : ndarray, shape (n_time,)
-        As given, and the parabola that was subtracted before the rest was mirrored.
+        The signal, and the parabola subtracted before the extension.
     padded : ndarray, shape (n_padded,)
-        The rest with its margins, of which ``before`` samples precede the signal; a multiple of 2**levels.
+        Signal minus trend with its margins, ``before`` samples in front; the length is a multiple of 2**levels.
     before, levels : int
     filters : pywt.Wavelet
     translation_invariant : bool
-        Whether the posterior is the mixture over all shifts of the decimated transform.
+        Whether the posterior is a mixture over all shifts of the decimated transform.
     prior : {"laplace", "cauchy"}
     fitted : tuple of (float, float)
         Weight and scale of each level of detail, coarsest first, in units of the noise; empty without noise.
@@ -56,14 +56,12 @@ class Shrinkage:
         return self._signal(wavelets.inverse(approximation, smooth, self.filters, self.translation_invariant))
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """One draw of the posterior, shape (n_time,), at a random shift where the transform is translation invariant.
-
-        The coarsest approximation, which no prior shrinks, is drawn from its flat prior's posterior.
-        """
+        """One posterior draw, shape (n_time,), at a random shift if translation invariant."""
         if not self.sdev:
             return self.signal.copy()
         shift = int(rng.integers(2**self.levels)) if self.translation_invariant else 0
         approximation, details = self._transform(np.roll(self.padded, -shift), False)
+        # the coarsest approximation has a flat prior
         approximation = approximation + self.sdev * rng.standard_normal(approximation.size)
         drawn = [
             self.sdev * posterior_draw(detail / self.sdev, weight, self.prior, scale, rng=rng)
@@ -75,7 +73,7 @@ class Shrinkage:
         return wavelets.transform(padded, self.filters, self.levels, translation_invariant)
 
     def _signal(self, padded: np.ndarray) -> np.ndarray:
-        """The signal itself from its padded form."""
+        """Signal from its padded form."""
         return padded[self.before : self.before + self.signal.size] + self.trend
 
 
@@ -90,7 +88,7 @@ def shrinkage(
     levels: int | None = None,
     boundary: str = "reflect",
 ) -> Shrinkage:
-    """Shrinkage of a finite signal; ``what`` names it in errors, the rest as :func:`pymc_ship.denoise_signal`."""
+    """Shrinkage of a finite signal; parameters as :func:`pymc_ship.denoise_signal`, ``what`` names it in errors."""
     check_choice("The prior", prior, PRIORS)
     check_choice("The boundary", boundary, wavelets.BOUNDARIES)
     filters = wavelets.orthogonal_wavelet(wavelet)

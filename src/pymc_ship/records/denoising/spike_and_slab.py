@@ -1,7 +1,8 @@
-"""Kernels of empirical-Bayes thresholding: densities, posterior and marginal likelihood of the spike and slab.
+"""Compiled kernels of :mod:`pymc_ship.records.denoising.ebayes`: densities, posterior and marginal likelihood.
 
 Arguments are in units of the noise standard deviation; ``a`` is the scale of the Laplace density, nan for the
-quasi-Cauchy. See :mod:`pymc_ship.records.denoising.ebayes` for the model and its sources.
+quasi-Cauchy. With s = max(x - a, 0)^2/2, R(z) = Phi(z)/phi(z) and M the Mills ratio, exp(-s) R(x - a) and
+exp(-s) M(x + a) are bounded, so that nothing overflows.
 """
 
 from __future__ import annotations
@@ -54,10 +55,7 @@ def _laplace_sides(z: float, near: float, far: float) -> tuple[float, float, flo
 
 @_jit
 def _densities(x: float, a: float) -> tuple[float, float, float, float]:
-    """exp(-s) times (1 + beta, odds, 1) at x >= 0, and s.
-
-    The odds are those that the weight of threshold x gives to zero, 1/w - 1.
-    """
+    """exp(-s) times (1 + beta, odds, 1) at x >= 0, and s; the odds are 1/w - 1 for the weight w of threshold x."""
     if not math.isnan(a):
         plus, minus, null, s = _laplace_sides(x - a, _mills(abs(x - a)), _mills(x + a))
         return 0.5 * a * (plus + minus), 0.5 * a * (plus - minus), null, s
@@ -75,7 +73,7 @@ def _densities(x: float, a: float) -> tuple[float, float, float, float]:
 
 @_jit
 def _tail_quantile(log_tail: float) -> float:
-    """Find t >= 0 whose normal tail probability, times the square root of 2 pi, has the logarithm given."""
+    """Find t >= 0 with log(sqrt(2 pi) (1 - Phi(t))) = log_tail, by Newton's method."""
     t = math.sqrt(max(-2.0 * log_tail, 0.0))
     for _ in range(50):
         mills = _mills(t)
@@ -88,7 +86,7 @@ def _tail_quantile(log_tail: float) -> float:
 
 @_jit
 def _laplace_median(x: float, w: float, a: float) -> float:
-    """Posterior median at x >= 0 beyond the threshold; the tail is taken from the side where it is small."""
+    """Posterior median at x >= 0 beyond the threshold, from the smaller tail."""
     z = x - a
     plus, minus, null, _ = _laplace_sides(z, _mills(abs(z)), _mills(x + a))
     tail = null * (1.0 - w) / (w * a) + 0.5 * (plus + minus)
@@ -130,7 +128,7 @@ def _cauchy_median(x: float, w: float) -> float:
 
 @_jit
 def _cauchy_median_near_zero(x: float, target: float) -> float:
-    """Median where the closed form cancels: int_0^m exp(ux - u^2/2) gamma(u) du = target by 8-point quadrature."""
+    """Median for small x: root m of int_0^m exp(ux - u^2/2) gamma(u) du = target, by 8-point quadrature."""
     m = target * _ROOT_TWO_PI
     for _ in range(50):
         total = 0.0
@@ -187,13 +185,13 @@ def median_value(x: float, w: float, a: float) -> float:
 
 
 @_jit
-def _laplace_draw(x: float, a: float, share: float) -> float:
-    """Quantile of the slab's posterior at x >= 0, beyond which a share of it lies: a draw where that is uniform."""
+def _laplace_draw(x: float, a: float, tail: float) -> float:
+    """Quantile of the slab's posterior at x >= 0 with upper tail probability ``tail``: a draw for a uniform tail."""
     z = x - a
     plus, minus, _, _ = _laplace_sides(z, _mills(abs(z)), _mills(x + a))
-    right = share * (plus + minus) / plus
+    right = tail * (plus + minus) / plus
     if right > 1.0:
-        below = max((1.0 - share) * (plus + minus) / minus, _SMALLEST)
+        below = max((1.0 - tail) * (plus + minus) / minus, _SMALLEST)
         return x + a - _tail_quantile(math.log(below * _mills(x + a)) - 0.5 * (x + a) ** 2)
     right = max(right, _SMALLEST)
     if z <= 0.0:
@@ -204,34 +202,34 @@ def _laplace_draw(x: float, a: float, share: float) -> float:
 
 
 @_jit
-def _cauchy_draw(x: float, share: float, normal: float) -> float:
+def _cauchy_draw(x: float, uniform: float, normal: float) -> float:
     """Draw from the slab's posterior at x, from a uniform and a normal number.
 
-    The quasi-Cauchy mean is normal with variance 1/t - 1, t of Beta(1/2, 1); given x the density of t on (0, 1) is
-    proportional to exp(-t x^2/2), and the mean is normal about (1 - t) x with variance 1 - t.
+    The quasi-Cauchy density is a mixture of N(0, 1/t - 1) over t; given x, p(t) ~ exp(-t x^2/2) on (0, 1) and the mean
+    is N((1 - t) x, 1 - t).
     """
     s = 0.5 * x * x
-    t = share if s < 1e-12 else -math.log1p(share * math.expm1(-s)) / s
+    t = uniform if s < 1e-12 else -math.log1p(uniform * math.expm1(-s)) / s
     return (1.0 - t) * x + math.sqrt(max(1.0 - t, 0.0)) * normal
 
 
 @vectorize(cache=True)
 def draw_value(x: float, w: float, a: float, uniform: float, normal: float) -> float:
-    """Draw from the posterior, from a uniform and a normal number; the Laplace density does without the normal."""
+    """Draw from the posterior, from a uniform and (for the quasi-Cauchy density) a normal number."""
     size = abs(x)
     slab, _, null, _ = _densities(size, a)
     weight = w * slab / (w * slab + (1.0 - w) * null) if w > 0.0 else 0.0
     if uniform >= weight:
         return 0.0
-    share = uniform / weight
+    uniform = uniform / weight
     return math.copysign(1.0, x) * (
-        _cauchy_draw(size, share, normal) if math.isnan(a) else _laplace_draw(size, a, share)
+        _cauchy_draw(size, uniform, normal) if math.isnan(a) else _laplace_draw(size, a, uniform)
     )
 
 
 @vectorize(cache=True)
 def weight_at_threshold(threshold: float, a: float) -> float:
-    """Prior weight whose posterior median leaves zero at the threshold."""
+    """Prior weight whose posterior median is zero up to the threshold."""
     _, odds, null, _ = _densities(threshold, a)
     return null / (null + odds)
 
@@ -265,9 +263,9 @@ def _score(ratio: np.ndarray, w: float) -> tuple[float, float]:
 
 @_jit
 def _best_weight(ratio: np.ndarray, low: float, w: float) -> float:
-    """Weight in [low, 1] of the largest likelihood: Newton's method in 1/w, kept within a bracket.
+    """Weight in [low, 1] of maximum likelihood, by bracketed Newton steps in 1/w from a start w.
 
-    ``ratio`` is the density of each observation under a zero mean over that under the slab; w is a start.
+    ``ratio`` is the density of each observation under a zero mean over that under the slab.
     """
     if _score(ratio, 1.0)[0] >= 0.0:
         return 1.0
@@ -292,7 +290,7 @@ def _best_weight(ratio: np.ndarray, low: float, w: float) -> float:
 
 @_jit
 def _laplace_ratios(x: np.ndarray, a: float, work: np.ndarray) -> float:
-    """Fill work with the ratio of null to slab density, d log(slab)/da and exp(-s) slab; return the sum of s."""
+    """Fill work with null over slab density, d log(slab)/da and exp(-s) slab; return the sum of s."""
     ratio, slope, slab = work[0], work[1], work[2]
     for i in range(x.size):
         ratio[i] = _mills(abs(x[i] - a))
@@ -310,10 +308,7 @@ def _laplace_ratios(x: np.ndarray, a: float, work: np.ndarray) -> float:
 
 @_jit
 def profile(x: np.ndarray, a: float, bound: float, start: float, work: np.ndarray) -> tuple[float, float, float]:
-    """Best weight under Laplace scale a, its log likelihood, and the derivative of that by log a.
-
-    The weight matters to the derivative only where it lies on its lower bound, which moves with a (envelope theorem).
-    """
+    """Best weight under Laplace scale a, its log likelihood, and the derivative of that by log a (envelope theorem)."""
     low, low_slope = 0.0, 0.0
     if bound < math.inf:
         z, far = bound - a, _mills(bound + a)
@@ -340,7 +335,7 @@ def _peak(
     bound: float,
     work: np.ndarray,
 ) -> tuple[float, float, float, float]:
-    """Local maximum between two points (log a, weight, log likelihood, slope) whose slopes differ in sign: Illinois."""
+    """Local maximum between two points (log a, weight, log likelihood, slope), by the Illinois method."""
     (left, w, _, left_slope), (right, _, _, right_slope) = low, high
     best = low if low[2] > high[2] else high
     before = 0.0
@@ -363,7 +358,7 @@ def _peak(
 
 @_jit
 def fit_laplace(x: np.ndarray, bound: float) -> tuple[float, float, float]:
-    """Weight, scale and log likelihood: every local maximum of the profile over log a is looked at."""
+    """Weight, scale and log likelihood at the best local maximum of the profile over log a."""
     work = np.empty((3, x.size))
     best = last = (0.0, 0.0, -math.inf, 0.0)
     for k in range(_GRID.size):

@@ -1,4 +1,4 @@
-"""Stationary and orthogonal wavelet transforms of a finite signal, and how the signal goes on past its ends."""
+"""Stationary and decimated wavelet transforms of a finite signal, and its extension past its ends."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import pywt
 from pymc_ship.records.denoising.ebayes import mad
 
 BOUNDARIES = ("reflect", "periodic")
-"""How the record is extended past its ends. `reflect`: subtract a parabola that matches both end slopes, reflect the
-remainder. `periodic`: repeat the record from its start."""
-
+"""Extension past the ends. `reflect`: mirror image of the signal minus a parabola with its end slopes. `periodic`:
+repetition of the signal."""
 
 ACCURACY = 1e-11
 """Relative accuracy of the filters of PyWavelets."""
@@ -21,15 +20,12 @@ ACCURACY = 1e-11
 def transform(
     padded: np.ndarray, filters: pywt.Wavelet, levels: int, translation_invariant: bool
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Approximation and details, coarsest first, of the periodic transform; white noise keeps its variance in all.
-
-    The stationary transform is taken a level at a time over the 2**level interleaved parts of the signal: the same
-    numbers as ``pywt.swt``, whose filters stuffed with zeros cost 2**level times as much.
-    """
+    """Approximation and details, coarsest first, of the periodic transform; white noise keeps its variance in all."""
     approximation = padded
     details: list[np.ndarray] = []
     for level in range(levels):
         if translation_invariant:
+            # by level over the 2**level interleaved parts: the numbers of pywt.swt at 2**-level of its time
             parts = approximation.reshape(-1, 2**level)
             approximation, detail = (part.ravel() for part in pywt.swt(parts, filters, level=1, axis=0)[0])
         else:
@@ -41,7 +37,7 @@ def transform(
 def inverse(
     approximation: np.ndarray, details: list[np.ndarray], filters: pywt.Wavelet, translation_invariant: bool
 ) -> np.ndarray:
-    """Signal from :func:`transform`; the stationary one averages over all shifts (the average-basis inverse)."""
+    """Signal from its :func:`transform`; the stationary one is averaged over all shifts."""
     for level, detail in zip(range(len(details) - 1, -1, -1), details, strict=True):
         if translation_invariant:
             parts = approximation.reshape(-1, 2**level), detail.reshape(-1, 2**level)
@@ -52,7 +48,7 @@ def inverse(
 
 
 def end_trend(signal: np.ndarray) -> np.ndarray:
-    """Parabola that has the slopes of the signal at its two ends, so that the mirror image of the rest has no kink."""
+    """Parabola with the slopes of the signal at its two ends."""
     n_time = signal.size
     sdev = mad(np.diff(signal, 2)) / math.sqrt(6.0)
     first, last = _end_slope(signal, sdev), -_end_slope(signal[::-1], sdev)
@@ -61,9 +57,9 @@ def end_trend(signal: np.ndarray) -> np.ndarray:
 
 
 def _end_slope(signal: np.ndarray, sdev: float) -> float:
-    """Slope per sample at the start, of the parabola fitted to the longest run that asks for no cubic.
+    """Slope per sample at the start, by a parabola over the longest run whose cubic coefficient is insignificant.
 
-    Runs grow by doubling until the cubic coefficient exceeds 2.5 standard errors; a slope within five is taken as zero.
+    Runs double until the cubic exceeds 2.5 standard errors; a slope within 5 standard errors counts as zero.
     """
     slope, n_run = 0.0, 16
     while 2 * n_run <= signal.size:
@@ -80,10 +76,7 @@ def _end_slope(signal: np.ndarray, sdev: float) -> float:
 
 
 def margins(n_time: int, support: int, levels: int, boundary: str, what: str) -> tuple[int, int]:
-    """Samples added before and after so that the length is a multiple of 2**levels.
-
-    Mirrored margins reach half the coarsest filter, or half the record, where the two mirror images meet again.
-    """
+    """Samples to add before and after: half the coarsest filter or half the signal, to a multiple of 2**levels."""
     block = 2**levels
     if boundary == "periodic":
         if n_time % block:
@@ -98,19 +91,19 @@ def margins(n_time: int, support: int, levels: int, boundary: str, what: str) ->
 
 
 def inside(n_detail: int, n_padded: int, before: int, after: int) -> slice:
-    """Coefficients of a level that belong to the record and not to its margins."""
+    """Coefficients of a level without those of the margins."""
     return slice(before * n_detail // n_padded, n_detail - after * n_detail // n_padded)
 
 
 def orthogonal_wavelet(name: str) -> pywt.Wavelet:
-    """Wavelet of PyWavelets; ValueError for a name that is none or that of a wavelet that is not orthogonal."""
+    """Orthogonal wavelet of PyWavelets; ValueError for another name."""
     if name not in pywt.wavelist(kind="discrete") or not pywt.Wavelet(name).orthogonal:
         raise ValueError(f"Denoising needs an orthogonal wavelet, found {name!r}; take one such as haar, db4 or sym8.")
     return pywt.Wavelet(name)
 
 
 def whole_levels(n_time: int, levels: int | None, what: str) -> int:
-    """Levels of a transform: as given, by default so many that eight coefficients are left; ValueError for others."""
+    """Levels of a transform, by default as many as leave eight coefficients; ValueError out of range."""
     largest = int(math.log2(n_time))
     if levels is None:
         return largest - 3
