@@ -22,7 +22,7 @@ def horseshoe(data, given):
 
 
 def main(draws: int = 1000) -> None:
-    """Simulate a noisy zigzag, sample the model of the paper and one with another prior, and judge both."""
+    """Simulate a noisy zigzag, sample the model of the paper and one with another prior, and compare both."""
     # 1 The data: a 20/20 zigzag with 1 % noise, denoised by wavelets; one row a second
     ship = ps.load_vessel("container")
     clean = ps.simulate(ship, ps.zigzag(20.0, 20.0), duration=400.0)

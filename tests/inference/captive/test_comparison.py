@@ -1,4 +1,4 @@
-"""Captive tests beside the forces of ships."""
+"""Forces of captive tests against those of draws."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_bands_of_the_prior_hold_what_a_typical_ship_measures_and_those_of_one_s
         assert rows[force, "identified"]["rms"] == pytest.approx(noise, rel=4.0 / np.sqrt(2.0 * 41))
 
 
-def test_a_page_shows_shares_of_the_force(found):
+def test_a_page_shows_percentages_of_the_force(found):
     shown, columns = comparison_page_table(comparison_rows(found))
     assert set(columns) <= set(shown[0])
     assert 0.0 < shown[-1]["rms"] < 10.0

@@ -9,10 +9,10 @@ test_trial_errors = wording(
     ps.TrialError,
     *(
         (
-            said.replace("[", r"\["),
+            sentence.replace("[", r"\["),
             lambda read, header=header, rows=rows, settings=settings: read(*rows, header=header, **settings),
         )
-        for header, rows, settings, said in [
+        for header, rows, settings, sentence in [
             ("beta,delta,X'", ("0,0,1e-3",) * 2, {}, "captive tests have the columns speed"),
             ("beta,speed", ("0,8",) * 2, {}, "any of X', Y', N'"),
             ("speed,speed [kn],X'", ("8,15,1e-3",) * 2, {}, "from one column, found 'speed' and"),

@@ -61,9 +61,9 @@ def test_the_initial_state_is_eliminated_by_the_schur_complement(small, zigzag, 
     whole, n = plain_information(small, zigzag, sd), 10
     idle = np.diag(whole) == 0.0
     assert idle[n:].sum() == 2
-    seen = np.flatnonzero(~idle[n:]) + n
-    cross = whole[:n, seen]
-    expected = whole[:n, :n] - cross @ np.linalg.solve(whole[np.ix_(seen, seen)], cross.T)
+    excited = np.flatnonzero(~idle[n:]) + n
+    cross = whole[:n, excited]
+    expected = whole[:n, :n] - cross @ np.linalg.solve(whole[np.ix_(excited, excited)], cross.T)
     start = np.append(zigzag["u"].values[0], np.zeros(4))
     found = fisher_information(zigzag, small, noise_sd=sd, initial_states=[start])
     size = np.sqrt(np.diag(expected))
@@ -74,8 +74,8 @@ def test_the_initial_state_is_eliminated_by_the_schur_complement(small, zigzag, 
 def test_without_nuisances_columns_are_left_as_they_are():
     columns = np.random.default_rng(1).standard_normal((50, 4))
     np.testing.assert_allclose(_without(columns, np.zeros((50, 3))), columns)
-    kept = _without(columns, columns[:, :1])
-    np.testing.assert_allclose(kept.T @ columns[:, :1], 0.0, atol=1e-12)
+    projected = _without(columns, columns[:, :1])
+    np.testing.assert_allclose(projected.T @ columns[:, :1], 0.0, atol=1e-12)
 
 
 def test_runs_add(small, zigzag, circle, sd):
@@ -152,16 +152,16 @@ def test_what_no_sensor_sees_has_no_bound(small):
     start = coarse(small, ps.rudder_programme([0.0], [0.0], approach_speed=8.0), duration=60.0)
     sd = {"u": 0.01, "v": 0.01, "r": 1e-4}
     found = ps.identifiability(start, small, noise_sd=sd)
-    seen = np.isin(coefficient_names(small), ("Xu", "Xuu"))
-    assert np.isfinite(found["bound"].values[seen]).all()
-    assert np.isinf(found["bound"].values[~seen]).all()
+    excited = np.isin(coefficient_names(small), ("Xu", "Xuu"))
+    assert np.isfinite(found["bound"].values[excited]).all()
+    assert np.isinf(found["bound"].values[~excited]).all()
     assert np.isinf(found.attrs["condition_number"])
     assert found.attrs["n_determined"] == 2
     np.testing.assert_allclose(found["share"], 1.0)
     typical = np.abs(reference_coefficients(small))
     known = ps.identifiability(start, small, normal(small, typical), noise_sd=sd)
-    np.testing.assert_allclose(known["bayesian_bound"].values[~seen], typical[~seen])
-    np.testing.assert_allclose(known["contraction"].values[~seen], 0.0, atol=1e-12)
+    np.testing.assert_allclose(known["bayesian_bound"].values[~excited], typical[~excited])
+    np.testing.assert_allclose(known["contraction"].values[~excited], 0.0, atol=1e-12)
 
 
 def test_offsets_and_correlated_noise_cost_accuracy(small, zigzag, sd):

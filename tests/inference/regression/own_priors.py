@@ -110,8 +110,8 @@ def by_summation(data: ps.RegressionData, prior: ps.Prior) -> Mixture:
 
     coarse = np.linspace(-20.0, 12.0, 4001)
     density = log_density(coarse)
-    seen = coarse[density > density.max() - 40.0]
-    t = np.linspace(seen[0], seen[-1], 1500)
+    support = coarse[density > density.max() - 40.0]
+    t = np.linspace(support[0], support[-1], 1500)
     density, variance = log_density(t), np.exp(t)[:, None]
     spread = variance * prior.variance_factor(variance) / (variance + s**2 * prior.variance_factor(variance))
     return Mixture(

@@ -22,8 +22,8 @@ def ship(scaling="zscore", constant=True):
     X = rng.normal([0.0, 3.0, -0.5, 40.0, 0.2], [1.0, 0.5, 2.0, 10.0, 0.05], size=(30, 5))
     X[:, 0] = 1.0
     y = X @ np.array([5.0, -1.3, 2.0, 0.6, 8.0]) + 2.0 * rng.normal(size=30)
-    kept = slice(None) if constant else slice(1, None)
-    return RegressionData.from_arrays(X[:, kept], y, NAMES[kept], scaling=scaling)
+    columns = slice(None) if constant else slice(1, None)
+    return RegressionData.from_arrays(X[:, columns], y, NAMES[columns], scaling=scaling)
 
 
 def base(family, n_terms=5):

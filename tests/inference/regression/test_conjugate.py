@@ -53,7 +53,7 @@ class TestEvidence:
         known = dense_evidence(data.design_matrix, data.response, prior)
         assert prior.exact(data).log_evidence == pytest.approx(known, abs=1e-10)
 
-    def test_the_reciprocal_scale_of_the_paper_is_told_apart(self):
+    def test_the_reciprocal_scale_of_the_paper_is_rejected(self):
         data, prior = simulated(12, 3, seed=1), vector_prior(3, ConjugatePrior)
         twin = replace(prior, scale=1.0 / prior.scale)
         assert abs(twin.exact(data).log_evidence - dense_evidence(data.design_matrix, data.response, prior)) > 0.1

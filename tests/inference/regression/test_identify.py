@@ -125,6 +125,6 @@ def test_the_weak_form_goes_the_same_way(trial, noisy, small, family):
 
 def test_progress_names_every_step(trial, small, monkeypatch):
     monkeypatch.setattr(identification, "maximise_evidence", lambda rows, family: (FAMILIES[family](), 0.0))
-    told = []
-    identify(trial, small, progress=told.append)
-    assert told == [f"prior of {dof}, {family}" for family in FAMILIES for dof in small.dofs]
+    messages = []
+    identify(trial, small, progress=messages.append)
+    assert messages == [f"prior of {dof}, {family}" for family in FAMILIES for dof in small.dofs]

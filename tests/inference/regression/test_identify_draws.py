@@ -45,12 +45,12 @@ def test_pooled_intervals_hold_a_mean_of_missing_values_and_known_ones_do_not():
     ones = np.ones((100, 1))
     for seed in range(200):
         rng = np.random.default_rng(seed)
-        seen = rng.standard_normal(50)
+        observed = rng.standard_normal(50)
         drawn = []
         for _ in range(20):
-            variance = 49.0 * seen.var(ddof=1) / rng.chisquare(49)
-            mean = seen.mean() + np.sqrt(variance / 50.0) * rng.standard_normal()
-            full = np.concatenate([seen, mean + np.sqrt(variance) * rng.standard_normal(50)])
+            variance = 49.0 * observed.var(ddof=1) / rng.chisquare(49)
+            mean = observed.mean() + np.sqrt(variance / 50.0) * rng.standard_normal()
+            full = np.concatenate([observed, mean + np.sqrt(variance) * rng.standard_normal(50)])
             drawn.append(ps.RegressionData.from_arrays(ones, full, ["mean"]))
         found = ps.pooled_coefficients(drawn, PRIOR, draws=2000, rng=rng)
         held.append(float(found["lower"][0]) < 0.0 < float(found["upper"][0]))

@@ -62,7 +62,7 @@ def practice(family):
 class TestInformed:
     @pytest.mark.parametrize("scaling", ["none", "zscore"])
     @pytest.mark.parametrize("constant", [True, False])
-    def test_the_marginals_of_the_table_are_met_and_the_others_kept(self, family, scaling, constant):
+    def test_marginals_are_those_of_the_table_or_of_the_base_prior(self, family, scaling, constant):
         data = ship(scaling, constant)
         before, after = base(family, data.n_terms), informed_prior(data, base(family, data.n_terms), TABLE)
         mean, covariance = prior_moments(data, after)
@@ -136,7 +136,7 @@ class TestPaths:
         data, prior, known = practice(family)
         agree(prior.exact(data), known)
 
-    def test_the_base_prior_is_told_apart(self, family):
+    def test_the_base_prior_is_rejected(self, family):
         data, _, known = practice(family)
         twin = base(family, 4).exact(data)
         assert np.abs((twin.mean - known.mean) / known.sd).max() > 1.0

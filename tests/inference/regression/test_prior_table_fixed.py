@@ -62,7 +62,7 @@ class TestFixed:
         assert narrow.log_evidence == pytest.approx(limit.log_evidence, abs=1e-6)
 
     @pytest.mark.parametrize("family", FAMILIES)
-    def test_a_held_constant_of_centred_columns_leaves_the_prior_of_the_others(self, family):
+    def test_a_fixed_constant_of_centred_columns_keeps_the_prior_of_the_others(self, family):
         whole, prior = ship(), base(family, 4)
         data = hold_fixed(whole, {"Y0": 4.0})
         slope = whole.response.std() / whole.design_matrix[:, 1:].std(axis=0)
@@ -86,7 +86,7 @@ class TestFixed:
         np.testing.assert_allclose(one.scaled_response, two.scaled_response, rtol=1e-12)
         assert one.coefficients == two.coefficients
 
-    def test_nothing_held_is_the_same_regression(self):
+    def test_nothing_fixed_is_the_same_regression(self):
         held = hold_fixed(ship(), {})
         np.testing.assert_array_equal(held.scaled_design_matrix, ship().scaled_design_matrix)
         np.testing.assert_array_equal(held.scaled_response, ship().scaled_response)
@@ -114,11 +114,11 @@ class TestRestored:
         stored = read_posterior(write_posterior(restored, tmp_path / "restored.nc"))
         np.testing.assert_array_equal(stored["posterior"]["coefficients"], draws)
 
-    def test_by_default_the_held_ones_come_last(self):
+    def test_by_default_the_fixed_ones_come_last(self):
         restored = restore_fixed(self.held_tree(), HELD)
         assert [*restored["posterior"]["coefficient"].values] == ["Y0", "Yv", "Yr", "Ydelta", "Yv|v|"]
 
-    def test_nothing_held_is_the_same_posterior(self):
+    def test_nothing_fixed_is_the_same_posterior(self):
         tree = self.held_tree()
         assert restore_fixed(tree, {})["posterior"].to_dataset().identical(tree["posterior"].to_dataset())
 

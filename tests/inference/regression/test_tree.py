@@ -175,7 +175,7 @@ class TestStorage:
         with refused(ValueError, "surge.zarr"):
             read_posterior(path)
 
-    def test_a_full_disk_is_told_in_a_sentence(self, tmp_path, monkeypatch):
+    def test_a_full_disk_is_named_in_the_error(self, tmp_path, monkeypatch):
         """As netCDF tells it."""
 
         def full(*_, **__):

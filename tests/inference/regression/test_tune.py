@@ -54,7 +54,7 @@ class TestResult:
         assert result.surrogate_score == validation.score(result.surrogate_prior).mean
         assert result.evidence_score == validation.score(result.evidence_prior).mean
 
-    def test_the_chosen_prior_is_the_better_of_seen_and_surrogate(self, found):
+    def test_the_chosen_prior_is_the_better_of_evaluated_and_surrogate(self, found):
         _, result = found
         assert result.score == max(result.evaluated_score, result.surrogate_score)
         assert result.prior in (result.evaluated_prior, result.surrogate_prior)

@@ -259,7 +259,7 @@ test_errors_of_rows = wording(
             ({"Yv": np.nan}, "The value given for Yv must be a finite number, found nan"),
             ({"Yv": "fast"}, "The value given for Yv must be a finite number, found 'fast'"),
             ({"Yv": None}, "The value given for Yv must be a finite number, found None"),
-            (dict.fromkeys(NAMES, 0.0), "At least one coefficient must stay free, found all of them held"),
+            (dict.fromkeys(NAMES, 0.0), "At least one coefficient must stay free, found all of them fixed"),
         ]
     ),
     *(

@@ -51,7 +51,7 @@ class TestGate:
         force = data.design_matrix @ container.coefficients(dof).values
         np.testing.assert_allclose(data.response, force, rtol=0.0, atol=1e-10 * np.abs(force).max())
 
-    def test_another_ship_on_the_same_trial_is_told_apart(self, container, zigzag_trial):
+    def test_another_ship_on_the_same_trial_is_rejected(self, container, zigzag_trial):
         """The broken twin: with another mass the same trial gives other coefficients."""
         heavier = replace(container, m=1.01 * container.m)
         data = ps.regression_data(zigzag_trial, heavier, "sway", interval=1.0)

@@ -120,7 +120,7 @@ def test_a_formula_is_evaluated_for_new_rows(formulae, frame, prior, scaling):
     assert np.abs(found[0] - frame["Y"][:5]).max() < 1.0
 
 
-def test_held_coefficients_are_left_out_of_new_rows(formulae, frame):
+def test_fixed_coefficients_are_left_out_of_new_rows(formulae, frame):
     data = ps.hold_fixed(ps.RegressionData.from_formula(FORMULA, frame), {"r": -3.0})
     exact = ps.ConjugatePrior().exact(data)
     np.testing.assert_allclose(exact.predict(frame.iloc[:5]), exact.predict(data.design_matrix[:5]), rtol=1e-12)
@@ -198,7 +198,7 @@ def test_a_chosen_prior_or_even_columns_are_not_warned_of(data, prior):
 
 
 def test_few_rows_of_even_columns_are_not_uneven():
-    """Of single rows four in five have two of 28 columns a factor of 30 apart."""
+    """In four of five single rows the norms of 28 columns differ by a factor of 30."""
     X = np.random.default_rng(2).standard_normal((200, 28))
     data = ps.RegressionData.from_arrays(X, X[:, 0])
     assert [k for k in range(200) if data.rows(np.array([k])).uneven] == []

@@ -124,7 +124,7 @@ class TestExactness:
         monkeypatch.setattr(module, "bump", forward)
         assert relative_error(least_squares(zigzag_trial, container), container) > 0.1
 
-    def test_another_ship_on_the_same_trial_is_told_apart(self, container, zigzag_trial):
+    def test_another_ship_on_the_same_trial_is_rejected(self, container, zigzag_trial):
         heavier = replace(container, m=1.01 * container.m)
         assert relative_error(least_squares(zigzag_trial, heavier), container) > 1e-3
 
@@ -199,7 +199,7 @@ class TestNoise:
 
 
 @pytest.mark.slow
-def test_rows_four_seconds_apart_carry_intervals(container, zigzag_trial):
+def test_intervals_of_rows_each_four_seconds_have_nominal_coverage(container, zigzag_trial):
     """At half a second the same intervals are too narrow: the broken twin."""
     reference = reference_coefficients(container)
 

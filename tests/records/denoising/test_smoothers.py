@@ -1,4 +1,4 @@
-"""Smoothers beside the wavelets: each is the textbook's, and its parameter is the best by its principle."""
+"""Linear smoothers: each agrees with the textbook, and its parameter is optimal by its criterion."""
 
 from __future__ import annotations
 

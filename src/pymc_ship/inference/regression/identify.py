@@ -117,9 +117,9 @@ def identify(
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
     >>> noisy = ps.pollute(trial, level=0.01, rng=np.random.default_rng(1))
-    >>> found = ps.identify(noisy, vessel, families=["conjugate"], interval=None, derivative="weak")
-    >>> for dof, exact in found.exact["conjugate"].items():
-    ...     print(f"{found.data[dof].coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
+    >>> identified = ps.identify(noisy, vessel, families=["conjugate"], interval=None, derivative="weak")
+    >>> for dof, exact in identified.exact["conjugate"].items():
+    ...     print(f"{identified.data[dof].coefficients[-1]} = {exact.mean[-1]:.5f}, sd {exact.sd[-1]:.5f}")
     Xgsinsin = -0.00166, sd 0.00072
     Ygsincos|delta| = 0.00553, sd 0.00456
     Ngsincos|delta| = -0.00148, sd 0.00032
@@ -219,8 +219,8 @@ def pooled_coefficients(rows: Sequence[RegressionData], prior: Prior, *, draws: 
     >>> drawn = ps.denoise_draws(ps.pollute(trial, level=0.01, rng=rng), draws=20, rng=rng)
     >>> rows = ps.regression_draws(drawn, vessel, "yaw", interval=2.0)
     >>> prior, _ = ps.maximise_evidence(rows[0])
-    >>> found = ps.pooled_coefficients(rows, prior, rng=rng).sel(coefficient="Ngsincos")
-    >>> print(f"{1e5 * found['mean']:.0f}, sd {1e5 * found['within_sd']:.1f} and {1e5 * found['sd']:.1f}")
+    >>> pooled = ps.pooled_coefficients(rows, prior, rng=rng).sel(coefficient="Ngsincos")
+    >>> print(f"{1e5 * pooled['mean']:.0f}, sd {1e5 * pooled['within_sd']:.1f} and {1e5 * pooled['sd']:.1f}")
     -188, sd 17.3 and 27.0
     """
     rng, names = random_generator(rng), {data.coefficients for data in rows}

@@ -192,7 +192,7 @@ def maximise_evidence(
 
     Examples
     --------
-    The log evidence of the prior found, and of the default prior:
+    Log evidence of the chosen and of the default prior:
 
     >>> import numpy as np
     >>> import pymc_ship as ps

@@ -122,8 +122,8 @@ def ebayes_threshold(
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> from pymc_ship.records.denoising.ebayes import ebayes_threshold
-    >>> found = ebayes_threshold(np.array([0.3, -0.8, 5.0, 0.5, -0.1, 1.2, -7.0, -0.4, 0.9, 0.2]))
-    >>> print(found.estimate.round(1) + 0.0)
+    >>> result = ebayes_threshold(np.array([0.3, -0.8, 5.0, 0.5, -0.1, 1.2, -7.0, -0.4, 0.9, 0.2]))
+    >>> print(result.estimate.round(1) + 0.0)
     [ 0.   0.   4.5  0.   0.   0.  -6.5  0.   0.   0. ]
     """
     values = _observations(x)
