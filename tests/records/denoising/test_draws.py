@@ -149,7 +149,7 @@ def test_intervals_over_shifts_hold_at_least_what_they_say(name):
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_intervals_of_one_basis_hold_about_what_they_say(name):
-    """Truths not drawn from the prior: coverage 0.90 to 0.97 at a nominal 0.90, the worst of the four in steps and peaks."""
+    """Truths not drawn from the prior: coverage 0.90 to 0.97 at a nominal 0.90; steps and peaks are the worst."""
     found, twin = coverage(name, translation_invariant=False)
     assert NOMINAL - 0.03 < found < 0.99
     assert twin < NOMINAL - 0.1
