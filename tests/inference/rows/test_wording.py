@@ -236,7 +236,7 @@ test_trial_errors = wording(
 test_vessel_errors = wording(
     ps.VesselError,
     (
-        "surge, sway, yaw, roll; found 'pitch'",
+        "surge, sway, yaw, roll, found 'pitch'",
         lambda container, zigzag_trial: ps.regression_data(zigzag_trial, container, "pitch", interval=1.0),
     ),
 )
