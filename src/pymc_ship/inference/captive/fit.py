@@ -1,13 +1,8 @@
-"""What captive tests say of a ship's coefficients: a normal law beside the prior, with a noise of their own.
+"""Fit of the coefficients to captive tests: a Gaussian likelihood with its own noise and design effect.
 
-The forces of a held ship are compared at the nominal speed's scale, so that a row at low speed does not count for more
-than its newtons. Their noise is what the fitted ship leaves of X, Y and N. It is the error of the model for the most
-part, alike for tests on the same side at the same speed: as for windows of a trial, all rows count for as much as the
-scatter of the gradients of such groups says.
-
-A model on a carriage and a ship under way are not quite the same: another scale, another load of the propeller.
-Each coefficient differs between them by a share of its prior sd, at which the tests are most probable for the ship that
-her trials alone make (empirical Bayes). Where trials say little it is 0.
+Forces are compared at the scale of the nominal speed. The noise is the residual of X, Y and N, mostly model error that
+tests at one speed and side share; the design effect corrects for that. Coefficients may differ between carriage and
+ship under way by a discrepancy scale, in prior sd, that the trials determine by empirical Bayes.
 """
 
 from __future__ import annotations
@@ -47,16 +42,16 @@ class CaptiveFit:
     coefficients : ndarray, shape (n_coefficients,)
         Most probable ones.
     covariance : ndarray, shape (n_coefficients, n_coefficients)
-    likelihood : Statement
-        What the tests say beside the prior.
+    likelihood : GaussianLikelihood
+        Of the tests, without the prior.
     noise_sd : dict of str to float
-        What the fitted ship leaves of each force, prime at the nominal speed.
+        Root mean square residual of each force, prime at the nominal speed.
     design_effect : float
-        How many times less the tests count than rows independent of each other would.
+        Variance of the estimate over that of independent rows.
     revolutions : float
-        Nominal revolutions of the model on the carriage over those of the vessel: they belong to a facility.
+        Nominal revolutions of the model on the carriage over those of the vessel.
     discrepancy_scale : float
-        Share of the prior sd by which coefficients differ between carriage and ship, once her trials are known.
+        Sd of the difference of coefficients between carriage and ship, over the prior sd.
     """
 
     coefficients: np.ndarray
@@ -89,7 +84,7 @@ def known_tests(tests: xr.Dataset, vessel: Vessel) -> xr.Dataset:
 
 
 def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) -> CaptiveFit:
-    """Fit coefficients to captive tests beside a prior.
+    """Fit coefficients to captive tests under a prior.
 
     Parameters
     ----------
@@ -97,7 +92,7 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
         From :func:`pymc_ship.read_captive`.
     vessel : Vessel, str or Path
     prior : CoefficientPrior
-        With a finite scale of every coefficient. Nominal revolutions that it holds are free on the carriage.
+        With a finite scale of every coefficient. Nominal revolutions are free on the carriage.
 
     Returns
     -------
@@ -108,11 +103,11 @@ def fit_captive(tests: xr.Dataset, vessel: VesselLike, prior: CoefficientPrior) 
     InferenceError
         For a prior without a scale of some coefficient, or of another vessel.
     TrialError
-        Where no test is at revolutions that the vessel's forces stand for.
+        If no test is at the nominal revolutions, for terms that need them.
 
     Examples
     --------
-    A rudder test of a tanker; its parts are known beforehand by formulae:
+    A rudder test of a tanker, with priors of its parts from formulae:
 
     >>> import numpy as np
     >>> import pymc_ship as ps
