@@ -106,7 +106,7 @@ def test_tune_prints_and_writes_what_the_search_found(made, small, tuned, tmp_pa
     text = capsys.readouterr().out
     assert f"{tuned.score:.4f} ± {tuned.score_se:.4f}" in text
     assert f"Bayesian optimisation: {tuned.score - tuned.evidence_score:+.4f} in the score" in text
-    scores = {line.rsplit(maxsplit=4)[0]: line.split()[-1] for line in text.splitlines()[1:5]}
+    scores = {line.rsplit(maxsplit=4)[0]: line.split()[-1] for line in text.splitlines()[2:6]}
     assert scores == {
         "chosen": f"{tuned.score:.4f}",
         "best evaluated": f"{tuned.evaluated_score:.4f}",
