@@ -64,7 +64,7 @@ def commands() -> str:
     counts = Counter(row for words in rows.values() for row in words)
     common = [row for row, count in counts.items() if count >= COMMON]
     pages = [_command(name, command, rows[name], common) for name, command in choices.items()]
-    return COMMANDS + _table(common) + "".join(pages)
+    return COMMANDS + _list(common) + "".join(pages)
 
 
 def _words(command: argparse.ArgumentParser) -> list[argparse.Action]:
@@ -74,14 +74,13 @@ def _words(command: argparse.ArgumentParser) -> list[argparse.Action]:
 def _command(name: str, command: argparse.ArgumentParser, rows: list, common: list) -> str:
     examples, remarks = _epilog(command.epilog)
     shared = ", ".join(re.sub(r" \(needed\)", "", word) for word, text in rows if (word, text) in common)
-    own = _table([row for row in rows if row not in common])
+    own = _list([row for row in rows if row not in common])
     described = f"Common words: {shared}.\n" + (f"\n{own}" if own else "")
     return f"\n## {name}\n\n{_sentence(command.description)}\n\n```sh\n{examples}\n```\n\n{remarks}{described}"
 
 
-def _table(rows: list) -> str:
-    lines = "".join(f"| {word} | {text} |\n" for word, text in rows)
-    return f"| word | meaning |\n| --- | --- |\n{lines}" if rows else ""
+def _list(rows: list) -> str:
+    return "".join(f"- {word}: {text}\n" for word, text in rows)
 
 
 def _word(action: argparse.Action) -> str:
