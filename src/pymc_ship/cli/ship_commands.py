@@ -54,7 +54,7 @@ _DESIGN_DRAWS = 400  # draws of a posterior that a design simulates
 def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Identify a ship, save it and write its page; the text has term sets, held-out manoeuvres and the next run."""
     from pymc_ship.machine.errors import FitError
-    from pymc_ship.ships.design.outlook import outlook
+    from pymc_ship.ships.design.outlook import manoeuvring_summary
     from pymc_ship.ships.identification.model import captive_comparison, identify_ship
     from pymc_ship.ships.identification.page import PAGE, write_refusals, write_ship_report
 
@@ -81,13 +81,13 @@ def identify(args: argparse.Namespace, progress: Progress) -> Outcome:
         page = write_refusals(error.refusals, vessel, checks, out, command=made_by(args))
         raise ValueError(f"{str(error).removesuffix('.')}; {page} shows where each fails.") from None
     progress("forecasting standard manoeuvres and choosing the next run")
-    ahead = outlook(found.ship, rng)
+    summary = manoeuvring_summary(found.ship, rng)
     made = {"command": made_by(args), "seed": args.seed, "given": vessel, "progress": progress}
-    made |= {"outlook": ahead, "captive": captive_comparison(found, rng)}
+    made |= {"forecasts": summary.forecasts, "summary": summary.sentences, "captive": captive_comparison(found, rng)}
     with staged_files(out, last=PAGE.file, own=(*PAGE.own, f"{FOLDER}/*")) as folder:
         save_ship(found.ship, folder, made_by=made_by(args), runs=found.names, quality_flags=found.quality_flags)
         write_ship_report(found, trials, checks, folder, **made)
-    text = [term_set_text(found), held_out_text(found), "\n".join(ahead), "\n".join(found.ship.remarks)]
+    text = [term_set_text(found), held_out_text(found), "\n".join(summary.sentences), "\n".join(found.ship.remarks)]
     return "\n\n".join(filter(None, [*text, found.quality_flags["record_remarks"]])), out / PAGE.file
 
 

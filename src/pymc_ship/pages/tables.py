@@ -55,6 +55,11 @@ def percent(share: float) -> str:
     return f"{100.0 * share:g} %"
 
 
+def rounded_percent(fraction: float) -> str:
+    """A fraction in percent with two significant digits, never in exponent notation."""
+    return f"{float(f'{100.0 * fraction:.2g}'):g} %"
+
+
 def heads(form: Callable[[Any], str], **heads: str) -> Columns:
     """Columns of one formatter, each head by its key in the rows."""
     return {key: (head, form) for key, head in heads.items()}

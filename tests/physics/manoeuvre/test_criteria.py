@@ -71,7 +71,7 @@ def test_the_verdict_says_value_interval_limit_and_probability(container):
         "first overshoot angle 13.0 deg (10.3 to 15.7): passes the limit of 15.0 deg with probability 0.75."
     )
     assert distance["verdict"] == (
-        "initial turning distance 2.00 L (2.00 to 2.00): passes the limit of 2.50 L with probability 1.00."
+        "initial turning distance 2.00 L (2.00 to 2.00): passes the limit of 2.50 L with probability more than 0.99."
     )
 
 
@@ -122,7 +122,14 @@ def test_manoeuvres_without_a_criterion_have_no_verdict(container):
 
 @pytest.mark.parametrize(
     ("probability", "words"),
-    [(1.0, "1.00"), (0.999, "above 0.99"), (0.99, "0.99"), (0.5, "0.50"), (0.001, "below 0.01"), (0.0, "0.00")],
+    [
+        (1.0, "more than 0.99"),
+        (0.999, "more than 0.99"),
+        (0.99, "0.99"),
+        (0.5, "0.50"),
+        (0.001, "less than 0.01"),
+        (0.0, "less than 0.01"),
+    ],
 )
 def test_only_certainty_is_shown_as_certain(probability, words):
     assert probability_text(probability) == words

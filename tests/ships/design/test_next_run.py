@@ -13,7 +13,7 @@ import pymc_ship as ps
 from pymc_ship.physics.manoeuvre.standard import STANDARD
 from pymc_ship.physics.vessel.vessel import coefficient_names, reference_coefficients
 from pymc_ship.ships.design.next_run import CANDIDATES, _Run, design, remaining_variance
-from pymc_ship.ships.design.outlook import outlook
+from pymc_ship.ships.design.outlook import manoeuvring_summary
 from pymc_ship.ships.ensemble.index_error import model_error
 from pymc_ship.ships.ensemble.index_table import index_table
 from pymc_ship.ships.ensemble.motion_error import motion_error
@@ -293,33 +293,33 @@ class TestOfAPosterior:
         assert (own["half_width"].sel(stage=0) > less["half_width"].sel(stage=0)).all()
 
 
-# the outlook of an identified ship ------------------------------------------------------------------------------------
+# the summary of an identified ship ------------------------------------------------------------------------------------
 
 
-def test_the_outlook_says_what_the_circle_is_and_which_run_tells_most(ship, plan):
-    turns, advice = outlook(ship, np.random.default_rng(1))
+def test_the_summary_has_the_tactical_diameter_and_the_recommended_run(ship, plan):
+    turns, advice = manoeuvring_summary(ship, np.random.default_rng(1)).sentences
     truth = float(ps.indices(trial(CIRCLE, duration=900.0))["tactical_diameter"])
     median, lower, upper = map(float, re.search(r"(\S+) L \((\S+) to (\S+)\) to port", turns).groups())
     assert lower < truth / tanker().particulars.L < upper
     assert lower < median < upper
     best = plan["chosen"].values[0]
     ratio, room = (float(plan[name].sel(candidate=best).values.flat[0]) for name in ("width_ratio", "sea_room"))
-    assert f"As the next run the {best} would tell most" in advice
-    assert f"would be {ratio:.2f} times as wide as now" in advice
-    assert re.search(r", that of the .* of the .* ± \S+ in place of ± \S+ (L|deg)\.", advice)
+    assert f"Recommended next run: {best}." in advice
+    assert f"to {ratio:.2f} of their width" in advice
+    assert re.search(r", that of the .* of the .* from ± \S+ to ± \S+ (L|deg)\.", advice)
     assert f"The run takes {room / tanker().particulars.L:.1f} L of sea room." in advice
 
 
 @pytest.mark.slow
 def test_a_ship_that_was_identified_has_one():
-    turns, advice = outlook(model().ship, np.random.default_rng(1))
+    turns, advice = manoeuvring_summary(model().ship, np.random.default_rng(1)).sentences
     assert re.fullmatch(r"Tactical diameter of the turning circle of 35 deg: .* to port, .* to starboard\.", turns)
-    widest = float(re.search(r"would be (\S+) times as wide as now", advice).group(1))
+    widest = float(re.search(r"to (\S+) of their width", advice).group(1))
     assert 0.0 < widest < 1.0
 
 
 def test_the_same_seed_gives_the_same_sentences(ship):
-    first, again = (outlook(ship, np.random.default_rng(3)) for _ in range(2))
+    first, again = (manoeuvring_summary(ship, np.random.default_rng(3)).sentences for _ in range(2))
     assert first == again
 
 

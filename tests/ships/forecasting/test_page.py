@@ -101,7 +101,8 @@ def test_the_verdict_of_every_manoeuvre_heads_the_page(page):
         assert values["limit"] == f"{row['limit']:.{decimals}f} {row['units']}"
         assert values["median"] == f"{row['median']:.{decimals}f} {row['units']}"
         assert values["interval"] == f"{row['lower']:.{decimals}f} to {row['upper']:.{decimals}f}"
-        assert float(values["probability of passing"].split()[0]) == pytest.approx(row["probability"], abs=0.0051)
+        probability = float(re.search(r"\d\.\d\d", values["probability of passing"])[0])
+        assert probability == pytest.approx(row["probability"], abs=0.011)
         assert values["verdict"] == row["conformity"]
         assert (row["verdict"][0].upper() + row["verdict"][1:]) in unescape(text)
 
@@ -113,9 +114,9 @@ def test_every_manoeuvre_has_its_numbers_shares_and_figures(page):
         "forecast_zigzag_10_10_port",
         "forecast_turning_circle_35_port",
     ]
-    for name, section in sections.items():
+    for name in sections:
         for kind in ("track", "heading_and_rudder", "motion"):
-            assert f'<figure id="{name}_{kind}"><svg' in section
+            assert text.count(f'<figure id="{name}_{kind}"><svg') == 1
     assert "24 ships, 25 % diverged. 60 % of the instants lie outside." in sections["forecast_turning_circle_35_port"]
     assert "24 ships, 0 % diverged. Extrapolation is unknown" in sections["forecast_zigzag_10_10_port"]
     tree = forecasts()["turning circle 35 port"]

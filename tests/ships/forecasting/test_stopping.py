@@ -109,7 +109,7 @@ def test_a_ship_that_does_not_stop_counts_against_her(tanker):
     found = stopping(ship_of((tanker, at)), astern=1.0)
     assert np.isfinite(found["track_reach"].values).tolist() == [True, False]
     assert "with probability 0.50" in stopping_sentence(found)
-    assert stopping_sentence(found).endswith("50 % of the ships do not stop.")
+    assert stopping_sentence(found).endswith("50 % of the draws do not stop.")
     assert stopping_sentence(found.isel(draw=[1])) == "No drawn ship stops with 1 1/s astern."
 
 

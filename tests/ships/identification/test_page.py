@@ -147,10 +147,10 @@ def test_the_term_sets_stand_by_weight_with_their_scores(text, out):
 
 @pytest.mark.usefixtures("quick")
 def test_draws_that_ran_away_are_told(text, tmp_path):
-    assert "tried in six standard manoeuvres; none ran away." in text
+    assert "simulated in six standard manoeuvres; none diverged." in text
     best, other = model().candidates
     away = replace(model(), candidates=(replace(best, weight=0.5, infeasible_fraction=0.25), other))
-    assert "manoeuvres; 12 % ran away and were drawn anew, none of those kept does." in written(tmp_path, ship=away)
+    assert "manoeuvres; 12 % diverged and were replaced by new draws." in written(tmp_path, ship=away)
 
 
 def test_held_out_indices_are_those_of_the_model(text, out):

@@ -85,10 +85,10 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
 
 
 def probability_text(probability: float) -> str:
-    """Probability with two decimals; 0.00 and 1.00 only if no draw or every draw passes."""
-    if 0.0 < probability < 0.005:
-        return "below 0.01"
-    return "above 0.99" if 0.995 < probability < 1.0 else f"{probability:.2f}"
+    """Probability with two decimals; "less than 0.01" and "more than 0.99" at the ends, as draws are finite."""
+    if probability < 0.005:
+        return "less than 0.01"
+    return "more than 0.99" if probability > 0.995 else f"{probability:.2f}"
 
 
 def _sentence(row: dict[str, Any]) -> str:
@@ -97,7 +97,7 @@ def _sentence(row: dict[str, Any]) -> str:
     median, lower, upper, limit = (f"{row[key]:.{decimals}f}" for key in ("median", "lower", "upper", "limit"))
     if not np.isfinite(row["median"]):
         return f"{row['criterion']}: no draw of the forecast reaches it, which does not count as passing."
-    fraction = f"{100.0 * row['not_reached']:.2g} %"
+    fraction = f"{float(format(100.0 * row['not_reached'], '.2g')):g} %"
     lacking = f" ({fraction} of the draws diverge or do not reach it, which does not count as passing)"
     return (
         f"{row['criterion']} {median} {row['units']} ({lower} to {upper}): passes the limit of {limit} {row['units']} "

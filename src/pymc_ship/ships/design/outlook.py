@@ -1,10 +1,12 @@
-"""What the report of an identified ship says ahead: her turning circle, and the run that would tell most next."""
+"""Summary of an identified ship: forecasts of the standard manoeuvres, and the recommended next run."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.physics.manoeuvre.standard import STANDARD
@@ -19,35 +21,59 @@ _DRAWS = 200  # at most
 _INSIDE = 0.95  # probability of intervals
 
 
-def outlook(ship: Ship, rng: np.random.Generator) -> tuple[str, ...]:
-    """Sentences on the turning circle of an identified ship, and on the standard manoeuvre that would tell most next.
+@dataclass(frozen=True)
+class ManoeuvringSummary:
+    """Summary of an identified ship.
 
-    Empty where hardly any draw reaches an index.
+    Attributes
+    ----------
+    forecasts : dict of str to DataTree
+        Of the standard manoeuvres, by their label, with intervals of 95 %.
+    sentences : tuple of str
+        Tactical diameter of the turning circles, and the recommended next run.
     """
+
+    forecasts: dict[str, xr.DataTree]
+    sentences: tuple[str, ...]
+
+
+def manoeuvring_summary(ship: Ship, rng: np.random.Generator) -> ManoeuvringSummary:
+    """Forecasts of the standard manoeuvres, and the run that would shorten their intervals most."""
     vessel, drawn = ship.models[0][0], thinned_draws(ship.models, _DRAWS)
-    settings: dict[str, Any] = simulation_settings(vessel) | {"ci_prob": _INSIDE, "rng": rng, "motion": ship.motion}
+    settings: dict[str, Any] = simulation_settings(vessel) | {"ci_prob": _INSIDE, "motion": ship.motion}
     settings["errors"] = (ship.index_error or {}) | steady_error(ship.motion_error)
-    turns = []
-    for manoeuvre in (one for one in STANDARD if one.traits.circles):
-        duration = manoeuvre.traits.reach * vessel.particulars.ship_time
-        bands = pooled_forecast(drawn, manoeuvre, duration=duration, **settings)["index_bands"].dataset
-        lower, median, upper = (bands["tactical_diameter"] / vessel.particulars.L).values.tolist()
-        turns += [f"{median:.2f} L ({lower:.2f} to {upper:.2f}) to {manoeuvre.side}"] if np.isfinite(median) else []
-    said = [f"Tactical diameter of the turning circle of 35 deg: {', '.join(turns)}."] if turns else []
+    forecasts, diameters = {}, []
+    zigzag_rng = rng.spawn(1)[0]
+    for manoeuvre in sorted(STANDARD, key=lambda one: not one.traits.circles):
+        circles = manoeuvre.traits.circles
+        settings |= {"duration": manoeuvre.traits.reach * vessel.particulars.ship_time}
+        tree = pooled_forecast(drawn, manoeuvre, rng=rng if circles else zigzag_rng, **settings)
+        forecasts[manoeuvre.label] = tree
+        if circles:
+            bands = tree["index_bands"].dataset["tactical_diameter"] / vessel.particulars.L
+            lower, median, upper = bands.values.tolist()
+            interval = f"{median:.2f} L ({lower:.2f} to {upper:.2f}) to {manoeuvre.side}"
+            diameters += [interval] if np.isfinite(median) else []
+    turns = [f"Tactical diameter of the turning circle of 35 deg: {', '.join(diameters)}."] if diameters else []
+    return ManoeuvringSummary(forecasts, (*turns, *_recommended_run(ship)))
+
+
+def _recommended_run(ship: Ship) -> list[str]:
+    """Sentence on the standard manoeuvre that shortens the intervals most; none where no index can be forecast."""
+    vessel = ship.models[0][0]
     try:
         plan = design(ship, STANDARD, draws=_DRAWS)
     except SimulationError:
-        return tuple(said)
+        return []
     best = plan.sel(candidate=plan["chosen"].item(), step=1)
     now, then = plan["half_width"].values
     most = int(np.argmin(then / now))
     target, unit = (str(plan[name].values[most]) for name in ("target", "units"))
-    sailed, index = target.split(", ")
+    manoeuvre, index = target.split(", ")
     width = np.array([then[most], now[most]]) / (vessel.particulars.L if unit == "m" else 1.0)
-    said.append(
-        f"As the next run the {best['candidate'].item()} would tell most: the intervals of the standard manoeuvres "
-        f"would be {float(best['width_ratio']):.2f} times as wide as now, that of the {index} of the {sailed} "
-        f"± {width[0]:.2g} in place of ± {width[1]:.2g} {unit if unit != 'm' else 'L'}. The run takes "
+    return [
+        f"Recommended next run: {best['candidate'].item()}. It shortens the intervals of the standard manoeuvres to "
+        f"{float(best['width_ratio']):.2f} of their width, that of the {index} of the {manoeuvre} "
+        f"from ± {width[1]:.2g} to ± {width[0]:.2g} {unit if unit != 'm' else 'L'}. The run takes "
         f"{float(best['sea_room']) / vessel.particulars.L:.1f} L of sea room."
-    )
-    return tuple(said)
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ _FALLEN = 0.5
 """Heading change [deg] after which an overshoot has had its peak."""
 
 _POINTS = 400
+_TRACKS = 40  # draws of a turning circle
+_ZIGZAG_SHOWN = 20.0  # L/U
 
 
 def manoeuvre_figures(tree: xr.DataTree, vessel: Vessel, measured: xr.Dataset | None = None) -> dict[str, Figure]:
@@ -71,6 +74,51 @@ def heading_and_rudder(tree: xr.DataTree, measured: xr.Dataset | None = None) ->
     if "measured" in handles:
         handles["measured"] = handles.pop("measured")
     fig.legend(handles.values(), handles, loc="outside upper center", ncols=4)
+    return fig
+
+
+@house_style
+def turns_and_overshoots(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> Figure:
+    """Turning circles seen from above [L] and heading in zigzags [deg] of the draws, by the side of the manoeuvre.
+
+    Parameters
+    ----------
+    forecasts : mapping of str to DataTree
+        Of turning circles and zigzags, by their label.
+    vessel : Vessel
+        Gives L.
+
+    Returns
+    -------
+    Figure
+    """
+    fig, axes = subplots(8.0, 3.9, 1, 2)
+    plan, heading = axes[0]
+    colours = {"port": RUST, "starboard": BLUE}
+    for tree in forecasts.values():
+        colour, kind = colours[tree.attrs["side"]], kind_named(tree.attrs["manoeuvre"])
+        if kind.circles:
+            ships, L, median = tree["trajectories"].to_dataset(), vessel.particulars.L, median_ship(tree)
+            ships = ships.isel(time=slice(None, None, max(1, ships.sizes["time"] // _POINTS)))
+            for draw in range(min(ships.sizes["draw"], _TRACKS)):
+                first_round = np.abs(ships["psi"].values[draw]) <= 2.0 * np.pi
+                x, y = (ships[name].values[draw][first_round] / L for name in ("x", "y"))
+                plan.plot(y, x, color=colour, lw=0.4, alpha=0.3)
+            first_round = np.abs(ships["psi"].values[median]) <= 2.0 * np.pi
+            x, y = (ships[name].values[median][first_round] / L for name in ("x", "y"))
+            plan.plot(y, x, color=colour, lw=1.6, label=tree.attrs["label"])
+        elif kind.swings and tree.attrs["heading_deg"] == tree.attrs["rudder_deg"]:
+            style = {10.0: "-"}.get(tree.attrs["heading_deg"], "--")
+            bands, time = np.rad2deg(tree["bands"]["psi"]), tree["bands"]["time"]
+            lower, middle, upper = (bands.sel(band=band).values for band in ("lower", "median", "upper"))
+            heading.fill_between(time, lower, upper, color=colour, alpha=0.18, lw=0)
+            heading.plot(time, middle, style, color=colour, label=tree.attrs["label"])
+    plan.set(aspect="equal", xlabel="transfer to starboard [L]", ylabel="advance [L]", title="Turning circles")
+    plan.plot(0.0, 0.0, "o", ms=4, color=REFERENCE, label="rudder executed")
+    heading.set(xlabel="time from the execute [s]", ylabel="heading change [deg]", title="Zigzags: median, 95 % band")
+    heading.set_xlim(0.0, _ZIGZAG_SHOWN * vessel.particulars.ship_time)
+    labelled = {label: line for ax in axes[0] for line, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    fig.legend(labelled.values(), labelled, loc="outside upper center", ncols=4)
     return fig
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed_point, number, percent, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, number, percent, rounded_percent, table
 from pymc_ship.physics.manoeuvre.criteria import CONFORMANCE_PROBABILITY, imo_probabilities, probability_text
 from pymc_ship.physics.manoeuvre.registry import kind_named
 from pymc_ship.physics.vessel.reading import VesselLike, as_vessel
@@ -40,22 +40,15 @@ PAGE = Page(
 SOURCES = ("IMO (2002), Standards for ship manoeuvrability, resolution MSC.137(76)",)
 
 _CAPTIONS = {
-    "track": "Track seen from above, in ship lengths: thin lines are single ships of the forecast, the median ship is "
-    "the one whose indices are nearest their medians; outlines are to scale.",
+    "track": "Track seen from above, in ship lengths: thin lines are draws; outlines are to scale.",
     "heading_and_rudder": "Heading and rudder; a positive rudder angle turns to port.",
     "motion": "Velocities, rates, roll and rudder.",
 }
-_SWINGS = (
-    " Bands and medians are those of each instant, so that the median of ships which turn at different instants is "
-    "flatter than any of them; the marks are the overshoots themselves."
-)
+_SWINGS = " Bands are quantiles at each instant; the marks are the overshoots."
 _DECIMALS = {"deg": 2, "L": 2, "s": 1, "m/s": 2, "deg/s": 3}
 """Decimals of an index by its unit."""
 
-_FORCES = (
-    "Prime hydrodynamic force and moment of the model, one quantity at a time at the nominal speed, all others zero. "
-    "Outside the shaded range of the training record a curve is extrapolated."
-)
+_FORCES = "Prime force and moment, one quantity at a time at the nominal speed; shaded: range of the training record."
 
 
 def write_forecast_page(
@@ -181,8 +174,9 @@ def interval_remarks(ship: Ship, forecasts: Mapping[str, xr.DataTree]) -> list[s
 
 def refused_sentence(tree: xr.DataTree) -> str:
     """Sentence on the draws that run away in a manoeuvre; empty where none does."""
-    share = 100.0 * tree.attrs["share_refused"]
-    return f"{share:.2g} % of the draws run away in the {tree.attrs['label']} and are left out." if share else ""
+    fraction = tree.attrs["share_refused"]
+    label = tree.attrs["label"]
+    return f"{rounded_percent(fraction)} of the draws diverge in the {label} and are left out." if fraction else ""
 
 
 def _head(forecasts: Mapping[str, xr.DataTree], vessel: Vessel) -> dict:

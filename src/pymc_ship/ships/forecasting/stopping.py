@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from pymc_ship.machine.errors import SimulationError
 from pymc_ship.pages.drawing import BLUE, NOISE, house_style, subplots
-from pymc_ship.pages.tables import fixed_point
+from pymc_ship.pages.tables import fixed_point, rounded_percent
 from pymc_ship.physics.manoeuvre.criteria import probability_text
 from pymc_ship.physics.motion.equations import STATE
 from pymc_ship.physics.motion.inputs import takes_revolutions
@@ -207,7 +207,7 @@ def stopping_sentence(stop: xr.Dataset) -> str:
         return f"No drawn ship stops with {stop.attrs['astern']:g} 1/s astern."
     lower, median, upper = np.quantile(reach[known], [0.025, 0.5, 0.975])
     kept = [probability_text(float(np.mean(known & (reach <= limit)))) for limit in (LIMIT, LARGE)]
-    lost = f" {100.0 * np.mean(~known):.2g} % of the ships do not stop." if not known.all() else ""
+    lost = f" {rounded_percent(float(np.mean(~known)))} of the draws do not stop." if not known.all() else ""
     return (
         f"Stopping test with {stop.attrs['astern']:g} 1/s astern: track reach {median:.1f} L ({lower:.1f} to "
         f"{upper:.1f}), within the {LIMIT:g} L of IMO MSC.137(76) with probability {kept[0]}, within the {LARGE:g} L "

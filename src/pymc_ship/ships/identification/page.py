@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from pymc_ship.inference.captive.comparison import captive_figure, comparison_pa
 from pymc_ship.inference.trajectory.windows import LENGTH, thinned
 from pymc_ship.machine.files import writable_folder
 from pymc_ship.pages.page import Content, Page, write_page
-from pymc_ship.pages.tables import Columns, Table, fixed_point, number, table
+from pymc_ship.pages.tables import Columns, Table, fixed_point, number, rounded_percent, table
 from pymc_ship.physics.manoeuvre.kinds import UNITS
 from pymc_ship.physics.manoeuvre.steering_record import approach_speed
 from pymc_ship.physics.vessel.parts import FIXED_SD
@@ -23,7 +24,9 @@ from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, m
 from pymc_ship.records.checks.trial_checks import worst_verdict
 from pymc_ship.records.checks.verdicts import Check
 from pymc_ship.ships.ensemble.index_error import error_rows
+from pymc_ship.ships.forecasting.figures import turns_and_overshoots
 from pymc_ship.ships.forecasting.force_curves import force_curves
+from pymc_ship.ships.forecasting.page import verdict_rows, verdict_table
 from pymc_ship.ships.forecasting.steady_turns import spiral_curve, spiral_sentence, steady_turns
 from pymc_ship.ships.identification.candidates import Candidate, Refusal
 from pymc_ship.ships.identification.figures import (
@@ -54,6 +57,7 @@ SOURCES = (
 )
 
 _FIGURES = (
+    "turns_and_overshoots",
     "diverging_motion",
     "held_out_windows",
     "held_out_overshoots",
@@ -104,7 +108,8 @@ def write_ship_report(
     *,
     command: str,
     seed: int,
-    outlook: Sequence[str] = (),
+    forecasts: Mapping[str, xr.DataTree] = MappingProxyType({}),
+    summary: Sequence[str] = (),
     captive: xr.Dataset | None = None,
     given: Vessel | None = None,
     progress: Callable[[str], None] = lambda _: None,
@@ -125,8 +130,10 @@ def write_ship_report(
         What repeats the page.
     seed : int
         Root of every random number.
-    outlook : sequence of str, optional
-        From :func:`pymc_ship.ships.design.outlook.outlook`.
+    forecasts : mapping of str to DataTree, optional
+        Of the standard manoeuvres, by their label, which open the page.
+    summary : sequence of str, optional
+        Sentences of :func:`pymc_ship.ships.design.outlook.manoeuvring_summary`.
     captive : Dataset, optional
         From :func:`pymc_ship.ships.identification.model.captive_comparison`.
     given : Vessel, optional
@@ -169,12 +176,18 @@ def write_ship_report(
     progress("drawing the figures")
     turns = steady_turns(result.ship)
     drawn = _figures(result, list(trials.values()), seed, captive) | {"spiral": spiral_curve(turns)}
+    if forecasts:
+        drawn["turns_and_overshoots"] = turns_and_overshoots(forecasts, result.vessel)
     progress("writing the page")
-    values = _values(result, trials, rows, outlook) | {
-        "steering": _steering(result, given),
-        "command": command,
-        "seed": seed,
-    }
+    values = (
+        _values(result, trials, rows, summary)
+        | _opening(result, forecasts)
+        | {
+            "steering": _steering(result, given),
+            "command": command,
+            "seed": seed,
+        }
+    )
     values["spiral"] = spiral_sentence(turns)
     return write_page(PAGE, out, Content(values, drawn, rows, sources=(*result.vessel.sources, *SOURCES)))
 
@@ -343,7 +356,7 @@ def _values(
     result: ShipIdentification,
     trials: Mapping[str, xr.Dataset],
     rows: Mapping[str, list[dict]],
-    outlook: Sequence[str],
+    summary: Sequence[str],
 ) -> dict:
     """What the template shows of the ship and its runs."""
     left_out = [remark for remark in result.ship.remarks if _LEFT_OUT in remark]
@@ -352,7 +365,7 @@ def _values(
         "n_runs": len(trials),
         "length": f"{LENGTH:g}",
         "correlated": f"{CORRELATED:g}",
-        "short": _short(result, rows, outlook),
+        "evidence": _evidence(result, rows, summary),
         "prior": _PRIORS[result.ship.prior],
         "corrections": {name: list(trial.attrs.get("corrections", ())) for name, trial in trials.items()},
         "doubtful": [row for row in rows["checks"] if row["verdict"] in _DOUBTS],
@@ -368,8 +381,44 @@ def _values(
     }
 
 
-def _short(result: ShipIdentification, rows: Mapping[str, list[dict]], outlook: Sequence[str]) -> list[str]:
-    """What the page says in a few sentences."""
+def _opening(result: ShipIdentification, forecasts: Mapping[str, xr.DataTree]) -> dict:
+    """Five sentences and a table for a master: turn, overshoot, IMO, stop and how sure that is."""
+    verdicts = [row for label, tree in forecasts.items() for row in verdict_rows(label, tree, result.vessel)]
+
+    def widest(criterion: str, kind: str) -> str:
+        rows = [row for row in verdicts if row["criterion"] == criterion and row["manoeuvre"].startswith(kind)]
+        rows = [row for row in rows if np.isfinite(row["median"])]
+        if not rows:
+            return "unknown"
+        row = max(rows, key=lambda one: one["median"])
+        n = fixed_point(1 if row["units"] == "deg" else 2)
+        return f"{n(row['median'])} {row['units']} ({n(row['lower'])} to {n(row['upper'])})"
+
+    if not verdicts:
+        return {"opening": [], "verdicts": None}
+    count = {word: sum(row["conformity"] == word for row in verdicts) for word in ("passes", "open", "fails")}
+    covered = coverage(index_error_rows(result.held_out_indices)) if result.held_out_indices.sizes["run"] else None
+    held_out = f"of {result.held_out_indices.sizes['run']} runs that were predicted from the others"
+    n = len(index_error_rows(result.held_out_indices))
+    opening = [
+        f"Turn with 35 deg of rudder: the ship goes {widest('advance', 'turning')} ahead and "
+        f"{widest('tactical diameter', 'turning')} to the side, in ship lengths L.",
+        f"Overshoot: {widest('first overshoot angle', 'zigzag 10')} in the 10/10 zigzag and "
+        f"{widest('first overshoot angle', 'zigzag 20')} in the 20/20 zigzag, on the less favourable side.",
+        f"IMO MSC.137(76): of {len(verdicts)} criteria the ship passes {count['passes']} and fails {count['fails']}; "
+        f"{count['open']} are open.",
+        "Stop: the distance depends on the revolutions astern; pymc-ship forecast --stop computes it for term sets "
+        "that are valid astern.",
+        f"Certainty: brackets are intervals of 95 %; {covered['95']} of {n} such intervals covered the measurement "
+        f"{held_out}."
+        if covered and n
+        else "Certainty: brackets are intervals of 95 %, but no measured manoeuvre was predicted from other runs.",
+    ]
+    return {"opening": opening, "verdicts": verdict_table(verdicts)}
+
+
+def _evidence(result: ShipIdentification, rows: Mapping[str, list[dict]], summary: Sequence[str]) -> list[str]:
+    """Sentences on what was measured, how well held-out runs were predicted, and the recommended run."""
     best, drawn = result.candidates[0], [row for row in rows["term_sets"] if row["draws"]]
     share = sum(row["weight"] * row["infeasible_fraction"] for row in drawn)
     worst = [row["run"] for row in rows["runs"] if row["verdict"] in _DOUBTS]
@@ -378,8 +427,8 @@ def _short(result: ShipIdentification, rows: Mapping[str, list[dict]], outlook: 
         *_summary(rows["held_out_indices"]),
         f"Runs with a doubtful check: {', '.join(worst)}." if worst else "No check of a run is doubtful.",
     ]
-    text = f"{100.0 * share:.2g} % ran away and were drawn anew, none of those kept does" if share else "none ran away"
-    return [*found, f"Every draw of the coefficients was tried in six standard manoeuvres; {text}.", *outlook]
+    text = f"{rounded_percent(share)} diverged and were replaced by new draws" if share else "none diverged"
+    return [*found, f"Every draw of the coefficients was simulated in six standard manoeuvres; {text}.", *summary]
 
 
 _PRIORS = {
