@@ -68,7 +68,7 @@ No trial here is in shallow water or in waves. None has several screws or rudder
 def what_to_expect() -> str:
     """Text of ``docs/what_to_expect.md``."""
     population, summary = row("ships/tables/trials", "group", "all"), foreign_summary()
-    held, made = (int(constants()[f"statements_{word}"].value) for word in ("held", "made"))
+    held, made = (int(constants()[f"calibration_{word}"].value) for word in ("hits", "trials"))
     diameter = row("ships/tables/indices", "group", "turning circle, tactical diameter")
     return PAGE.format(
         trials="\n".join(trials_row(line) for line in table("ships/tables/trials") if line["group"] != "all"),
