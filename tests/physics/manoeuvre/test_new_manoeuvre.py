@@ -247,7 +247,7 @@ class TestWords:
     def test_words_that_are_no_angles_are_refused(self, capsys):
         with refused(SystemExit, 2):
             main(["simulate", "container", "--rudder-kick", "20", "--out", "trial.csv"])
-        assert "a rudder kick is RUDDER/HEADING in deg such as 20/40, found '20'" in capsys.readouterr().err
+        assert "a rudder kick must be RUDDER/HEADING [deg] such as 20/40, found '20'" in capsys.readouterr().err
 
 
 class TestForgotten:

@@ -22,20 +22,17 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     Parameters
     ----------
     tree : DataTree
-        From :func:`pymc_ship.forecast`: groups ``trajectories`` (``diverged`` by draw), ``indices`` (dims draw) and
-        ``index_bands`` (dims band). Its attr ``calibration_cap``, of a forecast beyond the runs of a ship, bounds the
-        probabilities.
+        From :func:`pymc_ship.forecast`; its attr ``calibration_cap``, if any, bounds the probabilities.
     vessel : Vessel, str or Path
         Gives L; the speed is the approach speed of the manoeuvre.
 
     Returns
     -------
     list of dict
-        ``criterion``, ``limit``, ``units`` (deg or L), ``median``, ``lower`` and ``upper`` of the forecast's interval,
-        ``probability``, ``standard_error`` (binomial, of a finite number of draws), ``not_reached``
-        (fraction of draws that diverged or did not reach the event), ``judgement`` (passes, open or fails) and
-        ``verdict``, one sentence. The probability is the fraction of all draws that reach the event within the limit; a
-        draw that diverged or does not reach it counts as not passing. Empty if no criterion applies.
+        ``criterion``, ``limit``, ``units`` (deg or L), ``median``, ``lower``, ``upper``, ``probability``,
+        ``standard_error`` (binomial), ``not_reached`` (fraction of draws that diverged or did not reach the event),
+        ``conformity`` (passes, open or fails) and ``verdict``, one sentence. A draw that diverged or does not reach the
+        event counts as not passing. Empty if no criterion applies.
 
     References
     ----------
@@ -49,23 +46,23 @@ def imo_probabilities(tree: xr.DataTree, vessel: VesselLike) -> list[dict[str, A
     >>> import pymc_ship as ps
     >>> vessel, rng = ps.load_vessel("kvlcc2"), np.random.default_rng(1)
     >>> trial = ps.pollute(ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5), level=0.01, rng=rng)
-    >>> found = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
-    >>> ship = ps.Ship.from_posterior(vessel, found.posteriors("conjugate", draws=40, rng=rng), draws=40, rng=rng)
+    >>> result = ps.identify(trial, vessel, families=["conjugate"], interval=None, derivative="weak")
+    >>> ship = ps.Ship.from_posterior(vessel, result.posteriors("conjugate", draws=40, rng=rng), draws=40, rng=rng)
     >>> turn = ps.forecast(ship, ps.turning_circle(35), duration=900, rng=rng)
     >>> for row in ps.imo_probabilities(turn, vessel):
-    ...     print(row["criterion"], row["judgement"], row["probability"])
+    ...     print(row["criterion"], row["conformity"], row["probability"])
     advance passes 1.0
     tactical diameter passes 1.0
     """
     vessel = as_vessel(vessel)
     if "indices" not in tree.children:
         return []
-    found, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
+    index_draws, bands = tree["indices"].to_dataset(), tree["index_bands"].to_dataset()
     running = ~tree["trajectories"].to_dataset()["diverged"].values
     calibration_cap = tree.attrs.get("calibration_cap", 1.0)
     rows = []
-    for name, limit, unit, units in imo_limits(found.attrs, vessel):
-        values = found[name].values / unit
+    for name, limit, unit, units in imo_limits(index_draws.attrs, vessel):
+        values = index_draws[name].values / unit
         reached = running & np.isfinite(values)
         probability = float(np.clip(np.mean(reached & (values <= limit)), 1.0 - calibration_cap, calibration_cap))
         row = {"criterion": name.replace("_", " "), "limit": limit, "units": units}
@@ -106,20 +103,10 @@ def _sentence(row: dict[str, Any]) -> str:
 
 
 def imo_limits(attrs: Mapping[str, Any], vessel: Vessel) -> list[tuple[str, float, float, str]]:
-    """Limits of IMO MSC.137(76) that apply to a manoeuvre.
+    """Limits of IMO MSC.137(76) that apply to a manoeuvre: index, limit, size and name of its unit.
 
-    Parameters
-    ----------
-    attrs : mapping
-        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``approach_speed`` [m/s] as :func:`pymc_ship.simulate` and
-        :func:`indices` write them. Defaults: hard-over rudder of a turning circle, nominal speed.
-    vessel : Vessel
-        Gives L.
-
-    Returns
-    -------
-    list of tuple
-        Index, limit, size of the limit's unit in that of the index, name of the unit; empty if no limit applies.
+    ``attrs`` as :func:`pymc_ship.simulate` and :func:`indices` write them; by default nominal speed and hard-over
+    rudder.
     """
     L = vessel.particulars.L
     ratio = L / attrs.get("approach_speed", vessel.particulars.nominal_speed)
@@ -127,12 +114,12 @@ def imo_limits(attrs: Mapping[str, Any], vessel: Vessel) -> list[tuple[str, floa
     return [(name, limit, L if units == "L" else 1.0, units) for name, limit, units in limits]
 
 
-def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any]]:
+def imo_criteria(measured: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any]]:
     """Compare indices with the limits of IMO MSC.137(76) that apply to the manoeuvre.
 
     Parameters
     ----------
-    found : Dataset, dims ()
+    measured : Dataset, dims ()
         From :func:`indices` of a 10/10 or 20/20 zigzag or of a turning circle at 35 deg or more.
     vessel : Vessel, str or Path
         Gives L; the speed is the approach speed of the trial.
@@ -140,8 +127,7 @@ def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None if the record does not reach the event);
-        empty if no limit applies.
+        ``criterion``, ``value``, ``limit``, ``units`` and ``passed`` (None if the record does not reach the event).
 
     Examples
     --------
@@ -156,8 +142,8 @@ def imo_criteria(found: xr.Dataset, vessel: VesselLike) -> list[dict[str, Any]]:
     """
     vessel = as_vessel(vessel)
     rows = []
-    for name, limit, unit, units in imo_limits(found.attrs, vessel):
-        value = float(found[name]) / unit
+    for name, limit, unit, units in imo_limits(measured.attrs, vessel):
+        value = float(measured[name]) / unit
         passed = bool(value <= limit) if np.isfinite(value) else None
         criterion = name.replace("_", " ")
         rows.append({"criterion": criterion, "value": value, "limit": limit, "units": units, "passed": passed})

@@ -1,8 +1,4 @@
-"""Events of one run: headings reached, peaks, distances and the steady turn.
-
-Events are located on the cubic Hermite interpolant of the record, whose slopes are psi_dot = r cos phi and the
-kinematics of the track, so that they do not depend on the sampling interval.
-"""
+"""Events of one run, on the cubic Hermite interpolant of heading and track: headings, peaks, the steady turn."""
 
 from __future__ import annotations
 
@@ -46,8 +42,7 @@ class Record:
     def crossing(self, level: float, sign: float, after: float = -np.inf) -> float:
         """First time after ``after`` at which sign * psi rises through ``level``; NaN where it does not.
 
-        A noisy heading goes through the level to and fro until it is clearly beyond: the middle one of its crossings
-        before the heading turns back counts, which is neither early nor late in the mean.
+        Of the crossings of a noisy heading before it turns back, the middle one counts.
         """
         k0 = max(int(np.searchsorted(self.time, after, side="right")) - 1, 0)
         ahead = sign * self.motion["psi"][k0:] >= level
@@ -64,7 +59,7 @@ class Record:
     def peak(self, after: float) -> float:
         """First time after ``after`` at which the heading turns back; NaN where it does not.
 
-        A noisy yaw rate changes its sign to and fro: the change at which its integral is largest counts.
+        Of the sign changes of a noisy yaw rate, the one at which its integral is largest counts.
         """
         k0 = max(int(np.searchsorted(self.time, after, side="right")) - 1, 0)
         k = self._turned(k0, np.sign(self.psi_dot[k0 : k0 + 2].sum()))
@@ -77,11 +72,7 @@ class Record:
         return float(np.abs(self.motion[name]).max())
 
     def distance(self, until: float) -> float:
-        """Distance run [m] up to a time: how far the positions advance in the direction of the velocity.
-
-        The noise of positions cancels in it. In the sum of the lengths between them it grows with their number. The
-        axes of the track need not be those of the heading.
-        """
+        """Distance run [m] up to a time: how far the positions advance along the velocity; their noise cancels."""
         path = np.append(self.time[self.time < until], until)
         x, y = (np.diff([self.at(name, when) for when in path]) for name in ("x", "y"))
         middle = 0.5 * (path[1:] + path[:-1])
@@ -111,10 +102,7 @@ class Record:
         )
 
     def _turned(self, begin: int, sign: float) -> int:
-        """Begin of the interval after a sample in which the heading turns back from ``sign``, or the last sample.
-
-        It is where the integral of the yaw rate is largest before it has come back to its begin.
-        """
+        """Begin of the interval after a sample in which the heading turns back from ``sign``, or the last sample."""
         rate = sign * self.psi_dot[begin:]
         turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(self.time[begin:]))])
         back = np.flatnonzero(turned[1:] <= 0.0)

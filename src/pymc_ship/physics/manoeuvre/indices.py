@@ -22,10 +22,9 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     Parameters
     ----------
     trial : Dataset, dims (time,) or (draw, time)
-        With u, v [m/s], r [rad/s], phi, psi [rad] and x, y [m]; psi of a zigzag counts from its base course, a turning
-        circle may start on any. ``attrs`` hold ``manoeuvre``, ``heading_deg`` and ``side``, as
-        :func:`pymc_ship.simulate` writes them. A noisy record is denoised first, see :func:`pymc_ship.denoise`: peaks
-        of noisy channels are too high by about the noise.
+        u, v [m/s], r [rad/s], phi, psi [rad] and x, y [m]; psi of a zigzag counts from its base course. ``attrs`` hold
+        ``manoeuvre``, ``heading_deg`` and ``side``, as :func:`pymc_ship.simulate` writes them. Denoise a noisy record
+        first (:func:`pymc_ship.denoise`): its peaks are too high by about the noise.
     manoeuvre : str, optional
         Name of the kind, which overrides ``attrs["manoeuvre"]``: ``zigzag``, ``turning_circle``.
 
@@ -57,10 +56,10 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     if name not in known:
         raise TrialError(f"Indices exist for {either(known)}, found {name!r}; name the manoeuvre.")
     kind = KINDS[name]
-    wanted = {*kind.angles, "side"} - {"rudder_deg"}
-    if wanted - trial.attrs.keys() or trial.attrs["side"] not in SIDES:
+    required = {*kind.angles, "side"} - {"rudder_deg"}
+    if required - trial.attrs.keys() or trial.attrs["side"] not in SIDES:
         raise TrialError(
-            f"The attrs of a {name} need {', '.join(sorted(wanted))}, the side is 'starboard' or 'port'; mend them."
+            f"The attrs of a {name} need {', '.join(sorted(required))}, the side is 'starboard' or 'port'; mend them."
         )
     channels = ("u", "v", "r", "phi", "psi", "x", "y")
     check_trial(_before_divergence(trial.isel(draw=0, missing_dims="ignore")), channels, uniform=False)
@@ -73,11 +72,11 @@ def indices(trial: xr.Dataset, *, manoeuvre: str | None = None) -> xr.Dataset:
     modelled = {name: index for name, index in kind.indices.items() if _modelled(index, trial.attrs)}
     rows = [kind.measure(ship, trial.attrs) if ship.time.size > 1 else {} for ship in ships]
     values = np.array([[row.get(name, np.nan) for name in modelled] for row in rows])
-    found = xr.Dataset(
+    table = xr.Dataset(
         {name: ("draw", values[:, k], {"units": index.units}) for k, (name, index) in enumerate(modelled.items())},
         attrs={**trial.attrs, "manoeuvre": kind.name},
     )
-    return found.assign_coords(draw=runs["draw"]) if "draw" in trial.dims else found.isel(draw=0)
+    return table.assign_coords(draw=runs["draw"]) if "draw" in trial.dims else table.isel(draw=0)
 
 
 def _modelled(index: Index, attrs: Mapping[str, Any]) -> bool:

@@ -1,7 +1,4 @@
-"""Kinds of manoeuvres and their indices, as values.
-
-No numerical imports here nor in the standard kinds, since the command line reads its options from them.
-"""
+"""Kinds of manoeuvres and their indices, as values; without numerical imports, as the command line reads them."""
 
 from __future__ import annotations
 
@@ -52,18 +49,9 @@ Limit = tuple[str, float, str]
 
 @dataclass(frozen=True)
 class Index:
-    """One index of a kind of manoeuvre.
+    """One index of a kind of manoeuvre: its ``quantity`` (key of :data:`UNITS`), and the channels it ``needs``.
 
-    Attributes
-    ----------
-    quantity : str
-        Key of :data:`UNITS`.
-    needs : tuple of str
-        Channels that a measured record must have.
-    scored : bool
-        Whether the index is compared on held-out runs; one of :data:`SCORED_QUANTITIES` only.
-    signed : bool
-        Whether the index can be negative.
+    ``scored``: compared on held-out runs, for one of :data:`SCORED_QUANTITIES`. ``signed``: the index can be negative.
     """
 
     quantity: str
@@ -100,27 +88,23 @@ class ManoeuvreKind:
     name : str
         As in ``attrs["manoeuvre"]`` of a record: ``turning_circle``.
     angles : tuple of str
-        Attributes of a :class:`pymc_ship.Manoeuvre` that are written with it, in order: ``rudder_deg``, ``heading_deg``
-        or both.
+        Angles of a :class:`pymc_ship.Manoeuvre` that are written with it: ``rudder_deg``, ``heading_deg`` or both.
     example : str
         Angles as they are written, ``20/20``, for help and errors.
-    option : str
-        Option of the command line, ``turn`` for ``--turn``; empty for none.
-    title : str
-        Name in the help of ``pymc-ship simulate``; needed with an option.
+    option, title : str
+        Option of the command line, ``turn`` for ``--turn``, empty for none; title in the help of ``pymc-ship
+        simulate``.
     second_execute_factor : float or None
-        Factor on the rudder angle at the second execute, when the heading has changed by ``heading_deg``: -1 reverses
-        the rudder, 0 puts it amidships. None: no second execute.
+        Factor on the rudder angle when the heading has changed by ``heading_deg``: -1 reverses the rudder, 0 puts it
+        amidships. None: no second execute.
     indices : mapping of str to Index
     measure : callable
-        Indices that a :class:`pymc_ship.physics.manoeuvre.events.Record` reaches, by name, from the record and its
-        attrs (``rudder_deg``, ``heading_deg``, ``side``) [units of the indices].
+        Indices by name, from a :class:`pymc_ship.physics.manoeuvre.events.Record` and its attrs.
     limits : callable
         Limits of IMO MSC.137(76) that apply, from the attrs and L over the approach speed [s].
     recognise : callable or None
-        Angles and side of a manoeuvre of this kind, from a
-        :class:`pymc_ship.physics.manoeuvre.steering_record.SteeringRecord`, or None for another manoeuvre.
-        A kind without this function is not recognised in records.
+        Angles and side from a :class:`pymc_ship.physics.manoeuvre.steering_record.SteeringRecord`, None for another
+        manoeuvre. A kind without this function is not recognised in records.
     reach : float
         How long a forecast simulates the manoeuvre by default [L/U].
     swings : bool

@@ -22,17 +22,12 @@ def register_manoeuvre(kind: ManoeuvreKind) -> None:
     Parameters
     ----------
     kind : ManoeuvreKind
-        ``del KINDS[kind.name]`` makes the package forget it again.
-
-    Raises
-    ------
-    SimulationError
-        When another kind has its name or its option.
+        SimulationError if another kind has its name or option. ``del KINDS[kind.name]`` removes it again.
     """
     for known in KINDS.values():
         if kind.name == known.name or (kind.option and kind.option == known.option):
             raise SimulationError(
-                f"Each kind of manoeuvre has its own name and option, found {kind.name!r} with {kind.option!r} beside "
+                f"Each kind of manoeuvre has its own name and option, found {kind.name!r} with {kind.option!r} and "
                 f"{known.name!r} with {known.option!r}; rename one."
             )
     KINDS[kind.name] = kind

@@ -27,10 +27,7 @@ _WIDEST = 45.0  # deg, switching heading
 
 @dataclass(frozen=True)
 class Reversal:
-    """Second or later execute of a zigzag: time [s] at which the rudder begins to move, and its rate [rad/s].
-
-    ``heading`` [rad] is the change of heading since the first execute.
-    """
+    """Second or later execute of a zigzag: begin [s], heading since the first execute [rad], rudder rate [rad/s]."""
 
     time: float
     heading: float
@@ -46,14 +43,9 @@ class Swings:
     reversals: Sequence[Reversal]
 
     def switching_headings(self, delays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Headings [deg] at which the reversals were ordered, if the rudder follows its order after these delays [s].
+        """Headings [deg] at which the reversals were ordered, and their middle, for delays [s] of the steering gear.
 
-        Returns
-        -------
-        headings : ndarray, shape (n_reversals, n_delays)
-            Relative to the middle, positive to the side of the turn.
-        middle : ndarray, shape (n_delays,)
-            Mean of the switching headings of both sides.
+        The headings (n_reversals, n_delays) are relative to the middle (n_delays,), positive to the side of the turn.
         """
         begin = np.array([reversal.time for reversal in self.reversals])
         heading = np.rad2deg(np.interp(begin[:, None] - delays, self.time, self.heading))
@@ -68,14 +60,8 @@ class Swings:
 class SteeringRecord:
     """Steering in one record, from which a kind of manoeuvre is recognised.
 
-    Attributes
-    ----------
-    trial : Dataset, dims (time,)
-        With u, r, psi and delta.
-    reversals : sequence of Reversal
-        From :func:`rudder_reversals`; empty for another record than a zigzag.
-    delay : float
-        Delay of the steering gear [s]; NaN without a reversal in any run.
+    ``trial`` has u, r, psi and delta; ``reversals`` are those of a zigzag, empty for another record; ``delay`` [s] is
+    that of the steering gear, NaN without a reversal in any run.
     """
 
     trial: xr.Dataset
@@ -122,8 +108,7 @@ def whole_heading(headings: np.ndarray) -> int:
 def manoeuvre_rudder_angle(delta: np.ndarray) -> float:
     """Magnitude of the rudder angle [rad] of a manoeuvre; 0 for a rudder that stays amidships.
 
-    Of all ranges from an angle to 1.1 times it, the one with the largest sum of squared rudder angles counts; its
-    median is returned.
+    Median of the range from an angle to 1.1 times it that has the largest sum of squared rudder angles.
     """
     size = np.sort(np.abs(delta))
     work = np.concatenate([[0.0], np.cumsum(size**2)])
@@ -133,10 +118,7 @@ def manoeuvre_rudder_angle(delta: np.ndarray) -> float:
 
 
 def fixed_rudder_intervals(delta: np.ndarray) -> list[tuple[int, int]]:
-    """First sample and end of each interval with the rudder fixed at :func:`manoeuvre_rudder_angle`, either side.
-
-    An interval counts if it is flat and lasts at least a tenth of the longest one.
-    """
+    """First sample and end of each flat interval at :func:`manoeuvre_rudder_angle` to either side, if not too short."""
     angle = manoeuvre_rudder_angle(delta)
     near = np.abs(np.abs(delta) - angle) <= _NEAR * angle
     side = np.concatenate([[0], np.where(near, np.sign(delta), 0), [0]])
@@ -154,17 +136,9 @@ def fixed_rudder_intervals(delta: np.ndarray) -> list[tuple[int, int]]:
 def first_execute(trial: xr.Dataset) -> float:
     """Time [s] of the first execute, at which the rudder is first put over.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        With delta, which may have gaps.
-
-    Returns
-    -------
-    float
-        Begin of the straight line through the last instants at a quarter and a half of the way to the first fixed
-        angle, so that noise and small angles on the approach do not count. The first instant of a record that begins
-        with the rudder put over or keeps it amidships.
+    Begin of the straight line through the last instants at a quarter and a half of the way to the first fixed angle, so
+    that noise and small angles on the approach do not count; the first instant of a record without an approach or a
+    turn.
     """
     known = np.isfinite(trial["delta"].values)
     delta, time = trial["delta"].values[known].astype(float), trial["time"].values[known]
@@ -228,10 +202,7 @@ def heading_change(trial: xr.Dataset) -> np.ndarray:
 
 
 def base_course(trial: xr.Dataset) -> float:
-    """Base course [rad] of a record with psi and delta.
-
-    For a zigzag the middle of the switching headings of both sides, otherwise the course of the approach.
-    """
+    """Base course [rad]: of a zigzag the middle of the switching headings, otherwise the course of the approach."""
     initial = float(np.unwrap(trial["psi"].values)[is_approach(trial)].mean())
     headings = [reversal.heading for reversal in rudder_reversals(trial)[1:]]
     sides = [[heading for heading in headings if sign * heading > 0.0] for sign in (1.0, -1.0)]

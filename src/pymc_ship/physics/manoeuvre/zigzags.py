@@ -17,10 +17,7 @@ BY_HAND = math.radians(1.0)
 
 
 def _indices(record: Record, attrs: Mapping[str, Any]) -> dict[str, float]:
-    """Indices that the record reaches; overshoots count from the switching heading.
-
-    In a record steered by hand they count from the headings at ``attrs["reversal_times"]`` [s].
-    """
+    """Indices reached; overshoots count from the switching heading or from ``attrs["reversal_times"]`` [s]."""
     heading, side = math.radians(attrs["heading_deg"]), SIDES[attrs["side"]]
     by_hand: Sequence[float] = attrs.get("reversal_times", ())
     indices: dict[str, float] = {"maximum_roll_angle": math.degrees(record.largest("phi"))}

@@ -79,16 +79,16 @@ def _steer(steering: Steering, psi: np.ndarray, command: float, rudder: Rudder) 
             passed = beyond / max(side * (psi[lane] - rudder.psi[lane]), beyond) if beyond > 0.0 else 0.0
             waiting[lane] = steering.delay - steering.within * passed
         rudder.psi[lane] = psi[lane]
-        delta, share = rudder.delta[lane], 1.0
+        delta, fraction = rudder.delta[lane], 1.0
         if waiting[lane] < 1.0:
             before = waiting[lane] * travel if waiting[lane] > 0.0 else 0.0
             delta += min(max(factor[lane] * command - delta, -before), before)
-            share -= waiting[lane]
+            fraction -= waiting[lane]
             factor[lane] *= steering.factor
             waiting[lane] = np.inf
         else:
             waiting[lane] -= 1.0
-        after = share * travel
+        after = fraction * travel
         rudder.following[lane] = delta + min(max(factor[lane] * command - delta, -after), after)
 
 

@@ -52,11 +52,11 @@ def approach_check(trial: xr.Dataset, scale: ShipScale) -> Check:
         values = trial[name].values if name in trial else np.zeros(n)
         largest = np.quantile(np.abs(values), 0.99)
         if largest > 0.0:
-            share = float(values[:n].mean() / largest)
-            numbers.append((f"{name} over its largest", share, ""))
+            ratio = float(values[:n].mean() / largest)
+            numbers.append((f"{name} over its largest", ratio, ""))
             least = max(STRAIGHT, SIGNIFICANT * _sd(values) / np.sqrt(n) / largest)
-            if abs(share) > least and (name != "phi" or abs(share) * largest > np.deg2rad(UPRIGHT)):
-                faults.append(f"{name} is {share:+.0%} of its largest")
+            if abs(ratio) > least and (name != "phi" or abs(ratio) * largest > np.deg2rad(UPRIGHT)):
+                faults.append(f"{name} is {ratio:+.0%} of its largest")
     if "u" in trial:
         trend_numbers, faults_of_speed = _speed_trend(trial, n, scale)
         numbers += trend_numbers
@@ -107,18 +107,7 @@ def excitation_checks(trial: xr.Dataset, vessel: Vessel | None) -> tuple[Check, 
     """Condition number of the design of each degree of freedom, and its directions above the noise.
 
     The terms are averaged over blocks of a tenth of L/U and scaled to unit mean square; their noise is that of second
-    differences in time. A direction of the singular value decomposition counts where its signal is
-    :data:`ABOVE_NOISE` times its noise.
-
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-    vessel : Vessel or None
-
-    Returns
-    -------
-    tuple of Check
-        "excitation <dof>" for each degree of freedom of the vessel, one "excitation" without a vessel.
+    differences in time. A singular direction counts where its signal is :data:`ABOVE_NOISE` times its noise.
     """
     if vessel is None:
         return (not_checked("excitation", "no vessel whose terms could be tried"),)
@@ -153,14 +142,14 @@ def _excitation(dof: str, terms: tuple[str, ...], columns: np.ndarray, size: int
     noise = np.diff(columns / scale, 2, axis=0) / np.sqrt(6.0)
     _, s, directions = np.linalg.svd(design / scale, full_matrices=False)
     spread = np.sqrt(np.mean((noise @ directions.T) ** 2, axis=0) / size)
-    seen = s / np.sqrt(len(design)) > ABOVE_NOISE * spread
+    above_noise = s / np.sqrt(len(design)) > ABOVE_NOISE * spread
     condition = float(s[0] / max(s[-1], np.finfo(float).tiny))
-    count = int(np.count_nonzero(seen))
+    count = int(np.count_nonzero(above_noise))
     numbers = (("condition number", condition, ""), ("directions above noise", float(count), f"of {len(terms)}"))
-    if seen.all():
+    if above_noise.all():
         text = f"All {len(terms)} directions stand above the noise; condition number {condition:.3g}."
         return Check(name, "good", text, numbers)
-    lost = np.sqrt(np.sum(directions[~seen] ** 2, axis=0))
+    lost = np.sqrt(np.sum(directions[~above_noise] ** 2, axis=0))
     weak = ", ".join(LETTER[dof] + terms[j] for j in np.argsort(-lost)[:3])
     text = (
         f"{count} of {len(terms)} directions stand above the noise; least of all {weak}: use a prior, fewer terms or "

@@ -1,9 +1,7 @@
-"""Kinematic closure of a trial: integrated rates against heading and roll, track against course and speed.
+"""Kinematic closure of a trial, psi_dot = r cos phi and phi_dot = p, and the length of the track against the speed.
 
-psi_dot = r cos phi, phi_dot = p; the velocities of the track are in :mod:`pymc_ship.records.checks.track`. Both sides
-are integrated and averaged over blocks of a share of L/U, and the increments from block to block regressed on each
-other: the noise of a position or an angle is averaged, that of a velocity integrated, and the increments are close to
-independent, so that ordinary standard errors hold.
+Both sides are integrated and averaged over blocks; their increments from block to block, close to independent, are
+regressed on each other.
 """
 
 from __future__ import annotations
@@ -59,20 +57,7 @@ _LOG_WIDTH = 0.05  # a ratio this near to a known factor is that factor
 
 
 def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> tuple[Check, Check]:
-    """Scale and sign, and offset, of r against psi or of p against phi.
-
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-    scale : ShipScale
-    rate, angle : str
-        ``r`` and ``psi``, or ``p`` and ``phi``.
-
-    Returns
-    -------
-    tuple of Check
-        "yaw rate", "gyro offset" or "roll rate", "roll rate offset"; the offset is a number in deg/s.
-    """
+    """Checks of scale and sign, and of the offset [deg/s], of r against psi or of p against phi."""
     name, offset_name = _RATE_CHECKS[rate]
     missing = [channel for channel in (rate, angle) if channel not in trial]
     if missing:
@@ -81,12 +66,12 @@ def rate_checks(trial: xr.Dataset, scale: ShipScale, rate: str, angle: str) -> t
     blocks = ship_blocks(trial, scale, YAW_BLOCK if rate == "r" else _ROLL_BLOCK)
     turning = trial[rate].values * (np.cos(heel(trial)) if rate == "r" else 1.0)
     predicted = blocks.increments(integral(turning, sampling_interval(trial)))
-    found, time = blocks.increments(trial[angle].values), blocks.increments(trial["time"].values)
-    check = _rate_scale(rate, angle, *_slope(predicted, time, found))
+    measured, time = blocks.increments(trial[angle].values), blocks.increments(trial["time"].values)
+    check = _rate_scale(rate, angle, *_slope(predicted, time, measured))
     if check.verdict in ("bad", "not checked"):
         check = _swapped(trial, blocks, time, rate, angle) or check
         return check, not_checked(offset_name, f"the integral of the {name} does not match {angle}")
-    drift = (predicted - found) / time
+    drift = (predicted - measured) / time
     error = drift.std(ddof=1) / np.sqrt(drift.size) + 0.1 * SCALE_DOUBTFUL * abs(turning.mean())
     return check, _rate_offset(rate, angle, drift.mean(), error, scale)
 
@@ -101,15 +86,12 @@ def _swapped(trial: xr.Dataset, blocks: Blocks, time: np.ndarray, rate: str, ang
     return Check(_RATE_CHECKS[rate][0], "bad", text, (("scale of the swapped columns", slope, ""),))
 
 
-def _slope(predicted: np.ndarray, time: np.ndarray, found: np.ndarray) -> tuple[float, float, float, float]:
-    """Slope, its standard error, and root mean squares of residuals and response.
-
-    In a steady turn an offset cannot be told from the slope; it is then left out and changes the slope by its share.
-    """
-    size = np.sqrt(np.mean(found**2))
-    (slope, _), (error, _), residuals = least_squares([predicted, time], found)
+def _slope(predicted: np.ndarray, time: np.ndarray, measured: np.ndarray) -> tuple[float, float, float, float]:
+    """Slope, its standard error, root mean squares of residuals and response; without an offset in a steady turn."""
+    size = np.sqrt(np.mean(measured**2))
+    (slope, _), (error, _), residuals = least_squares([predicted, time], measured)
     if error > 0.01:
-        (slope,), (error,), residuals = least_squares([predicted], found)
+        (slope,), (error,), residuals = least_squares([predicted], measured)
     return float(slope), float(error), float(np.sqrt(np.mean(residuals**2))), float(size)
 
 

@@ -1,9 +1,6 @@
-"""Lag of measured velocities behind the measured track, as against a lever arm, and its correction.
+"""Lag of measured velocities behind the measured track, distinguished from a lever arm, and its correction.
 
-A lag makes v follow what a lever arm makes of it, with an arm that grows with the speed and differs between runs. Two
-lags are told apart: u and v that are late as a whole, and earth-fixed velocities that are late and were turned into
-the body by the present heading, as where positions are differentiated and filtered. The reading that misses the track
-least is taken; the lag belongs to the sensors and so is one value for all runs of a facility.
+Either u and v are late as a whole, or earth-fixed velocities are late and were turned by the present heading.
 """
 
 from __future__ import annotations
@@ -52,18 +49,7 @@ class VelocityLag:
 
 
 def advanced(trial: xr.Dataset, lag: VelocityLag) -> xr.Dataset:
-    """Trial with u and v moved forward by their lag; samples at the end without a value are cut.
-
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        With u, v [m/s] and psi [rad], phi [rad] where the ship rolls.
-    lag : VelocityLag
-
-    Returns
-    -------
-    Dataset, dims (time,)
-    """
+    """Trial with u and v moved forward by their lag; samples at the end without a value are cut."""
     time = trial["time"].values
     if lag.kind == "earth":
         x_dot, y_dot = (_later(time, values, lag.seconds) for values in earth_velocity(trial))
@@ -106,7 +92,7 @@ def _track_increments(
 
 
 def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: str, longest: float) -> _Reading:
-    """Least-squares lag of a kind, beside constant offsets of the velocity (Gauss-Newton)."""
+    """Least-squares lag of a kind, with constant offsets of the velocity (Gauss-Newton)."""
     seconds = 0.0
     for _ in range(_STEPS):
         predicted, slope = _track_increments(trial, track, kind, seconds)
@@ -120,19 +106,9 @@ def _reading(trial: xr.Dataset, track: TrackBlocks, measured: np.ndarray, kind: 
 
 
 def lag_check(trial: xr.Dataset, scale: ShipScale, known: VelocityLag | None = None) -> Check:
-    """Lag of u and v behind the track, distinguished from a lever arm.
+    """Lag of u and v behind the track, distinguished from a lever arm; :func:`lag_of` reads its numbers.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-    scale : ShipScale
-    known : VelocityLag, optional
-        The lag of all runs of the facility, see :func:`common_lag`; it is used in place of this record's own.
-
-    Returns
-    -------
-    Check
-        "velocity lag"; the numbers are the lag and what each reading leaves of the track. :func:`lag_of` reads them.
+    A ``known`` lag, that of all runs of the facility (:func:`common_lag`), takes precedence over this record's own.
     """
     if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(NAME, reason)
@@ -172,9 +148,9 @@ def explains_better(check: Check, scale: ShipScale) -> bool:
     """Whether an uncertain lag explains the track better than a lever arm."""
     if check.mendable or not check.numbers:
         return False
-    found = lag_of(check)
-    matters = abs(found.seconds) > max(LAG * scale.time, check.value("interval"))
-    return matters and check.value(f"misfit, {found.kind}") < check.value("misfit, lever arm")
+    lag = lag_of(check)
+    matters = abs(lag.seconds) > max(LAG * scale.time, check.value("interval"))
+    return matters and check.value(f"misfit, {lag.kind}") < check.value("misfit, lever arm")
 
 
 def lag_of(check: Check) -> VelocityLag:
@@ -188,36 +164,26 @@ def lag_of(check: Check) -> VelocityLag:
 
 
 def common_lag(checked: Iterable[Sequence[Check]]) -> VelocityLag | None:
-    """One lag of several runs of a facility.
+    """One lag of several runs of a facility; None where no run shows a lag that matters.
 
-    The kind is that whose misfits have the smallest product over the runs; the value is the mean of the runs, weighted
-    by the inverse of the variance of each and of the scatter between them (DerSimonian & Laird 1986,
+    The kind has the smallest product of misfits over the runs. The value is the mean of the runs, weighted by the
+    inverse of the variance of each and of the scatter between them (DerSimonian & Laird 1986,
     doi:10.1016/0197-2456(86)90046-2).
 
     Parameters
     ----------
     checked : iterable of sequence of Check
-        Checks of each run, or of one, from :func:`pymc_ship.trial_checks`.
-
-    Returns
-    -------
-    VelocityLag or None
-        None where no run shows a lag that matters.
-
-    Raises
-    ------
-    TrialError
-        For what is no check.
+        Checks of each run, or of one, from :func:`pymc_ship.trial_checks`; others raise TrialError.
     """
     every = [check for checks in checked for check in ([checks] if isinstance(checks, Check) else checks)]
     if not all(isinstance(check, Check) for check in every):
         raise TrialError("A common lag needs the checks of the runs, found something else; give trial_checks.")
-    found = [check for check in every if check.name == NAME and check.numbers]
-    if not any(check.mendable for check in found):
+    lag_checks = [check for check in every if check.name == NAME and check.numbers]
+    if not any(check.mendable for check in lag_checks):
         return None
-    kind = min(READINGS, key=lambda name: sum(np.log(check.value(f"misfit, {name}")) for check in found))
-    values = np.array([check.value(f"lag, {kind}") for check in found])
-    variance = np.array([check.value(f"standard error, {kind}") for check in found]) ** 2
+    kind = min(READINGS, key=lambda name: sum(np.log(check.value(f"misfit, {name}")) for check in lag_checks))
+    values = np.array([check.value(f"lag, {kind}") for check in lag_checks])
+    variance = np.array([check.value(f"standard error, {kind}") for check in lag_checks]) ** 2
     weight = 1.0 / variance
     spread = weight @ (values - weight @ values / weight.sum()) ** 2 - (values.size - 1)
     between = max(spread / max(weight.sum() - weight @ weight / weight.sum(), np.finfo(float).tiny), 0.0)

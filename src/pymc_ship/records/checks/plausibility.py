@@ -1,8 +1,7 @@
 """Whether the motion of a record is plausible for the ship, and which piece of it the models cover.
 
-Every quantity judged here has no dimension: the same ranges hold for a model and for the ship, and none needs a track.
-Where a quantity leaves its range, known mistakes (a unit, a scale, swapped columns, a wrong entry of the vessel file)
-are tried one after the other, and the one that brings all quantities back to their ranges is named.
+The ranges have no dimension, so they hold for models and ships. Where a quantity leaves its range, known mistakes are
+tried one after the other; the one that brings all quantities back is named.
 """
 
 from __future__ import annotations
@@ -70,9 +69,8 @@ RANGES = {
 }
 """Ranges of the quantities, from geometry and from merchant ships, tugs and naval ships.
 
-The pivot point of a turning ship lies 0.3 to 0.7 L forward of midship (Tzeng 1998, J. Mar. Sci. Tech. 6:39-44), and a
-sensor stands within 0.5 L of midship, usually within 0.2 L. rU/g is rL/U times the square of the Froude number. A ship
-heels out of its turn, because its centre of gravity lies above the centre of the lateral force of the hull.
+The pivot point lies 0.3 to 0.7 L forward of midship (Tzeng 1998, J. Mar. Sci. Tech. 6:39-44), a sensor within 0.5 L.
+rU/g is rL/U times the square of the Froude number. A ship heels out of its turn.
 """
 
 
@@ -117,25 +115,25 @@ def _quantities(motion: _Motion) -> dict[str, tuple[float, float]]:
     """Value and standard error of each quantity that the motion shows."""
     moving = SLOW * motion.fast < motion.U
     ahead = motion.ahead
-    share = float(ahead.sum() / max(moving.sum(), 1))
+    fraction_ahead = float(ahead.sum() / max(moving.sum(), 1))
     motion_ahead = replace(motion, **{name: getattr(motion, name)[ahead] for name in ("u", "v", "r")})
-    found = {"share ahead": (share, 0.0)}
+    quantities = {"share ahead": (fraction_ahead, 0.0)}
     if ahead.sum() < 10:
-        return found
-    found["rU/g"] = (float(np.quantile(np.abs(motion_ahead.r) * motion_ahead.U, 0.99)) / GRAVITY, 0.0)
+        return quantities
+    quantities["rU/g"] = (float(np.quantile(np.abs(motion_ahead.r) * motion_ahead.U, 0.99)) / GRAVITY, 0.0)
     constant, lag = np.ones(motion_ahead.r.size), np.gradient(motion.r, motion.interval)[ahead]
     if motion.L and motion.nominal:
-        found["rL/U"] = (float(np.quantile(np.abs(motion_ahead.r) / motion_ahead.U, 0.99)) * motion.L, 0.0)
-        found["Froude number"] = (motion.fast / np.sqrt(GRAVITY * motion.L), 0.0)
-        found["speed"] = (motion.fast / motion.nominal, 0.0)
+        quantities["rL/U"] = (float(np.quantile(np.abs(motion_ahead.r) / motion_ahead.U, 0.99)) * motion.L, 0.0)
+        quantities["Froude number"] = (motion.fast / np.sqrt(GRAVITY * motion.L), 0.0)
+        quantities["speed"] = (motion.fast / motion.nominal, 0.0)
         (slope, *_), (error, *_), _ = least_squares([motion_ahead.r, lag, constant], motion_ahead.v)
-        found["pivot point"] = (-float(slope) / motion.L, float(error) / motion.L)
+        quantities["pivot point"] = (-float(slope) / motion.L, float(error) / motion.L)
     if motion.phi is not None:
         thrown = motion.r * motion.u / GRAVITY
         columns = [thrown[ahead], np.gradient(thrown, motion.interval)[ahead], constant]
         (slope, *_), (error, *_), _ = least_squares(columns, motion.phi[ahead])
-        found["heel"] = float(slope), float(error)
-    return found
+        quantities["heel"] = float(slope), float(error)
+    return quantities
 
 
 def _beyond(value: float, error: float, limits: tuple[float, float], sure: float) -> bool:
@@ -144,10 +142,10 @@ def _beyond(value: float, error: float, limits: tuple[float, float], sure: float
     return value + sure * error < low or value - sure * error > high
 
 
-def _faults(found: dict[str, tuple[float, float]]) -> dict[str, str]:
+def _faults(quantities: dict[str, tuple[float, float]]) -> dict[str, str]:
     """Verdict on each quantity that leaves its usual range."""
     faults = {}
-    for name, (value, error) in found.items():
+    for name, (value, error) in quantities.items():
         if _beyond(value, error, RANGES[name].possible, SIGNIFICANT):
             faults[name] = "bad"
         elif _beyond(value, error, RANGES[name].usual, _SUSPICIOUS):
@@ -155,12 +153,12 @@ def _faults(found: dict[str, tuple[float, float]]) -> dict[str, str]:
     return faults
 
 
-def _oddness(found: dict[str, tuple[float, float]]) -> float:
+def _oddness(quantities: dict[str, tuple[float, float]]) -> float:
     """Sum of squared deviations from typical values, in units of the scatter of ships."""
     total = 0.0
     for name in ("rL/U", "pivot point", "speed", "Froude number"):
-        if name in found:
-            ratio = max(found[name][0] / RANGES[name].typical, 1e-9)
+        if name in quantities:
+            ratio = max(quantities[name][0] / RANGES[name].typical, 1e-9)
             total += (np.log(ratio) / np.log(RANGES[name].scatter)) ** 2
     return total
 
@@ -168,28 +166,28 @@ def _oddness(found: dict[str, tuple[float, float]]) -> float:
 def _mistakes(motion: _Motion) -> dict[str, _Motion]:
     """The motion with each possible mistake corrected, by the mistake."""
     swapped = replace(motion, u=motion.v, v=motion.u)
-    found = {
+    corrected = {
         "u and v are swapped": swapped,
         "v has the opposite sign": replace(motion, v=-motion.v),
         "r is in deg/s": replace(motion, r=np.deg2rad(motion.r)),
         "r is in deg/min": replace(motion, r=np.deg2rad(motion.r) / 60.0),
     }
     for factor, mistake in FACTORS.items():
-        found[f"u and v are {mistake}"] = replace(motion, u=factor * motion.u, v=factor * motion.v)
+        corrected[f"u and v are {mistake}"] = replace(motion, u=factor * motion.u, v=factor * motion.v)
     if motion.phi is not None:
-        found["phi has the opposite sign"] = replace(motion, phi=-motion.phi)
+        corrected["phi has the opposite sign"] = replace(motion, phi=-motion.phi)
     if motion.L and motion.nominal:
         root = motion.nominal / motion.fast
         scaled = replace(
             motion, u=root * motion.u, v=root * motion.v, r=motion.r / root, interval=motion.interval * root
         )
-        found[f"the record is at a scale of 1:{root**2:.3g} to the vessel file (Froude)"] = scaled
-        found[_nominal(motion.fast, motion.nominal)] = replace(motion, nominal=motion.fast)
+        corrected[f"the record is at a scale of 1:{root**2:.3g} to the vessel file (Froude)"] = scaled
+        corrected[_nominal(motion.fast, motion.nominal)] = replace(motion, nominal=motion.fast)
         pivot = _quantities(motion).get("pivot point", (0.0, 0.0))[0]
         if pivot > 0.0:
             L = motion.L * pivot / RANGES["pivot point"].typical
-            found[f"the vessel file has the wrong L (about {L:.3g} m would fit)"] = replace(motion, L=L)
-    return found
+            corrected[f"the vessel file has the wrong L (about {L:.3g} m would fit)"] = replace(motion, L=L)
+    return corrected
 
 
 def _nominal(fast: float, nominal: float) -> str:
@@ -203,32 +201,22 @@ def _nominal(fast: float, nominal: float) -> str:
 def _explanation(motion: _Motion) -> str:
     """Sentence on the mistake that explains the quantities best."""
     mended = {mistake: _quantities(changed) for mistake, changed in _mistakes(motion).items()}
-    whole = {mistake: found for mistake, found in mended.items() if not _faults(found)}
-    if not whole:
+    plausible = {mistake: quantities for mistake, quantities in mended.items() if not _faults(quantities)}
+    if not plausible:
         return "No single mistake of unit, sign, scale or column explains it."
-    best = min(whole, key=lambda mistake: _oddness(whole[mistake]))
-    shown = [_words(name, whole[best]) for name in ("rL/U", "pivot point", "speed") if name in whole[best]]
+    best = min(plausible, key=lambda mistake: _oddness(plausible[mistake]))
+    shown = [_words(name, plausible[best]) for name in ("rL/U", "pivot point", "speed") if name in plausible[best]]
     return f"The most probable cause is that {best}" + (f": then {', '.join(shown)}." if shown else ".")
 
 
-def _words(name: str, found: dict[str, tuple[float, float]]) -> str:
-    return RANGES[name].words.format(found[name][0])
+def _words(name: str, quantities: dict[str, tuple[float, float]]) -> str:
+    return RANGES[name].words.format(quantities[name][0])
 
 
 def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | None) -> Check:
     """Whether drift, turning, pivot point, speed, Froude number and heel are plausible for the ship.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-    scale : ShipScale
-    vessel : Vessel or None
-        Without one, only the drift, the lateral acceleration and the heel are judged.
-
-    Returns
-    -------
-    Check
-        "plausibility"; its numbers are the quantities of :data:`RANGES`.
+    Without a vessel only drift, lateral acceleration and heel are checked.
     """
     name = "plausibility"
     if reason := needed(trial, ("u", "v", "r")):
@@ -236,32 +224,24 @@ def plausibility_check(trial: xr.Dataset, scale: ShipScale, vessel: Vessel | Non
     motion, _ = _motion(trial, scale, vessel)
     if not motion.fast > 0.0:
         return Check(name, "bad", "The ship does not move; check u and v.")
-    found = _quantities(motion)
-    numbers = tuple((label, value, RANGES[label].unit) for label, (value, _) in found.items())
-    faults = _faults(found)
+    quantities = _quantities(motion)
+    numbers = tuple((label, value, RANGES[label].unit) for label, (value, _) in quantities.items())
+    faults = _faults(quantities)
     if not faults:
-        shown = ", ".join(_words(label, found) for label in ("rL/U", "pivot point", "speed") if label in found)
+        shown = ", ".join(
+            _words(label, quantities) for label in ("rL/U", "pivot point", "speed") if label in quantities
+        )
         text = f"The motion is plausible for a ship: {shown}." if shown else "The motion is plausible for a ship."
         return Check(name, "good", text, numbers)
     verdict = "bad" if "bad" in faults.values() else "doubtful"
-    said = "; ".join(_words(label, found) for label in faults)
-    return Check(name, verdict, f"The motion is unusual for a ship: {said}. {_explanation(motion)}", numbers)
+    remarks = "; ".join(_words(label, quantities) for label in faults)
+    return Check(name, verdict, f"The motion is unusual for a ship: {remarks}. {_explanation(motion)}", numbers)
 
 
 def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False) -> Check:
     """The longest piece with the ship ahead, at a speed, drift and rate of turn that the models cover.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-    scale : ShipScale
-    any_speed : bool, optional
-        Whether the models hold the rest of the record, too.
-
-    Returns
-    -------
-    Check
-        "motion ahead"; its numbers "from" and "until" [s] are the ends of the piece, to which a trial is cut.
+    With ``any_speed`` the models cover the rest of the record, too; otherwise a trial is cut to the piece.
     """
     name = "motion ahead"
     if reason := needed(trial, ("u", "v", "r")):
@@ -275,8 +255,8 @@ def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False)
     samples = _samples(longest, ahead.size, size, time.size)
     numbers = _piece(time[samples.start], time[max(samples.stop - 1, samples.start)])
     if any_speed:
-        share = f"The ship makes way ahead, above {SLOW:.0%} of its speed, for {ahead.mean():.0%} of the time"
-        return Check(name, "good", f"{share}; force models for any speed cover the rest.", numbers)
+        text = f"The ship makes way ahead, above {SLOW:.0%} of its speed, for {ahead.mean():.0%} of the time"
+        return Check(name, "good", f"{text}; force models for any speed cover the rest.", numbers)
     piece = numbers[1][1] - numbers[0][1]
     text = f"The ship makes way ahead, above {SLOW:.0%} of its speed and with |v|/U below {DRIFT:g},"
     if piece < SHORTEST_PIECE * scale.time:
@@ -291,24 +271,14 @@ def piece_check(trial: xr.Dataset, scale: ShipScale, *, any_speed: bool = False)
 
 
 def pieces_ahead(trial: xr.Dataset, scale: ShipScale) -> list[xr.Dataset]:
-    """Pieces with the ship ahead, long enough for a fit; the whole record if it is ahead throughout.
-
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        With u, v and r.
-    scale : ShipScale
-
-    Returns
-    -------
-    list of Dataset
-        In the order of time; :func:`piece_check` says why where there is none.
-    """
+    """Pieces with the ship ahead, long enough for a fit; the whole record if it is ahead throughout."""
     ahead, size = _blocks_ahead(trial, scale)
     if ahead.all():
         return [trial]
-    found = [trial.isel(time=_samples(piece, ahead.size, size, trial.sizes["time"])) for piece in pieces(ahead)]
-    return [piece for piece in found if np.ptp(piece["time"].values) >= SHORTEST_PIECE * scale.time]
+    pieces_of_trial = [
+        trial.isel(time=_samples(piece, ahead.size, size, trial.sizes["time"])) for piece in pieces(ahead)
+    ]
+    return [piece for piece in pieces_of_trial if np.ptp(piece["time"].values) >= SHORTEST_PIECE * scale.time]
 
 
 def _blocks_ahead(trial: xr.Dataset, scale: ShipScale) -> tuple[np.ndarray, int]:

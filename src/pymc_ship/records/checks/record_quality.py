@@ -48,28 +48,28 @@ def present(trial: xr.Dataset, names: tuple[str, ...] = SIMULATED) -> list[str]:
 
 
 def sampling_check(trial: xr.Dataset, scale: ShipScale) -> Check:
-    """Sampling interval beside L/U and beside the travel of the rudder."""
+    """Sampling interval against L/U and against the travel of the rudder."""
     interval = sampling_interval(trial)
     samples = scale.time / interval
     numbers: Numbers = (("interval", interval, "s"), ("samples in L/U", samples, ""))
-    share = rate = 0.0
+    travel = rate = 0.0
     if "delta" in trial and np.ptp(trial["delta"].values) > 0.0:
         rate, _ = measured_rate(trial)
-        share = float(np.nan_to_num(np.deg2rad(rate) * interval / np.ptp(trial["delta"].values)))
-        numbers += (("rudder travel between samples over its range", share, ""),)
+        travel = float(np.nan_to_num(np.deg2rad(rate) * interval / np.ptp(trial["delta"].values)))
+        numbers += (("rudder travel between samples over its range", travel, ""),)
     text = f"{interval:.3g} s between samples, {samples:.3g} samples in L/U."
     if samples < SAMPLES_BAD:
         return Check("sampling", "bad", f"{text} Accelerations cannot be estimated; sample faster.", numbers)
     if samples < SAMPLES_DOUBTFUL:
         return Check("sampling", "doubtful", f"{text} That is few; use the trajectory fit, or sample faster.", numbers)
-    if share > RUDDER_STEP and rate * scale.time > FASTEST_GEAR:
+    if travel > RUDDER_STEP and rate * scale.time > FASTEST_GEAR:
         text = (
-            f"The rudder moves by {share:.0%} of its range between samples, {rate:.3g} deg/s: that is an ordered "
+            f"The rudder moves by {travel:.0%} of its range between samples, {rate:.3g} deg/s: that is an ordered "
             "angle, or a gear far quicker than the ship; a fit takes it for the angle itself."
         )
         return Check("sampling", "doubtful", text, numbers)
-    if share > RUDDER_STEP:
-        text = f"The rudder moves by {share:.0%} of its range between samples; sample faster."
+    if travel > RUDDER_STEP:
+        text = f"The rudder moves by {travel:.0%} of its range between samples; sample faster."
         return Check("sampling", "doubtful", text, numbers)
     return Check("sampling", "good", text, numbers)
 
@@ -208,17 +208,14 @@ def frozen_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 
 
 def _longest_frozen(trial: xr.Dataset, name: str, names: list[str], ship_time: float) -> int:
-    """Number of samples in the longest run of equal values during which another velocity changes by 5 % of its range.
-
-    A run counts from :data:`FROZEN` of L/U (in samples) on, from L/U on where rounding makes neighbours equal anyway.
-    """
+    """Samples in the longest run of equal values during which another velocity changes by 5 % of its range."""
     edges = np.flatnonzero(np.diff(trial[name].values, prepend=np.nan, append=np.nan) != 0.0)
     rounded = edges.size < ROUNDED * (trial.sizes["time"] - np.diff(edges).max())
     least = max(10, round(ship_time * (1.0 if rounded else FROZEN)))
     longest = 0
     others = [trial[other].values for other in names if other in STATE[:3] and other != name]
-    for place in np.flatnonzero(np.diff(edges) >= least):
-        start, stop = edges[place], edges[place + 1]
+    for run in np.flatnonzero(np.diff(edges) >= least):
+        start, stop = edges[run], edges[run + 1]
         moving = any(np.ptp(_quiet(values[start:stop])) > 0.05 * np.ptp(values) for values in others)
         longest = max(longest, int(stop - start)) if moving else longest
     return longest

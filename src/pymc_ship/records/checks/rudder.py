@@ -80,12 +80,12 @@ def rudder_sign_check(trial: xr.Dataset, scale: ShipScale) -> Check:
 
 def _lagged_correlation(delta: np.ndarray, r: np.ndarray, longest: int) -> float:
     """Largest correlation about zero, up to a lag of ``longest`` blocks of the yaw rate behind the rudder."""
-    found = [0.0]
+    correlations = [0.0]
     for lag in range(min(longest, r.size - 2) + 1):
         ahead, behind = delta[: delta.size - lag], r[lag:]
         size = np.sqrt(np.sum(ahead**2) * np.sum(behind**2))
-        found.append(float(np.sum(ahead * behind) / size) if size > 0.0 else 0.0)
-    return max(found, key=abs)
+        correlations.append(float(np.sum(ahead * behind) / size) if size > 0.0 else 0.0)
+    return max(correlations, key=abs)
 
 
 def rudder_zero_check(trial: xr.Dataset) -> Check:
@@ -94,14 +94,14 @@ def rudder_zero_check(trial: xr.Dataset) -> Check:
     if "delta" not in trial:
         return not_checked(name, "no delta in the record")
     approach, middle = _approach_zero(trial), _zigzag_zero(trial)
-    found = [zero for zero in (approach, middle) if np.isfinite(zero)]
+    zeros = [zero for zero in (approach, middle) if np.isfinite(zero)]
     numbers = (("on the approach", approach, "deg"), ("between the sides of the zigzag", middle, "deg"))
-    if not found:
+    if not zeros:
         return not_checked(name, "neither a straight approach nor a rudder angle to both sides", numbers)
-    worst = max(found, key=abs)
+    worst = max(zeros, key=abs)
     if abs(worst) <= ZERO:
         return Check(name, "good", f"The rudder's zero is off by {worst:+.2f} deg at most.", numbers)
-    if len(found) == 2 and abs(approach - middle) < ZEROS_AGREE:
+    if len(zeros) == 2 and abs(approach - middle) < ZEROS_AGREE:
         text = f"The rudder's zero is off by {middle:+.2f} deg, on the approach and between both sides; subtract it."
         return Check(name, "doubtful", text, numbers, mendable=True)
     if abs(approach) == abs(worst):
@@ -131,8 +131,10 @@ def _zigzag_zero(trial: xr.Dataset) -> float:
         return np.nan
     tolerance = 0.05 * (high - low)
     sides = [delta[np.abs(delta - end) < tolerance] for end in (low, high)]
-    held = sum(side.size for side in sides) > 0.5 * delta.size and min(side.size for side in sides) > 0.1 * delta.size
-    if not held or abs(np.median(sides[0]) + np.median(sides[1])) > 2.0 * _PLATEAUS_AGREE:
+    is_zigzag = (
+        sum(side.size for side in sides) > 0.5 * delta.size and min(side.size for side in sides) > 0.1 * delta.size
+    )
+    if not is_zigzag or abs(np.median(sides[0]) + np.median(sides[1])) > 2.0 * _PLATEAUS_AGREE:
         return np.nan
     return float(0.5 * (np.median(sides[0]) + np.median(sides[1])))
 
@@ -146,9 +148,9 @@ def _moves(trial: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
         reach = _MOVE * 0.5 * (high - low)
         side[delta > 0.5 * (low + high) + reach] = 1
         side[delta < 0.5 * (low + high) - reach] = -1
-    held = np.flatnonzero(side)
-    across = np.flatnonzero(np.diff(side[held]) != 0)
-    return held[across], held[across + 1]
+    at_side = np.flatnonzero(side)
+    across = np.flatnonzero(np.diff(side[at_side]) != 0)
+    return at_side[across], at_side[across + 1]
 
 
 def measured_rate(trial: xr.Dataset) -> tuple[float, int]:
@@ -162,7 +164,7 @@ def measured_rate(trial: xr.Dataset) -> tuple[float, int]:
 
 
 def rudder_rate_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
-    """Rate at which the rudder moves, beside that of the vessel file."""
+    """Rate at which the rudder moves, against that of the vessel file."""
     name = "rudder rate"
     if "delta" not in trial:
         return not_checked(name, "no delta in the record")
@@ -204,7 +206,7 @@ def rudder_delay_check(trial: xr.Dataset) -> Check:
         return not_checked(name, "the command has no steps that the rudder follows")
     delay = float(np.median(delays))
     numbers = (("delay", delay, "s"),)
-    text = f"The rudder follows its command {delay:.2g} s late, beside its rate."
+    text = f"The rudder follows its command {delay:.2g} s late, in addition to its rate."
     if delay > 0.1 * float(np.ptp(time)) or delay < -2.0 * sampling_interval(trial):
         return Check(name, "doubtful", f"{text} Check which column is the command.", numbers)
     return Check(name, "good", text, numbers)

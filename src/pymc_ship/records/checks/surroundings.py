@@ -15,7 +15,7 @@ ADVANCE = (0.1, 1.6)
 STEADIER = 0.25
 """Share of its variance that the wind keeps under another reading from which that reading is believed."""
 
-_TURNED = np.deg2rad(60.0)  # change of heading without which readings of the wind cannot be told apart
+_TURNED = np.deg2rad(60.0)  # change of heading without which readings of the wind cannot be distinguished
 _BLOCK = 0.25  # L/U
 
 
@@ -28,8 +28,8 @@ def revolutions_check(trial: xr.Dataset, vessel: Vessel | None) -> Check:
         return not_checked(name, "it needs a vessel file with [propeller]")
     n, U = trial["n"].values, np.hypot(trial["u"].values, trial["v"].values)
     if not np.isfinite(n).all():
-        share = 100.0 * float(np.mean(~np.isfinite(n)))
-        return Check(name, "doubtful", f"n is missing in {share:.2g} % of the record and is left out; fill it in.")
+        percent = 100.0 * float(np.mean(~np.isfinite(n)))
+        return Check(name, "doubtful", f"n is missing in {percent:.2g} % of the record and is left out; fill it in.")
     driven = (n > 0.0) & (SLOW * np.quantile(U, 0.95) < U)
     if not driven.any():
         return not_checked(name, "the propeller never turns ahead")
@@ -64,12 +64,12 @@ def wind_check(trial: xr.Dataset, scale: ShipScale) -> Check:
     }
     unsteady = {words: _variance(blocks.means(flow.real), blocks.means(flow.imag)) for words, flow in readings.items()}
     best = min(unsteady, key=lambda words: unsteady[words])
-    share = unsteady[best] / max(unsteady[""], np.finfo(float).tiny)
-    numbers = (("variance of the wind", unsteady[""], "m2/s2"), ("share under the best reading", share, ""))
-    if not best or share > STEADIER:
+    ratio = unsteady[best] / max(unsteady[""], np.finfo(float).tiny)
+    numbers = (("variance of the wind", unsteady[""], "m2/s2"), ("share under the best reading", ratio, ""))
+    if not best or ratio > STEADIER:
         return Check(name, "good", "The true wind is steadier than any reading of it as a relative one.", numbers)
     remedy = 'state wind = "relative" in the format' if "relative wind, from the bow" in best else "correct the columns"
-    sentence = f"Probably {best}: the wind then keeps {100.0 * share:.2g} % of its variance; {remedy}."
+    sentence = f"Probably {best}: the wind then keeps {100.0 * ratio:.2g} % of its variance; {remedy}."
     return Check(name, "bad", sentence, numbers)
 
 

@@ -1,7 +1,6 @@
 """Whether measured velocities lead to the measured track: axes, sign of v, lever arm and drift.
 
-x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi. Both sides are integrated, averaged over
-blocks and their increments compared, as in :mod:`pymc_ship.records.checks.kinematics`.
+x_dot = u cos psi - v cos phi sin psi, y_dot = u sin psi + v cos phi cos psi, compared as in :mod:`.kinematics`.
 """
 
 from __future__ import annotations
@@ -108,32 +107,21 @@ def _lever_column(trial: xr.Dataset, track: TrackBlocks) -> np.ndarray:
 
 
 def axes_checks(trial: xr.Dataset, scale: ShipScale) -> tuple[Check, Check]:
-    """Whether u and v are body-fixed and v has the right sign, from which reading of them leads to the track.
-
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-    scale : ShipScale
-
-    Returns
-    -------
-    tuple of Check
-        "velocity axes" and "sway sign"; misfits in m/s.
-    """
+    """Checks that u and v are body-fixed and v has the right sign, as the track shows; misfits in m/s."""
     names = ("velocity axes", "sway sign")
     if reason := needed(trial, ("x", "y", "psi", "u", "v", "r")):
         return not_checked(names[0], reason), not_checked(names[1], reason)
     track, measured = track_blocks(trial, scale)
     readings = ("body", 1.0), ("earth", 1.0), ("body", -1.0)
     body, earth, flipped = (_misfit(trial, track, measured, scale, *reading) for reading in readings)
-    seen = body > 0.01 * scale.U
+    significant = body > 0.01 * scale.U
     numbers = (("misfit body-fixed", body, "m/s"), ("misfit earth-fixed", earth, "m/s"))
     axes = Check(names[0], "good", f"u and v are body-fixed: they miss the track by {body:.2g} m/s.", numbers)
-    if seen and earth * BETTER < body and earth <= flipped:
+    if significant and earth * BETTER < body and earth <= flipped:
         text = f"u and v miss the track by {body:.2g} m/s as body-fixed, by {earth:.2g} m/s as earth-fixed; turn them."
         return Check(names[0], "doubtful", text, numbers, mendable=True), not_checked(names[1], "u, v are earth-fixed")
     numbers = (("misfit", body, "m/s"), ("misfit flipped", flipped, "m/s"))
-    if seen and flipped * BETTER < body:
+    if significant and flipped * BETTER < body:
         text = f"v misses the track by {body:.2g} m/s, -v by {flipped:.2g} m/s; flip its sign (starboard is positive)."
         return axes, Check(names[1], "bad", text, numbers)
     if flipped < BETTER * body or flipped < 0.01 * scale.U:
@@ -155,7 +143,7 @@ def _misfit(
 
 
 def lever_fit(trial: xr.Dataset, track: TrackBlocks, missing: np.ndarray) -> tuple[float, float, np.ndarray]:
-    """Lever arm [m], its standard error and the residuals, beside constant offsets of both velocities."""
+    """Lever arm [m], its standard error and the residuals, with constant offsets of both velocities."""
     columns = [_lever_column(trial, track).ravel(), *track.offsets]
     coefficients, errors, residuals = least_squares(columns, missing.ravel())
     return float(coefficients[0]), float(errors[0]), residuals

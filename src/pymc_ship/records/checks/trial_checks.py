@@ -1,8 +1,4 @@
-"""Check a trial before it is fitted, and mend what can be mended with certainty.
-
-The checks are made in an order in which each builds on what is mended before it: spikes and wraps of the heading first,
-then units and signs, the axes of the velocities, offsets of the gyros and the lever arm, and what is left of the track.
-"""
+"""Check a trial before it is fitted, and correct what is certain; each check builds on the corrections before it."""
 
 from __future__ import annotations
 
@@ -42,7 +38,7 @@ from pymc_ship.records.checks.rudder import (
 from pymc_ship.records.checks.surroundings import revolutions_check, wind_check
 from pymc_ship.records.checks.track import axes_checks, body_velocity, drift_check, lever_check
 from pymc_ship.records.checks.verdicts import Check, not_checked, ship_scale
-from pymc_ship.records.files.quality_flags import with_quality_flags, worst
+from pymc_ship.records.files.quality_flags import with_quality_flags, worst_verdict
 from pymc_ship.trial.channels import SIMULATED
 from pymc_ship.trial.record import as_trial, check_trial
 
@@ -62,27 +58,25 @@ def trial_checks(
     ----------
     trial : Dataset, dims (time,)
         Any of u, v [m/s], r, p [rad/s], phi, psi, delta [rad], x, y [m], n [1/s], ``wind_speed`` [m/s],
-        ``wind_direction`` [rad] and ``delta_command`` [rad]; uniform time [s].
-        Checks of a missing channel have the verdict "not checked"; p and phi that are 0 throughout count as missing.
+        ``wind_direction`` [rad] and ``delta_command`` [rad]; uniform time [s]. p and phi of 0 throughout count as
+        missing.
     vessel : Vessel, str or Path, optional
         Gives L, speed, rudder rate and terms. Without it, L/U is taken from the tightest turn.
     lag : VelocityLag, optional
-        Lag of the velocities behind the track in all runs of the facility, see :func:`.common_lag`; by default
-        that of this record.
+        Lag of the velocities in all runs of the facility, see :func:`.common_lag`; by default that of this record.
     any_speed : bool, optional
         Whether the model to be fitted covers rest and astern, too; the record is then not cut to a piece ahead.
 
     Returns
     -------
     tuple of Check
-        Each with ``name``, ``verdict`` ("good", "not checked", "doubtful" or "bad"), ``sentence``, ``numbers`` (name,
-        value, unit) and ``mendable``. A check is made of the trial as the mendable ones before it leave it.
+        ``name``, ``verdict`` ("good", "not checked", "doubtful" or "bad"), ``sentence``, ``numbers`` (name, value,
+        unit) and ``mendable``. A check is made of the trial as the mendable ones before it leave it.
 
     Raises
     ------
     TrialError
-        For NaN, time that does not increase or is not uniform, fewer than 20 samples, none of the channels or values
-        beyond 1e12.
+        For NaN, time not uniform, fewer than 20 samples, none of the channels or values beyond 1e12.
 
     Examples
     --------
@@ -99,26 +93,26 @@ def trial_checks(
     vessel = None if vessel is None else as_vessel(vessel)
     _check_record(as_trial(trial))
     trial = trial.drop_vars([name for name in SIMULATED if name in trial and name not in present(trial)])
-    found = [spike_check(trial), wrap_check(trial)]
-    trial = _corrected(trial, found)
+    checks = [spike_check(trial), wrap_check(trial)]
+    trial = _corrected(trial, checks)
     scale = ship_scale(trial, vessel)
-    found += [sampling_check(trial, scale), gap_check(trial), noise_check(trial), resolution_check(trial)]
-    found += [frozen_check(trial, scale)]
+    checks += [sampling_check(trial, scale), gap_check(trial), noise_check(trial), resolution_check(trial)]
+    checks += [frozen_check(trial, scale)]
     trial, closure = _closure_checks(trial, vessel, lag)
     yaw_sign = next(check for check in closure if check.name == "yaw rate")
-    found += closure
+    checks += closure
     plausible = plausibility_check(trial, scale, vessel)
     if plausible.verdict == "bad":
         piece = not_checked("motion ahead", "the motion must be that of a ship first")
     else:
         piece = piece_check(trial, scale, any_speed=any_speed)
-    found += [plausible, piece]
+    checks += [plausible, piece]
     trial = _corrected(trial, [piece])
-    found += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
+    checks += _rudder_checks(trial, vessel, yaw_is_bad=yaw_sign.verdict == "bad")
     scale = ship_scale(trial, vessel)
-    found += [revolutions_check(trial, vessel), wind_check(trial, scale)]
-    found += [approach_check(trial, scale), range_check(trial, scale), *excitation_checks(trial, vessel)]
-    return tuple(found)
+    checks += [revolutions_check(trial, vessel), wind_check(trial, scale)]
+    checks += [approach_check(trial, scale), range_check(trial, scale), *excitation_checks(trial, vessel)]
+    return tuple(checks)
 
 
 def _check_record(trial: xr.Dataset) -> None:
@@ -138,20 +132,20 @@ def _closure_checks(
 ) -> tuple[xr.Dataset, list[Check]]:
     """Trial with what the closure mends, and the checks."""
     scale = ship_scale(trial, vessel)
-    found = [*rate_checks(trial, scale, "r", "psi"), *rate_checks(trial, scale, "p", "phi")]
-    found += [heading_check(trial, scale), speed_check(trial, scale)]
-    trial = _corrected(trial, found)
-    wrong = [check.name for check in found if check.verdict == "bad" and not check.name.startswith("roll")]
+    checks = [*rate_checks(trial, scale, "r", "psi"), *rate_checks(trial, scale, "p", "phi")]
+    checks += [heading_check(trial, scale), speed_check(trial, scale)]
+    trial = _corrected(trial, checks)
+    wrong = [check.name for check in checks if check.verdict == "bad" and not check.name.startswith("roll")]
     if wrong:
         reason = f"{' and '.join(wrong)} must be right first"
         names = ("velocity axes", "sway sign", "velocity lag", "lever arm", "track closure")
-        return trial, found + [not_checked(name, reason) for name in names]
+        return trial, checks + [not_checked(name, reason) for name in names]
     axes = axes_checks(trial, scale)
     trial = _corrected(trial, axes)
     if axes[1].verdict == "bad":
         later = ("velocity lag", "lever arm", "track closure")
         rest = [not_checked(name, "the sign of v must be right first") for name in later]
-        return trial, [*found, *axes, *rest]
+        return trial, [*checks, *axes, *rest]
     late = lag_check(trial, scale, lag)
     trial = _corrected(trial, [late])
     lever = lever_check(trial, scale)
@@ -159,7 +153,7 @@ def _closure_checks(
         reason = "a lag of the velocities explains the track better, but takes more runs to tell; give them together"
         lever = not_checked(lever.name, reason)
     trial = _corrected(trial, [lever])
-    return trial, [*found, *axes, late, lever, drift_check(trial, scale)]
+    return trial, [*checks, *axes, late, lever, drift_check(trial, scale)]
 
 
 def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool) -> list[Check]:
@@ -175,18 +169,10 @@ def _rudder_checks(trial: xr.Dataset, vessel: Vessel | None, *, yaw_is_bad: bool
 
 
 def check_table(checks: Iterable[Check]) -> xr.Dataset:
-    """Checks as data.
+    """Checks from :func:`trial_checks` as a Dataset, dims (check,) and (number,).
 
-    Parameters
-    ----------
-    checks : iterable of Check
-        From :func:`trial_checks`.
-
-    Returns
-    -------
-    Dataset, dims (check,) and (number,)
-        ``verdict``, ``sentence`` and ``mendable`` over the names of the checks; ``value`` and ``unit`` over the
-        numbers, with the coordinates ``of`` (name of the check) and ``quantity``.
+    ``verdict``, ``sentence`` and ``mendable`` are over the names of the checks; ``value`` and ``unit`` over the
+    numbers, with the coordinates ``of`` (name of the check) and ``quantity``.
 
     Examples
     --------
@@ -209,12 +195,7 @@ def check_table(checks: Iterable[Check]) -> xr.Dataset:
         "of": ("number", [row[0] for row in rows]),
         "quantity": ("number", [row[1] for row in rows]),
     }
-    return xr.Dataset(columns, coords, {"verdict": worst_verdict(checks)})
-
-
-def worst_verdict(checks: Iterable[Check]) -> str:
-    """Worst verdict of some checks."""
-    return worst(check.verdict for check in checks)
+    return xr.Dataset(columns, coords, {"verdict": worst_verdict(check.verdict for check in checks)})
 
 
 def failed_checks(checks: Iterable[Check], overrule: Collection[str] = ()) -> str:
@@ -252,14 +233,13 @@ def validated_trial(
     Returns
     -------
     Dataset, dims (time,)
-        Corrected as by :func:`corrected_trial`. Its ``attrs["record_verdict"]`` and ``attrs["record_remarks"]`` (a line
-        for each doubt and each overruled check) are kept in the attrs of every posterior that is fitted to it.
+        Corrected as by :func:`corrected_trial`, with its attrs; every posterior fitted to it keeps the last two.
 
     Raises
     ------
     TrialError
-        Where a check is bad and not overruled: the error has the ``checks``. For a record that cannot be checked, or a
-        name that is no check.
+        For a bad check that is not overruled (the error has the ``checks``), a record that cannot be checked, an
+        unknown name of a check.
 
     Examples
     --------
@@ -274,7 +254,7 @@ def validated_trial(
     Traceback (most recent call last):
         ...
     pymc_ship.machine.errors.TrialError: The trial cannot be fitted: rudder sign: A positive delta turns \
-the ship to starboard, it should turn the ship to port; flip the sign of delta.
+    the ship to starboard, it should turn the ship to port; flip the sign of delta.
     """
     vessel = as_vessel(vessel)
     return corrected_trial(trial, trial_checks(trial, vessel, lag=lag, any_speed=any_speed), overrule)
@@ -283,9 +263,9 @@ the ship to starboard, it should turn the ship to port; flip the sign of delta.
 def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collection[str] = ()) -> xr.Dataset:
     """Corrected trial: certain findings of the checks are mended.
 
-    Spikes are replaced by interpolation, the heading is unwrapped, earth-fixed velocities are turned to body axes, the
-    offsets of r and p subtracted, v moved to the point whose track is recorded, and a zero error of the rudder that
-    approach and zigzag agree on subtracted.
+    Spikes are interpolated, the heading is unwrapped, earth-fixed velocities are turned to body axes, offsets of r and
+    p subtracted, v is moved to the point whose track is recorded, and a rudder zero that approach and zigzag agree on
+    is subtracted.
 
     Parameters
     ----------
@@ -299,19 +279,16 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     Returns
     -------
     Dataset, dims (time,)
-        Copy; ``attrs["corrections"]`` is a list with one sentence for each correction, ``record_verdict`` and
-        ``record_remarks`` are as for :func:`validated_trial`.
+        Copy; attrs ``corrections`` (a sentence for each), ``record_verdict`` and ``record_remarks`` (a line for each
+        doubtful or overruled check).
 
     Raises
     ------
     TrialError
-        Where a check is bad and not overruled: wrong units or signs, a track that nothing mends, a sensor that stands
-        still; the error has the ``checks``. For a name to overrule that is no check.
+        For a bad check that is not overruled (the error has the ``checks``), an unknown name of a check.
 
     Examples
     --------
-    A rate gyro that is off by 1e-3 rad/s is set right:
-
     >>> import pymc_ship as ps
     >>> vessel = ps.load_vessel("kvlcc2")
     >>> trial = ps.simulate(vessel, ps.zigzag(20, 20), duration=600, step=0.5)
@@ -326,7 +303,7 @@ def corrected_trial(trial: xr.Dataset, checks: Iterable[Check], overrule: Collec
     if sentence := failed_checks(checks, overrule):
         raise TrialError(sentence, checks=[one for one in checks if one.verdict == "bad" and one.name not in overrule])
     verdicts = [check.verdict for check in checks if check.verdict != "not checked"]
-    mended = with_quality_flags(_corrected(trial, checks), worst(verdicts), _remarks(checks))
+    mended = with_quality_flags(_corrected(trial, checks), worst_verdict(verdicts), _remarks(checks))
     corrections = [
         *trial.attrs.get("corrections", []),
         *(_CORRECTION_TEXT[check.name](check) for check in checks if check.mendable),

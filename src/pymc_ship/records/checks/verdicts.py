@@ -28,18 +28,10 @@ _IDLE = 1e-100
 
 @dataclass(frozen=True)
 class Check:
-    """Outcome of one check of a trial.
+    """Outcome of one check: verdict (good, not checked, doubtful, bad), a sentence with the finding and the remedy.
 
-    Attributes
-    ----------
-    name : str
-    verdict : {"good", "not checked", "doubtful", "bad"}
-    sentence : str
-        What was found and what to do.
-    numbers : tuple of (str, float, str)
-        Name, value and unit of what was measured.
-    mendable : bool
-        Whether :func:`pymc_ship.corrected_trial` mends what was found.
+    ``numbers`` are name, value and unit of each measured quantity; ``mendable`` tells whether
+    :func:`pymc_ship.corrected_trial` corrects the finding.
     """
 
     name: str
@@ -90,18 +82,7 @@ class ShipScale:
 
 
 def ship_scale(trial: xr.Dataset, vessel: Vessel | None) -> ShipScale:
-    """Scales by which findings are judged.
-
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-    vessel : Vessel or None
-        Without one, the length comes from the tightest turn, see :data:`TIGHTEST_TURN`.
-
-    Returns
-    -------
-    ShipScale
-    """
+    """Length and speed of the ship; without a vessel, the length from the tightest turn (:data:`TIGHTEST_TURN`)."""
     time = trial["time"].values
     duration = float(time[-1] - time[0])
     U = vessel.particulars.nominal_speed if vessel else 1.0
@@ -151,10 +132,10 @@ class Blocks:
         return 0.5 * (means[1:] + means[:-1])
 
 
-def ship_blocks(trial: xr.Dataset, scale: ShipScale, share: float) -> Blocks:
+def ship_blocks(trial: xr.Dataset, scale: ShipScale, fraction: float) -> Blocks:
     """Blocks of a share of L/U, of three samples or more, at least ten of them where the record allows."""
     n_time = trial.sizes["time"]
-    return Blocks(max(1, min(max(3, round(share * scale.time / sampling_interval(trial))), n_time // 10)))
+    return Blocks(max(1, min(max(3, round(fraction * scale.time / sampling_interval(trial))), n_time // 10)))
 
 
 def straight_approach(trial: xr.Dataset) -> int:
@@ -170,16 +151,16 @@ def straight_approach(trial: xr.Dataset) -> int:
 def least_squares(columns: list[np.ndarray], response: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Least squares: coefficients, their standard errors and the residuals.
 
-    The standard errors are the larger of the ordinary ones and those that hold where the residuals differ in size
-    (HC3; MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7), widened for residuals that are alike in neighbours.
+    The larger of the ordinary and the HC3 standard errors (MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7),
+    widened for autocorrelated residuals.
     """
     X = np.column_stack(columns)
     scale = np.sqrt(np.mean(X**2, axis=0))
     idle = scale < _IDLE
     scale[idle] = 1.0
     left, s, right = np.linalg.svd(np.where(idle, 0.0, X) / scale, full_matrices=False)
-    kept = s > s[0] * 1e-12
-    inverse = right.T * np.where(kept, 1.0 / np.where(kept, s, 1.0), 0.0)
+    determined = s > s[0] * 1e-12
+    inverse = right.T * np.where(determined, 1.0 / np.where(determined, s, 1.0), 0.0)
     coefficients = inverse @ (left.T @ response) / scale
     residuals = response - X @ coefficients
     sd = np.sqrt(residuals @ residuals / max(1, response.size - X.shape[1]))

@@ -10,7 +10,7 @@ VERDICTS = ("good", "not checked", "doubtful", "bad")
 """From best to worst; a trial with a bad check is not fitted."""
 
 
-def worst(verdicts: Iterable[str]) -> str:
+def worst_verdict(verdicts: Iterable[str]) -> str:
     """Worst verdict; "good" without any."""
     return max(verdicts, key=VERDICTS.index, default="good")
 
@@ -41,5 +41,5 @@ def quality_flags(trials: Sequence[xr.Dataset], names: Sequence[str] = ()) -> di
         for head, trial in zip(heads, trials, strict=True)
         for remark in trial.attrs.get("record_remarks", "").splitlines()
     ]
-    verdict = worst(trial.attrs.get("record_verdict", "not checked") for trial in trials)
+    verdict = worst_verdict(trial.attrs.get("record_verdict", "not checked") for trial in trials)
     return {"record_verdict": verdict, "record_remarks": "\n".join(remarks)}

@@ -218,7 +218,7 @@ def _longest_piece(time: np.ndarray, quantum: np.ndarray, channels: Channels) ->
 def _uniform(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str) -> tuple[np.ndarray, Channels, str]:
     """Channels on a uniform grid: that of the rounded stamps if it exists, or of the mean step."""
     steps, n = np.diff(time), time.size
-    found = f"steps from {steps.min():.4g} to {steps.max():.4g} s"
+    step_range = f"steps from {steps.min():.4g} to {steps.max():.4g} s"
     repeated = int((steps == 0.0).sum())
     for positions, tolerance in _explanations(time, quantum):
         line = _line(positions, time, tolerance)
@@ -232,19 +232,19 @@ def _uniform(time: np.ndarray, quantum: np.ndarray, channels: Channels, where: s
         if change > 1e-3 * step:
             again = f"{repeated} of {n} time stamps repeated, " if repeated else ""
             note.append(
-                f"{again}{found}, probably rounded by the logger: replaced by a uniform step of {step:.7g} s (largest "
-                f"change {change:.2g} s)"
+                f"{again}{step_range}, probably rounded by the logger: replaced by a uniform step of {step:.7g} s "
+                f"(largest change {change:.2g} s)"
             )
         if grid.size > n:
             note.append(
                 f"{_count(int((np.diff(positions) > 1).sum()), 'gap')} of up to "
                 f"{_count(int(np.diff(positions).max()) - 1, 'sample')}: {grid.size - n} filled by interpolation"
             )
-        return begin + step * grid, resampled, "; ".join(note or [f"{found} made uniform"]) + "."
-    return _resampled(time, channels, where, found)
+        return begin + step * grid, resampled, "; ".join(note or [f"{step_range} made uniform"]) + "."
+    return _resampled(time, channels, where, step_range)
 
 
-def _resampled(time: np.ndarray, channels: Channels, where: str, found: str) -> tuple[np.ndarray, Channels, str]:
+def _resampled(time: np.ndarray, channels: Channels, where: str, step_range: str) -> tuple[np.ndarray, Channels, str]:
     """Channels interpolated to the mean step of the intervals without gaps."""
     first = np.concatenate([[True], np.diff(time) > 0.0])
     time, repeated = time[first], int((~first).sum())
@@ -254,11 +254,11 @@ def _resampled(time: np.ndarray, channels: Channels, where: str, found: str) -> 
     step = float(steps[steps < 1.5 * np.median(steps)].mean())
     count = (time[-1] - time[0]) / step
     if not count < _MOST_SAMPLES * first.size:
-        raise TrialError(f"{where}: the sampling is too uneven to be resampled, found {found}; correct its time.")
+        raise TrialError(f"{where}: the sampling is too uneven to be resampled, found {step_range}; correct its time.")
     grid = time[0] + step * np.arange(int(count + 1e-6) + 1)
     resampled = {name: np.interp(grid, time, values[first]) for name, values in channels.items()}
     note = f"{_count(repeated, 'row')} with repeated time stamps left out; " if repeated else ""
-    return grid, resampled, f"{note}{found}: resampled to the mean step of {step:.7g} s by interpolation."
+    return grid, resampled, f"{note}{step_range}: resampled to the mean step of {step:.7g} s by interpolation."
 
 
 def _explanations(time: np.ndarray, quantum: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -290,12 +290,12 @@ def _line(positions: np.ndarray, time: np.ndarray, tolerance: np.ndarray) -> tup
 
     ones = np.ones(time.size)
     table = np.column_stack([ones, positions, -tolerance])
-    found = linprog(
+    solution = linprog(
         [0.0, 0.0, 1.0],
         A_ub=np.vstack([table, table * [-1.0, -1.0, 1.0]]),
         b_ub=np.concatenate([time, -time]) - np.concatenate([time[0] * ones, -time[0] * ones]),
         bounds=[(None, None), (None, None), (0.0, None)],
     )
-    if found.status != 0 or found.x[2] > 1.0 + 1e-6 or found.x[1] <= 0.0:
+    if solution.status != 0 or solution.x[2] > 1.0 + 1e-6 or solution.x[1] <= 0.0:
         return None
-    return float(time[0] + found.x[0]), float(found.x[1])
+    return float(time[0] + solution.x[0]), float(solution.x[1])

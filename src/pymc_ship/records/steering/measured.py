@@ -40,24 +40,24 @@ def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
     if "psi" in known:
         channels["psi"][known["psi"]] = np.unwrap(channels["psi"][known["psi"]])
     start = first_execute(measured) if "delta" in known else time[0]
-    found = {
+    shifted = {
         name: np.append(np.interp(start, time[good], channels[name][good]), channels[name][time > start])
         for name, good in known.items()
     }
-    if "psi" in found:
+    if "psi" in shifted:
         has_steering = {"psi", "r", "delta"} <= channels.keys()
         whole = has_steering and all(known[name].all() for name in ("psi", "r", "delta") if name in known)
-        course = base_course(measured) if whole else found["psi"][0]
-        found["psi"] = found["psi"] - course
-    if {"psi", "x", "y"} <= found.keys():
-        north, east = found["x"] - found["x"][0], found["y"] - found["y"][0]
+        course = base_course(measured) if whole else shifted["psi"][0]
+        shifted["psi"] = shifted["psi"] - course
+    if {"psi", "x", "y"} <= shifted.keys():
+        north, east = shifted["x"] - shifted["x"][0], shifted["y"] - shifted["y"][0]
         c, s = np.cos(course), np.sin(course)
-        found |= {"x": c * north + s * east, "y": c * east - s * north}
+        shifted |= {"x": c * north + s * east, "y": c * east - s * north}
     else:
-        found = {name: values for name, values in found.items() if name not in ("x", "y")}
-    kept = np.append(start, time[time > start])
-    variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in found.items()}
-    return xr.Dataset(variables, {"time": kept - start}, measured.attrs)
+        shifted = {name: values for name, values in shifted.items() if name not in ("x", "y")}
+    instants = np.append(start, time[time > start])
+    variables = {name: ("time", values, {"units": CHANNELS[name].unit.name}) for name, values in shifted.items()}
+    return xr.Dataset(variables, {"time": instants - start}, measured.attrs)
 
 
 def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
@@ -106,9 +106,9 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
         channels["v"] = east * np.cos(psi) - north * np.sin(psi)
         has |= {"u", "v"} if {"x", "y"} <= has else set()
     channels.setdefault("phi", np.zeros(time.size))
-    found = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, settings))
+    table = indices(xr.Dataset({n: ("time", v) for n, v in channels.items()}, {"time": time}, settings))
     return {
-        name: float(found[name]) if has.issuperset(kind.indices[name].needs) else np.nan for name in map(str, found)
+        name: float(table[name]) if has.issuperset(kind.indices[name].needs) else np.nan for name in map(str, table)
     }
 
 
@@ -172,9 +172,9 @@ def index_draws(
     return finite_indices(indices_of_denoised(corrected(drawn.isel(draw=k)), attrs) for k in range(draws))
 
 
-def finite_indices(found: Iterable[Mapping[str, float]]) -> dict[str, np.ndarray]:
+def finite_indices(runs: Iterable[Mapping[str, float]]) -> dict[str, np.ndarray]:
     """Finite values of each index over several runs or draws; an index without any is left out."""
-    rows = list(found)
+    rows = list(runs)
     values = {name: np.array([row.get(name, np.nan) for row in rows]) for name in rows[0]}
     finite = {name: column[np.isfinite(column)] for name, column in values.items()}
     return {name: column for name, column in finite.items() if column.size}

@@ -21,8 +21,8 @@ from pymc_ship.physics.manoeuvre.steering_record import approach_speed
 from pymc_ship.physics.vessel.parts import FIXED_SD
 from pymc_ship.physics.vessel.term_sets import PART_SETS, TERM_SETS
 from pymc_ship.physics.vessel.vessel import LETTER, Vessel, coefficient_names, most_dofs
-from pymc_ship.records.checks.trial_checks import worst_verdict
 from pymc_ship.records.checks.verdicts import Check
+from pymc_ship.records.files.quality_flags import worst_verdict
 from pymc_ship.ships.ensemble.index_error import error_rows
 from pymc_ship.ships.forecasting.figures import turns_and_overshoots
 from pymc_ship.ships.forecasting.force_curves import force_curves
@@ -268,7 +268,13 @@ def run_rows(
         row |= {"duration": duration, "duration_L_U": duration / unit, "approach_speed": approach_speed(trial)}
         row |= {"sampling": sampling_interval(trial), "fitted_at": sampling_interval(thinned(trial, result.vessel))}
         made = [check for check in checks.get(name, ()) if check.verdict != "not checked"]
-        rows.append(row | {"checks": len(made), "verdict": worst_verdict(made) if made else "not checked"})
+        rows.append(
+            row
+            | {
+                "checks": len(made),
+                "verdict": worst_verdict(check.verdict for check in made) if made else "not checked",
+            }
+        )
     return rows
 
 
