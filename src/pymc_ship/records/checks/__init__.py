@@ -1,4 +1,13 @@
 """Checks of a trial before a fit, and its correction by them.
 
-:mod:`.trial_checks` makes all checks; each other module holds those of one subject, and `verdicts` their outcome.
+- `verdicts`: the outcome of a check: verdict, numbers, sentence and remedy.
+- `record_quality`: sampling, noise, resolution, spikes, gaps and frozen sensors.
+- `kinematics`: rates against heading and roll, speeds against the length of the track.
+- `track`: velocities against the track: axes, sign of v, lever arm, drift.
+- `lag`: velocities that are late behind the track.
+- `rudder`: unit, sign, zero, rate and delay of the rudder.
+- `surroundings`: advance number of the propeller, true or relative wind.
+- `plausibility`: whether the motion can be that of this ship, and which piece of it the models cover.
+- `excitation`: straight approach, range of the motion, directions of the design above the noise.
+- `trial_checks`: all checks of a record, and the record corrected by them.
 """
