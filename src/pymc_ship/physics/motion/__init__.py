@@ -1,6 +1,6 @@
 """The equations of motion: integrated and differentiated.
 
-- `equations`: accelerations from state and rudder, many ships side by side.
+- `equations`: accelerations from state and rudder, many ships at once.
 - `inputs`: rudder, revolutions and wind as the forces take them.
 - `captive`: forces on a ship in prescribed motion, as in captive tests.
 - `linearisation`: derivatives of the rates by states, coefficients and parameters.

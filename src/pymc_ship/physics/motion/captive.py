@@ -1,7 +1,4 @@
-"""Forces on a ship in prescribed motion, as on a towing carriage or a rotating arm.
-
-Forces of water and air without inertia of the ship, divided by rho/2 L^2 U^2 (moments by rho/2 L^3 U^2) of each point.
-"""
+"""Forces on a ship in prescribed motion, without its inertia, over rho/2 L^2 U^2 (moments rho/2 L^3 U^2)."""
 
 from __future__ import annotations
 
@@ -28,21 +25,16 @@ class _Evaluation(NamedTuple):
 
 
 def captive_test_forces(vessel: Vessel, motion: Mapping[str, np.ndarray], draws: np.ndarray) -> np.ndarray:
-    """Captive forces of each draw.
+    """Captive forces X, Y, N, K of each draw, shape (n_draws, 4, n_points), without wind.
 
     Parameters
     ----------
     vessel : Vessel
     motion : mapping of str to ndarray, shape (n_points,)
         u, v [m/s], r [rad/s], delta [rad]; p [rad/s] and phi [rad] for a vessel with roll; ``n`` over the nominal
-        revolutions, 1 by default; polynomial terms ignore it. There is no wind.
+        revolutions, 1 by default; polynomial terms ignore it.
     draws : ndarray, shape (n_draws, n_coefficients)
         In the vessel's order.
-
-    Returns
-    -------
-    ndarray, shape (n_draws, 4, n_points)
-        X, Y, N, K in the order of :data:`pymc_ship.physics.vessel.vessel.DOFS`.
     """
     evaluation = _evaluation(vessel, motion)
     forces = np.zeros((len(draws), 4, motion["u"].size))
@@ -56,10 +48,7 @@ def captive_test_forces(vessel: Vessel, motion: Mapping[str, np.ndarray], draws:
 def captive_test_derivatives(
     vessel: Vessel, motion: Mapping[str, np.ndarray], coefficients: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Captive forces of one ship (4, n_points), their derivatives by the coefficients (4, n_points, n_coefficients).
-
-    Parameters as :func:`captive_test_forces`, with ``coefficients`` of shape (n_coefficients,).
-    """
+    """Captive forces of one ship (4, n_points), their derivatives by the coefficients (4, n_points, n_coefficients)."""
     evaluation = _evaluation(vessel, motion)
     forces = captive_test_forces(vessel, motion, coefficients[None])[0]
     slopes = np.zeros((*forces.shape, coefficients.size))

@@ -1,7 +1,6 @@
 """Motion of one ship with controlled error: the reference for the integrators with a fixed step.
 
-The rudder is piecewise linear in time. The integration restarts at each kink (order reached, breakpoint, execute), and
-a switching heading is located as an event.
+The integration restarts at each kink of the rudder; a switching heading is located as an event.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ class Gear(NamedTuple):
 
 
 class Start(NamedTuple):
-    """State at time 0, (8,), and the inputs besides the rudder, (3,), which are constant."""
+    """State at time 0, (8,), and the constant inputs without the rudder, (3,)."""
 
     state: np.ndarray
     others: np.ndarray
@@ -59,26 +58,8 @@ def course(
 ) -> Course:
     """Simulation of a manoeuvre by the eighth-order method of Dormand & Prince with controlled error.
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (n_coefficients,)
-    scheme : Scheme
-    manoeuvre : Manoeuvre
-    gear : Gear
-    time : ndarray, shape (n_time,)
-        Samples [s], from 0.
-    start : Start
-    tolerance : float
-        Error of a step, relative to the state or to U, U/L, 1 rad and L where the state is smaller.
-
-    Returns
-    -------
-    Course
-
-    References
-    ----------
-    Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, section II.10,
-    doi:10.1007/978-3-540-78862-1.
+    ``tolerance`` is the error of a step, relative to the state or to U, U/L, 1 rad and L where the state is smaller.
+    Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, II.10, doi:10.1007/978-3-540-78862-1.
     """
     from scipy.integrate import solve_ivp
 
@@ -134,10 +115,7 @@ def _first_angle(manoeuvre: Manoeuvre, rate: float) -> float:
 def _rudder_course(
     manoeuvre: Manoeuvre, rate: float, factor: float, start: tuple[float, float], end: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and rudder angles [rad], linear in between, from a start until the next switching heading.
-
-    The rudder moves towards its order at the rudder rate, then follows the order as far as the rate allows.
-    """
+    """Times [s] and rudder angles [rad], linear in between, from a start until the next switching heading."""
     begin, angle = start
     bends = np.array([begin, *(time for time in manoeuvre.time if begin < time < end), end])
     orders = factor * manoeuvre.command(bends)

@@ -1,8 +1,7 @@
-"""Four-degree-of-freedom equations of motion in the prime system: J nu_dot' = hydrodynamic + known forces.
+"""Equations of motion in four degrees of freedom, prime: J nu_dot' = hydrodynamic + known forces.
 
-Xue et al. (2020), Eq. 1 to 5 and 9 (doi:10.1016/j.oceaneng.2019.106612), with axes forward, starboard, down. Arrays
-inside the kernels have shape (rows, n_lanes): one lane is one instant of one ship, so the simulator runs many ships
-side by side and the regression evaluates all instants of a trial at once, with the same code.
+Xue et al. (2020), Eq. 1 to 5 and 9 (doi:10.1016/j.oceaneng.2019.106612); axes forward, starboard, down. Arrays of the
+kernels have shape (rows, n_lanes): one lane is one instant of one ship, in the simulator and in the regression.
 """
 
 from __future__ import annotations
@@ -64,22 +63,19 @@ HULL = np.dtype(
         ],
     )
 )
-"""Constants of a vessel: L, U_nom, volume, GM and BM in SI units, m, x_G and z_G prime, then those of the propeller.
+"""Constants of a vessel: L, U_nom, volume, GM and BM in SI units, m, x_G and z_G prime, those of the propeller.
 
-``slowest`` is the least surge speed over U_nom in the range of the model.
-
-GM and BM are 0 without roll, the propeller constants 0 without a propeller. A record, not a NamedTuple, so that the
-compiler keeps every division.
+``slowest`` is the least surge speed over U_nom. GM and BM are 0 without roll. A record keeps every division compiled.
 """
 
 
 class Scheme(NamedTuple):
-    """Constants of a vessel for :func:`state_derivative`, besides the coefficients.
+    """Constants of a vessel for :func:`state_derivative`, without the coefficients.
 
     ``hull`` is a record of :data:`HULL`; ``left`` and ``right`` (n_products,) are the multiplication plan of the terms,
-    ``rows`` and ``dof`` (n_coefficients,) the workspace row and the DOF of each coefficient, ``n_rows`` the rows of the
-    workspace; ``J_inverse`` (4, 4) is the inverse of the inertia matrix; ``program`` makes the accelerations by parts,
-    with ``n_part_rows`` rows of a workspace of its own.
+    ``rows`` and ``dof`` (n_coefficients,) the workspace row and the DOF of each coefficient, ``n_rows`` the workspace
+    rows; ``J_inverse`` (4, 4) is the inverse inertia matrix; ``program`` makes the accelerations by parts in
+    ``n_part_rows``.
     """
 
     hull: np.record
@@ -94,11 +90,10 @@ class Scheme(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arrays that the equations of motion fill.
+    """Arrays that the equations of motion fill, with n_lanes columns.
 
-    ``terms`` (n_rows, n_lanes) is the workspace of :func:`pymc_ship.physics.forces.terms.fill_products`, ``speed``
-    (n_lanes,) is U [m/s], ``force`` (4, n_lanes) are the prime forces and moments of surge, sway, yaw and roll,
-    ``parts`` (n_part_rows, n_lanes) is the workspace of :func:`pymc_ship.physics.forces.programs.execute`.
+    ``terms`` (n_rows) is the workspace of the terms, ``speed`` is U [m/s], ``force`` (4) are the prime forces and
+    moments, ``parts`` (n_part_rows) is the workspace of the program of parts.
     """
 
     terms: np.ndarray
@@ -184,7 +179,7 @@ def add_hydrodynamic_forces(coefficients: np.ndarray, scheme: Scheme, work: Work
 def _rates_of_terms(
     state: np.ndarray, inputs: np.ndarray, coefficients: np.ndarray, scheme: Scheme, work: Work, rate: np.ndarray
 ) -> None:
-    """Write the accelerations by terms and by the known forces beside them."""
+    """Write the accelerations by terms and by the known forces."""
     hull, J_inverse, speed, force = scheme.hull, scheme.J_inverse, work.speed, work.force
     prime_motion(state, inputs[0], scheme, work)
     known_forces(state, scheme, work)
@@ -223,11 +218,7 @@ def part_scale(scheme: Scheme, row: int) -> float:
 def state_derivative(
     state: np.ndarray, inputs: np.ndarray, coefficients: np.ndarray, scheme: Scheme, work: Work, rate: np.ndarray
 ) -> None:
-    """Time derivative of the states, written to ``rate`` (8, n_lanes).
-
-    ``state`` is (8, n_lanes), ``inputs`` (4, n_lanes) those of :data:`pymc_ship.physics.forces.part.INPUTS`,
-    ``coefficients`` (n_coefficients, n_lanes). The parameters of parts are those of :func:`set_parts`.
-    """
+    """Time derivative of the states, written to ``rate`` (8, n_lanes); parameters of parts by :func:`set_parts`."""
     speed = work.speed
     if scheme.program.results.size == 0 or scheme.rows.size > 0:
         _rates_of_terms(state, inputs, coefficients, scheme, work, rate)

@@ -27,23 +27,17 @@ def all_inputs(inputs: np.ndarray) -> np.ndarray:
 
 
 def recorded_inputs(trial: xr.Dataset, vessel: Vessel) -> np.ndarray:
-    """Inputs of the equations of motion from a record.
+    """Inputs of the equations of motion from a record, shape (4, n_time), rows of ``INPUTS`` of the forces.
 
     Revolutions are divided by the nominal ones. If they are not measured, or the nominal ones are neither stated nor
-    free, they are those of the initial speed; if that speed is over ground, the nominal ones. Wind enters if it was
-    measured and the vessel has the part "wind".
+    free, they are those of the initial speed; if that speed is over ground, the nominal ones.
 
     Parameters
     ----------
     trial : Dataset, dims (time,)
-        ``delta`` [rad]; ``n`` [1/s], ``wind_speed`` [m/s] and ``wind_direction`` [rad], from which the true wind blows,
-        if they were measured.
+        ``delta`` [rad]; ``n`` [1/s], ``wind_speed`` [m/s] and ``wind_direction`` [rad] of the true wind, if measured.
     vessel : Vessel
-
-    Returns
-    -------
-    ndarray, shape (4, n_time)
-        Rows of :data:`pymc_ship.physics.forces.part.INPUTS`.
+        Wind enters where it has the part "wind".
     """
     values = all_inputs(trial["delta"].values)
     if not vessel.parts:
@@ -102,7 +96,7 @@ def steady_inputs(
     wind: tuple[float, float] | None = None,
     current: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Constant inputs besides the rudder: revolutions over the nominal ones, velocity of the air over U_nom.
+    """Constant inputs without the rudder, (3,): revolutions over the nominal ones, velocity of the air over U_nom.
 
     Parameters
     ----------
@@ -111,14 +105,8 @@ def steady_inputs(
         Speed [m/s] that gives the revolutions if ``n`` is not given.
     n : float, optional
         Revolutions [1/s].
-    wind : (float, float), optional
-        Speed [m/s] and the direction from which the wind blows [deg].
-    current : (float, float), optional
-        Speed [m/s] and the direction to which the current sets [deg]; motion and wind are relative to the water.
-
-    Returns
-    -------
-    ndarray, shape (3,)
+    wind, current : (float, float), optional
+        Speed [m/s] and direction [deg]: from which the wind blows, to which the current sets.
 
     Raises
     ------

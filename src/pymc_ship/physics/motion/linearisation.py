@@ -1,4 +1,4 @@
-"""Linearisation of the equations of motion: derivatives of the rates by states, coefficients and parameters.
+"""Derivatives of the rates by states, coefficients and parameters.
 
 Terms by forward differentiation along each state, parts by reverse differentiation of their program.
 """
@@ -53,9 +53,8 @@ class Instants(NamedTuple):
     """Evaluations of the equations of motion in the order of the integration, and the linearisation at each of them.
 
     ``state`` and ``rate`` (8, n_instants), ``inputs`` (4, n_instants); ``f_x`` (n_states, n_states, n_instants) are the
-    derivatives of the rates by the states, ``features`` (n_instants, n_columns) the products U^2 term of the
-    coefficients; ``gain`` (4, n_columns) holds the accelerations by a feature of 1; ``by_parts`` (4, n_instants,
-    n_columns) are the derivatives of the accelerations by the parameters of parts, without rows where there are none.
+    derivatives by the states, ``features`` (n_instants, n_columns) the products U^2 term, ``gain`` (4, n_columns) the
+    accelerations by a feature of 1, ``by_parts`` (4, n_instants, n_columns) those by the parameters of parts.
     """
 
     state: np.ndarray

@@ -25,8 +25,7 @@ def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict[st
     Returns
     -------
     motion : dict of str to ndarray, shape (n_time,)
-        Prime values of the symbols of the terms, and ``g`` and ``T`` where the vessel states its propeller, for
-        :func:`pymc_ship.physics.forces.terms.evaluate`.
+        Prime values of the symbols of the terms; ``g`` and ``T`` where the vessel states its propeller.
     speed : ndarray, shape (n_time,)
         U [m/s].
     known : ndarray, shape (4, n_time)
@@ -50,12 +49,9 @@ def prime_record(vessel: Vessel, record: dict[str, np.ndarray]) -> tuple[dict[st
 
 
 def motion_record(trial: xr.Dataset, vessel: Vessel) -> dict[str, np.ndarray]:
-    """Channels of a trial that the equations of motion of a vessel need, each of shape (n_time,).
+    """Channels of a trial that a vessel's equations of motion need, each (n_time,).
 
-    Raises
-    ------
-    TrialError
-        For missing channels, NaN, or time that is not uniform.
+    TrialError for missing channels, NaN, or time that is not uniform.
     """
     names = (*STATE[:3], "delta", *(STATE[3:5] if "roll" in vessel.dofs else ()))
     check_trial(trial, names)

@@ -73,8 +73,7 @@ def replay(
     ----------
     vessel : Vessel
     inputs : array_like, shape (n_time,) or (4, n_time)
-        Rudder angle at the samples [rad], linear between them; or all inputs, see
-        :func:`pymc_ship.physics.motion.inputs.recorded_inputs`.
+        Rudder angle at the samples [rad], linear between them; or all inputs, see :func:`.recorded_inputs`.
     initial_state : array_like, shape (n_draws, n_states)
         The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m].
     coefficients : array_like, shape (n_draws, n_coefficients)

@@ -1,7 +1,6 @@
 """Forward sensitivities: derivatives of the simulated motion by coefficients and initial state.
 
-The states obey x' = f(x, delta; theta), so S = dx/d(theta, x_0) obeys S' = f_x S + f_theta. One integrator for both
-makes S the exact derivative of the simulated record.
+With x' = f(x, delta; theta), S = dx/d(theta, x_0) obeys S' = f_x S + f_theta; one integrator makes S exact.
 """
 
 from __future__ import annotations
@@ -188,23 +187,9 @@ def sensitivities(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motion along a record of inputs and its exact derivatives by the coefficients and the initial state.
 
-    Parameters
-    ----------
-    vessel : Vessel, str or Path
-    inputs : array_like, shape (n_time,) or (4, n_time)
-        Rudder angle at the samples [rad], linear between them; or all inputs, see
-        :func:`pymc_ship.physics.motion.inputs.recorded_inputs`.
-    initial_state : array_like, shape (n_states,)
-        The first 5, 6 or 8 of u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m]; the motion has as many rows.
-    coefficients : array_like, shape (n_coefficients,), optional
-        DOFs one after the other in the vessel's order; the vessel's reference values by default.
-    interval : float
-        Sampling interval of the rudder [s].
-    method : {"euler", "rk4"}, optional
-    substeps : int, optional
-        Integration steps for each interval.
-    block : int, optional
-        Samples averaged into one; samples beyond the last whole block are left out.
+    Parameters as of :func:`pymc_ship.physics.motion.replay.replay`, for one ship; ``coefficients`` are by default the
+    vessel's reference values. SimulationError for an unknown method, a wrong shape, counts below one, too short a
+    record.
 
     Returns
     -------
@@ -212,11 +197,6 @@ def sensitivities(
         Block means of the states, SI units and rad; NaN if the ship diverges.
     jacobian : ndarray, shape (n_states, n_blocks, n_coefficients + n_states)
         Derivatives of ``motion``, columns first by the coefficients, then by the initial state.
-
-    Raises
-    ------
-    SimulationError
-        For an unknown method, arrays of the wrong shape, counts below one or a record shorter than a block.
 
     Examples
     --------

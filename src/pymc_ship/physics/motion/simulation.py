@@ -39,9 +39,9 @@ INTEGRATORS = (*METHODS, "dop853")
 class Steering(NamedTuple):
     """Steering of a simulation: the ``command`` (n_steps,) [rad], the steering gear and the switching heading.
 
-    ``travel`` [rad] is the largest movement in a step, infinite without rate limit. ``delay`` steps after a change of
-    heading by ``heading`` [rad] to the side of the command, the command is multiplied by ``factor``: within a step if
-    ``within`` is 1, else at the begin of the next. ``others`` (3,) are the constant inputs.
+    ``travel`` [rad] is the largest movement in a step. ``delay`` steps after a change of heading by ``heading`` [rad],
+    the command is multiplied by ``factor``: within a step if ``within`` is 1, else at the begin of the next. ``others``
+    (3,) are the constant inputs.
     """
 
     command: np.ndarray
@@ -56,9 +56,8 @@ class Steering(NamedTuple):
 class Rudder(NamedTuple):
     """State of the rudders, each array of shape (n_lanes,).
 
-    ``delta`` and ``following`` [rad] are the angle at begin and end of a step, ``factor`` the present factor on the
-    command, ``waiting`` the steps until the next switch (infinite before its heading is reached), ``psi`` [rad] the
-    heading one step earlier.
+    ``delta`` and ``following`` [rad] are the angle at begin and end of a step, ``factor`` that on the command,
+    ``waiting`` the steps until the next switch, ``psi`` [rad] the heading one step earlier.
     """
 
     delta: np.ndarray
@@ -158,9 +157,9 @@ def simulate(
         Explicit Euler, as the paper, with rudder orders at the begin of a step; classical Runge-Kutta, with orders also
         within a step; or the eighth-order method of Dormand & Prince with controlled error.
     record_interval : float, optional
-        Interval of the samples kept [s], a multiple of the step; every step by default.
+        Interval of the samples [s], a multiple of the step; every step by default.
     coefficients : array_like, shape (n_draws, n_coefficients), optional
-        Parameter vectors, DOFs one after the other in the vessel's order; the vessel's reference values by default.
+        DOFs one after the other in the vessel's order; the vessel's reference values by default.
     initial_state : sequence of float, optional
         u, v [m/s], r, p [rad/s], phi, psi [rad], x, y [m] at time 0, in place of a straight course to the north.
     n : float, optional
@@ -168,8 +167,7 @@ def simulate(
     wind : (float, float), optional
         True wind: speed [m/s] and the direction from which it blows [deg].
     current : (float, float), optional
-        Uniform current: speed [m/s] and the direction to which it sets [deg]. u and v are through the water,
-        x and y over ground.
+        Speed [m/s] and the direction to which it sets [deg]. u and v are through the water, x and y over ground.
     tolerance : float, optional
         Relative error of a step of dop853.
 
@@ -183,8 +181,8 @@ def simulate(
     ------
     SimulationError
         For an unknown method, a step, duration or tolerance that is not positive, an interval that is no multiple of
-        the step, coefficients or an initial state of the wrong shape, revolutions of a ship without parts,
-        or wind on a ship without the part "wind".
+        the step, coefficients or an initial state of the wrong shape, revolutions of a ship without parts, or wind on a
+        ship without the part "wind".
 
     References
     ----------

@@ -14,29 +14,11 @@ _DIFFERENCE = 1e-6
 
 
 def growth_rates(vessel: Vessel, coefficients: np.ndarray, speed: float) -> np.ndarray:
-    """Largest real part of the eigenvalues of the linear motion about a straight course, for each draw.
+    """Largest real part of the eigenvalues of the linear motion about a straight course, for each draw, in U/L.
 
-    The equations of motion are linearised in v and r (and in p and phi where the vessel rolls) at zero rudder and at a
-    given speed ahead, by central differences of the accelerations that the simulator integrates. A positive value
-    means that the ship is course-unstable.
-
-    Parameters
-    ----------
-    vessel : Vessel
-    coefficients : ndarray, shape (n_draws, n_coefficients)
-        DOFs one after the other in the vessel's order.
-    speed : float
-        [m/s].
-
-    Returns
-    -------
-    ndarray, shape (n_draws,)
-        Prime value, in units of U/L; infinite where an acceleration is not finite.
-
-    References
-    ----------
-    Abkowitz (1964), Lectures on ship hydrodynamics: steering and manoeuvrability, Hydro- og Aerodynamisk Laboratorium
-    report Hy-5: without roll a ship is stable where Yv' (Nr' - m' x_G') - Nv' (Yr' - m') > 0.
+    Linear in v and r (p and phi where the vessel rolls) at zero rudder and ``speed`` [m/s]; positive for an unstable
+    course, infinite where an acceleration is not finite. Without roll a ship is stable where
+    Yv' (Nr' - m' x_G') - Nv' (Yr' - m') > 0 (Abkowitz 1964, Hydro- og Aerodynamisk Laboratorium, report Hy-5).
     """
     rolls = "roll" in vessel.dofs
     disturbed = [STATE.index(name) for name in (("v", "r", "p", "phi") if rolls else ("v", "r"))]

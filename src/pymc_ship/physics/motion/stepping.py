@@ -44,10 +44,9 @@ _STAGES = {
 
 
 class Integration(NamedTuple):
-    """How a motion is integrated.
+    """How a motion is integrated: ``step`` [s], and the ``substeps`` from one sample to the next.
 
-    ``stages`` (n_stages, 2) are the fraction of the step and the weight of each stage of the method, ``step`` [s] is
-    the integration step, ``substeps`` the number of steps from one sample to the next.
+    ``stages`` (n_stages, 2) are the fraction of the step and the weight of each stage of the method.
     """
 
     stages: np.ndarray
@@ -58,8 +57,8 @@ class Integration(NamedTuple):
 class Lanes(NamedTuple):
     """States and workspace of the draws in one kernel call.
 
-    ``state`` (8, n_lanes) is the present state, ``inner`` (n_stages, 8, n_lanes) and ``inputs`` (n_stages, 4, n_lanes)
-    are the states and inputs at which the equations of motion are evaluated, ``rate`` (8, n_lanes) is their result.
+    ``state`` (8, n_lanes); ``inner`` (n_stages, 8, n_lanes) and ``inputs`` (n_stages, 4, n_lanes), at which the
+    equations of motion are evaluated; their result ``rate`` (8, n_lanes).
     """
 
     state: np.ndarray
@@ -101,10 +100,7 @@ def advance(lanes: Lanes, coefficients: np.ndarray, scheme: Scheme, integration:
 
 @njit(**PART)
 def in_range(state: np.ndarray, hull: np.record, lane: int) -> bool:
-    """Whether the state of a lane is in the range of the model.
-
-    Finite, heel below 90 deg, speed below 500 % of the nominal one, surge speed above ``hull.slowest`` of it.
-    """
+    """Whether a lane is in the range: finite, heel below 90 deg, speed below 5 U_nom, surge above ``hull.slowest``."""
     nominal_speed = hull.nominal_speed
     speed2 = state[0, lane] ** 2 + state[1, lane] ** 2
     turning = abs(state[2, lane]) + abs(state[3, lane]) + abs(state[5, lane])

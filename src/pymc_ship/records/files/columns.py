@@ -71,30 +71,23 @@ def matched_columns(
     where: str,
     unstated: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[dict[str, Column], list[str]]:
-    """Column of every channel that a file has.
+    """Columns of a file by channel, time first, and sentences on interpreted and unused headings.
 
     Parameters
     ----------
-    headings : sequence of str
-        Header of the file.
-    units : sequence of str
-        Row of units below it; empty texts without one.
+    headings, units : sequence of str
+        Header of the file, and the row of units below it; empty texts without one.
     chosen : mapping
-        Channel -> ``{"column": ..., "unit": ..., "sign": ..., "offset": ...}``, with priority over the headings.
+        Channel -> ``{"column", "unit", "sign", "offset"}``, with priority over the headings.
     where : str
         Name of the file, for errors.
     unstated : mapping of str, optional
         Unit of a channel without a stated unit, if not the SI unit.
 
-    Returns
-    -------
-    dict of Column, list of str
-        Columns by channel, time first; sentences on interpreted and unused headings.
-
     Raises
     ------
     TrialError
-        For a column that is missing, ambiguous or without a unit that can be read.
+        For a column that is missing, ambiguous or without a readable unit.
     """
     matched = {}
     for channel, choice in chosen.items():
@@ -122,10 +115,7 @@ def _candidates(
     where: str,
     unstated: Mapping[str, str],
 ) -> tuple[list[str], dict[str, list[Column]]]:
-    """Unused headings, and the candidate columns of channels that the format does not name.
-
-    A column without a readable unit is an error if it is the only one of its channel.
-    """
+    """Unused headings, and the candidate columns of channels that the format does not name."""
     taken = {column.index for column in matched.values()}
     left_out: list[str] = []
     candidates_by_channel: dict[str, list[Column]] = {}

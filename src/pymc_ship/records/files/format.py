@@ -46,8 +46,7 @@ class TrialFormat:
     speeds : {"through water", "over ground"}
         Reference of u and v; it matters in a current.
     wind : {"true", "relative"}
-        Whether wind_speed and wind_direction are true, or relative as of an anemometer on board, with the direction
-        from the bow.
+        Reference of wind_speed and wind_direction; a relative direction counts from the bow.
     forces : {"L2", "Ld"}
         Area over which the forces of captive tests are prime: L^2 or L d; moments by L more.
     froude : float
@@ -80,21 +79,9 @@ class TrialFormat:
 
 
 def load_format(source: str | Path | Mapping[str, Any] | None) -> TrialFormat:
-    """Read and check a format.
+    """Read and check a format: path of a TOML file, or the table in it; None for the package's own format.
 
-    Parameters
-    ----------
-    source : str, Path, mapping or None
-        Path of a TOML file, or the table in it; None for the package's own format.
-
-    Returns
-    -------
-    TrialFormat
-
-    Raises
-    ------
-    TrialError
-        For a file that cannot be read, unknown keys and values that do not fit.
+    TrialError for a file that cannot be read, unknown keys and values that do not fit.
     """
     if source is None:
         return TrialFormat()
@@ -168,13 +155,7 @@ def _without_jumps(psi: np.ndarray) -> tuple[np.ndarray, int]:
 def at_origin(
     channels: dict[str, np.ndarray], layout: TrialFormat, where: str
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Channels with u and v in ship axes at the origin; sentences on the changes.
-
-    Raises
-    ------
-    TrialError
-        For a missing channel.
-    """
+    """Channels with u and v in ship axes at the origin, sentences on the changes; TrialError for a missing channel."""
     moved, notes = dict(channels), []
     if layout.velocities == "earth":
         _check_channels(moved, ("u", "v", "psi"), "velocities = 'earth'", where)
@@ -194,10 +175,7 @@ def with_true_wind(
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Channels with true wind speed and direction, from which it blows, clockwise from north; a sentence on it.
 
-    Raises
-    ------
-    TrialError
-        For a relative wind without one of its channels, u, v or psi.
+    TrialError for a relative wind without one of its channels, u, v or psi.
     """
     if layout.wind == "true":
         return channels, []

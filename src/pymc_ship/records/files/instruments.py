@@ -31,19 +31,19 @@ class Instrument:
     """Readings of one instrument; channels that a trial lacks are ignored.
 
     A reading is the clean channel at the true instant of the clock, plus white noise, rounded to the resolution; its
-    time stamp is nominal. Missing samples come in runs of geometric length and are NaN in all
-    channels of the instrument.
+    time stamp is nominal. Missing samples come in runs of geometric length and are NaN in all channels of the
+    instrument.
 
     Attributes
     ----------
     sd : dict of str to float
-        Standard deviation of the noise of each channel measured, in SI units and rad.
+        Standard deviation of the noise of each measured channel, in SI units and rad.
     resolution : dict of str to float, optional
         Step of the readings; 0 where none is given.
     jitter : float, optional
         Standard deviation of the instants about their time stamps [s].
     missing : float, optional
-        Share of samples that are missing, below 1.
+        Fraction of samples that are missing, below 1.
     run : float, optional
         Mean length of a run of missing samples.
 
@@ -115,28 +115,21 @@ INSTRUMENTS = {
 }
 """Instruments by type, each with the published numbers of one.
 
-- ``gnss``: u-blox MAX-M8Q (Waveshare, MAX-M8Q GNSS HAT, specifications), velocity 0.05 m/s, position 2.5 m CEP, that
-  is 1.1774 standard deviations of each coordinate; message UBX-NAV-PVT in mm/s and 1e-7 deg (``NavPVT.msg`` of the ROS
-  package ublox_msgs). That the velocity's accuracy is a standard deviation, and that 1 % of the fixes are missing, 3 at
-  a time, are assumptions.
+- ``gnss``: u-blox MAX-M8Q, velocity 0.05 m/s, position 2.5 m CEP = 1.1774 sd of a coordinate; message UBX-NAV-PVT in
+  mm/s and 1e-7 deg. Assumed: the velocity's accuracy is an sd, and 1 % of the fixes are missing, 3 at a time.
 - ``mems_gyro``: InvenSense MPU-6050 (PS-MPU-6000A-00 rev. 3.4, 6.1), 0.05 deg/s rms in 100 Hz, 131 steps for 1 deg/s.
-- ``mru``: Kongsberg Seatex MRU 5, third generation, roll to 0.03 deg rms; angles have two decimals in its sentence
-  PSXN (NOAA NCEI, ``seapath320.txt``).
-- ``fluxgate_compass``: Simrad RFC35NS (manual of the Robertson AP9 Mk3, 4.5), repeatable to 0.2 deg rms, NMEA 0183 HDM
-  with one decimal 10 times a second, so that a reading is up to 0.1 s old: an error of the instants whose spread is the
-  jitter.
+- ``mru``: Kongsberg Seatex MRU 5, third generation, roll to 0.03 deg rms; two decimals in the sentence PSXN.
+- ``fluxgate_compass``: Simrad RFC35NS (manual of the Robertson AP9 Mk3, 4.5), 0.2 deg rms, NMEA 0183 HDM with one
+  decimal 10 times a second, so that a reading is up to 0.1 s old: an error of the instants, the jitter.
 """
 
 
 def simulate_readings(
     clean: xr.Dataset, noise: str | Noise | Sequence[str | Noise], rng: np.random.Generator
 ) -> xr.Dataset:
-    """Trial with noise: by names of :data:`INSTRUMENTS`, or functions of a trial and a generator.
+    """Trial with noise, by names of :data:`INSTRUMENTS` or functions of a trial and a generator.
 
-    Raises
-    ------
-    TrialError
-        For an unknown name, two instruments for a channel, and a function that returns no trial of the same times.
+    TrialError for an unknown name, two instruments for a channel, a function that returns no trial of the same times.
     """
     kinds: Sequence[str | Noise] = [noise] if isinstance(noise, str) or callable(noise) else list(noise)
     functions = [_named(kind) if isinstance(kind, str) else kind for kind in kinds]

@@ -54,11 +54,7 @@ NOISES = {
     "offsets": _offset,
     "Student-t3": _student,
 }
-"""Kinds of sensor noise.
-
-Each is a function of the clean values, the standard deviation of the noise, the level times the peak of the channel and
-a generator, and returns the noisy values.
-"""
+"""Kinds of sensor noise: functions of clean values, noise sd, level times peak of the channel, and a generator."""
 
 
 def noise_sd(level: float | str) -> float:
@@ -90,25 +86,24 @@ def pollute(
     level : float or "literal", optional
         Standard deviation of xi; ``"literal"`` is sqrt(0.2) = 0.447, as the paper prints it.
     noise : str, callable or sequence of them, optional
-        In place of a level: instruments by their names in :data:`pymc_ship.records.files.instruments.INSTRUMENTS` or of
-        your own (:class:`pymc_ship.Instrument`), or any function ``(clean trial, rng) -> trial``, one after the other.
+        In place of a level: names in :data:`pymc_ship.records.files.instruments.INSTRUMENTS`, a
+        :class:`pymc_ship.Instrument` or any function ``(clean trial, rng) -> trial``, one after the other.
     rng : int, SeedSequence or Generator
     factors : mapping of str to float, optional
-        k of each channel that carries noise, by default those of :func:`pymc_ship.records.files.noise.noise_factors`;
-        channels the trial does not have are left out.
+        k of each noisy channel, by default those of :func:`pymc_ship.records.files.noise.noise_factors`.
 
     Returns
     -------
     Dataset, dims (time,)
-        Copy with noise on the channels; attrs ``noise_level`` and ``noise_sd_<channel>`` in the channel's unit. Samples
-        that an instrument misses are NaN, as in a file: :func:`pymc_ship.write_trial` writes them and
-        :func:`pymc_ship.read_trial` fills short runs.
+        Copy with noise; attrs ``noise_level`` and ``noise_sd_<channel>`` in the channel's unit. Samples that an
+        instrument misses are NaN: :func:`pymc_ship.write_trial` writes them, :func:`pymc_ship.read_trial` fills short
+        runs.
 
     Raises
     ------
     TrialError
-        For a negative level, an unknown level name or an unknown channel; for both or neither of level and noise, an
-        unknown instrument, two instruments for a channel, and a function that does not return a trial.
+        For a negative or unknown level, an unknown channel or instrument, both or neither of level and noise, two
+        instruments for a channel, a function that does not return a trial.
 
     References
     ----------
@@ -116,8 +111,6 @@ def pollute(
 
     Examples
     --------
-    The noise of the heading has the standard deviation that the attrs state:
-
     >>> import numpy as np
     >>> import pymc_ship as ps
     >>> trial = ps.simulate(ps.load_vessel("kvlcc2"), ps.zigzag(20, 20), duration=300, step=0.5)

@@ -21,19 +21,10 @@ def with_quality_flags(trial: xr.Dataset, verdict: str, remarks: Sequence[str]) 
 
 
 def quality_flags(trials: Sequence[xr.Dataset], names: Sequence[str] = ()) -> dict[str, str]:
-    """Attrs of a posterior: the worst verdict of its trials, and all remarks.
+    """Attrs of a posterior: ``record_verdict``, the worst of its trials, and ``record_remarks``, one line per remark.
 
-    Parameters
-    ----------
-    trials : sequence of Dataset
-        A trial without flags of :func:`pymc_ship.validated_trial` counts as "not checked".
-    names : sequence of str, optional
-        Names of the trials, written before each remark.
-
-    Returns
-    -------
-    dict of str to str
-        ``record_verdict``, and ``record_remarks`` with one line per remark.
+    A trial without flags of :func:`pymc_ship.validated_trial` is "not checked"; ``names`` of trials precede their
+    remarks.
     """
     heads = [f"{name}: " for name in names] or [""] * len(trials)
     remarks = [

@@ -33,8 +33,7 @@ def read_trial(path: str | Path, *, format: str | Path | Mapping[str, Any] | Non
     """Read a trial from a text file, plain or gzip.
 
     Columns are recognised by their headings: names of channels, in SI units unless stated (``u``, ``psi [deg]``,
-    ``n_rpm``), or words such as ``Heading (deg)``; a format states the rest. Uneven time and short gaps are
-    interpolated, and reported.
+    ``n_rpm``), or words such as ``Heading (deg)``. Uneven time and short gaps are interpolated, and reported.
 
     Parameters
     ----------

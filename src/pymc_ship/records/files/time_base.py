@@ -1,7 +1,4 @@
-"""Uniform time base of a recorded trial: rounded and repeated stamps, jitter, gaps and missing cells.
-
-Each change is reported in a sentence with its numbers; what cannot be repaired is cut or is an error.
-"""
+"""Uniform time base of a recorded trial: rounded and repeated stamps, jitter, gaps and missing cells; each reported."""
 
 from __future__ import annotations
 
@@ -35,18 +32,7 @@ Rows = tuple[np.ndarray, np.ndarray, Channels]
 
 
 def rounding(cells: np.ndarray) -> np.ndarray:
-    """Resolution of time stamps, from their decimals and significant digits.
-
-    Parameters
-    ----------
-    cells : ndarray, shape (n_time,)
-        Stamps as printed; NaN for a missing one.
-
-    Returns
-    -------
-    ndarray, shape (n_time,)
-        The coarser of last decimal and last significant digit of all stamps; 0 for a missing stamp.
-    """
+    """Resolution of time stamps as printed: the coarser of last decimal and last significant digit of all stamps."""
     known = np.isfinite(cells)
     printed = [Decimal(repr(value)).normalize().as_tuple() for value in cells[known].tolist()]
     decimals = max((-int(number.exponent) for number in printed), default=0)
@@ -60,23 +46,16 @@ def rounding(cells: np.ndarray) -> np.ndarray:
 def regular(
     time: np.ndarray, quantum: np.ndarray, channels: Channels, where: str
 ) -> tuple[np.ndarray, Channels, list[str]]:
-    """Uniform time and finite channels.
+    """Uniform time, finite channels, and a sentence on each change.
 
     Parameters
     ----------
-    time : ndarray, shape (n_time,)
-        Stamps [s]; NaN for a missing one.
-    quantum : ndarray, shape (n_time,)
-        Resolution of each stamp [s].
+    time, quantum : ndarray, shape (n_time,)
+        Stamps [s], NaN for a missing one, and their resolution [s].
     channels : dict of str to ndarray, shape (n_time,)
         NaN where a cell is missing.
     where : str
         Name of the file, for errors.
-
-    Returns
-    -------
-    ndarray, dict of ndarray, list of str
-        Time, channels and a sentence on each change.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Which manoeuvre a record holds, and its indices as measured.
+"""Manoeuvres in records, and their measured indices.
 
-- `recognition`: which manoeuvre a record holds, and its steering gear.
-- `measured`: a measured manoeuvre beside a forecast one.
+- `recognition`: standard manoeuvres in records, and the steering gear.
+- `measured`: a measured manoeuvre from its first execute on, and its indices.
 - `stopping_tests`: the stopping test in a record, with its indices and IMO limit.
 """

@@ -1,4 +1,4 @@
-"""A measured manoeuvre beside its forecast: begun where the forecast begins, and its indices."""
+"""Measured manoeuvre from its first execute on, and its indices, for comparison with a forecast."""
 
 from __future__ import annotations
 
@@ -23,16 +23,8 @@ _MOTION = channel_names(lambda channel: channel.part == "motion")
 def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
     """Measured trial from the first execute on, with time, base course and position counted from there.
 
-    Parameters
-    ----------
-    measured : Dataset, dims (time,)
-        Any of the channels of a trial, SI and rad, from any time, course and position.
-
-    Returns
-    -------
-    Dataset, dims (time,)
-        The channels it has, those at time 0 interpolated, from the first execute on, or from
-        the first instant of a record without a rudder. A track without a heading is left out.
+    Values at time 0 are interpolated. A record without a rudder begins at its first instant; a track without a heading
+    is left out.
     """
     time = measured["time"].values.astype(float)
     channels = {name: measured[name].values.astype(float) for name in SIMULATED if name in measured}
@@ -63,22 +55,21 @@ def align_to_first_execute(measured: xr.Dataset) -> xr.Dataset:
 def measured_indices(measured: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[str, float]:
     """Indices of a measured trial of the manoeuvre in ``attrs``, as far as its channels allow.
 
+    The motion is denoised first, as peaks of noisy values are too large. A missing yaw rate is the slope of the
+    heading, missing velocities are those of the track. Overshoots of a zigzag steered by hand count from its own rudder
+    reversals; a turning circle ends with the fixed rudder.
+
     Parameters
     ----------
     measured : Dataset, dims (time,)
-        See :func:`align_to_first_execute`.
+        Any channels of a trial, from any time, course and position.
     attrs : mapping
-        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``side`` of the forecast; ``rudder_delay`` [s] of the
-        steering gear, 0 by default.
+        ``manoeuvre``, ``rudder_deg``, ``heading_deg`` and ``side``; ``rudder_delay`` [s] of the gear, 0 by default.
 
     Returns
     -------
     dict of str to float
-        Indices [deg, s, m, m/s, deg/s] by name, as of :func:`pymc_ship.indices`; NaN where the record does not reach
-        the event or lacks a channel. The motion is denoised first, as the largest of noisy values is too large and the
-        first of several crossings too early; a missing yaw rate is the slope of the heading, missing velocities are
-        those of the track. Overshoots of a zigzag steered by hand count from its own rudder reversals; a turning circle
-        ends with the fixed rudder.
+        As of :func:`pymc_ship.indices`; NaN where the record does not reach the event or lacks a channel.
     """
     return indices_of_denoised(denoise_motion(measured), attrs)
 
@@ -113,7 +104,7 @@ def indices_of_denoised(smooth: xr.Dataset, attrs: Mapping[Any, Any]) -> dict[st
 
 
 def _hand_steered_reversals(trial: xr.Dataset, attrs: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Times [s] of the ordered reversals of an aligned zigzag, if it was steered by hand; else empty."""
+    """Times [s] of the ordered reversals of a zigzag that was steered by hand; empty for another record."""
     reversals = rudder_reversals(trial)
     if not reversals:
         return {}
@@ -149,21 +140,9 @@ def index_draws(
     rng: np.random.Generator,
     corrected: Callable[[xr.Dataset], xr.Dataset] = lambda smooth: smooth,
 ) -> dict[str, np.ndarray]:
-    """Draws of the indices of a measured trial, from draws of its denoised motion.
+    """Draws of each index of a measured trial, from draws of its denoised motion; empty if it cannot be denoised.
 
-    Parameters
-    ----------
-    measured, attrs
-        As for :func:`measured_indices`.
-    draws : int
-    rng : Generator
-    corrected : callable, optional
-        Correction of a denoised trial, applied to each draw.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Values of each index over the draws that reach the event; empty if the record cannot be denoised.
+    ``measured`` and ``attrs`` as for :func:`measured_indices`; ``corrected`` is applied to each denoised draw.
     """
     names = denoisable_channels(measured)
     if not names:

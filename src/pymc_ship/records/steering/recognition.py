@@ -1,7 +1,7 @@
 """Recognition of standard manoeuvres in records; rate and delay of the steering gear.
 
-In a zigzag the rudder begins to move a delay after the switching heading H, a whole number of degrees. Each reversal
-gives one equation, |heading at the begin| = H + delay |r|, with one delay for all runs of a ship.
+Each reversal of a zigzag gives one equation, |heading at the begin| = H + delay |r|, with a whole number H [deg] per
+run and one delay for all runs of a ship.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ _RESOLVED = 0.1  # deg, resolution of the heading of an order
 class Steering:
     """Steering gear and approach speed as measured in some runs; NaN where no run shows it.
 
-    ``rudder_rate_deg`` [deg/s] and ``rudder_delay`` [s] over ``n_reversals`` rudder reversals; ``approach_speed`` [m/s]
-    of recognised manoeuvres, if all have the same within a tenth.
+    ``rudder_rate_deg`` [deg/s], ``rudder_delay`` [s] over ``n_reversals`` reversals; ``approach_speed`` [m/s] if
+    common.
     """
 
     rudder_rate_deg: float
@@ -58,22 +58,17 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
     Parameters
     ----------
     trials : sequence of Dataset, dims (time,)
-        With u, r, psi and delta.
+        With u, r, psi and delta; otherwise TrialError.
     vessel : Vessel, str or Path
         Gives L and the nominal speed, in which the longest delay is measured.
 
     Returns
     -------
     manoeuvres : list of Manoeuvre or None
-        Of the first of :data:`pymc_ship.physics.manoeuvre.registry.KINDS` that recognises the record, such as a zigzag
-        or a turning circle, at the speed and side of the record; None for any other rudder record.
+        Of the first registered kind that recognises the record, such as a zigzag or a turning circle; None for any
+        other.
     steering : Steering
         Medians over all reversals, and over all approaches.
-
-    Raises
-    ------
-    TrialError
-        For a trial that lacks a channel.
 
     Examples
     --------
@@ -103,15 +98,9 @@ def recognise(trials: Sequence[xr.Dataset], vessel: VesselLike) -> tuple[list[Ma
 def recognise_by_facility(
     trials: Sequence[xr.Dataset], vessel: VesselLike
 ) -> tuple[list[Manoeuvre | None], dict[str, Steering]]:
-    """Manoeuvres of all trials, and the steering gear of each facility.
+    """Manoeuvres of all trials, and the steering gear of each facility by name, that with most trials first.
 
-    Parameters and errors as :func:`recognise`.
-
-    Returns
-    -------
-    manoeuvres : list of Manoeuvre or None
-    facilities : dict of str to Steering
-        By name, the facility with most trials first; the name is empty if a trial states none.
+    The name is empty if a trial states none. Parameters and errors as :func:`recognise`.
     """
     names = [facility_of(trial) for trial in trials]
     manoeuvres: list[Manoeuvre | None] = [None] * len(names)
@@ -145,11 +134,7 @@ def _common_speed(manoeuvres: Sequence[Manoeuvre | None]) -> float:
 
 
 def _common_delay(runs: Sequence[Swings], longest: float) -> float:
-    """Delay [s] of the steering gear.
-
-    Mode of the posterior in which the switching headings of each run scatter, with a variance of their own, about a
-    whole number of degrees, with higher prior odds for a multiple of five.
-    """
+    """Posterior mode of the delay [s], for switching headings near whole numbers of degrees, rather multiples of 5."""
     delays = np.linspace(0.0, longest, _DELAYS)
     cost = delays / (_USUAL_DELAY * longest)
     for run in runs:

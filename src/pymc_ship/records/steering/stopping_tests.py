@@ -28,13 +28,7 @@ _FALLEN = 0.95  # of the approach revolutions; the order was given at the last s
 
 
 def stopping_order(trial: xr.Dataset) -> float:
-    """Time [s] of the astern order; NaN for a record that is not a stopping test.
-
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        With n [1/s], first ahead, then astern. The order is at the last sample above 95 % of the approach revolutions.
-    """
+    """Time [s] of the astern order: last sample above 95 % of the approach revolutions; NaN without a stopping test."""
     if any(name not in trial or not np.isfinite(trial[name].values).all() for name in _CHANNELS):
         return np.nan
     n, time = trial["n"].values, trial["time"].values
@@ -47,17 +41,9 @@ def stopping_order(trial: xr.Dataset) -> float:
 
 
 def measured_stopping(trial: xr.Dataset) -> dict[str, float]:
-    """Indices of a stopping test from the astern order; empty for another record.
+    """Indices [m, s, deg] of a stopping test from the astern order; empty for another record.
 
-    Parameters
-    ----------
-    trial : Dataset, dims (time,)
-        With u, v, r, psi, x, y and n; its motion is denoised first.
-
-    Returns
-    -------
-    dict of str to float
-        By the names of :data:`INDICES` [m, s, deg]; NaN if the ship still makes way ahead at the end.
+    By the names of :data:`INDICES`; NaN if the ship still makes way ahead at the end. The motion is denoised first.
     """
     begin = stopping_order(trial)
     if not np.isfinite(begin):
